@@ -123,7 +123,7 @@ class Timing(NamedTuple):
 
 
 class Bench(NamedTuple):
-    """How well the bench itself kept up in each tick; zeros on the free clock."""
+    """Timeliness of the bench itself in each tick; zeros on the free clock."""
 
     ticks_missed: Annotated[
         float,

@@ -11,6 +11,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
+from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
+
 SHELLS = ("bash", "zsh", "fish")
 # Flags that take a shipped name or a file: the folder of `configs` with the names.
 _SHIPPED = {"vehicle": "vehicles", "rig": "rigs", "scenario": "scenarios"}
@@ -62,7 +64,7 @@ def _describe(action: argparse.Action) -> None:
         names = shipped_names(f"configs/{_SHIPPED[action.dest]}")
         _set(action, _words_or_files(action.dest, names, "*.toml"))
     elif action.dest == "ecu":
-        _set(action, _words_or_files("ecu", ("reference", "bus"), "*.so"))
+        _set(action, _words_or_files("ecu", (REFERENCE, ON_A_BUS), "*.so"))
     elif "FOLDER" in told:
         _set(action, shtab.DIRECTORY)
     elif "FILE" in told:

@@ -17,7 +17,8 @@ from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.run import given_up, report
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.with_ecu import ON_A_BUS, run_loop
+from liftgate_hil.cli.with_ecu import run_loop
+from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.verdict import FAIL, INCONCLUSIVE
 
@@ -53,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_loop(parser)
     options.add_output(parser)
     options.add_dashboard(parser)
-    options.add_ecu(parser, "reference")
+    options.add_ecu(parser, REFERENCE)
     parser.add_argument(
         "--ecu-serial", metavar="PORT[@BAUD]", help="the other end of --serial, for the ECU"
     )
@@ -74,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     folder = _folder(args)
     has_wire = any(name is not None for name in (args.bus, args.interface, args.serial))
     is_whole = args.scenario in (None, "demo") and args.duration is None
-    is_ours, mark = args.ecu == "reference", ""
+    is_ours, mark = args.ecu == REFERENCE, ""
     judged = _LEARNED if is_ours else _JUDGED
     args.scenario = judged if is_whole else args.scenario or "demo"
     shown = _shown(args, stopped, has_wire)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
+from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.running.processes.supervisor import supervise
 from liftgate_plant.coding import UNCODED, Coding
@@ -38,7 +39,7 @@ _PATIENCE_NS = 2_000_000_000  # without a frame from the gate until a message re
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     options.add_bus(parser)
-    options.add_ecu(parser, "reference", has_bus=False)
+    options.add_ecu(parser, REFERENCE, has_bus=False)
     parser.add_argument("--scenario", default="demo", metavar="NAME|FILE", help="default: demo")
     parser.add_argument(
         "--request",
@@ -99,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.running.setup import rig_of, scenario_from
     from liftgate_plant.compiler import GivenUpError
 
-    if args.ecu == "bus":
+    if args.ecu == ON_A_BUS:
         raise ConfigError("`ecu` bus: allowed here: reference, LIBRARY, MODULE:CLASS")
     if is_library(args.ecu):
         stop.end_machine_code()

@@ -1,4 +1,4 @@
-"""What `identify` and `validate` have in common: measured data for the grey box, and which outputs it looks at."""
+"""Options that `identify` and `validate` share: measurements, and the outputs to compare."""
 
 from __future__ import annotations
 

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.with_ecu import ON_A_BUS, run_loop
+from liftgate_hil.cli.with_ecu import run_loop
+from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.judging.verdict import INCONCLUSIVE
 
 if TYPE_CHECKING:

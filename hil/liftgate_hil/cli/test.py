@@ -19,6 +19,7 @@ from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.suite_reports import add_reports, summarise, targets_of, write
+from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help="scenario files, or folders of them; shipped: pack, pack/crank_dip",
     )
-    options.add_ecu(parser, "reference")
+    options.add_ecu(parser, REFERENCE)
     parser.add_argument(
         "--clock",
         choices=("realtime", "free", "lockstep"),
@@ -146,7 +147,6 @@ def _mutated(
 
 def _template(args: argparse.Namespace, listener: Listener) -> Job:
     """Return the job from which that of each scenario is made. Raises ConfigError."""
-    from liftgate_hil.ecu.find import ON_A_BUS
     from liftgate_hil.running.job import Job
     from liftgate_hil.running.options import RunOptions
     from liftgate_hil.running.setup import variant_of
@@ -155,7 +155,7 @@ def _template(args: argparse.Namespace, listener: Listener) -> Job:
     has_wire = any((wire.bus, wire.serial, wire.interface, wire.channel))
     if has_wire and args.ecu != ON_A_BUS:
         raise ConfigError("`bus`: allowed together with --ecu bus; other ECUs are in this process")
-    if args.mutants and (args.ecu != "reference" or args.clock != "free"):
+    if args.mutants and (args.ecu != REFERENCE or args.clock != "free"):
         raise ConfigError("`mutants`: allowed with --ecu reference and --clock free")
     return Job(
         scenario=None,

@@ -17,6 +17,7 @@ from typing import IO, TYPE_CHECKING
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
+from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, EcuError
 from liftgate_hil.judging.verdict import ERROR
 from liftgate_hil.running.processes.inherited import foreign_output
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from liftgate_hil.running.result import Result
     from liftgate_plant.vehicle import Vehicle
 
-ON_A_BUS = "bus"  # the ECU is one on the bus, not started here
 _USAGE = 2  # exit code for wrong usage or configuration
 _EVENT = re.compile(r"^ecu\s+(\d+\.\d+) s  (.*)$")
 _LEAVE_S = 5.0  # s, time for the ECU's process to end
@@ -167,7 +167,7 @@ def _ecu_process(
     if getattr(args, "ecu_serial", None) is not None:
         command += ["--serial", args.ecu_serial]
     command += [flag for flag in ("--fd", "--realtime") if getattr(args, flag.strip("-"))]
-    child = EcuProcess(command, teller, is_ours=args.ecu == "reference")
+    child = EcuProcess(command, teller, is_ours=args.ecu == REFERENCE)
     try:
         yield child
     finally:

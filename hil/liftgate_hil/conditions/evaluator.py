@@ -50,7 +50,7 @@ class Work(NamedTuple):
     """Working memory of an evaluation of n ticks; the results are in its first rows."""
 
     numbers: NDArray[np.float64]  # (DEEPEST, n): values and margins; NaN: the tick does not count
-    truths: NDArray[np.int8]  # (DEEPEST, n)
+    truths: NDArray[np.int8]  # (DEEPEST, n): 1 where true; 0 where the number is NaN
     deciders: NDArray[np.int64]  # (DEEPEST, n): the comparison that the margin is of
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from liftgate_hil.config import scenario_keys as keys
 from liftgate_hil.config.files import is_there, issue_with
 from liftgate_hil.config.restbus import SignalValue
-from liftgate_hil.config.scenario_tables import Fault, _check_once, _Found, _Reader
+from liftgate_hil.config.scenario_tables import Fault, FoundTables, TableReader, check_once
 from liftgate_hil.config.schema import read_table
 from liftgate_hil.config.settings import Setting, settings_in
 from liftgate_hil.config.toml import Table, number, read_toml, show, table
@@ -90,7 +90,7 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
     parameters, origins = _parameters(parts, replaced or {})
     top: dict[str, Any] = {}
     settings: dict[tuple[str, ...], Setting] = {}
-    found = _Found([], [], [], [], [], [])
+    found = FoundTables([], [], [], [], [], [])
     for part in parts:
         raw = {
             key: value if key in _FREE else _filled_in(part, key, value, parameters, origins)
@@ -105,8 +105,8 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
         for each in settings_in(given, f"{part.path}: set."):
             called = part.issues.called(f"set.{each.key}")
             settings[each.names] = each._replace(source=called.removesuffix(each.key))
-        _Reader(part.path, part.issues, parameters).read(raw, found)
-    _check_once(parts[-1].issues, "profile", [name for name, _ in found.profiles])
+        TableReader(part.path, part.issues, parameters).read(raw, found)
+    check_once(parts[-1].issues, "profile", [name for name, _ in found.profiles])
     if any(part.issues.count for part in parts):
         raise ConfigError([line for part in parts for line in _lines_of(part.issues)])
     return Scenario(

@@ -62,8 +62,8 @@ class Fault:
 
 
 @dataclass
-class _Found:
-    """The content of the files that have been read so far."""
+class FoundTables:
+    """Tables of a scenario's files, as far as they have been read."""
 
     profiles: list[tuple[str, Profile]]
     obstacles: list[TimedObstacle]
@@ -74,21 +74,22 @@ class _Found:
 
 
 @dataclass
-class _Reader:
+class TableReader:
     """Reads the tables of one file."""
 
     path: Path
     issues: ConfigIssues
     parameters: Mapping[str, float]
 
-    def read(self, raw: Table, found: _Found) -> None:
+    def read(self, raw: Table, found: FoundTables) -> None:
+        """Add the tables of the file to those that have been found; issues are collected."""
         found.profiles += self._tables(raw, "profile", self._profile)
         found.obstacles += self._tables(raw, "obstacle", self._obstacle)
         found.requests += self._tables(raw, "request", self._request)
         found.signals += self._tables(raw, "signal", self._signal)
         found.faults += self._tables(raw, "fault", self.fault)
         own = self._tables(raw, "expect", self._expect)
-        _check_once(self.issues, "expect", [each.name for each in own if each.name])
+        check_once(self.issues, "expect", [each.name for each in own if each.name])
         names = [each.name for each in found.expectations]
         for each in own:
             if each.name in names:
@@ -209,6 +210,7 @@ class _Reader:
         )
 
     def fault(self, key: str, given: Table) -> Fault:
+        """Return the fault of a table; its issues are collected under the table's key."""
         kind = FAULT_KINDS.get(str(given.get("kind")))
         own = kind.keys if kind is not None else ()
         if kind is None:  # the keys of an unknown kind are not known
@@ -292,11 +294,12 @@ def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
     known_keys(issues, "", given, sorted(known))
     given = {name: value for name, value in given.items() if name in known}
     given |= {"kind": kind} | ({} if where is None else {"where": where})
-    found = _Reader(Path(), issues, {}).fault("", given)
+    found = TableReader(Path(), issues, {}).fault("", given)
     issues.raise_if_any()
     return replace(found, key="`fault`", value_key="")
 
 
-def _check_once(issues: ConfigIssues, key: str, names: Sequence[str]) -> None:
+def check_once(issues: ConfigIssues, key: str, names: Sequence[str]) -> None:
+    """Add an issue for each name that comes more than once."""
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         issues.add(key, f"{name} comes {names.count(name)} times; allowed: once")

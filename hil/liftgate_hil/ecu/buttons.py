@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Buttons(NamedTuple):
-    """Where the buttons are on the bus."""
+    """Bus signals of the driver's buttons."""
 
     bus: BusConfig
     place: NDArray[np.int64]  # (buttons,) row of the button's signal

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.calibration import CALIBRATED, coded
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
+from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, EcuError, text_of
 from liftgate_plant.coding import UNCODED, Coding
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
 
-ON_A_BUS = "bus"  # an external ECU, on a bus
 _LIBRARY = re.compile(r".+\.(so|dylib|dll)(\.[0-9.]+)?$")
 _CLASS = re.compile(r"[\w.]+:\w+$")
 
@@ -37,7 +37,7 @@ def adapter_for(
     if not isinstance(ecu, str | Path):
         return PythonEcu(ecu, rig, drives, shares_clock)
     name = str(ecu)
-    if name == "reference":
+    if name == REFERENCE:
         return ReferenceEcu(rig, drives, shares_clock, coded(CALIBRATED, coding))
     if _LIBRARY.fullmatch(name):
         check_ecu(name)
@@ -63,7 +63,7 @@ def is_library(ecu: Any) -> bool:
 
 def is_foreign(ecu: Any) -> bool:
     """Whether an `ecu` names a user's code, a library or a Python class, which another process can load."""
-    return isinstance(ecu, str | Path) and str(ecu) not in ("reference", ON_A_BUS)
+    return isinstance(ecu, str | Path) and str(ecu) not in (REFERENCE, ON_A_BUS)
 
 
 def _instance_of(name: str) -> Any:

@@ -10,8 +10,9 @@ from typing import Any
 
 from liftgate_hil.config.sources import sources_of
 from liftgate_hil.ecu.calibration import CALIBRATED, coded
-from liftgate_hil.ecu.find import ON_A_BUS, is_library
+from liftgate_hil.ecu.find import is_library
 from liftgate_hil.ecu.mutants import MUTANTS, NO_ECU, calibration_of
+from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.version import version
 from liftgate_plant.coding import Coding
 

@@ -1,4 +1,4 @@
-"""All state of the reference ECU, as records: state in, state out; the ECU's steps write into them."""
+"""State of the reference ECU, as records: state in, state out; the ECU's steps write into them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the reference ECU requires of a rig: feedback of each drive, and a value for each command that it sends."""
+"""Requirements of the reference ECU on a rig: feedback of each drive, a value for each command sent."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def no_remark() -> str:
 
 @dataclass(frozen=True)
 class Content:
-    """What a recording shall hold, as far as its format can."""
+    """Content of a recording to be written, as far as its format can hold it."""
 
     columns: Sequence[str]  # columns of the row to record, the time first
     channel: str = "can0"  # name of the frames' bus
@@ -47,7 +47,7 @@ class Content:
     def unit_of(self, name: str) -> str:
         """Return a column's unit: for our columns as in their names (degps), for others as it is."""
         signal = self.row[name]
-        return signal.suffix.removeprefix("_") if signal is COLUMNS.get(name) else signal.unit
+        return signal.suffix.removeprefix("_") if signal == COLUMNS.get(name) else signal.unit
 
     @cached_property
     def time_place(self) -> int:

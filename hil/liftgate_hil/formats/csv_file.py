@@ -27,7 +27,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.csv_text import CsvText
 from liftgate_hil.formats.mcap_layout import START_COLUMN
-from liftgate_hil.formats.reading import CUT, foreign_reader, is_cut
+from liftgate_hil.formats.reading import CUT, as_config_errors, is_cut
 from liftgate_hil.formats.recording import Floats, Series, WithoutFrames, column_signal
 from liftgate_plant.signals import TIME, Signal
 
@@ -102,7 +102,7 @@ class CsvRecording(WithoutFrames):
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these columns, one block at a time; empty cells are NaN."""
         places = [self.names.index(name) for name in wanted]
-        with foreign_reader(self.path, "Parquet", "pyarrow"), self.path.open("rb") as stream:
+        with as_config_errors(self.path), self.path.open("rb") as stream:
             stream.seek(self.head)
             rest, number = b"", 1
             while text := stream.read(_BLOCK):
@@ -182,7 +182,7 @@ class CsvRecording(WithoutFrames):
 
 def open_csv_recording(path: Path) -> CsvRecording:
     """Open a CSV recording: a header, and rows of numbers. Raises ConfigError."""
-    with foreign_reader(path, "Parquet", "pyarrow"), path.open("rb") as stream:
+    with as_config_errors(path), path.open("rb") as stream:
         line = stream.readline(1 << 20)
         head, first = stream.tell(), stream.readline(1 << 20)
         text = line.decode("utf-8-sig").strip()
@@ -201,7 +201,7 @@ def open_csv_recording(path: Path) -> CsvRecording:
     signals = {name: column_signal(name) for name in names if name != START_COLUMN}
     found = CsvRecording(path, signals, delimiter.encode(), head, names, notes=notes)
     if START_COLUMN in names and first.endswith(b"\n"):
-        with foreign_reader(path, "Parquet", "pyarrow"):
+        with as_config_errors(path):
             return replace(found, start_ns=found.start_in(first))
     return found
 

@@ -151,16 +151,10 @@ class CsvText:
         cells = rows[:, self._keep[changes]]
         alike = alike_columns(cells, whole)
         layout = self._layout(rows[0, self._keep], changes, alike)
-        digits = b""
-        own = ~whole & (alike == np.arange(len(alike)))
-        if own.any():
-            numbers = np.ascontiguousarray(cells[:, own])
-            digits = orjson.dumps(numbers, option=orjson.OPT_SERIALIZE_NUMPY)
         room = len(rows) * (len(layout.glue) + cells.shape[1] * _LONGEST)
         if len(self._out) < room:
             self._out = np.empty(room, dtype=np.uint8)
-        text = np.frombuffer(digits, dtype=np.uint8)
-        length = self._put(layout, cells, text, self._out)
+        length = self._put(layout, cells, digits_of(cells, whole, alike), self._out)
         return self._out[:length].tobytes()
 
     def _layout(
@@ -205,6 +199,21 @@ def alike_columns(cells: NDArray[np.float64], whole: NDArray[np.bool_]) -> NDArr
         if other != column and np.array_equal(bits[:, column], bits[:, other]):
             found[column] = other
     return found
+
+
+def digits_of(
+    cells: NDArray[np.float64], whole: NDArray[np.bool_], alike: NDArray[np.int64]
+) -> NDArray[np.uint8]:
+    """Return the JSON text of these cells (m, n), an array of rows, without integers and repeated columns.
+
+    `whole` (n,) tells which columns hold integers, `alike` (n,) is that of `alike_columns`.
+    """
+    own = ~whole & (alike == np.arange(len(alike)))
+    if not own.any():
+        return np.zeros(0, dtype=np.uint8)
+    numbers = np.ascontiguousarray(cells[:, own])
+    digits = orjson.dumps(numbers, option=orjson.OPT_SERIALIZE_NUMPY)
+    return np.frombuffer(digits, dtype=np.uint8)
 
 
 def _text(value: float, is_whole: bool) -> bytes:

@@ -15,7 +15,7 @@ CHANNELS = ("a", "b")
 
 
 class Edge(NamedTuple):
-    """One edge: model time [s], drive (`left`, `right`), channel (`a`, `b`) and the level after it."""
+    """Hall edge: model time [s], drive (`left`, `right`), channel (`a`, `b`), and the level after the edge."""
 
     time_s: float
     drive: str

@@ -16,6 +16,7 @@ from liftgate_hil.codec.frames import (
     ERROR,
     EXTENDED,
     FD,
+    LENGTHS,
     LOGGED,
     MAX_BYTES,
     REMOTE,
@@ -26,7 +27,6 @@ from liftgate_hil.formats import mcap_layout as layout
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.mcap_chunks import HEAD, LENGTH_BEFORE, MESSAGE, Block, ChunkWriter
 from liftgate_hil.formats.mcap_text import RowMessages, Topic
-from liftgate_hil.formats.mf4_file import LENGTHS
 from liftgate_hil.formats.reading import foreign_reader
 from liftgate_hil.formats.recording import FRAME, Floats, Series, column_signal
 from liftgate_hil.version import version

@@ -14,7 +14,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from liftgate_hil.formats.csv_text import alike_columns, put_number, put_whole
+from liftgate_hil.formats.csv_text import alike_columns, digits_of, put_number, put_whole
 from liftgate_hil.formats.mcap_chunks import HEAD, LENGTH_BEFORE, MESSAGE, Block
 from liftgate_plant.compiler import compilable, compiled, put_text
 from liftgate_plant.compiler.texts import ROOM
@@ -147,18 +147,13 @@ class RowMessages:
         cells = np.ascontiguousarray(values[:, changes])
         alike = alike_columns(cells, whole[changes])
         layout = self._layout(values[0], changes, whole, alike)
-        own = ~whole[changes] & (alike == np.arange(len(alike)))
-        digits = b""
-        if own.any():
-            numbers = np.ascontiguousarray(cells[:, own])
-            digits = orjson.dumps(numbers, option=orjson.OPT_SERIALIZE_NUMPY)
         count = len(rows) * len(self._topics)
         room = len(rows) * (len(layout.glue) + cells.shape[1] * _LONGEST) + count * _HEAD + ROOM
         if len(self._out) < room:
             self._out = np.empty(room, dtype=np.uint8)
         offsets = np.empty(count, dtype=np.uint64)
-        text = np.frombuffer(digits, dtype=np.uint8)
-        length = self._put(layout, cells, text, times, number, self._out, offsets)
+        digits = digits_of(cells, whole[changes], alike)
+        length = self._put(layout, cells, digits, times, number, self._out, offsets)
         return Block(
             self._out[:length].tobytes(),
             np.tile(self._channels.astype(np.uint16), len(rows)),

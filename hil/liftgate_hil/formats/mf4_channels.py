@@ -1,4 +1,4 @@
-"""MF4 files by asammdf: channels, each with its own times and unit, or the frames of a bus."""
+"""MF4 files by asammdf: channels, each with its own times and unit."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import EXTENDED, FD, Frames, empty_frames
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.recording import FRAME, Floats, Series
+from liftgate_hil.formats.recording import Floats, Series
 
 
 @dataclass(frozen=True)
@@ -57,46 +56,6 @@ def open_mf4(path: Path) -> Mf4File:
     """Open the channels of an MF4 file. Raises ConfigError if it cannot be read."""
     with opened_mf4(path) as measurement:
         return Mf4File(path, list(measurement.channels_db))
-
-
-def read_mf4_frames(path: Path) -> tuple[Floats, Frames]:
-    """Return the times [s] and frames of a bus log, in order of time."""
-    parts: list[tuple[Floats, Frames]] = []
-    with opened_mf4(path) as measurement:
-        for group, index in measurement.channels_db.get(FRAME, ()):
-            signal = measurement.get(group=group, index=index, raw=True)
-            if len(signal.samples):
-                times = np.asarray(signal.timestamps, dtype=np.float64)
-                parts.append((times, _frames(signal.samples)))
-    if not parts:
-        return np.zeros(0), empty_frames(0)
-    times = np.concatenate([part for part, _ in parts])
-    order = np.argsort(times, kind="stable")
-    return times[order], Frames(
-        len(times),
-        np.concatenate([frames.identifiers for _, frames in parts])[order],
-        np.concatenate([frames.lengths for _, frames in parts])[order],
-        np.concatenate([frames.data for _, frames in parts])[order],
-    )
-
-
-def _frames(samples: Any) -> Frames:
-    fields = samples.dtype.names
-
-    def field(name: str) -> Any:
-        return samples[f"{FRAME}.{name}"] if f"{FRAME}.{name}" in fields else 0
-
-    frames = empty_frames(len(samples))
-    identifiers = field("ID").astype(np.int64)
-    extended = (np.asarray(field("IDE")) != 0) | (identifiers & EXTENDED != 0)
-    frames.identifiers[:] = (identifiers & 0x1FFFFFFF) + extended * EXTENDED
-    frames.identifiers[:] += (np.asarray(field("EDL")) != 0) * FD
-    frames.lengths[:] = field("DataLength")
-    content = field("DataBytes")
-    frames.data[:, : content.shape[1]] = content
-    beyond = np.arange(frames.data.shape[1]) >= frames.lengths[:, None]
-    frames.data[beyond] = 0
-    return frames._replace(count=len(samples))
 
 
 def _is_sound(path: Path, name: str, times: Floats, values: Floats, issues: list[str]) -> bool:

@@ -6,6 +6,7 @@ recording from it.
 
 from __future__ import annotations
 
+import functools
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,18 +17,16 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, LOGGED, MAX_BYTES, REMOTE
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Batch, Content
 from liftgate_hil.formats.mcap_layout import ABOUT
 from liftgate_hil.formats.mf4_channels import opened_mf4
-from liftgate_hil.formats.recording import Floats, column_signal
+from liftgate_hil.formats.recording import FRAME, Floats, column_signal
 from liftgate_plant.signals import TIME, Signal
 
 _TOLD = "the run: versions, seed, clock, rate, files, the vehicle"
 _ROWS, _FRAMES = 20_000, 20_000  # in a block
-# Payload lengths of CAN FD, by DLC.
-LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64])
 
 # Fields of a frame in bus logging, and those of a remote frame.
 _FIELDS = {
@@ -35,7 +34,7 @@ _FIELDS = {
     "DataBytes": f"({MAX_BYTES},)u1", "Dir": "u1", "EDL": "u1", "BRS": "u1", "ESI": "u1",
 }  # fmt: skip
 _OF_REMOTE = ("BusChannel", "ID", "IDE", "DLC", "DataLength", "Dir")
-_KINDS = {"CAN_DataFrame": 0, "CAN_ErrorFrame": ERROR, "CAN_RemoteFrame": REMOTE}
+_KINDS = {FRAME: 0, "CAN_ErrorFrame": ERROR, "CAN_RemoteFrame": REMOTE}
 
 
 class Mf4Writer:
@@ -225,35 +224,45 @@ class Mf4Recording:
         self, measured: Any, kind: str, place: tuple[None, int, int]
     ) -> Iterator[NDArray[np.void]]:
         for (signal,) in _blocks(measured, [place]):
-            samples = signal.samples
-
-            def field(name: str, otherwise: Any = 0, samples: Any = samples) -> Any:
-                called = f"{kind}.{name}"
-                return samples[called] if called in (samples.dtype.names or ()) else otherwise
-
             for flag in ("BRS", "ESI"):
-                if np.any(field(flag)):
+                if np.any(_field(signal.samples, kind, flag)):
                     raise ConfigError(
                         f"{self.path}: a frame has {flag} set; allowed: recordings, in which none has"
                     )
-            if np.any(field("BusChannel") != self.bus_number):
+            if np.any(_field(signal.samples, kind, "BusChannel") != self.bus_number):
                 raise ConfigError(f"{self.path}: frames of several buses; allowed: of one")
-            yield _logged(_KINDS[kind], signal.timestamps, field)
+            yield _logged(signal.samples, kind, signal.timestamps)
 
 
-def _logged(kind: int, times: Any, field: Any) -> NDArray[np.void]:
-    """Return frames of one kind as rows (n,) LOGGED."""
+def data_frames_in(path: Path) -> Iterator[NDArray[np.void]]:
+    """Yield the data frames (n,) LOGGED of any bus log, a block for each of its groups. Raises ConfigError."""
+    with opened_mf4(path) as measured:
+        for group, index in measured.channels_db.get(FRAME, ()):
+            signal = measured.get(group=group, index=index, raw=True)
+            if len(signal.samples):
+                yield _logged(signal.samples, FRAME, signal.timestamps)
+
+
+def _field(samples: Any, kind: str, name: str, otherwise: Any = 0) -> Any:
+    """Return a field of the frames of one kind, or what stands for one that the file does not have."""
+    called = f"{kind}.{name}"
+    return samples[called] if called in (samples.dtype.names or ()) else otherwise
+
+
+def _logged(samples: Any, kind: str, times: Any) -> NDArray[np.void]:
+    """Return frames of one kind as rows (n,) LOGGED. Raises ValueError where they have no identifiers."""
+    field, mark = functools.partial(_field, samples, kind), _KINDS[kind]
     rows = np.zeros(len(times), dtype=LOGGED)
     rows["time_ns"] = np.round(np.asarray(times) * 1e9).astype(np.int64)
-    identifiers = np.asarray(field("ID")).astype(np.int64)
+    identifiers = np.asarray(samples[f"{kind}.ID"]).astype(np.int64)
     extended = (np.asarray(field("IDE")) != 0) | (identifiers & EXTENDED != 0)
-    rows["identifier"] = (identifiers & 0x1FFFFFFF) | extended * EXTENDED | kind
+    rows["identifier"] = (identifiers & 0x1FFFFFFF) | extended * EXTENDED | mark
     rows["identifier"] |= (np.asarray(field("EDL")) != 0) * FD
-    of_code = LENGTHS[np.minimum(np.asarray(field("DLC")).astype(int), 15)]
-    rows["length"] = of_code if kind == REMOTE else field("DataLength", of_code)
+    of_code = np.array(LENGTHS)[np.minimum(np.asarray(field("DLC")).astype(int), 15)]
+    rows["length"] = of_code if mark == REMOTE else field("DataLength", of_code)
     rows["is_sent"] = np.asarray(field("Dir")) != 0
     content = field("DataBytes", None)
-    if content is not None and kind != REMOTE:
+    if content is not None and mark != REMOTE:
         width = min(content.shape[1], MAX_BYTES)
         rows["payload"][:, :width] = content[:, :width]
         rows["payload"][np.arange(MAX_BYTES) >= rows["length"][:, np.newaxis]] = 0

@@ -137,18 +137,10 @@ def open_parquet_recording(path: Path) -> ParquetRecording:
         with parquet.ParquetFile(path) as file:
             schema, told = file.schema_arrow, file.metadata.metadata or {}
         for each in schema:
-            if not (
-                types.is_floating(each.type)
-                or types.is_integer(each.type)
-                or types.is_boolean(each.type)
-            ):
+            if not _is_number(each.type):
                 raise ConfigError(f"{path}: {each.name}: {each.type}; allowed: numbers")
         signals = {
-            each.name: column_signal(
-                each.name,
-                ((each.metadata or {}).get(b"unit") or b"").decode(),
-                types.is_integer(each.type),
-            )
+            each.name: column_signal(each.name, _unit_of(each), types.is_integer(each.type))
             for each in schema
         }
     if next(iter(signals), "") != "time_s":
@@ -159,6 +151,18 @@ def open_parquet_recording(path: Path) -> ParquetRecording:
     start = told.get(START_PARQUET.encode(), b"").decode(errors="replace")
     is_time = start.isascii() and start.isdecimal() and len(start) < 20
     return ParquetRecording(path, signals, about, int(start) if is_time else 0)
+
+
+def _is_number(kind: Any) -> bool:
+    """Whether a column of this type of Arrow's holds numbers."""
+    from pyarrow import types
+
+    return bool(types.is_floating(kind) or types.is_integer(kind) or types.is_boolean(kind))
+
+
+def _unit_of(field: Any) -> str:
+    """Return the unit of a column, from its field in an Arrow schema; "": none is given."""
+    return ((field.metadata or {}).get(b"unit") or b"").decode()
 
 
 @dataclass(frozen=True)
@@ -174,15 +178,13 @@ class ParquetFile:
         """Read these columns; one with anything but finite numbers or null is left out and added to `issues`."""
         result = {}
         with foreign_reader(self.path, "Parquet", "pyarrow"):
-            from pyarrow import parquet, types
+            from pyarrow import parquet
 
             table = parquet.read_table(self.path, columns=list(wanted))
             for name in wanted:
-                kind = table.schema.field(name).type
-                if not (
-                    types.is_floating(kind) or types.is_integer(kind) or types.is_boolean(kind)
-                ):
-                    issues.append(f"{self.path}: {name}: {kind}; allowed: numbers")
+                field = table.schema.field(name)
+                if not _is_number(field.type):
+                    issues.append(f"{self.path}: {name}: {field.type}; allowed: numbers")
                     continue
                 values = np.array(table[name].to_numpy(), dtype=np.float64)
                 bad = np.flatnonzero(np.isinf(values))
@@ -190,8 +192,7 @@ class ParquetFile:
                     told = f"{values[bad[0]]} in row {bad[0] + 1}; allowed: a finite number"
                     issues.append(f"{self.path}: {name}: {told}")
                     continue
-                unit = ((table.schema.field(name).metadata or {}).get(b"unit") or b"").decode()
-                result[name] = Series(values, unit=unit or None)
+                result[name] = Series(values, unit=_unit_of(field) or None)
         return result
 
 

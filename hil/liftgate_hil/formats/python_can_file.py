@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import ERROR, FD, LOGGED, MAX_BYTES, REMOTE, Frames
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content, lines_about
-from liftgate_hil.formats.reading import CUT, all_understood, is_cut
+from liftgate_hil.formats.reading import CUT, all_understood, as_config_errors, is_cut
 from liftgate_hil.formats.recording import Floats
 from liftgate_plant.signals import Signal
 
@@ -232,19 +232,11 @@ def _reading(path: Path) -> Iterator[Any]:
         ".trc": can.TRCReader,
     }
     kind = path.suffix.lower()
-    try:
-        with all_understood(), path.open("rb") as stream:
-            if kind == ".blf":
-                reader: Any = can.BLFReader(stream)
-                if reader.file_size > os.fstat(stream.fileno()).st_size:
-                    raise ValueError("it is cut off")
-            else:
-                reader = readers[kind](_WholeLines(stream, encoding="utf-8", errors="replace"))
-            yield reader
-    except ConfigError:
-        raise
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except Exception as error:  # python-can's readers raise what their parsers raise
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise ConfigError(f"{path}: cannot be read: {said}") from error
+    with as_config_errors(path), all_understood(), path.open("rb") as stream:
+        if kind == ".blf":
+            reader: Any = can.BLFReader(stream)
+            if reader.file_size > os.fstat(stream.fileno()).st_size:
+                raise ValueError("it is cut off")
+        else:
+            reader = readers[kind](_WholeLines(stream, encoding="utf-8", errors="replace"))
+        yield reader

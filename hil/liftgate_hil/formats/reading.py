@@ -20,14 +20,22 @@ def foreign_reader(path: Path, kind: str, package: str) -> Iterator[None]:
 
     Files of this kind need a package, which the extra with the name of the kind installs.
     """
+    with as_config_errors(path):
+        try:
+            yield
+        except ImportError as error:
+            raise ConfigError(
+                f"{path}: {kind} needs {package}; allowed after: pip install 'liftgate-hil[{kind.lower()}]'"
+            ) from error
+
+
+@contextmanager
+def as_config_errors(path: Path) -> Iterator[None]:
+    """Raise errors in the context, in which a file is read, as ConfigError."""
     try:
         yield
     except ConfigError:
         raise
-    except ImportError as error:
-        raise ConfigError(
-            f"{path}: {kind} needs {package}; allowed after: pip install 'liftgate-hil[{kind.lower()}]'"
-        ) from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # readers raise errors of their own, or of their parsers

@@ -65,7 +65,7 @@ class WithoutFrames:
 
 @dataclass(frozen=True)
 class Series:
-    """One column as the file has it, in the file's unit."""
+    """Column of a file, as the file has it, in the file's unit."""
 
     values: Floats  # NaN where a cell is empty
     times: Floats | None = None  # s, of a column with its own times; None: those of the file's rows

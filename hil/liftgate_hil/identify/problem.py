@@ -171,7 +171,7 @@ class Problem:
 
     @property
     def sizes(self) -> Floats:
-        """What counts as a change of the order of one, for each parameter and unknown."""
+        """Sizes of a typical change of each parameter and unknown, by which both are scaled."""
         by_range = [1e-2 * min(s.high - s.low, 1.0) for s in self.sought]
         own = [abs(s.initial) or size for s, size in zip(self.sought, by_range, strict=True)]
         default = {"angle": 0.01, "rate": 0.1, "input_delay": 0.01}

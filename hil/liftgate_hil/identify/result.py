@@ -29,7 +29,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Series:
-    """One output of one experiment, measured and simulated."""
+    """Output of an experiment, measured and simulated."""
 
     output: str  # column name with its unit: "left_current_a"
     times: Floats  # (n,) s, only where there is a sample
@@ -52,7 +52,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One measurement and its simulation by the model."""
+    """Measurement and its simulation by the identified model."""
 
     name: str
     times: Floats  # (m,), timestamps of the input

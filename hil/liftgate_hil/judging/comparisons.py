@@ -29,7 +29,7 @@ _UNARY, _ATOM = 3, 4  # levels of precedence; sums and products: see _ARITHMETIC
 
 @dataclass(frozen=True)
 class Side:
-    """One side of a comparison: its text, with the parameters' numbers in it, its operations, its unit."""
+    """Side of a comparison: its text with the parameters' numbers in it, its operations, and its unit."""
 
     text: str
     ops: tuple[tuple[int, str | float], ...]
@@ -37,7 +37,7 @@ class Side:
 
     @property
     def constant(self) -> float | None:
-        """Its value, if it reads no column and no signal."""
+        """Value of the side, where it reads neither a column nor a signal; else None."""
         if any(code in (COLUMN, SIGNAL) for code, _ in self.ops):
             return None
         return float(self.values({}, 1)[0])

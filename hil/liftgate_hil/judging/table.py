@@ -68,7 +68,7 @@ _TIME = COLUMN_PLACE["time_s"]
 
 
 class Expectations(NamedTuple):
-    """All expectations of a scenario, and the bus signals that they refer to."""
+    """Expectations of a scenario as tables, with the bus signals that they refer to."""
 
     rows: Any  # (n,) EXPECTATION
     conditions: Conditions
@@ -150,7 +150,7 @@ def opened(
         work = judged.work
         evaluate(expectations.conditions, own.opener, rows, judged.signals, len(rows), work)
         for i in range(len(rows)):
-            if work.truths[0, i] != 0 and not np.isnan(work.numbers[0, i]):
+            if work.truths[0, i] != 0:
                 progress.begin = rows[i, _TIME]
                 break
     progress.end = progress.begin + own.within

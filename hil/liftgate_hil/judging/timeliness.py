@@ -52,7 +52,7 @@ class _Late:
 
 @dataclass
 class _Second:
-    """What is kept of one second of the run."""
+    """Lateness of the bench, and speed of the pinch force, within one second of the run."""
 
     delay: float = 0.0  # s, the longest that a frame waited, up to the tolerance
     force_rate: float = 0.0  # N/s, the fastest that the pinch force changed

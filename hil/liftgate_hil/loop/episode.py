@@ -25,7 +25,7 @@ ANY = 2**62  # no limit to the number of edges
 
 
 class Script(NamedTuple):
-    """What acts on the closed loop during a stretch, and where the stretch ends."""
+    """Stimuli of a stretch of the closed loop, and the conditions that end the stretch."""
 
     stimuli: StimulusPlan
     ticks: int  # the loop's tick at which the stretch ends

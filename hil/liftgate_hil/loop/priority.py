@@ -1,4 +1,4 @@
-"""What `--realtime` requests from the machine; what is refused is reported, with how to get it."""
+"""Requests of `--realtime` to the machine; each refusal is reported, with how to get what was refused."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ _ANGLE, _LEFT, _RIGHT = (
 
 
 class Moment(NamedTuple):
-    """What the monitor needs to know of a loop at a moment."""
+    """State of a loop at a moment, as the progress monitor needs it."""
 
     tick: int  # since the scenario's time 0
     row: Any  # (ROW_WIDTH,) of the last tick

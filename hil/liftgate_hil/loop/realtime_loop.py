@@ -63,7 +63,7 @@ class RunParams(NamedTuple):
 
 
 class Wired(Protocol):
-    """Anything that has a wire to which frames are sent."""
+    """Object with a wire to which frames are sent."""
 
     @property
     def descriptor(self) -> int:

@@ -41,7 +41,7 @@ def force_of(delay_us: float) -> float:
 
 
 class Timing(NamedTuple):
-    """How well a real-time loop kept time."""
+    """Timing of a real-time loop: lateness, execution time and delay."""
 
     lateness: Distribution = NOTHING  # how late ticks began
     execution: Distribution = NOTHING  # how long a tick took

@@ -1,4 +1,4 @@
-"""One tick: frames in, one plant step, frames out, and the true and the sensed values.
+"""Tick of the loop: frames in, one plant step, frames out, and the true and the sensed values.
 
 State in, state out: no I/O, no clock, no memory that others write. The codec's state lies in arrays of the loop
 state that are written in place, so that compiled loops allocate nothing and count no references; `copied` returns

@@ -41,7 +41,7 @@ _LONGEST_S = 1e9  # 32 years: a longer file is no log
 
 @dataclass(frozen=True)
 class Track:
-    """One quantity over time, as decoded from frames: times [ns] and values, NaN where it went stale."""
+    """Quantity over time, decoded from frames: times [ns], and values, NaN where it went stale."""
 
     times: NDArray[np.int64]
     values: Floats

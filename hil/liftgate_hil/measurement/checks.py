@@ -29,7 +29,7 @@ _SPEED_UNITS: Sequence[tuple[float, str]] = (
 
 @dataclass(frozen=True)
 class Expected:
-    """What is known of the vehicle; None: unknown."""
+    """Known properties of the vehicle; None: unknown."""
 
     supply_voltage: float | None = None  # V
     stall_current: float | None = None  # A, supply voltage / winding resistance

@@ -14,9 +14,8 @@ import numpy as np
 from liftgate_hil.codec.frames import EXTENDED, FD, REMOTE, Frames, empty_frames, no_logged
 from liftgate_hil.config.files import check_file
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.open import open_recording
-from liftgate_hil.formats.reading import CUT, all_understood, is_cut
+from liftgate_hil.formats.reading import CUT, all_understood, as_config_errors, is_cut
 from liftgate_hil.measurement.measurement import Floats
 
 _MOST_BYTES = 64  # in a frame
@@ -48,15 +47,9 @@ def read_frames(
     Raises ConfigError if the log cannot be read.
     """
     wanted = {*(rig.identifier(name) for name in messages), *others}
-    kind = path.suffix.lower()
-    if kind == ".mf4":
-        from liftgate_hil.formats.mf4_channels import read_mf4_frames
-
-        times, frames = read_mf4_frames(path)
-    elif kind == ".mcap":
-        times, frames = read_mcap_frames(path)
-    else:
+    if path.suffix.lower() not in (".mf4", ".mcap"):
         return _by_python_can(path, wanted)
+    times, frames = frames_in(path)
     ours = np.flatnonzero(np.isin(frames.identifiers & ~FD, list(wanted)))
     own = Frames(len(ours), frames.identifiers[ours], frames.lengths[ours], frames.data[ours])
     span = (float(times[0]), float(times[-1])) if len(times) else None
@@ -79,18 +72,13 @@ def _by_python_can(path: Path, wanted: Collection[int]) -> LogFrames:
 
     check_file(path)
     found = None
-    try:
+    with as_config_errors(path):
         has_rest = path.suffix.lower() != ".blf" and is_cut(path)
         if path.suffix.lower() == ".log":
             found = _by_lines(path, wanted)
         if found is None:
             with all_understood(), _opened(can, path, has_rest) as reader:
                 found = _by_messages(can, reader, wanted)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except Exception as error:  # python-can's readers raise what their parsers raise
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise ConfigError(f"{path}: cannot be read: {said}") from error
     times, rows, watch = found
     frames = empty_frames(len(rows))
     for row, (identifier, payload) in enumerate(rows):
@@ -104,9 +92,17 @@ def _by_python_can(path: Path, wanted: Collection[int]) -> LogFrames:
     )
 
 
-def read_mcap_frames(path: Path) -> tuple[Floats, Frames]:
-    """Return the times [s] and frames in an MCAP file, in order of time."""
-    frames = np.concatenate([no_logged(), *open_recording(path).frames()])
+def frames_in(path: Path) -> tuple[Floats, Frames]:
+    """Return the times [s] and frames in an MF4 or MCAP file, in order of time."""
+    if (
+        path.suffix.lower() == ".mf4"
+    ):  # any bus log: a recording has neither several buses nor bit rate switches
+        from liftgate_hil.formats.mf4_file import data_frames_in
+
+        parts = data_frames_in(path)
+    else:
+        parts = open_recording(path).frames()
+    frames = np.concatenate([no_logged(), *parts])
     frames = frames[np.argsort(frames["time_ns"], kind="stable")]
     # Not multiplied by 1e-9: only division gives the float nearest to a whole number of microseconds.
     return frames["time_ns"] / 1e9, Frames(

@@ -20,7 +20,7 @@ _SIGMA = 1.4826  # standard deviation / median absolute deviation of a normal di
 
 @dataclass(frozen=True)
 class Gaps:
-    """How evenly a column was sampled."""
+    """Sampling of a column: its period, its jitter, and its gaps."""
 
     spacing: float  # s, the usual one
     count: int  # distances of more than GAP x the usual one

@@ -53,7 +53,7 @@ Block = tuple[NDArray[np.int64], NDArray[np.void]]  # when frames are due [ns], 
 
 @dataclass(frozen=True)
 class Replay:
-    """What shall be played, and how."""
+    """Replay to be made: the recording, which of its frames, and the speed."""
 
     recording: Path
     selection: Selection = field(default_factory=Selection)

@@ -1,28 +1,27 @@
-"""What a run on a bus has in common on every clock: its wire, who acts on it, and its precondition on the wire."""
+"""Run on a bus, as far as it is the same on every clock: wire, observers, and the precondition on the wire."""
 
 from __future__ import annotations
 
 import contextlib
-import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
-from liftgate_hil.ecu.find import ON_A_BUS
+from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.formats.content import Content
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.running.attachment.description import Description
 from liftgate_hil.running.attachment.server import Server
 from liftgate_hil.running.ecu_reset import restarts_of
-from liftgate_hil.running.job import PRIVATE_BUS, identity_of_ecu
+from liftgate_hil.running.execution import Execution
+from liftgate_hil.running.job import PRIVATE_BUS
 from liftgate_hil.running.observers import Observers, observers_of
 from liftgate_hil.running.options import NS
 from liftgate_hil.running.plan import Plan
 from liftgate_hil.running.precondition import phases_of
 from liftgate_hil.running.provenance import origin_of
-from liftgate_hil.running.signs_of_life import Progress, foreign_code
-from liftgate_hil.running.start import started
+from liftgate_hil.running.signs_of_life import Progress
 from liftgate_hil.running.stepping import CommandLog
 from liftgate_hil.running.stimulation import off_not_made, reset_not_made
 from liftgate_hil.signals import columns_of
@@ -32,11 +31,9 @@ from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_hil.transport.find import find_way, open_transport
 
 if TYPE_CHECKING:
-    from liftgate_hil.ecu.adapter import Adapter
     from liftgate_hil.loop.listener import Listener
     from liftgate_hil.loop.observers import Sink
     from liftgate_hil.loop.progress_monitor import ProgressMonitor
-    from liftgate_hil.loop.rings import Memory
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.running.ecu_reset import Restarts
     from liftgate_hil.running.precondition import Phase
@@ -52,7 +49,7 @@ if TYPE_CHECKING:
 class BusRun:
     """A run on a bus, about to begin; `state` moves on with what goes before the scenario's time 0."""
 
-    plan: Plan
+    execution: Execution
     way: Way
     stimuli: StimulusPlan
     state: LoopState
@@ -63,8 +60,11 @@ class BusRun:
     observers: Observers
     restarts: Restarts | None
     listener: Listener
-    adapter: Adapter
-    stopped: Callable[[], bool] = field(repr=False)
+
+    @property
+    def plan(self) -> Plan:
+        """The plan that is run."""
+        return self.execution.plan
 
     @property
     def is_real(self) -> bool:
@@ -80,22 +80,21 @@ class BusRun:
         return wire
 
     def channel(self, wire: Line | Transport) -> str:
-        """What recordings call the bus."""
+        """Return the name of the bus in recordings."""
         return wire.name if self.plan.way else PRIVATE_BUS
 
     def description(self, channel: str) -> Description:
-        """What clients that attach are told."""
+        """Return the description of the run for clients that attach."""
         plan, bitrate = self.plan, self.way.bitrate(self.plan.rig)
         return Description(plan.setup, plan.rig, plan.options, channel, bitrate, bool(self.peers))
 
     def content(self, channel: str) -> Content:
-        """What recordings hold."""
-        ecu = identity_of_ecu(self.plan.job, self.plan.setup)
-        about = origin_of(self.plan, ecu, self.way.interface)
+        """Return the content of the recordings."""
+        about = origin_of(self.plan, self.way.interface)
         return Content(columns_of(self.plan.setup.vehicle.drives), channel, about=about)
 
     def monitor(self) -> ProgressMonitor:
-        """What reports the progress, once time 0 is known."""
+        """Return the monitor that reports the progress, once time 0 is known."""
         from liftgate_hil.loop.progress_monitor import ProgressMonitor
 
         return ProgressMonitor(
@@ -103,7 +102,7 @@ class BusRun:
             self.plan.config,
             self.state.reception,
             self.listener,
-            self.adapter.events,
+            self.execution.adapter.events,
             ticks_before=int(self.stimuli.origin[0]),
             apart=self.way.apart,
         )
@@ -114,7 +113,7 @@ class BusRun:
         All are ready before the first one runs, so that the bus is silent for no longer than it takes to go on.
         `begun` begins one, and is told whether it is the first. Raises PreconditionError.
         """
-        restbus = None
+        restbus, stopped = None, self.execution.stopped
         going = [(phase, begun(phase, place == 0)) for place, phase in enumerate(self.phases)]
         for phase, go in going:
             self.listener.say(f"before the scenario: {phase.end.what}")
@@ -123,14 +122,14 @@ class BusRun:
                 going_on(restbus, phase.stimuli.restbus)
             restbus = phase.stimuli.restbus
             with contextlib.closing(phase.end):
-                self.state = go(self.state, lambda end=phase.end: self.stopped() or end.is_over())  # type: ignore[misc]
+                self.state = go(self.state, lambda end=phase.end: stopped() or end.is_over())  # type: ignore[misc]
         if restbus is not None:
             going_on(restbus, self.stimuli.restbus)
             self.stimuli.origin[0] = self.state.tick
         return bool(going)
 
     def not_made(self, has_failed: bool) -> str:
-        """Which of the scenario's stimuli could not be applied, after the run; "": none."""
+        """Return, after the run, which of the scenario's stimuli could not be applied; "": all were."""
         found = [reset_not_made(self.stimuli, self.plan.rig)]
         if self.is_real:
             found.append(off_not_made(self.plan.setup.scenario, self.observers.injected))
@@ -139,29 +138,24 @@ class BusRun:
         return "; ".join(filter(None, found))
 
 
-def bus_run_of(
-    plan: Plan,
-    adapter: Adapter,
-    sinks: Sequence[Sink],
-    stopped: Callable[[], bool],
-    memory: Memory | None,
-    stack: contextlib.ExitStack,
-) -> BusRun:
-    """A plan's run on its bus, or on one of this process alone, for the sinks of `sinks_of`; the stack ends what
-    it has begun. Raises ConfigError, TransportError, and as `started`.
+def bus_run_of(execution: Execution, stack: contextlib.ExitStack) -> BusRun:
+    """Return the run of a plan on its bus, or on one of this process alone; the stack ends what it has begun.
+
+    Raises ConfigError, TransportError, and as `Execution.start`.
     """
+    plan, memory, stopped = execution.plan, execution.memory, execution.stopped
     job, options, rig = plan.job, plan.options, plan.rig
     server = None if job.attachable_as is None else Server(job.listener, job.attachable_as)
     listener = server or job.listener
     way = plan.way or find_way(WireChoice(bus=f"virtual:run-{id(plan):x}"), rig)
-    stimuli, state = started(plan, adapter, stopped, memory)
+    stimuli, state = execution.start()
     peers = []
     if job.ecu != ON_A_BUS:
         wire = open_transport(way)
         stack.callback(wire.close)
-        guard = functools.partial(foreign_code, memory)
+        requests, guard = (stimuli.requests, stimuli.moments), execution.foreign_code
         before_ns = int(stimuli.origin[0]) * round(NS / options.rate)
-        peers = [Peer(adapter, wire, (stimuli.requests, stimuli.moments), guard, before_ns)]
+        peers = [Peer(execution.adapter, wire, requests, guard, before_ns)]
     is_real = not way.is_interface("virtual")
     if is_real and any(each.kind == "bus_off" for each in plan.setup.scenario.faults):
         stimuli.not_made[OFF_A_REAL_BUS] = 1
@@ -169,21 +163,23 @@ def bus_run_of(
     restarts = None if peers else restarts_of(rig, stimuli, listener.say, waits, stopped)
     if restarts is not None:
         stack.callback(restarts.stop)
-    observers = observers_of(stimuli, plan.setup, rig, is_real, listener, peers, restarts, server)
-    is_judged = any(isinstance(each, Judge) for each in sinks)
+    observers = observers_of(plan, stimuli, is_real, listener, peers, restarts, server)
+    is_judged = any(isinstance(each, Judge) for each in execution.sinks)
     log = CommandLog() if is_judged and not waits else None
     return BusRun(
-        plan=plan,
+        execution=execution,
         way=way,
         stimuli=stimuli,
         state=state,
         phases=[] if peers else list(phases_of(plan.setup, rig, plan.config.step)),
         peers=peers,
-        sinks=[*sinks, *([log] if log else []), *([Progress(memory)] if memory else [])],
+        sinks=[
+            *execution.sinks,
+            *([log] if log else []),
+            *([Progress(memory)] if memory else []),
+        ],
         log=log,
         observers=observers,
         restarts=restarts,
         listener=listener,
-        adapter=adapter,
-        stopped=stopped,
     )

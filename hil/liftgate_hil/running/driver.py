@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Driver(Protocol):
-    """What runs a plan on one kind of clock."""
+    """Interface of a driver, which runs a plan on one kind of clock."""
 
     begun: Begun | None  # where the scenario's time 0 is, once it is known
 

@@ -1,9 +1,9 @@
 """A gate that the caller steps: in this process, without a bus, at the caller's own pace.
 
 with Gate(vehicle="suv", rig="liftgate", initial="closed", seed=1) as gate:
-gate.command(left_duty=60, right_duty=60, direction="open", latch_release=True)
-frames = gate.step(0.010)              # list[can.Message] that the gate sent meanwhile
-gate.truth["gate_angle_deg"], gate.sensed["left_current_a"]
+    gate.command(left_duty=60, right_duty=60, direction="open", latch_release=True)
+    frames = gate.step(0.010)              # list[can.Message] that the gate sent meanwhile
+    gate.truth["gate_angle_deg"], gate.sensed["left_current_a"]
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Isolation of code that may crash, hang or keep statics, in a process of its own: the caller's side.
 
-The worker gets a pickled job on stdin and answers over a channel of its own (`processes.answers`). The memory of
+The worker gets a pickled plan on stdin and answers over a channel of its own (`processes.answers`). The memory of
 its loop can be read from here, which shows its progress. Every wait has a deadline.
 """
 
@@ -43,20 +43,20 @@ class Answer(NamedTuple):
 
 def run_isolated(
     worker: str,
-    job: bytes,
+    plan: bytes,
     step: float,
     stopped: Callable[[], bool] = lambda: False,
     hang_s: float | None = None,
 ) -> Answer:
-    """Return the answer of a module, the worker, to a job; early if it is `stopped`.
+    """Return the answer of a module, the worker, to a pickled plan; early if it is `stopped`.
 
-    The ticks of the job are `step` [s] apart. Raises EcuError where the worker crashed or hung, or its answer was
+    The ticks of the run are `step` [s] apart. Raises EcuError where the worker crashed or hung, or its answer was
     spoiled.
     """
     shared = Memory(_ROWS, FRAMES, others_write=True)
     with AnswerChannel() as channel, contextlib.closing(shared) as memory:
         ended, told = os.pipe()
-        given = in_memory(pickle.dumps((channel.address, sys.path, job)))
+        given = in_memory(pickle.dumps((channel.address, sys.path, plan)))
         try:
             child = subprocess.Popen(
                 [

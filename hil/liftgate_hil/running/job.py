@@ -10,8 +10,8 @@ from typing import Any
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.variant import AS_FILED, Variant
-from liftgate_hil.ecu.find import ON_A_BUS
 from liftgate_hil.ecu.identity import identity_of
+from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.setup import Setup

@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING
 from liftgate_hil.running.commands.operator import Operator
 from liftgate_hil.running.commands.orders import Orders
 from liftgate_hil.running.commands.slot_target import SlotTarget
-from liftgate_hil.running.stimulation import opening_of
 from liftgate_hil.stimuli.restbus import BENCH, OPERATOR
 
 if TYPE_CHECKING:
-    from liftgate_hil.config.rig import Rig
     from liftgate_hil.loop.listener import Listener
     from liftgate_hil.loop.observers import Observer
     from liftgate_hil.loop.python_loop import Peer
@@ -23,7 +21,7 @@ if TYPE_CHECKING:
     from liftgate_hil.running.attachment.description import Description
     from liftgate_hil.running.attachment.server import Server
     from liftgate_hil.running.ecu_reset import Restarts
-    from liftgate_hil.running.setup import Setup
+    from liftgate_hil.running.plan import Plan
     from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 
 
@@ -71,24 +69,23 @@ class Observers:
 
 
 def observers_of(
+    plan: Plan,
     stimuli: StimulusPlan,
-    setup: Setup,
-    rig: Rig,
     is_real: bool,
     listener: Listener,
-    peers: Sequence[Peer] = (),
-    restarts: Restarts | None = None,
-    server: Server | None = None,
+    peers: Sequence[Peer],
+    restarts: Restarts | None,
+    server: Server | None,
 ) -> Observers:
-    """Return the observers that a stimulus plan is open to.
+    """Return the observers that a run's plan is open to; they act on its `stimuli`.
 
     `is_real`: the bus is not a virtual one; `peers` are ECUs in this process, to which an operator's requests go.
     """
-    if not len(stimuli.slots.letters):
+    setup, rig = plan.setup, plan.rig
+    if not plan.opening.slots:
         return Observers(restarts, server=server)
-    signals = opening_of(rig, server is not None).signals
     restart = None if restarts is None else restarts.restart
-    target = SlotTarget(stimuli, setup, rig, signals, is_real, restart)
+    target = SlotTarget(stimuli, setup, rig, plan.opening.signals, is_real, restart)
     orders = operator = None
     if rig.orders:
         orders = Orders(rig, target.layer(BENCH), listener.say)

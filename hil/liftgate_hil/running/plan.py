@@ -13,7 +13,7 @@ from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.sources import Source, sources_of
-from liftgate_hil.ecu.find import ON_A_BUS
+from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.expected import Expected, expected_of
 from liftgate_hil.judging.fault_times import TimedFault
@@ -30,7 +30,7 @@ from liftgate_hil.transport.find import Way, find_way
 
 @dataclass(frozen=True)
 class Subject:
-    """What reports need of a run: the job, and the objects that it names."""
+    """Subject of a report: the job of a run, and the objects that it names."""
 
     job: Job
     setup: Setup
@@ -42,13 +42,20 @@ class Subject:
         """Options of the job."""
         return self.job.options
 
+    @property
+    def duration(self) -> float | None:
+        """Model time of the run [s], the job's or else the scenario's; None: it runs until it is stopped."""
+        given = self.options.duration
+        return self.setup.scenario.duration if given is None else given
+
 
 @dataclass(frozen=True)
 class Plan(Subject):
-    """All that a run needs, validated. No run changes it: each uses a copy of `stimuli`."""
+    """Plan of a run: all that it needs, validated. No run changes it: each uses a copy of `stimuli`."""
 
     way: Way | None  # of the wire; None: there is none
     config: LoopConfig
+    opening: Opening  # what may be injected while it runs
     stimuli: StimulusPlan  # at the scenario's time 0
     expected: Expected
     trigger: Trigger | None  # None: all of the run is recorded
@@ -56,9 +63,7 @@ class Plan(Subject):
     @property
     def ticks(self) -> int | None:
         """Number of ticks of the run; None: it runs until it is stopped."""
-        given = self.options.duration
-        duration = self.setup.scenario.duration if given is None else given
-        return ticks_of(duration, self.options.rate)
+        return ticks_of(self.duration, self.options.rate)
 
     def varied(self, job: Job | None = None, setup: Setup | None = None) -> Plan:
         """Return the plan of another job or setup of the same files, none of which is read again.
@@ -121,7 +126,7 @@ def planned(
     if issues:
         raise ConfigError(issues)
     config = loop_config_of(setup.vehicle, rig, options.rate, setup.seed)
-    return Plan(job, setup, rig, sources, way, config, stimuli, expected, trigger)
+    return Plan(job, setup, rig, sources, way, config, opening, stimuli, expected, trigger)
 
 
 def _opening_of(job: Job, rig: Rig) -> Opening:

@@ -17,16 +17,16 @@ from liftgate_hil.config.files import issue_with
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.sources import sources_of
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.running.job import identity_of_ecu
 from liftgate_hil.running.plan import Subject
 from liftgate_hil.running.setup import Setup
 from liftgate_hil.version import versions
 from liftgate_plant import compiler
 
-ON_THE_BUS = {"kind": "bus"}  # an ECU on a bus, of which no more is known
 _MOST_TEXT = 4_000_000  # bytes of a file that is included; of a larger one only its SHA-256 is
 
 
-def origin_of(plan: Subject, ecu: Mapping[str, Any] = ON_THE_BUS, bus: str = "") -> str:
+def origin_of(plan: Subject, bus: str = "") -> str:
     """Return the provenance of a run as JSON; empty where nothing is recorded.
 
     It holds versions and machine, seed, clock, rate, the files with their content and SHA-256, the vehicle as it
@@ -36,9 +36,8 @@ def origin_of(plan: Subject, ecu: Mapping[str, Any] = ON_THE_BUS, bus: str = "")
     setup, rig, options = plan.setup, plan.rig, plan.options
     if not options.records:
         return ""
-    duration = setup.scenario.duration if options.duration is None else options.duration
     files = {"rig": Path(rig.source), "dbc": rig.database}
-    more: dict[str, Any] = {"ecu": _plain(ecu)}
+    more: dict[str, Any] = {"ecu": _plain(identity_of_ecu(plan.job, setup))}
     if bus:
         more["bus"] = bus
     if options.record_when:
@@ -46,7 +45,7 @@ def origin_of(plan: Subject, ecu: Mapping[str, Any] = ON_THE_BUS, bus: str = "")
         more["recorded"] = {
             "when": list(options.record_when), "before_s": before, "after_s": after,
         }  # fmt: skip
-    return _origin(setup, options.clock, options.rate, duration, files, more)
+    return _origin(setup, options.clock, options.rate, plan.duration, files, more)
 
 
 def origin_offline(setup: Setup, step: float, duration: float, files: Mapping[str, Path]) -> str:

@@ -8,8 +8,6 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from liftgate_hil.formats.guarded import failures_of
-from liftgate_hil.formats.open import open_writers
 from liftgate_hil.loop.begun import Begun
 from liftgate_hil.loop.clock import RealtimeClock
 from liftgate_hil.loop.histogram import distribution
@@ -17,13 +15,11 @@ from liftgate_hil.loop.lockstep import Lockstep, run_lockstep
 from liftgate_hil.loop.python_loop import Loop, run_clocked, run_free
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.running.options import NS
-from liftgate_hil.running.recording_sink import RecordingSink
-from liftgate_hil.running.recording_trigger import Triggered
+from liftgate_hil.running.recordings import Recordings
 from liftgate_hil.stimuli import mailbox
 from liftgate_hil.transport.find import open_transport
 
 if TYPE_CHECKING:
-    from liftgate_hil.formats.guarded import GuardedWriter
     from liftgate_hil.loop.observers import Sink
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.running.bus_run import BusRun, Going
@@ -36,8 +32,7 @@ class PythonDriver:
 
     def __init__(self, run: BusRun) -> None:
         self._run = run
-        self._recorders: list[GuardedWriter] = []
-        self._triggered: Triggered | None = None
+        self._recordings: Recordings | None = None
         self._loop: Loop | None = None
         self._clock = self._pace()
         self._before_start = 0  # frames that came before the first phase was ready
@@ -51,12 +46,8 @@ class PythonDriver:
         # Only wall time has an epoch; the other clocks' recordings are the same every time.
         epoch_ns = time.time_ns() if options.clock == "realtime" else 0
         channel, say = run.channel(transport), run.listener.say
-        content, limit = run.content(channel), options.limit()
-        self._recorders = open_writers(options.records, content, limit, say, stack)
-        self._triggered = None if plan.trigger is None else Triggered(plan.trigger)
-        self._recording = RecordingSink(self._recorders, epoch_ns, self._triggered)
-        own = [self._recording] if self._recorders else []
-        sinks = [*run.sinks, *own, *self._shown(channel, stack)]
+        self._recordings = Recordings(plan, run.content(channel), say, stack, epoch_ns)
+        sinks = [*run.sinks, *self._recordings.sinks, *self._shown(channel, stack)]
         has_run = run.prepare(functools.partial(self._phase_begun, transport))
         self._loop = loop = Loop(
             config=plan.config,
@@ -143,23 +134,21 @@ class PythonDriver:
         self._clocked(self._loop, self._clock, ticks, stopped)
 
     def finish(self) -> None:
-        """Tick once more with the motors off, and hand the recordings their last rows."""
+        """Tick once more with the motors off."""
         loop, clock = self._loop, self._run.plan.options.clock
         assert loop is not None
         try:
             loop.finish()
         finally:  # a plant that has diverged does so again
-            self._recording.flush()
             self._summary = loop.summary(clock, Timing(distribution(self._clock.lateness)))
             self._summary.apart = self._run.way.apart
-            if self._triggered is not None:
-                self._summary.recording_windows = self._triggered.count
 
     def summary(self) -> Summary:
         """The figures of the run."""
-        self._summary.recordings = [file for each in self._recorders for file in each.files]
+        if self._recordings is not None:
+            self._recordings.note(self._summary)
         return self._summary
 
     def recording_failures(self) -> list[str]:
         """Why recordings are not complete."""
-        return failures_of(self._recorders)
+        return [] if self._recordings is None else self._recordings.failures()

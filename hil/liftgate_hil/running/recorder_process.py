@@ -4,15 +4,14 @@ It reads the loop's rings. When its stdin ends, because the emulator ends or is 
 completes the files. Its replies, a JSON object per line, go through a pipe of their own, as libraries print to
 stdout.
 
-    python -m liftgate_hil.running.recorder_process JOB ANSWERS MEMORY FILE…
+    python -m liftgate_hil.running.recorder_process ORDER ANSWERS MEMORY FILE…
 
-JOB, ANSWERS and MEMORY are descriptors, JOB holds a `Job` as JSON; the files are named for the list of processes
-only.
+ORDER, ANSWERS and MEMORY are descriptors, ORDER holds a pickled `Order`; the files are named for the list of
+processes only.
 """
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import json
 import os
@@ -25,7 +24,6 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +39,7 @@ from liftgate_hil.formats.writer import Writer, truncated_to_us
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.rings import Memory, RingReader
 from liftgate_hil.running.processes.inherited import in_memory
-from liftgate_hil.running.recording_sink import Sieve
+from liftgate_hil.running.recording_sink import Sieve, write_block
 from liftgate_hil.running.recording_trigger import Trigger, Triggered
 
 _PAUSE = 0.05  # s between two reads of the rings
@@ -51,19 +49,8 @@ _EXIT_S = 5.0  # s that it may take to end after its last reply
 _LATE_NS = 100_000_000  # ns that a frame may be out of order: received ones are logged a tick late
 
 
-@dataclass
-class Job:
-    """Job of the recording process: what to record."""
-
-    paths: list[str]
-    columns: list[str]
-    channel: str
-    limit: int | None  # bytes of a file; None: no limit
-    keep: int | None
-    rows: int  # sizes of the rings
-    frames: int
-    about: str
-    trigger: str  # pickled, as Base64; "": record everything
+# What to record: files, content, limit of a file's size, sizes of the rings (rows, frames), and the trigger.
+Order = tuple[Sequence[Path], Content, Limit | None, tuple[int, int], Trigger | None]
 
 
 class RecorderProcess:
@@ -78,26 +65,15 @@ class RecorderProcess:
         say: Say = silent,
         trigger: Trigger | None = None,
     ) -> None:
-        rows, frames = memory.sizes
+        order: Order = (paths, content, limit, memory.sizes, trigger)
         names = [str(path) for path in paths]
-        job = Job(
-            paths=names,
-            columns=list(content.columns),
-            channel=content.channel,
-            limit=limit.size if limit else None,
-            keep=limit.keep if limit else None,
-            rows=rows,
-            frames=frames,
-            about=content.about,
-            trigger="" if trigger is None else base64.b64encode(pickle.dumps(trigger)).decode(),
-        )
         self._names = ", ".join(names)
         self._say = say
         self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self._is_ready = self._is_closing = self._has_ended_early = False
         self._began = time.monotonic()
         heard, told = os.pipe()
-        given = in_memory(json.dumps(asdict(job)).encode())
+        given = in_memory(pickle.dumps(order))
         try:
             descriptors = [given, told, memory.descriptor]
             self._process = subprocess.Popen(
@@ -211,16 +187,16 @@ def _decoded(line: str) -> dict[str, Any]:
 
 
 class RingRecorder:
-    """Passes rows and frames from the rings to the recorders."""
+    """Passes rows and frames from the rings to the writers."""
 
     def __init__(
-        self, memory: Memory, recorders: Sequence[Writer], sieve: Sieve | None = None
+        self, memory: Memory, writers: Sequence[Writer], sieve: Sieve | None = None
     ) -> None:
         shared = memory.shared
         self._rows = RingReader(shared.rows, shared.control, "rows")
         self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
         self._control = shared.control
-        self._recorders, self._sieve = recorders, sieve
+        self._writers, self._sieve = writers, sieve
         self._waiting: Any = no_logged()
         self._has_begun = False
 
@@ -237,16 +213,11 @@ class RingRecorder:
         if not self._has_begun and (len(rows) or len(frames)):
             self._has_begun = True
             epoch_ns = truncated_to_us(int(self._control["epoch_ns"][0]))
-            for recorder in self._recorders:
-                recorder.begin(epoch_ns)
+            for writer in self._writers:
+                writer.begin(epoch_ns)
         if self._sieve is not None:
             rows, frames = self._sieve.kept(rows, frames, come)
-        for recorder in self._recorders:
-            if len(rows):
-                recorder.write_rows(rows)
-            if len(frames):
-                recorder.write_frames(frames)
-            recorder.flush()
+        write_block(self._writers, rows, frames)
 
     def _in_order(self, come: Any, is_last: bool) -> Any:
         """Return, in the order of time, the frames before which none can come; the others wait."""
@@ -265,39 +236,36 @@ def main() -> int:
         signal.signal(number, signal.SIG_IGN)
     given, told, memory_descriptor = (int(each) for each in sys.argv[1:4])
     with os.fdopen(given, "rb") as stream:
-        job = Job(**json.load(stream))
+        order: Order = pickle.load(stream)
     replies = os.fdopen(told, "w", encoding="utf-8")
 
     def tell(**words: Any) -> None:
         with contextlib.suppress(OSError):  # the emulator may be gone
             print(json.dumps(words), file=replies, flush=True)
 
-    memory = Memory(job.rows, job.frames, memory_descriptor)
-    content = Content(job.columns, job.channel, about=job.about)
-    triggered = Triggered(pickle.loads(base64.b64decode(job.trigger))) if job.trigger else None
-    limit = None if job.limit is None else Limit(job.limit, job.keep)
-    recorders: list[GuardedWriter] = []
+    paths, content, limit, sizes, trigger = order
+    memory = Memory(*sizes, memory_descriptor)
+    triggered = None if trigger is None else Triggered(trigger)
+    writers: list[GuardedWriter] = []
     try:
-        for path in job.paths:
-            recorders.append(
-                open_writer(Path(path), content, limit, lambda text: tell(failed=text))
-            )
+        for path in paths:
+            writers.append(open_writer(path, content, limit, lambda text: tell(failed=text)))
     except ConfigError as error:
-        for recorder in recorders:  # files left behind would look like a recording
-            recorder.close()
+        for writer in writers:  # files left behind would look like a recording
+            writer.close()
         tell(issues=error.issues)
         return 2
     tell(ready=True)
-    writer = RingRecorder(memory, recorders, triggered)
+    recorder = RingRecorder(memory, writers, triggered)
     while not select.select([0], [], [], _PAUSE)[0] or os.read(0, 4096):
-        writer.take()
-    writer.take(is_last=True)
-    for recorder in recorders:
-        recorder.close()
-    failures = failures_of(recorders)
-    files = [file for recorder in recorders for file in recorder.files]
+        recorder.take()
+    recorder.take(is_last=True)
+    for writer in writers:
+        writer.close()
+    failures = failures_of(writers)
+    files = [file for writer in writers for file in writer.files]
     windows = None if triggered is None else triggered.count
-    tell(failures=failures, files=files, lost=writer.lost, windows=windows)
+    tell(failures=failures, files=files, lost=recorder.lost, windows=windows)
     # At a normal exit a file on a full disk would be written again, with a traceback.
     os._exit(1 if failures else 0)
 

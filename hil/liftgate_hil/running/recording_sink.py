@@ -1,4 +1,4 @@
-"""Sink that passes the rows and frames of a run to its recorders."""
+"""Sink that passes the rows and frames of a run to the writers of its recordings."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.formats.writer import Writer, truncated_to_us
-from liftgate_hil.signals import ROW_WIDTH
 
 _ROWS = 100  # rows that are buffered before they are written
 
@@ -28,16 +26,16 @@ class Sieve(Protocol):
 
 
 class RecordingSink:
-    """Passes rows and frames to recorders, small blocks together; with a sieve only those that it selects."""
+    """Passes rows and frames to writers, small blocks together; with a sieve only those that it selects."""
 
     def __init__(
-        self, recorders: Sequence[Writer], epoch_ns: int = 0, sieve: Sieve | None = None
+        self, writers: Sequence[Writer], epoch_ns: int = 0, sieve: Sieve | None = None
     ) -> None:
-        self._recorders, self._sieve = recorders, sieve
+        self._writers, self._sieve = writers, sieve
         self._rows: list[NDArray[np.float64]] = []
-        self._frames: list[Any] = [no_logged()]
-        for recorder in recorders:
-            recorder.begin(truncated_to_us(epoch_ns))
+        self._frames: list[Any] = []
+        for writer in writers:
+            writer.begin(truncated_to_us(epoch_ns))
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
         """Buffer rows and frames, and write them once there are enough rows."""
@@ -51,16 +49,21 @@ class RecordingSink:
 
         This process may be the worker of an ECU that crashes.
         """
-        rows, frames = self._rows, self._frames
-        self._rows, self._frames = [], [no_logged()]
-        logged = np.concatenate(frames)
+        if not self._rows:
+            return
+        rows = self._rows[0] if len(self._rows) == 1 else np.concatenate(self._rows)
+        frames = np.concatenate(self._frames)
+        self._rows, self._frames = [], []
         if self._sieve is not None:
-            every = np.concatenate([np.zeros((0, ROW_WIDTH)), *rows])
-            every, logged = self._sieve.kept(every, logged, logged)
-            rows = [every] if len(every) else []
-        for recorder in self._recorders:
-            if rows:
-                recorder.write_rows(rows[0] if len(rows) == 1 else np.concatenate(rows))
-            if len(logged):
-                recorder.write_frames(logged)
-            recorder.flush()
+            rows, frames = self._sieve.kept(rows, frames, frames)
+        write_block(self._writers, rows, frames)
+
+
+def write_block(writers: Sequence[Writer], rows: NDArray[np.float64], frames: Any) -> None:
+    """Write rows (n, ROW_WIDTH) and frames (m,) LOGGED, either of which may be empty, and flush."""
+    for writer in writers:
+        if len(rows):
+            writer.write_rows(rows)
+        if len(frames):
+            writer.write_frames(frames)
+        writer.flush()

@@ -118,7 +118,7 @@ def note_truths(
         for which in range(len(tables.conditions.begins) - 1):
             evaluate(tables.conditions, which, block, judged.signals, len(block), judged.work)
             for i in range(len(block)):
-                if judged.work.truths[0, i] != 0 and not np.isnan(judged.work.numbers[0, i]):
+                if judged.work.truths[0, i] != 0:
                     truths[first + i] = 1
     return seen
 

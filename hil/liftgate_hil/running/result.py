@@ -139,8 +139,7 @@ def _judge_of(plan: Plan) -> Judge | None:
     scenario, options = plan.setup.scenario, plan.options
     if not scenario.expectations:
         return None
-    duration = scenario.duration if options.duration is None else options.duration
-    end = math.inf if duration is None else duration
+    end = math.inf if plan.duration is None else plan.duration
     tolerance = None if options.clock == "free" else tolerance_of(scenario, plan.rig)
     silence = silence_of(scenario, plan.rig)
     return Judge(plan.expected, options.rate, end, tolerance, silence)

@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.ecu.find import ON_A_BUS, adapter_for
+from liftgate_hil.ecu.find import adapter_for
 from liftgate_hil.ecu.mutants import mutant_ecu
+from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError, LiftgateError, OverrunError, PreconditionError, causes
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.loop.datagrams import POSSIBLE
@@ -18,6 +19,7 @@ from liftgate_hil.running.bus_run import BusRun, bus_run_of
 from liftgate_hil.running.compilation import told_of_compiling
 from liftgate_hil.running.driver import Driver, drive
 from liftgate_hil.running.episode_driver import EpisodeDriver
+from liftgate_hil.running.execution import Execution
 from liftgate_hil.running.result import Result, nothing_of, result_of, sinks_of
 from liftgate_hil.running.signs_of_life import foreign_code
 from liftgate_hil.running.stepping import StepsAgain, heard_by
@@ -41,9 +43,8 @@ def run_plan(
     """
     try:
         with told_of_compiling(plan.job.listener, stopped), contextlib.ExitStack() as stack:
-            seen = sinks_of(plan, sinks)
-            adapter = _adapter_of(plan, memory, stack)
-            return _Run(plan, adapter, seen, stopped, memory).result(stack)
+            seen, adapter = sinks_of(plan, sinks), _adapter_of(plan, memory, stack)
+            return _Run(Execution(plan, adapter, seen, stopped, memory)).result(stack)
     except GivenUpError:  # stopped before it began
         return nothing_of(plan.job, "", 0)
 
@@ -70,27 +71,20 @@ def _close(adapter: Adapter, memory: Memory | None) -> None:
 
 
 class _Run:
-    """One run of a plan."""
+    """Run of a plan, with the driver of its clock."""
 
-    def __init__(
-        self,
-        plan: Plan,
-        adapter: Adapter,
-        sinks: Sequence[Sink],
-        stopped: Callable[[], bool],
-        memory: Memory | None,
-    ) -> None:
-        self._plan, self._adapter, self._sinks = plan, adapter, sinks
-        self._stopped, self._memory = stopped, memory
+    def __init__(self, execution: Execution) -> None:
+        self._execution, self._plan = execution, execution.plan
         self._on_bus: BusRun | None = None
         self._driver: Driver | None = None
 
     def result(self, stack: contextlib.ExitStack) -> Result:
         """Run to the end; what came of it. Raises ConfigError."""
+        sinks, adapter = self._execution.sinks, self._execution.adapter
         reason = given_up = ""
         try:
             self._driver = self._driver_of(stack)
-            drive(self._driver, self._plan.ticks, self._stopped)
+            drive(self._driver, self._plan.ticks, self._execution.stopped)
         except ConfigError:
             raise
         except PreconditionError as error:
@@ -101,21 +95,19 @@ class _Run:
                 reason, given_up = "", f"the bench was late: {reason}"
         summary = self._summary()
         if given_up:
-            return result_of(self._sinks, self._adapter, summary, "", given_up=given_up)
+            return result_of(sinks, adapter, summary, "", given_up=given_up)
         failures = [] if self._driver is None else self._driver.recording_failures()
         reason = "; ".join([*([reason] if reason else []), *failures])
         not_made = "" if self._on_bus is None else self._on_bus.not_made(bool(reason))
         again = self._steps_again(summary)
-        return result_of(self._sinks, self._adapter, summary, reason, not_made, again)
+        return result_of(sinks, adapter, summary, reason, not_made, again)
 
     def _driver_of(self, stack: contextlib.ExitStack) -> Driver:
         """The driver of the plan's clock. Raises as `bus_run_of`."""
-        plan, clock = self._plan, self._plan.options.clock
-        given = plan, self._adapter, self._sinks, self._stopped, self._memory
-        if plan.job.is_episode:
-            return EpisodeDriver(*given)
-        self._on_bus = bus_run_of(*given, stack)
-        if clock == "realtime" and POSSIBLE:
+        if self._plan.job.is_episode:
+            return EpisodeDriver(self._execution)
+        self._on_bus = bus_run_of(self._execution, stack)
+        if self._plan.options.clock == "realtime" and POSSIBLE:
             from liftgate_hil.running.realtime_driver import RealtimeDriver
 
             return RealtimeDriver(self._on_bus)
@@ -132,10 +124,10 @@ class _Run:
         return summary
 
     def _steps_again(self, summary: Summary) -> StepsAgain | None:
-        """What steps the gate of a run in real time again; None where more than the ECU's commands acted on it."""
+        """Return what steps a real-time gate again; None where more than the ECU's commands acted on it."""
         log = None if self._on_bus is None else self._on_bus.log
         begun = None if self._driver is None else self._driver.begun
-        judge = next((each for each in self._sinks if isinstance(each, Judge)), None)
+        judge = next((each for each in self._execution.sinks if isinstance(each, Judge)), None)
         if log is None or judge is None or begun is None:
             return None
         frames = log.frames()
@@ -154,5 +146,5 @@ class _Run:
             rate=plan.options.rate,
             end=judge.end,
             angles=log.angles(),
-            stopped=self._stopped,
+            stopped=self._execution.stopped,
         )

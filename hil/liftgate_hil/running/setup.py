@@ -42,8 +42,7 @@ def vehicle_from(
     `draw`: the seed of one car of the file's `[spread]`; `ideal`: without errors of sensors, torsion, source
     resistance. Raises ConfigError.
     """
-    path = find_config("vehicles", str(name))
-    return load_vehicle(path, settings_of(settings), variant_of(draw, ideal))
+    return vehicle_of(str(name), settings, variant_of(draw, ideal))
 
 
 def variant_of(draw: int | None, ideal: bool) -> Variant:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.checksum import checksum_in, write_checksum
-from liftgate_hil.codec.frames import FD, MAX_BYTES, Frames
+from liftgate_hil.codec.frames import FD, LENGTHS, MAX_BYTES, Frames
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.stimuli.bus_fault_tables import (
     BABBLING,
@@ -52,7 +52,7 @@ from liftgate_hil.stimuli.held_frames import (
 from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.noise import uniform
 
-_FD_LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)
+_FD_LENGTHS = LENGTHS[8:]
 
 
 @compilable

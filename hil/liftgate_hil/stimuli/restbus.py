@@ -65,7 +65,7 @@ class SignalChange:
 
 @dataclass(frozen=True)
 class BusTables:
-    """What a bench sends: a rig's outputs, and the options of its messages."""
+    """Tables of the messages that a bench sends: a rig's outputs, and the options of its messages."""
 
     messages: Mapping[str, Message]
     outputs: Sequence[SignalMapping]

@@ -39,7 +39,7 @@ LETTER = np.dtype(
 
 
 class Opening(NamedTuple):
-    """What may be injected into a run while it is in progress."""
+    """Faults, signals and messages that may be injected into a run while it is in progress."""
 
     slots: int  # faults at the same time
     signals: Sequence[str]  # `Message.Signal` of the restbus

@@ -18,7 +18,7 @@ SOUND = ""  # in place of a mutant's name: the reference ECU itself
 
 @dataclass
 class Matrix:
-    """Which scenario kills which mutant.
+    """Matrix of scenarios and mutants: which scenario kills which mutant.
 
     One of its expectations passes with the sound ECU, and fails with the mutant. What is inconclusive kills
     nothing.

@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
+
 if TYPE_CHECKING:
     from liftgate_hil.judging.verdict import Verdict
     from liftgate_hil.running.gate import Gate
@@ -192,7 +194,7 @@ def _template(config: pytest.Config) -> Job:
     from liftgate_hil.transport.can_arguments import WireChoice
 
     bus = config.getoption("liftgate_bus")
-    ecu = config.getoption("liftgate_ecu") or ("bus" if bus else "reference")
+    ecu = config.getoption("liftgate_ecu") or (ON_A_BUS if bus else REFERENCE)
     return Job(
         scenario=None,
         ecu=ecu,
@@ -233,7 +235,7 @@ class Liftgate:
             if given is not None:
                 arguments.setdefault(name, given)
         if arguments.get("bus") is not None:
-            arguments.setdefault("ecu", "bus")
+            arguments.setdefault("ecu", ON_A_BUS)
             arguments.setdefault("clock", "realtime")
         self._runs += 1
         stem = self._folder / f"run-{self._runs}"

@@ -17,7 +17,8 @@ from liftgate_hil.config.files import is_there
 from liftgate_hil.config.scenario_keys import TOP
 from liftgate_hil.config.shipped import find_config, shipped_folder
 from liftgate_hil.config.toml import read_toml
-from liftgate_hil.ecu.find import ON_A_BUS, is_foreign
+from liftgate_hil.ecu.find import is_foreign
+from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError, LiftgateError, causes
 from liftgate_hil.judging.expectation import KINDS
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, PASS, Verdict, worst
@@ -59,7 +60,7 @@ class Outcome:
 
     @property
     def notes(self) -> list[str]:
-        """What may explain the outcome beside the verdicts.
+        """Notes that may explain the outcome, beside the verdicts.
 
         These are earlier attempts, frames of the ECU that were refused, a gate that got no command, notes of the
         result, and faults that a test bench has injected.

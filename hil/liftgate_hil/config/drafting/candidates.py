@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Kind(NamedTuple):
-    """How a signal for a quantity is named; without sides the quantity is one of the whole gate."""
+    """Words by which a signal for a quantity is recognized; without `sides` the quantity is the whole gate's."""
 
     section: str  # section of a rig
     quantity: str  # with "{side}" in it, e.g. "{side}_current", one of a drive

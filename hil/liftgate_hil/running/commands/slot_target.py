@@ -138,7 +138,7 @@ class _Layer:
 
 
 class _Key(NamedTuple):
-    """Which fault it is: its layer, identity and start."""
+    """Key of an injected fault: its layer, identity and start."""
 
     layer: int
     identity: tuple[Any, ...]

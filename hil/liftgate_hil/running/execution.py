@@ -1,0 +1,54 @@
+"""Execution of a plan in this process: the ECU and the sinks of one run, and how it is stopped and watched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from liftgate_hil.ecu.node import NO_ECU
+from liftgate_hil.loop.precondition import gone_through
+from liftgate_hil.loop.tick import copied
+from liftgate_hil.running.setup import start_of
+from liftgate_hil.running.signs_of_life import foreign_code
+
+if TYPE_CHECKING:
+    from liftgate_hil.ecu.adapter import Adapter
+    from liftgate_hil.loop.observers import Sink
+    from liftgate_hil.loop.rings import Memory
+    from liftgate_hil.loop.tick import LoopState
+    from liftgate_hil.running.plan import Plan
+    from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Run of a plan in this process, as each driver is given it."""
+
+    plan: Plan
+    adapter: Adapter  # of the ECU in this process; of none, where the ECU is on a bus
+    sinks: Sequence[Sink]  # of `result.sinks_of`
+    stopped: Callable[[], bool]
+    memory: Memory | None  # of the loop, where another process watches it
+
+    def foreign_code(self) -> AbstractContextManager[None]:
+        """Return a context in which the ECU's own code runs, which may hang."""
+        return foreign_code(self.memory)
+
+    def start(self) -> tuple[StimulusPlan, LoopState]:
+        """Return a copy of the plan's stimuli, and the state of the loop, both at time 0.
+
+        An ECU in this process goes through the precondition; that of an ECU on a bus is on the wire. Raises as
+        `gone_through`.
+        """
+        plan, stimuli = self.plan, copied(self.plan.stimuli)
+        state = start_of(plan.config, plan.setup.start_angle)
+        if self.adapter.kind == NO_ECU:
+            return stimuli, state
+        actions = plan.setup.scenario.precondition
+        config, adapter = plan.config, self.adapter
+        state = gone_through(
+            config, state, stimuli, adapter, actions, self.stopped, self.foreign_code
+        )
+        return stimuli, state

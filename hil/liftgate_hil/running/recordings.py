@@ -1,0 +1,41 @@
+"""Recordings of a run in this process: opened, filled by a sink, and what became of them."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING
+
+from liftgate_hil.formats.guarded import Say, failures_of
+from liftgate_hil.formats.open import open_writers
+from liftgate_hil.running.recording_sink import RecordingSink
+from liftgate_hil.running.recording_trigger import Triggered
+
+if TYPE_CHECKING:
+    from liftgate_hil.formats.content import Content
+    from liftgate_hil.loop.observers import Sink
+    from liftgate_hil.loop.statistics import Summary
+    from liftgate_hil.running.plan import Plan
+
+
+class Recordings:
+    """Files of a run, open until the stack is left. `sinks` fill them; there is none where nothing is recorded."""
+
+    def __init__(
+        self, plan: Plan, content: Content, say: Say, stack: contextlib.ExitStack, epoch_ns: int = 0
+    ) -> None:
+        options = plan.options
+        self._writers = open_writers(options.records, content, options.limit(), say, stack)
+        self._triggered = None if plan.trigger is None else Triggered(plan.trigger)
+        sink = RecordingSink(self._writers, epoch_ns, self._triggered)
+        stack.callback(sink.flush)  # before the files are closed
+        self.sinks: list[Sink] = [sink] if self._writers else []
+
+    def note(self, summary: Summary) -> None:
+        """Enter files and windows in the figures of the run; they are whole once the stack is closed."""
+        summary.recordings = [file for each in self._writers for file in each.files]
+        if self._triggered is not None:
+            summary.recording_windows = self._triggered.count
+
+    def failures(self) -> list[str]:
+        """Return why files are not complete."""
+        return failures_of(self._writers)
