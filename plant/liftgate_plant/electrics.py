@@ -358,14 +358,10 @@ def electrics_of(
     load = inputs.load
     rise = load.supply_rise
     source = load.supply_voltage - 0.5 * rise
-    ohms_l, ohms_r = (
-        resistance_soon(plant.left, state.left, step),
-        resistance_soon(plant.right, state.right, step),
-    )
-    switches_l, switches_r = (
-        is_chopped(plant.left, inputs.left),
-        is_chopped(plant.right, inputs.right),
-    )
+    ohms_l = resistance_soon(plant.left, state.left, step)
+    ohms_r = resistance_soon(plant.right, state.right, step)
+    switches_l = is_chopped(plant.left, inputs.left)
+    switches_r = is_chopped(plant.right, inputs.right)
     now_l, now_r = NO_COURSE, NO_COURSE
     if switches_l or switches_r:
         fed_l = fed_of(plant.left, state.left, inputs.left, ohms_l)
@@ -394,44 +390,18 @@ def electrics_of(
         switching_l = switching_of(plant.left, inputs.left.duty, now_l)
     if switches_r:
         switching_r = switching_of(plant.right, inputs.right.duty, now_r)
+    left, right = state.left, state.right
     response_l, response_r, phi_l, phi_r = solve_windings(
-        winding_l,
-        winding_r,
-        state.left.current,
-        state.right.current,
-        state.left.speed,
-        state.right.speed,
-        load.supply_voltage,
-        plant.source_resistance,
-        step,
-    )
+        winding_l, winding_r, left.current, right.current, left.speed, right.speed,
+        load.supply_voltage, plant.source_resistance, step,
+    )  # fmt: skip
     if plant.source_resistance > 0.0:  # otherwise the modes are those of the windings already
         phi_l = phi_functions(-winding_l.resistance / winding_l.inductance * step)
         phi_r = phi_functions(-winding_r.resistance / winding_r.inductance * step)
     return (
-        electric_of(
-            plant.left,
-            state.left,
-            state.right,
-            winding_l,
-            coast_l,
-            switching_l,
-            response_l,
-            phi_l,
-            step,
-        ),
-        electric_of(
-            plant.right,
-            state.right,
-            state.left,
-            winding_r,
-            coast_r,
-            switching_r,
-            response_r,
-            phi_r,
-            step,
-        ),
-    )
+        electric_of(plant.left, left, right, winding_l, coast_l, switching_l, response_l, phi_l, step),
+        electric_of(plant.right, right, left, winding_r, coast_r, switching_r, response_r, phi_r, step),
+    )  # fmt: skip
 
 
 @compilable

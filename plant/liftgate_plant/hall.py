@@ -15,29 +15,16 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_plant.compiler import compilable, outlined
+from liftgate_plant.edge_ring import MOST_EDGES, EdgeRing, write_edge
 from liftgate_plant.faults import HallFault
 from liftgate_plant.noise import gaussian, uniform
 
 LEFT, RIGHT = 0, 1
 A, B = 0, 1
 
-EDGE = np.dtype(
-    [
-        ("time_s", "f8"),  # s, model time of the edge
-        ("drive", "i8"),  # LEFT, RIGHT
-        ("channel", "i8"),  # A, B
-        ("level", "i8"),  # level after the edge, 0 or 1
-    ]
-)
-
 _EDGES_OF_A_TURN = 4
-_MOST_EDGES = (
-    2**17
-)  # edges of a drive in a tick; 1e4 counts a turn at 1300 rev/s make 130,000 in 10 ms
-RING_SIZE = 4 * _MOST_EDGES  # size of a ring that loses no edges: twice what a tick may add
 _FARTHEST = 1e12  # steps; positions beyond it are ignored, so that counts fit into 64 bits
 MOST_DISPLACED = 0.45  # steps; edges displaced farther would overtake each other
 _JITTER, _PITCH, _MISSING, _EXTRA = 8, 10, 16, 18  # channels of the noise, plus the drive's number
@@ -70,13 +57,7 @@ class Tick(NamedTuple):
     length: float
     seed: int
     is_sample: bool  # whether a sample period of the Hall speed ends with this tick
-
-
-class EdgeRing(NamedTuple):
-    """Ring buffer of both drives' last edges; written in place."""
-
-    rows: Any  # (n,) EDGE
-    written: NDArray[np.int64]  # (1,), number of edges so far
+    number: int = 0  # of the tick; the first one is 1
 
 
 # Hall sensors of one drive: state of the decoder, and what an ECU's timer has captured. Written in place, so
@@ -205,17 +186,6 @@ def period_speed(hall: Any, now: float) -> float:
     if age <= hall.period or hall.period == 0.0:
         return float(hall.period_speed)
     return float(hall.period_speed * hall.period / age)
-
-
-@compilable
-def write_edge(ring: EdgeRing, time: float, drive: int, channel: int, level: int) -> None:
-    """Write an edge into the ring buffer."""
-    row = ring.rows[ring.written[0] % len(ring.rows)]
-    row.time_s = time
-    row.drive = drive
-    row.channel = channel
-    row.level = level
-    ring.written[0] += 1
 
 
 @compilable
@@ -373,7 +343,7 @@ def move(
         return
     path = path_of(encoder, Shaft(hall.position, hall.motor_speed), now, tick.length)
     if (
-        abs(end - path.start) > _MOST_EDGES
+        abs(end - path.start) > MOST_EDGES
     ):  # too far for a motor: the state was set, or has diverged
         step = math.floor(end)
         hall.count += step - hall.step
@@ -450,23 +420,3 @@ def _first_step(encoder: Encoder, position: float, drive: int) -> int:
     if place >= step + 1.0 + displacement(still, step, 1, drive, 0, 0):
         return step + 1
     return step - 1 if place < step + displacement(still, step - 1, 1, drive, 0, 0) else step
-
-
-def edge_ring(size: int) -> EdgeRing:
-    """Return an empty ring buffer for the last `size` edges."""
-    return EdgeRing(np.zeros(size, dtype=EDGE).view(np.recarray), np.zeros(1, dtype=np.int64))
-
-
-def edges_after(ring: EdgeRing, seen: int) -> Any:
-    """Return the edges (n,) EDGE of the ticks after the first `seen` edges, in the order of time, as a copy.
-
-    Raises ValueError where the ring has lost some.
-    """
-    written = int(ring.written[0])
-    if written - seen > len(ring.rows):
-        raise ValueError(f"{written - seen} edges in a ring of {len(ring.rows)}")
-    places = np.arange(seen, written) % len(ring.rows)
-    rows = ring.rows[places]
-    return rows[
-        np.argsort(rows.time_s, kind="stable")
-    ]  # within a tick, one drive's edges come after the other's

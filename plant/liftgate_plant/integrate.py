@@ -34,7 +34,7 @@ from liftgate_plant.drive_step import (
     stopping,
     would_slip,
 )
-from liftgate_plant.dynamics import Frictions, Inputs, Load, Plant, State
+from liftgate_plant.dynamics import DriveState, Frictions, Inputs, Load, Plant, State
 from liftgate_plant.electrics import Electric
 from liftgate_plant.gate_step import (
     Motion,
@@ -233,6 +233,35 @@ def slipped_in(
 
 
 @compilable
+def next_drives(
+    plant: Plant,
+    state: State,
+    inputs: Inputs,
+    windings: tuple[Electric, Electric],
+    new: Speeds,
+    slips: Slips,
+    step: float,
+) -> tuple[DriveState, DriveState, Flow]:
+    """Return both drives' states at the end of a step with these new speeds, and the currents' course in it."""
+    electric_l, electric_r = windings
+    ambient = inputs.load.ambient_temperature
+    slipped_l, slipped_r = slipped_in(plant, state, inputs.load, new, slips, step)
+    path_l = path_in(
+        plant.left, electric_l, state.left, inputs.left.coast, new.left, new.right, step
+    )
+    path_r = path_in(
+        plant.right, electric_r, state.right, inputs.right.coast, new.right, new.left, step
+    )
+    left = next_drive(
+        plant.left, state.left, electric_l, path_l, new.left, slipped_l, ambient, step
+    )
+    right = next_drive(
+        plant.right, state.right, electric_r, path_r, new.right, slipped_r, ambient, step
+    )
+    return left, right, Flow(path_l, path_r)
+
+
+@compilable
 def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[State, Flow]:
     """Return the state `step` seconds later, and both currents' course; the inputs hold during the step."""
     inputs = dynamics.past_the_lines(plant, given)
@@ -259,7 +288,6 @@ def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[St
         new, would = new_speeds(plant, state, load, frictions, windings, new, slips, latched, step)
         if k == 0 and (would.left != 0.0 or would.right != 0.0):
             slips, count = would, _PASSES_SLIPPING
-    electric_l, electric_r = windings
 
     angle, rate = 0.0, 0.0
     if not latched:
@@ -271,21 +299,7 @@ def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[St
             angle, rate, latched = 0.0, 0.0, True
     elif held:
         angle = state.gate_angle
-    ambient = load.ambient_temperature
-    slipped_l, slipped_r = slipped_in(plant, state, load, new, slips, step)
-    path_l = path_in(
-        plant.left, electric_l, state.left, inputs.left.coast, new.left, new.right, step
-    )
-    path_r = path_in(
-        plant.right, electric_r, state.right, inputs.right.coast, new.right, new.left, step
-    )
-    left = next_drive(
-        plant.left, state.left, electric_l, path_l, new.left, slipped_l, ambient, step
-    )
-    right = next_drive(
-        plant.right, state.right, electric_r, path_r, new.right, slipped_r, ambient, step
-    )
-    flow = Flow(path_l, path_r)
+    left, right, flow = next_drives(plant, state, inputs, windings, new, slips, step)
     twist = state.twist + 0.5 * step * (state.twist_rate + new.twist_rate)
     if is_simple:
         caught = latch.held_home(latched)

@@ -13,12 +13,11 @@ from liftgate_plant import sensors
 from liftgate_plant.bridge import DriveInput, drive_input
 from liftgate_plant.compiler import compilable, picked
 from liftgate_plant.current import effective, peak
-from liftgate_plant.dynamics import Frictions, Inputs, Load, Outputs, State
+from liftgate_plant.dynamics import Frictions, Inputs, Load
 from liftgate_plant.faults import DriveFaults, Faults
-from liftgate_plant.integrate import Flow
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import Pinch
-from liftgate_plant.sensors import Sensors
+from liftgate_plant.sensors import Sensors, View
 from liftgate_plant.signals import Drives, Surroundings, Truth, switched
 
 _DEGREES = 180.0 / math.pi
@@ -148,21 +147,9 @@ def surroundings_of(load: Load) -> Surroundings:
 
 
 @compilable
-def truth_of(
-    sensor: Sensors,
-    time: float,
-    state: State,
-    inputs: Inputs,
-    shown: Outputs,
-    contact: Pinch,
-    flow: Flow,
-    step: float,
-) -> Truth:
-    """Return the row of true values of a state.
-
-    It has the inputs that led to the state, its outputs under them, the last contact, and the currents during the
-    step [s] before.
-    """
+def truth_of(sensor: Sensors, time: float, view: View, contact: Pinch, step: float) -> Truth:
+    """Return the row of true values of a plant at a time [s], with the last contact, after a step [s]."""
+    state, inputs, shown, flow = view
     left, right, around = state.left, state.right, surroundings_of(inputs.load)
     return Truth(
         time_s=time,

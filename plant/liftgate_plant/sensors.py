@@ -20,16 +20,15 @@ from numpy.typing import NDArray
 from liftgate_plant.compiler import compilable
 from liftgate_plant.current import CurrentPath, scaled, shifted
 from liftgate_plant.dynamics import Inputs, Outputs, Plant, State
+from liftgate_plant.edge_ring import EdgeRing, edge_ring
 from liftgate_plant.faults import CurrentFault, Faults
 from liftgate_plant.gate import GRAVITY
 from liftgate_plant.hall import (
     LEFT,
     RIGHT,
-    EdgeRing,
     Encoder,
     Shaft,
     Tick,
-    edge_ring,
     ideal_count,
     initial_halls,
     period_speed,
@@ -258,37 +257,38 @@ def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> Sensor
     )
 
 
+class View(NamedTuple):
+    """Plant at the end of a tick: state, the inputs that led to it, outputs, and the currents' course before."""
+
+    state: State
+    inputs: Inputs
+    outputs: Outputs
+    flow: Flow
+
+
 @compilable
-def sense(
-    sensors: Sensors,
-    faults: Faults,
-    plant: Plant,
-    state: State,
-    inputs: Inputs,
-    outputs: Outputs,
-    flow: Flow,
-    memory: SensorState,
-    seed: int,
-    tick: int,
-    step: float,
-) -> tuple[SensorState, Sensed]:
-    """Read all sensors at the end of tick number `tick`."""
-    load = inputs.load
-    degrees = 180.0 / math.pi
-    now = tick * step
-    encoder = encoder_of(sensors)
+def tick_of(sensors: Sensors, seed: int, number: int, step: float) -> Tick:
+    """Return the time of the readings at the end of tick `number` (from 1 on), of `step` seconds."""
     period = max(1, round(sensors.hall_sample_period / step))
-    when = Tick((tick - 1) * step, step, seed, tick % period == 0)
+    return Tick((number - 1) * step, step, seed, number % period == 0, number)
+
+
+@compilable
+def read_drives(
+    sensors: Sensors, faults: Faults, plant: Plant, view: View, memory: SensorState, when: Tick
+) -> None:
+    """Read the current sensors and Hall encoders of both drives; `memory` is written in place."""
+    encoder, inputs = encoder_of(sensors), view.inputs
     currents, halls = memory.currents, memory.halls
     for drive in range(len(halls)):  # not unrolled, as the body would be compiled once per drive
         motor, fault = plant.left.motor, faults.left
-        shaft, path = state.left, flow.left
+        shaft, path = view.state.left, view.flow.left
         if drive == RIGHT:
             motor, fault = plant.right.motor, faults.right
-            shaft, path = state.right, flow.right
+            shaft, path = view.state.right, view.flow.right
         before = Shaft(halls[drive].position, halls[drive].motor_speed)
         after = Shaft(shaft.position, shaft.speed)
-        noise = disturbance(sensors.current_noise, seed, tick, drive)
+        noise = disturbance(sensors.current_noise, when.seed, when.number, drive)
         window = Window(currents[drive, 0], currents[drive, 2])
         window, reading = sensed_current(
             sensors, fault.current, motor, path, before, after, window, noise, when
@@ -299,6 +299,18 @@ def sense(
             reading = broken_reading(sensors, fault.current, duty, reading, currents[drive, 1])
         currents[drive, 1] = reading
         read_hall(encoder, fault.hall, halls, after, when, drive, memory.edges)
+
+
+@compilable
+def sense(
+    sensors: Sensors, faults: Faults, plant: Plant, view: View, memory: SensorState, when: Tick
+) -> tuple[SensorState, Sensed]:
+    """Read all sensors at the end of a tick; `memory` is written in place."""
+    state, outputs, load = view.state, view.outputs, view.inputs.load
+    degrees, seed, tick = 180.0 / math.pi, when.seed, when.number
+    now = tick * when.length
+    read_drives(sensors, faults, plant, view, memory, when)
+    currents, halls = memory.currents, memory.halls
     hall_l, hall_r, pinched = halls[LEFT], halls[RIGHT], outputs.pinch_force
     angle = (state.gate_angle + sensors.angle_offset) * degrees
     angle += degrees * disturbance(sensors.angle_noise, seed, tick, 2)
@@ -307,11 +319,10 @@ def sense(
     latched = state.latched if np.isnan(faults.latch_reading) else faults.latch_reading
     slope = load.road_slope + sensors.slope_offset + disturbance(sensors.slope_noise, seed, tick, 3)
     weight = GRAVITY * math.cos(state.gate_angle + plant.link.gravity_angle + load.road_slope)
-    acceleration = (
-        sensors.acceleration_distance * outputs.gate_acceleration
-        + weight
-        + disturbance(sensors.acceleration_noise, seed, tick, 4)
-    )
+    acceleration = sensors.acceleration_distance * outputs.gate_acceleration + weight
+    acceleration += disturbance(sensors.acceleration_noise, seed, tick, 4)
+    voltage = outputs.terminal_voltage + disturbance(sensors.voltage_noise, seed, tick, 5)
+    warmer = sensors.temperature_offset
     return (
         memory,
         Sensed(
@@ -335,17 +346,12 @@ def sense(
             right_period_speed_rps=period_speed(hall_r, now),
             gate_angle_deg=float(memory.angle[0]),
             latched=latched,
-            terminal_voltage_v=outputs.terminal_voltage
-            + disturbance(sensors.voltage_noise, seed, tick, 5),
-            ambient_temperature_degc=load.ambient_temperature + sensors.temperature_offset,
-            left_winding_temperature_degc=state.left.winding_temperature
-            + sensors.temperature_offset,
-            right_winding_temperature_degc=state.right.winding_temperature
-            + sensors.temperature_offset,
-            left_housing_temperature_degc=state.left.housing_temperature
-            + sensors.temperature_offset,
-            right_housing_temperature_degc=state.right.housing_temperature
-            + sensors.temperature_offset,
+            terminal_voltage_v=voltage,
+            ambient_temperature_degc=load.ambient_temperature + warmer,
+            left_winding_temperature_degc=state.left.winding_temperature + warmer,
+            right_winding_temperature_degc=state.right.winding_temperature + warmer,
+            left_housing_temperature_degc=state.left.housing_temperature + warmer,
+            right_housing_temperature_degc=state.right.housing_temperature + warmer,
             road_slope_deg=slope * degrees,
             gate_acceleration_mps2=acceleration,
             latch_half=switched(state.latch.claw >= HALF),

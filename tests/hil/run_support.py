@@ -120,7 +120,7 @@ def releasing(seed: int = 1) -> Scenario:
 def run_kept(scenario: Scenario, ecu: Any = "reference", **more: Any) -> tuple[lh.Result, Keeper]:
     """A run, and all that it gave."""
     keeper = Keeper()
-    options = RunOptions(clock="free", records=more.pop("records", ()))
+    options = RunOptions(clock="free", record=more.pop("records", ()))
     job = Job(scenario=scenario, ecu=ecu, options=options, **more)
     return run_plan(plan_of(job), sinks=[keeper]), keeper
 

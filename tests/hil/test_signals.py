@@ -30,7 +30,7 @@ from liftgate_hil.signals import (
     Timing,
     columns_of,
 )
-from liftgate_hil.stimuli.mailbox import HELD
+from liftgate_hil.stimuli.held_values import HELD
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.rows import AT, INPUT_COLUMNS
 from liftgate_plant.signals import (

@@ -14,18 +14,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from liftgate_plant.compiler import compiled
+from liftgate_plant.edge_ring import EdgeRing, edge_ring
 from liftgate_plant.faults import SOUND_HALL
 from liftgate_plant.hall import (
     HALL,
     A,
     B,
-    EdgeRing,
     Encoder,
     Shaft,
     Tick,
     decoded,
     displacement,
-    edge_ring,
     hall_levels,
     ideal_count,
     initial_halls,
@@ -198,7 +197,8 @@ LOST = """
 import math
 from liftgate_plant.compiler import compiled
 from liftgate_plant.faults import SOUND_HALL
-from liftgate_plant.hall import Encoder, Shaft, Tick, edge_ring, initial_halls, read_hall
+from liftgate_plant.edge_ring import edge_ring
+from liftgate_plant.hall import Encoder, Shaft, Tick, initial_halls, read_hall
 wheel, ring = Encoder(4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, True), edge_ring(16)
 still = Shaft(0.0, 0.0)
 halls = initial_halls(wheel, still, still)

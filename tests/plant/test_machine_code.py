@@ -170,7 +170,9 @@ def window(row: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
 
 
 def test_an_array_that_python_does_not_have_is_not_returned():
-    with pytest.raises(RuntimeError, match="window returns an array that is none of its arguments"):
+    with pytest.raises(
+        RuntimeError, match="window returns an array that is not one of its arguments"
+    ):
         compiled(window)(np.arange(3.0))
 
 

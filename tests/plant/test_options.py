@@ -292,9 +292,9 @@ def sensed(vehicle: Vehicle, rows: np.ndarray, step: float) -> list[Sensed]:
     for tick, row in enumerate(rows[1:], start=1):
         state = state_of(row)
         outputs, flow = dynamics.outputs(plant, state, given_inputs), integrate.resting(state)
-        memory, reading = sensors.sense(
-            vehicle.sensors, SOUND, plant, state, given_inputs, outputs, flow, memory, 1, tick, step
-        )
+        view = sensors.View(state, given_inputs, outputs, flow)
+        when = sensors.tick_of(vehicle.sensors, 1, tick, step)
+        memory, reading = sensors.sense(vehicle.sensors, SOUND, plant, view, memory, when)
         readings.append(reading)
     return readings
 

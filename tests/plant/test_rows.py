@@ -20,7 +20,14 @@ from liftgate_plant.integrate import Flow, resting
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import Pinch
 from liftgate_plant.rows import AT, INPUT_COLUMNS, inputs_of, overlaid, truth_of
-from liftgate_plant.sensors import Sensors, SensorState, initial_sensors, sense
+from liftgate_plant.sensors import (
+    Sensors,
+    SensorState,
+    View,
+    initial_sensors,
+    sense,
+    tick_of,
+)
 from liftgate_plant.signals import Sensed, Surroundings, Truth
 from liftgate_plant.vehicle import plant_of
 from tests.plant.distinct import distinct
@@ -41,7 +48,9 @@ def test_every_field_of_the_truth_is_taken_from_where_it_is(which: str) -> None:
     shown, load = distinct(Outputs, numbers), inputs.load
     contact = distinct(Pinch, numbers)
     flow = distinct(Flow, numbers)
-    truth = called(truth_of, which)(Sensors(), 0.25, state, inputs, shown, contact, flow, 1e-3)
+    truth = called(truth_of, which)(
+        Sensors(), 0.25, View(state, inputs, shown, flow), contact, 1e-3
+    )
     expected = {
         "time_s": 0.25,
         "gate_angle_deg": state.gate_angle * DEGREES,
@@ -114,9 +123,8 @@ def test_every_field_of_what_is_sensed_is_taken_from_where_it_is(which: str) -> 
         hall.count += 1000
         for name, value in timers[side].items():
             setattr(hall, name, value)
-    after, sensed = called(sense, which)(
-        IDEAL, SOUND, plant, state, inputs, shown, resting(state), memory, 0, 5, 0.001
-    )
+    view, when = View(state, inputs, shown, resting(state)), tick_of(IDEAL, 0, 5, 0.001)
+    after, sensed = called(sense, which)(IDEAL, SOUND, plant, view, memory, when)
     weight = GRAVITY * math.cos(state.gate_angle + plant.link.gravity_angle + load.road_slope)
     expected = {
         "gate_angle_deg": state.gate_angle * DEGREES,
@@ -166,9 +174,9 @@ def test_each_hall_level_is_that_of_its_own_sensor(steps: tuple[int, int]) -> No
         left=state.left._replace(position=left), right=state.right._replace(position=right)
     )
     memory: SensorState = initial_sensors(IDEAL, state)
-    _, sensed = sense(
-        IDEAL, SOUND, plant_of(suv()), state, inputs, shown, resting(state), memory, 0, 1, 0.001
-    )
+    view = View(state, inputs, shown, resting(state))
+    when = tick_of(IDEAL, 0, 1, 0.001)
+    _, sensed = sense(IDEAL, SOUND, plant_of(suv()), view, memory, when)
     levels = {0: (0.0, 0.0), 1: (1.0, 0.0), 2: (1.0, 1.0), 3: (0.0, 1.0)}
     assert (sensed.left_hall_a, sensed.left_hall_b) == levels[steps[0]]
     assert (sensed.right_hall_a, sensed.right_hall_b) == levels[steps[1]]
@@ -182,9 +190,8 @@ def noisy(name: str) -> set[str]:
 
     def read(sensors: Sensors) -> Sensed:
         memory = initial_sensors(sensors, state)
-        _, seen = sense(
-            sensors, SOUND, plant, state, inputs, shown, resting(state), memory, 3, 5, 0.001
-        )
+        view, when = View(state, inputs, shown, resting(state)), tick_of(sensors, 3, 5, 0.001)
+        _, seen = sense(sensors, SOUND, plant, view, memory, when)
         return seen
 
     before, after = read(Sensors()), read(Sensors()._replace(**{name: 0.01}))

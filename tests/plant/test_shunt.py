@@ -119,9 +119,9 @@ def readings(
             state, flow = integrate.advance(plant, state, inputs, step)
             done += 1
             shown = outputs(plant, state, inputs)
-            memory, sensed = sensors.sense(
-                table, SOUND, plant, state, inputs, shown, flow, memory, 0, done, step
-            )
+            view = sensors.View(state, inputs, shown, flow)
+            when = sensors.tick_of(table, 0, done, step)
+            memory, sensed = sensors.sense(table, SOUND, plant, view, memory, when)
             if done % every == 0:
                 out[written] = sensed.left_current_a
                 written += 1

@@ -103,7 +103,7 @@ def test_a_python_ecu_that_hangs_is_given_up(
     code, error = stopped_when_it_hangs(tmp_path, number, *given, "--ecu", "theirs:Ecu")
     assert code == 128 + number
     (cause,) = (line for line in error.splitlines() if line.startswith("liftgate-hil: "))
-    assert "no answer" in cause
+    assert "no response" in cause
     assert "Traceback" not in error
 
 
@@ -114,7 +114,7 @@ def test_a_library_that_hangs_is_given_up(tmp_path: Path, command: str, number: 
     flags = ["--bus", f"virtual:{uuid.uuid4()}"] if command == "ecu" else ["--no-record"]
     code, error = stopped_when_it_hangs(tmp_path, number, command, "--ecu", library, *flags)
     assert code == 128 + number
-    assert "no answer" in error
+    assert "no response" in error
     assert "Traceback" not in error
 
 

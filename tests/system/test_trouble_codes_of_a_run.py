@@ -152,7 +152,7 @@ def test_without_an_answer_nothing_can_be_said(
     ecu = Answering(answers)
     result = lh.run(short(duration=1.45), ecu=ecu)
     assert {each.verdict for each in result.expectations.values()} == {"inconclusive"}
-    reason = f"no answer to reading the trouble codes in its window, 0 to 1.45 s{said}"
+    reason = f"no response to reading the trouble codes in its window, 0 to 1.45 s{said}"
     assert {each.reason for each in result.expectations.values()} == {reason}
     assert [request for _, request in ecu.requests] == requests
 
@@ -238,8 +238,8 @@ def test_what_is_missing_is_told(
     with pytest.raises(ConfigError) as caught:
         lh.run(short(), rig=bare)
     assert caught.value.issues == [
-        f"{short()}: expect[0].dtc: U1A01-87: the rig has no [diagnostics]; allowed: with one that has, with "
-        "request and response"
+        f"{short()}: expect[0].dtc: U1A01-87: the rig has no [diagnostics]; allowed: a rig with "
+        "[diagnostics] request and response"
     ]
     monkeypatch.setitem(sys.modules, "udsoncan", None)
     with pytest.raises(ConfigError, match=r"trouble codes need udsoncan; .*'liftgate-hil\[uds\]'"):

@@ -205,7 +205,7 @@ def test_bus_off_is_told_and_its_end(
 ) -> None:
     record = tmp_path / "run.csv"
     commands = telling_commands(rig)
-    hint = "is bus-off; to have it restart: ip link set vcan0 type can restart-ms 100"
+    hint = "is bus-off; to restart it automatically: ip link set vcan0 type can restart-ms 100"
     with emulator(bus, "--json", "--record", str(record)) as gate, raw_socket() as raw:
         for cycle in range(link_cycles):
             off = (ERROR_FRAME | BUS_OFF, bytes(8))
@@ -250,9 +250,7 @@ def pair() -> Iterator[None]:
 
 @pytest.mark.usefixtures("pair")
 def test_a_lost_carrier_is_told_as_bus_off_would_be(ip: Tool, bus: Bus, link_cycles: int) -> None:
-    hint = (
-        "is not running (bus-off?); to have it restart: ip link set vcan0 type can restart-ms 100"
-    )
+    hint = "is not running (bus-off?); to restart it automatically: ip link set vcan0 type can restart-ms 100"
     with emulator(bus, "--json") as gate:
         held = gate.holds()
         for cycle in range(link_cycles):

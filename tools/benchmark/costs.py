@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import backdate
 from liftgate_hil.loop.advance import advance
+from liftgate_hil.loop.arrivals import longest_wait
 from liftgate_hil.loop.datagrams import Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.priority import Realtime
 from liftgate_hil.loop.realtime_loop import (
@@ -27,7 +28,6 @@ from liftgate_hil.loop.realtime_loop import (
     RunParams,
     clock_ns,
     count_bits,
-    longest_wait,
     make_room,
     next_row,
     note_arrivals,
@@ -39,7 +39,6 @@ from liftgate_hil.loop.rings import Memory, Shared
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force, tick
 from liftgate_hil.running.setup import loop_config_of, rig_from, start_of, vehicle_from
 from liftgate_hil.signals import Bench
-from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.stimulus_plan import (
     StimulusPlan,
@@ -99,7 +98,6 @@ def hot_ticks(
             write_frames(peer.descriptor, peer.buffers, peer.command, 0)
         begin = clock_ns(1, room)
         frames = receive(shared, params, room)
-        take_letters(shared.box, stimuli.held)
         now = state.tick * config.step
         if turns(stimuli, now) or is_new:
             gate, is_new = in_force(config, stimuli.faults.row), False

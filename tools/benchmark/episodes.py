@@ -131,10 +131,11 @@ def plant_steps(
         )
         plant, flow = integrate.advance(config.plant, plant, inputs, config.step)
         shown = dynamics.outputs(config.plant, plant, inputs)
+        view = sensors.View(plant, inputs, shown, flow)
+        when = sensors.tick_of(config.sensors, config.seed, k + 1, config.step)
         memory, sensed = sensors.sense(
-            config.sensors, config.faults, config.plant, plant, inputs, shown, flow, memory,
-            config.seed, k + 1, config.step,
-        )  # fmt: skip
+            config.sensors, config.faults, config.plant, view, memory, when
+        )
         fill(seen[k % 2], 0, sensed)
     return plant
 

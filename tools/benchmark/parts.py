@@ -73,9 +73,9 @@ def many(case: Case, memory: SensorState, seen: NDArray[np.float64], count: int)
         inputs = Inputs(drive, drive, case.load, frictions)
         state, flow = integrate.advance(case.plant, state, inputs, STEP)
         shown = dynamics.outputs(case.plant, state, inputs)
-        memory, sensed = sensors.sense(
-            case.sensors, SOUND, case.plant, state, inputs, shown, flow, memory, 1, k + 1, STEP
-        )
+        view = sensors.View(state, inputs, shown, flow)
+        when = sensors.tick_of(case.sensors, 1, k + 1, STEP)
+        memory, sensed = sensors.sense(case.sensors, SOUND, case.plant, view, memory, when)
         fill(seen[k % 2], 0, sensed)
     return state.gate_angle
 

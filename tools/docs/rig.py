@@ -89,7 +89,9 @@ _ANYWAY = {
     "checksum": _OWN_OR_TABLE,
     "data_id_nibble": _OWN,
     "dbc": "a DBC, ARXML, KCD or SYM file",
-    **dict.fromkeys((key for key in STATES if key != "window"), "a whole number of 0 to `window`"),
+    **dict.fromkeys(
+        (key for key in STATES if key != "window"), "a whole number from 0 to `window`"
+    ),
 }
 
 _CHECKSUM = """\

@@ -75,7 +75,7 @@ def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for clock in CLOCKS:
             records, when = (Path(folder) / "run.csv",), ("time_s > 0",)
-            options = RunOptions(clock=clock, duration=0.001, records=records, record_when=when)
+            options = RunOptions(clock=clock, duration=0.001, record=records, record_when=when)
             job = Job(scenario=None, ecu="reference", options=options, listener=_Compiling(teller))
             result = execute(plan_of(job), stopped)
             if result.verdict == ERROR:

@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()
     folder = _folder(args)
-    has_wire = any(name is not None for name in (args.bus, args.interface, args.serial))
+    has_wire = options.wire_choice(args).is_given
     is_whole = args.scenario in (None, "demo") and args.duration is None
     is_ours, mark = args.ecu == REFERENCE, ""
     judged = _LEARNED if is_ours else _JUDGED

@@ -26,8 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="of each measurement of lateness; default: 2; an hour shows what is rare",
     )
-    options.add_rate(parser)
-    options.add_realtime(parser)
+    options.add_options(parser, "rate", *options.MACHINE)
     parser.add_argument("--quiet", action="store_true", help="only what isn't ok")
     parser.add_argument("--json", action="store_true", help="print checks and figures as JSON")
 

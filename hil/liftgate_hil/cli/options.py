@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import argparse
-import math
+import contextlib
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.config.kinds import SEED, Choice, Flag, Kind, Number, Whole
+from liftgate_hil.errors import ConfigIssues
+from liftgate_hil.running.options import OPTIONS, RunOptions
 
 if TYPE_CHECKING:
-    from liftgate_hil.running.options import RunOptions
     from liftgate_hil.running.setup import Setup
     from liftgate_hil.transport.can_arguments import WireChoice
     from liftgate_plant.vehicle import Vehicle
 
-MAX_RATE = 10_000.0
+MACHINE = ("realtime", "cpu")  # options about what the program requests of the machine
 LISTEN = "127.0.0.1:8765"
+_PARSERS: Mapping[type, Callable[[str], Any]] = {Number: float, Whole: int}
 _ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
 
 
@@ -26,36 +30,51 @@ def as_flags(text: str) -> str:
     return _ARGUMENT.sub(lambda match: "--" + match[1].replace("_", "-"), text)
 
 
-def bounded(low: float, high: float, unit: str) -> Callable[[str], float]:
-    """Return an argparse type: a finite number within [low, high]."""
+def of_kind(kind: Kind) -> Callable[[str], Any]:
+    """Return an argparse type that reads the values of a kind."""
 
-    def convert(value: str) -> float:
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not low <= number <= high:
-            raise argparse.ArgumentTypeError(
-                f"{value!r}; allowed: {low:g} to {high:g} {unit}".rstrip()
-            )
-        return number
+    def convert(text: str) -> Any:
+        value: Any = text
+        with contextlib.suppress(ValueError):
+            value = _PARSERS.get(type(kind), str)(text)
+        issues = ConfigIssues("")
+        found = kind.read(issues, "", value)
+        if issues.count:
+            raise argparse.ArgumentTypeError(f"{text!r}; allowed: {kind.allowed}")
+        return found
 
     return convert
+
+
+def bounded(low: float, high: float, unit: str) -> Callable[[str], float]:
+    """Return an argparse type: a finite number within [low, high]."""
+    return of_kind(Number(low, high, unit))
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
     """Return an argparse type: a whole number within [low, high]."""
+    return of_kind(Whole(low, high))
 
-    def convert(value: str) -> int:
-        try:
-            number = int(value)
-        except ValueError:
-            number = low - 1
-        if not low <= number <= high:
-            raise argparse.ArgumentTypeError(f"{value!r}; allowed: {low} to {high}")
-        return number
 
-    return convert
+def add_options(parser: argparse.ArgumentParser, *names: str, **defaults: Any) -> None:
+    """Add the flags of run options; `defaults` replace those of RunOptions."""
+    for name in names:
+        option, default = OPTIONS[name], defaults.get(name, getattr(RunOptions, name))
+        flag, told = "--" + name.replace("_", "-"), option.otherwise
+        if not told and isinstance(default, float | str):
+            told = default if isinstance(default, str) else f"{default:g}"
+        text = f"{option.help}; default: {told}" if told else option.help
+        if isinstance(option.kind, Flag):
+            parser.add_argument(flag, action="store_true", help=text)
+        elif isinstance(option.kind, Choice):
+            words = option.kind.words
+            parser.add_argument(flag, choices=words, default=default, help=text)
+        elif default == ():
+            meta = option.metavar
+            parser.add_argument(flag, action="append", default=[], metavar=meta, help=text)
+        else:
+            kind, meta = of_kind(option.kind), option.metavar
+            parser.add_argument(flag, type=kind, default=default, metavar=meta, help=text)
 
 
 def add_bus(parser: argparse.ArgumentParser) -> None:
@@ -92,25 +111,11 @@ def wire_choice(args: argparse.Namespace) -> WireChoice:
 
 
 def run_options(args: argparse.Namespace) -> RunOptions:
-    """Return the options from the flags of `add_loop` and `add_output`. Raises ConfigError."""
-    from liftgate_hil.config.arguments import size_of
-    from liftgate_hil.formats.open import check_file
-    from liftgate_hil.running.options import RunOptions
+    """Return the options from the flags of `add_options`. Raises ConfigError."""
+    from liftgate_hil.running import options
 
-    return RunOptions(
-        rate=args.rate,
-        clock=args.clock,
-        duration=args.duration,
-        overrun_limit=args.overrun_limit,
-        wall_timeout=args.wall_timeout,
-        records=tuple(check_file("record", name) for name in args.record),
-        record_limit=size_of("record_limit", args.record_limit),
-        record_keep=args.record_keep,
-        record_when=tuple(args.record_when),
-        record_before=args.record_before,
-        record_after=args.record_after,
-        realtime=args.realtime,
-        cpu=args.cpu,
+    return options.run_options(
+        {name: value for name, value in vars(args).items() if name in OPTIONS}
     )
 
 
@@ -125,7 +130,7 @@ def add_setup(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seed",
-        type=whole(0, 2**32 - 1),
+        type=of_kind(SEED),
         help="of noise and of what differs from run to run; default: the scenario's, else 0",
     )
 
@@ -159,7 +164,7 @@ def add_vehicle(
     )
     parser.add_argument(
         "--draw",
-        type=whole(0, 2**32 - 1),
+        type=of_kind(SEED),
         metavar="SEED",
         help="one car of the vehicle file's [spread]; default: the file's own values",
     )
@@ -179,59 +184,7 @@ def vehicle_of(args: argparse.Namespace) -> Vehicle:
 
 def add_loop(parser: argparse.ArgumentParser) -> None:
     """Add the flags for the loop."""
-    add_rate(parser)
-    parser.add_argument(
-        "--clock",
-        choices=("realtime", "free", "lockstep"),
-        default="realtime",
-        help="wall time; as fast as it goes; one command period per command frame",
-    )
-    parser.add_argument(
-        "--duration",
-        type=bounded(1e-3, 1e9, "s"),
-        metavar="S",
-        help="model time; default: the scenario's, else until stopped",
-    )
-    parser.add_argument(
-        "--overrun-limit",
-        type=bounded(1e-3, 3600.0, "s"),
-        default=1.0,
-        metavar="S",
-        help="end with an error when the loop falls this far behind; default: 1",
-    )
-    parser.add_argument(
-        "--wall-timeout",
-        type=bounded(1e-3, 1e9, "s"),
-        metavar="S",
-        help="end with an error when lockstep has waited this long for a command; default: for ever",
-    )
-    add_realtime(parser)
-
-
-def add_rate(parser: argparse.ArgumentParser) -> None:
-    """Add the flag for the rate of the loop."""
-    parser.add_argument(
-        "--rate",
-        type=bounded(200.0, MAX_RATE, "Hz"),
-        default=1000.0,
-        metavar="HZ",
-        help="ticks per second, 200 to 10000; default: 1000",
-    )
-
-
-def add_realtime(parser: argparse.ArgumentParser) -> None:
-    """Add the flags for what the program requests of the machine."""
-    parser.add_argument(
-        "--realtime",
-        action="store_true",
-        help="ask for FIFO scheduling, locked memory and a CPU; what is refused is told",
-    )
-    parser.add_argument(
-        "--cpu",
-        type=whole(0, 1023),
-        metavar="N",
-        help="the CPU for --realtime; default: an isolated one, else the last",
-    )
+    add_options(parser, "rate", "clock", "duration", "overrun_limit", "wall_timeout", *MACHINE)
 
 
 def add_ecu(parser: argparse.ArgumentParser, default: str, has_bus: bool = True) -> None:
@@ -288,39 +241,6 @@ def address_of(text: str) -> tuple[str, int]:
 
 def add_output(parser: argparse.ArgumentParser) -> None:
     """Add the flags for recordings and printed output."""
-    parser.add_argument(
-        "--record",
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="write a recording; the suffix picks the format: .csv .parquet the plant, .log .asc .blf .trc "
-        "the bus, .mf4 .mcap both (repeatable)",
-    )
-    parser.add_argument(
-        "--record-limit",
-        metavar="SIZE",
-        help="begin a new file at this size, e.g. 500MB: run.0001.csv, run.0002.csv, …",
-    )
-    parser.add_argument(
-        "--record-keep",
-        type=whole(2, 10**9),
-        metavar="N",
-        help="of these files keep the last N; default: all",
-    )
-    parser.add_argument(
-        "--record-when",
-        action="append",
-        default=[],
-        metavar="CONDITION",
-        help='record only around the ticks in which this is true, e.g. "pinch_force_n > 5", in the language of '
-        "scenarios (repeatable: any of them)",
-    )
-    for name in ("before", "after"):
-        parser.add_argument(
-            f"--record-{name}",
-            type=bounded(0.0, 600.0, "s"),
-            metavar="S",
-            help=f"and so long {name} that; default: 1",
-        )
+    add_options(parser, *(name for name in OPTIONS if name.startswith("record")))
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")

@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="play it so often, each time right after the last frame, or --to; default: 1",
     )
     rounds.add_argument("--loop", action="store_true", help="again and again, until stopped")
-    options.add_realtime(parser)
+    options.add_options(parser, *options.MACHINE)
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
 

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     check.add_argument("file", metavar="FILE", help="a rig, or the name of a shipped one")
     options.add_vehicle(check)
-    options.add_rate(check)
+    options.add_options(check, "rate")
     check.add_argument("--json", action="store_true", help="print the table as JSON")
     draft = actions.add_parser(
         "draft",

@@ -122,5 +122,5 @@ def _end_after(heard: int) -> None:
     while number not in (signal.SIGINT, signal.SIGTERM):
         number = os.read(heard, 1)[0]
     time.sleep(_HANG_S)
-    os.write(2, b"liftgate-hil: the ECU: no answer when it was to stop\n")
+    os.write(2, b"liftgate-hil: the ECU: no response to the request to stop\n")
     os._exit(128 + number)

@@ -19,6 +19,7 @@ from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.suite_reports import add_reports, summarise, targets_of, write
+from liftgate_hil.config.kinds import SEED
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, printable
 
@@ -39,24 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="scenario files, or folders of them; shipped: pack, pack/crank_dip",
     )
     options.add_ecu(parser, REFERENCE)
-    parser.add_argument(
-        "--clock",
-        choices=("realtime", "free", "lockstep"),
-        default="free",
-        help="wall time; as fast as it goes; one command period per command frame; default: free",
-    )
-    options.add_realtime(parser)
-    options.add_rate(parser)
+    options.add_options(parser, "clock", *options.MACHINE, "rate", "wall_timeout", clock="free")
     options.add_bus(parser)
     options.add_vehicle(parser, None, "default: each scenario's, else suv")
-    parser.add_argument("--seed", type=options.whole(0, 2**32 - 1), help="default: each scenario's")
+    parser.add_argument("--seed", type=options.of_kind(SEED), help="default: each scenario's")
     add_set_parameter(parser)
-    parser.add_argument(
-        "--wall-timeout",
-        type=options.bounded(1e-3, 1e9, "s"),
-        metavar="S",
-        help="end with an error when lockstep has waited this long for a command; default: for ever",
-    )
     parser.add_argument(
         "--jobs",
         type=options.whole(1, 1024),
@@ -148,12 +136,10 @@ def _mutated(
 def _template(args: argparse.Namespace, listener: Listener) -> Job:
     """Return the job from which that of each scenario is made. Raises ConfigError."""
     from liftgate_hil.running.job import Job
-    from liftgate_hil.running.options import RunOptions
     from liftgate_hil.running.setup import variant_of
 
     wire = options.wire_choice(args)
-    has_wire = any((wire.bus, wire.serial, wire.interface, wire.channel))
-    if has_wire and args.ecu != ON_A_BUS:
+    if wire.is_given and args.ecu != ON_A_BUS:
         raise ConfigError("`bus`: allowed together with --ecu bus; other ECUs are in this process")
     if args.mutants and (args.ecu != REFERENCE or args.clock != "free"):
         raise ConfigError("`mutants`: allowed with --ecu reference and --clock free")
@@ -166,16 +152,10 @@ def _template(args: argparse.Namespace, listener: Listener) -> Job:
         settings=tuple(args.settings),
         seed=args.seed,
         variant=variant_of(args.draw, args.ideal),
-        wire=wire if has_wire else None,
+        wire=wire if wire.is_given else None,
         is_summarized=bool(args.html or args.results),
         listener=listener,
-        options=RunOptions(
-            rate=args.rate,
-            clock=args.clock,
-            wall_timeout=args.wall_timeout,
-            realtime=args.realtime,
-            cpu=args.cpu,
-        ),
+        options=options.run_options(args),
     )
 
 
@@ -234,7 +214,7 @@ def _recorded(cases: Sequence[Case], folder: Path) -> list[Case]:
             name = f"{stem}-{count}"
         names.add(name)
         records = (folder / f"{name}.log", folder / f"{name}.csv")
-        job = replace(case.job, options=replace(case.job.options, records=records))
+        job = replace(case.job, options=replace(case.job.options, record=records))
         assert isinstance(case.plan, Plan)
         kept.append(replace(case, plan=case.plan.varied(job)))
     return kept

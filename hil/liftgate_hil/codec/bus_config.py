@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.bits import Place, write_number
 from liftgate_hil.codec.frames import EXTENDED, FD, MAX_BYTES
+from liftgate_hil.codec.multiplexing import MAX_PAGES, is_on, multiplexer_values, pages_of
 from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
 from liftgate_hil.codec.tables import (
     END_TO_END,
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
 LONGEST_MS = 60_000.0  # longest cycle of a message
 
 ANY = signals.Signal("", -np.inf, np.inf, "")  # quantity of an unconverted signal
-
-MAX_PAGES = 62  # bits used of SIGNAL's `pages`
 
 
 @dataclass(frozen=True)
@@ -129,7 +128,7 @@ def build_bus_config(
         pages = pages_of(message, [wire.signal for wire in own])
         if len(pages) > MAX_PAGES:
             issues.add(
-                name, f"{len(pages)} values of its multiplexer; allowed: up to {MAX_PAGES} mapped"
+                name, f"{len(pages)} multiplexer values are mapped; allowed: up to {MAX_PAGES}"
             )
             continue
         for wire in own:
@@ -259,7 +258,7 @@ def _check_overlap(
         if signal in taken:
             issues.add(
                 f"messages.{name}",
-                f"{signal} is {taken[signal]} and {what}; allowed: one per signal",
+                f"{signal} is {taken[signal]} and {what}; allowed: one use per signal",
             )
         if signal is not None:
             taken[signal] = what
@@ -267,7 +266,7 @@ def _check_overlap(
         if wire.signal in taken:
             issues.add(
                 wire.quantity,
-                f"{name}.{wire.signal} carries {taken[wire.signal]} too; allowed: one per signal",
+                f"{name}.{wire.signal} carries {taken[wire.signal]} too; allowed: one use per signal",
             )
         if sending:
             taken[wire.signal] = wire.quantity
@@ -308,48 +307,6 @@ def _enumeration(
             physical = factor * labels[value] + offset if isinstance(value, str) else float(value)
             pairs.append((float(quantity.values.index(name)), physical))
     return pairs
-
-
-def multiplexer_values(message: Message, signal: str) -> list[dict[str, int]]:
-    """Return the alternative sets of multiplexer values, by name, with which a signal is in the frame."""
-    found = message.get_signal_by_name(signal)
-    if found.multiplexer_signal is None or not found.multiplexer_ids:
-        return [{}]
-    return [
-        {found.multiplexer_signal: int(value), **above}
-        for value in found.multiplexer_ids
-        for above in multiplexer_values(message, found.multiplexer_signal)
-    ]
-
-
-def pages_of(message: Message, mapped: Iterable[str]) -> list[dict[str, int]]:
-    """Return the sets of multiplexer values with which a message is sent in turn, its pages.
-
-    Each mapped signal is on at least one page.
-    """
-    pages: list[dict[str, int]] = []
-    places = [multiplexer_values(message, signal) for signal in mapped]
-    for chains in sorted(places, key=len):  # signals with the fewest alternatives come first
-        if any(is_on(page, chains) for page in pages):
-            continue
-        free = [
-            (page, chain) for chain in chains for page in pages if not _contradicts(page, chain)
-        ]
-        if free:
-            page, chain = free[0]
-            page |= chain
-        else:
-            pages.append(dict(chains[0]))
-    return sorted(pages, key=lambda page: sorted(page.items())) or [{}]
-
-
-def is_on(page: Mapping[str, int], chains: Iterable[Mapping[str, int]]) -> bool:
-    """Whether a signal that is in the frame with the multiplexer values `chains` is on a page."""
-    return any(page.items() >= chain.items() for chain in chains)
-
-
-def _contradicts(page: Mapping[str, int], chain: Mapping[str, int]) -> bool:
-    return any(page.get(name, value) != value for name, value in chain.items())
 
 
 def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[Place, int], ...]]:

@@ -178,7 +178,7 @@ def _checksum_columns(
             f"messages.{message.name}.checksum",
             f"{options.checksum}: allowed: a signal that fills "
             + ("two bytes, Intel byte order" if size == 2 else "one byte")
-            + ("" if e2e else "; of another width: checksum = { signal, width, polynomial, … }"),
+            + ("" if e2e else "; for another width: checksum = { signal, width, polynomial, … }"),
         )
     return {"kind": kind, **columns}
 

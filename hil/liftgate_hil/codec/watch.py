@@ -35,6 +35,15 @@ def signal_unit(messages: Mapping[str, Message], name: str) -> str | None:
     return (found[0].unit or "") if found else None
 
 
+def near_signals(messages: Mapping[str, Message], name: str) -> list[str]:
+    """Return the signals (`Message.Signal`) whose names are nearest to an unknown one, up to three."""
+    from difflib import get_close_matches
+
+    own = [messages[name.partition(".")[0]]] if name.partition(".")[0] in messages else []
+    known = [f"{each.name}.{one.name}" for each in own or messages.values() for one in each.signals]
+    return get_close_matches(name, known, 3, 0.0 if own else 0.6)
+
+
 @compilable
 def watch(
     bus: BusConfig,

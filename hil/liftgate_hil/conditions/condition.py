@@ -30,7 +30,7 @@ class Condition:
     def beyond(self, drives: int) -> list[str]:
         """Return an issue for each column that it reads and that a gate with so many drives does not have."""
         return [
-            f"{name}: this gate has one drive; allowed: the left one's"
+            f"{name}: this gate has one drive; allowed: columns of the left drive"
             for name in self.names(COLUMN)
             if drives == 1 and name.removeprefix(SENSED_PREFIX).startswith("right_")
         ]

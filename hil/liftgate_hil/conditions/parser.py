@@ -7,8 +7,9 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from liftgate_hil.codec.watch import near_signals, signal_unit
 from liftgate_hil.conditions.condition import (
     ABS,
     ADD,
@@ -34,6 +35,9 @@ from liftgate_hil.conditions.condition import (
 )
 from liftgate_hil.signals import COLUMNS, SENSED_PREFIX
 
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
 _LONGEST = 4000  # characters
 _KEPT = 4096  # parsed conditions that are cached
 _BUS_SIGNAL = re.compile(r"[^\W\d]\w*\.[^\W\d]\w*")
@@ -53,16 +57,24 @@ _TOKEN = re.compile(
 def parsed(
     text: str,
     parameters: Mapping[str, float],
-    signal_unit: Callable[[str], str | None] = lambda name: "",
+    messages: Mapping[str, Message] | None = None,
 ) -> Condition:
     """Return the condition of a text.
 
-    `signal_unit` returns the unit of a bus signal, "" where it is unknown, None where there is no such signal.
+    `messages` are those of the rig's database; None: they are not known yet, and it may refer to any signal.
 
     Raises ValueError, which says what is wrong and what is allowed.
     """
-    units = tuple((name, signal_unit(name)) for name in dict.fromkeys(_BUS_SIGNAL.findall(text)))
-    return _parsed(text, tuple(parameters.items()), units)
+    names = dict.fromkeys(_BUS_SIGNAL.findall(text))
+    units = [(name, "" if messages is None else signal_unit(messages, name)) for name in names]
+    try:
+        return _parsed(text, tuple(parameters.items()), tuple(units))
+    except _NoSuchSignalError as error:
+        near = near_signals(messages or {}, str(error))
+        raise ValueError(
+            f"{error}: no such signal in the rig's database; allowed: "
+            f"{', '.join(near) + ', …' if near else 'Message.Signal of it'}"
+        ) from None
 
 
 @functools.lru_cache(_KEPT)
@@ -73,6 +85,10 @@ def _parsed(
 ) -> Condition:
     """Return the condition of a text, parsed only once; `units` are those of the signals that it may refer to."""
     return _Parser(text, dict(parameters), dict(units).get).condition()
+
+
+class _NoSuchSignalError(ValueError):
+    """Raised with the name of a signal that the database does not have."""
 
 
 class _Part(NamedTuple):
@@ -105,7 +121,7 @@ class _Parser:
             self._wrong("and, or, or the end")
         if not part.is_truth:
             raise ValueError(
-                f"{self.text!r} compares nothing; allowed: such as gate_angle_deg > 20"
+                f"{self.text!r} is not a comparison; allowed: a comparison, e.g. gate_angle_deg > 20"
             )
         return Condition(self.text, tuple(self.ops), tuple(self.units))
 
@@ -149,9 +165,7 @@ class _Parser:
         elif code not in (NEG, ABS, NOT):
             self.stack -= 1
         if self.stack > DEEPEST:
-            raise ValueError(
-                f"more than {DEEPEST} values in each other; allowed: a simpler condition"
-            )
+            raise ValueError(f"values nested deeper than {DEEPEST}; allowed: a simpler condition")
 
     def _either(self) -> _Part:
         return self._joined(self._both, "or", OR)
@@ -172,7 +186,7 @@ class _Parser:
     def _must(self, part: _Part, place: int, word: str) -> None:
         if not part.is_truth:
             raise ValueError(
-                f"at character {place}: a number beside `{word}`; allowed: a comparison, as gate_angle_deg > 20"
+                f"at character {place}: a number beside `{word}`; allowed: a comparison, e.g. gate_angle_deg > 20"
             )
 
     def _negated(self) -> _Part:
@@ -208,13 +222,13 @@ class _Parser:
 
     def _number(self, part: _Part, place: int) -> None:
         if part.is_truth:
-            raise ValueError(f"at character {place}: a comparison where a number is meant")
+            raise ValueError(f"at character {place}: a comparison where a number is expected")
 
     def _same_unit(self, a: str | None, b: str | None, said: str, place: int) -> str | None:
         """Return the unit of a sum or a comparison; plain numbers and values without a unit fit any unit."""
         if a and b and a != b:
             raise ValueError(
-                f"{said} at character {place} takes {a} and {b} together; allowed: the same unit on both sides"
+                f"{said} at character {place} combines {a} and {b}; allowed: the same unit on both sides"
             )
         return a or b or (a if a is not None else b)
 
@@ -310,6 +324,7 @@ class _Parser:
             if unit is not None:
                 self._put(SIGNAL, said)
                 return _Part(False, unit)
+            raise _NoSuchSignalError(said)
         raise ValueError(f"{said}: {_unknown(said)}")
 
 
@@ -322,14 +337,14 @@ def _product_unit(a: str | None, b: str | None, said: str) -> str | None:
 
 
 def _unknown(said: str) -> str:
-    """Return what is wrong with a name, with the nearest known ones."""
+    """Return what is wrong with a column's name, with the nearest known ones."""
     from difflib import get_close_matches
 
-    if "." in said and not said.startswith("sensed."):
-        return "no such signal in the rig's database; allowed: Message.Signal of it"
     names = [
         name if not name.startswith(SENSED_PREFIX) else f"sensed.{name.removeprefix(SENSED_PREFIX)}"
         for name in COLUMNS
     ]
     near = get_close_matches(said, names, 3, 0.5)
-    return f"no such column; allowed: {', '.join(near) + ', …' if near else 'those of recordings'}"
+    return (
+        f"no such column; allowed: {', '.join(near) + ', …' if near else 'columns of recordings'}"
+    )

@@ -5,66 +5,35 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
-from pathlib import Path
+from typing import Any
 
+from liftgate_hil.config.kinds import SEED, Kind, Number
 from liftgate_hil.config.toml import show
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, ConfigIssues
 
-_SEEDS = 2**32
-_UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
-_SIZE = re.compile(r"(\d+(?:\.\d+)?) ?((?:[KMGT]?B)?)", re.IGNORECASE | re.ASCII)
+
+def value_of(name: str, value: object, kind: Kind) -> Any:
+    """Return the value of an argument as its kind reads it. Raises ConfigError."""
+    given = value
+    if isinstance(value, Real) and not isinstance(value, bool):
+        given = int(value) if isinstance(value, Integral) else float(value)
+    issues = ConfigIssues("")
+    found = kind.read(issues, name, list(given) if isinstance(given, tuple) else given)
+    if issues.count:
+        raise ConfigError(f"`{name}` {show(value)}: allowed: {kind.allowed}")
+    return found
 
 
 def number_of(name: str, value: object, low: float, high: float, unit: str) -> float:
     """Return a number within [low, high]. Raises ConfigError."""
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not low <= value <= high:  # type: ignore[operator]  # Real does not compare with float
-        raise ConfigError(f"`{name}` {show(value)}: allowed: {low:g} to {high:g} {unit}".rstrip())
-    return float(value)  # type: ignore[arg-type]
-
-
-def time_of(name: str, value: object) -> float:
-    """Return a time [s] above 0, up to 1e9. Raises ConfigError."""
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not 0.0 < value <= 1e9:  # type: ignore[operator]
-        raise ConfigError(f"`{name}` {show(value)}: allowed: above 0, up to 1e+09 s")
-    return float(value)  # type: ignore[arg-type]
-
-
-def whole_of(name: str, value: object, least: int) -> int:
-    """Return a whole number of at least `least`. Raises ConfigError."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
-        raise ConfigError(f"`{name}` {show(value)}: allowed: a whole number from {least:,} on")
-    return int(value)
-
-
-def size_of(name: str, value: object) -> int | None:
-    """Return a size in bytes from a number or a text with a unit ("500MB"); None for None. Raises ConfigError."""
-    match = _SIZE.fullmatch(value) if isinstance(value, str) else None
-    if match:
-        return round(float(match[1]) * _UNITS[match[2].upper()])
-    if value is None or (isinstance(value, Integral) and not isinstance(value, bool)):
-        return None if value is None else int(value)
-    raise ConfigError(f"`{name}` {show(value)}: allowed: bytes, or a size such as 500MB, 2GB")
+    return float(value_of(name, value, Number(low, high, unit)))
 
 
 def seed_of(value: object, name: str = "seed") -> int:
-    """Return a seed, 0 to 2^32 - 1. Raises ConfigError."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < _SEEDS:
-        raise ConfigError(f"`{name}` {show(value)}: allowed: a whole number of 0 to {_SEEDS - 1}")
-    return int(value)
-
-
-def paths_of(name: str, values: object) -> tuple[str, ...]:
-    """Return a path or a list of paths as a tuple of texts. Raises ConfigError."""
-    if isinstance(values, str | Path):
-        return (str(values),)
-    if not isinstance(values, Sequence) or not all(isinstance(each, str | Path) for each in values):
-        raise ConfigError(f"`{name}` {show(values)}: allowed: a path, or a list of them")
-    return tuple(map(str, values))
+    """Return a seed. Raises ConfigError."""
+    return int(value_of(name, value, SEED))
 
 
 def numbers_of(name: str, values: object) -> dict[str, float]:
@@ -72,7 +41,7 @@ def numbers_of(name: str, values: object) -> dict[str, float]:
     if values is None:
         return {}
     if not isinstance(values, Mapping) or not all(isinstance(each, str) for each in values):
-        raise ConfigError(f"`{name}` {show(values)}: allowed: numbers by their names")
+        raise ConfigError(f"`{name}` {show(values)}: allowed: a mapping of names to numbers")
     return dict(values)
 
 

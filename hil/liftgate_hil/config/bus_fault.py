@@ -33,7 +33,7 @@ def bus_faults_in(
         return ()
     if rig is None:
         issues.take(
-            [f"{fault.key}.kind: {fault.kind}: there is no bus; allowed: in a run with one"]
+            [f"{fault.key}.kind: {fault.kind}: there is no bus; allowed: in a run with a bus"]
         )
         return ()
     values = fault.values

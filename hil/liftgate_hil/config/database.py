@@ -110,7 +110,7 @@ def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
         if "Overwriting" in record.getMessage():
             issues.add("dbc", f"{path}: ambiguous: {record.getMessage()}")
     if not database.messages:
-        issues.add("dbc", f"{path}: has no messages; allowed: a CAN database with some")
+        issues.add("dbc", f"{path}: has no messages; allowed: a CAN database with messages")
     _check_numbers(issues, path, database.messages)
     return {message.name: message for message in database.messages}
 

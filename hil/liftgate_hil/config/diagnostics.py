@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.codec.bus_config import LONGEST_MS, identifier_of
 from liftgate_hil.codec.frames import EXTENDED
-from liftgate_hil.config.schema import Flag, Key, Number, Whole, read_table
+from liftgate_hil.config.kinds import Flag, Number, Whole
+from liftgate_hil.config.schema import Key, read_table
 from liftgate_hil.config.toml import Table, show, table
 from liftgate_hil.diagnostics.tester import STATUS_MASK, Diagnostics
 from liftgate_hil.errors import ConfigIssues
@@ -38,7 +39,7 @@ class _Identifier:
 class _Padding:
     """The byte that pads frames, or none."""
 
-    allowed = 'a byte, 0 to 255, or "none": frames are as long as what is in them'
+    allowed = 'a byte, 0 to 255, or "none" for frames without padding'
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
         """Return the padding byte, -1 for none; 0 and an issue if it is invalid."""
@@ -86,7 +87,8 @@ def diagnostics_of(
             )
     if found["request"] == found["response"] >= 0:
         issues.add(
-            "diagnostics.response", f"{show(given['response'])}; allowed: another one than request"
+            "diagnostics.response",
+            f"{show(given['response'])}; allowed: an identifier other than that of request",
         )
     names = [
         each if isinstance(each, str) else "" for each in (given["request"], given["response"])

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from liftgate_hil.codec.watch import signal_unit
 from liftgate_hil.conditions.parser import parsed
+from liftgate_hil.config.kinds import Choice, Label, Number, Text, Texts
 from liftgate_hil.config.restbus import Press, value_in
-from liftgate_hil.config.schema import Choice, Key, Label, Number, Text, Texts, read_table
+from liftgate_hil.config.schema import Key, read_table
 from liftgate_hil.config.toml import Table, known_keys, table
 from liftgate_hil.diagnostics.services import RESETS
 from liftgate_hil.diagnostics.tester import Diagnostics
@@ -95,11 +95,13 @@ def driver_of(
     elif not values["uds"] and not values["command"]:
         issues.add("reset", "neither signal, uds nor command; allowed: one of them, or several")
     if values["uds"] and diagnostics is None:
-        said = "the rig has no [diagnostics]; allowed: with that, with request and response"
+        said = (
+            "the rig has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
+        )
         issues.add("reset.uds", f"{values['uds']}: {said}")
     if values["ready"]:
         try:
-            parsed(values["ready"], {}, lambda name: signal_unit(tables.messages, name))
+            parsed(values["ready"], {}, tables.messages)
         except ValueError as error:
             issues.add("reset.ready", str(error))
     reset = Reset(
@@ -130,5 +132,5 @@ def _press(
         found = value_in(f"{key}.", signal, values["rest"], tables, taken, issues)
         rest = value if found is None else found
     if rest == value and issues.count == before:
-        issues.add(f"{key}.rest", f"{rest:g}, as `value`; allowed: another one")
+        issues.add(f"{key}.rest", f"{rest:g}, the same as `value`; allowed: another value")
     return Press(signal, value, rest, values["hold_s"])

@@ -28,7 +28,7 @@ def check_values(
     taken: dict[float, str] = {}
     for label, value in values.items():
         if label not in ours.values:
-            allowed = ", ".join(ours.values) or "none, this is no enumeration"
+            allowed = ", ".join(ours.values) or "none, this is not an enumeration"
             issues.add(key, f"{label}: allowed: {allowed}")
             continue
         physical = _physical(issues, key, label, value, theirs)
@@ -56,7 +56,9 @@ def check_complete(
     """Check that an output has all values; an input may come from a sender that has fewer."""
     missing = [label for label in ours.values if label not in values]
     if missing:
-        issues.add(key, f"{', '.join(missing)} missing; allowed: all that is sent has a value")
+        issues.add(
+            key, f"{', '.join(missing)} missing; allowed: a value for every label of an output"
+        )
 
 
 def missing_values(mapping: SignalMapping) -> list[str]:

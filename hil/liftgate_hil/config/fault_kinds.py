@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from liftgate_hil.config.schema import Choice, Key, Kind, Level, Number, Text, Whole
+from liftgate_hil.config.kinds import Choice, Kind, Level, Number, Text, Whole
+from liftgate_hil.config.schema import Key
 from liftgate_hil.signals import DIRECTIONS
 from liftgate_hil.stimuli import bus_fault_tables
 from liftgate_hil.stimuli.faults import ADD, SCALE, SET, Edit
@@ -126,32 +127,34 @@ _KINDS = (
               _line("is_open", SET)),
     FaultKind("motor_short", "the motor's terminals are joined: its voltage is 0, and the shunt reads the "
               "converter's limit while the bridge drives", _short),
-    FaultKind("bridge_stuck", "the bridge stays in a state, with all of the voltage, whatever it is told",
+    FaultKind("bridge_stuck", "the bridge stays in one state, at full voltage, whatever is commanded",
               _bridge, _key("state", Choice(DIRECTIONS), "the state")),
     FaultKind("contact_resistance", "a resistance in series with the motor", _line("resistance", ADD),
               _key("ohm", Number(0.0, 1e6, "Ω"), "how large")),
     FaultKind("hall_a_stuck", "Hall A stays at a level", _hall("level_a", "value"), _LEVEL),
     FaultKind("hall_b_stuck", "Hall B stays at a level", _hall("level_b", "value"), _LEVEL),
-    FaultKind("hall_missing", "edges that decoder and timer do not see; where they miss one, the levels of both "
-              "sensors have changed at the next, which the decoder does not count",
+    FaultKind("hall_missing", "edges that decoder and timer miss; at the edge after a missed one both levels "
+              "have changed, and the decoder does not count it",
               _hall("missing", "probability"),
               _key("probability", Number(0.0, 1.0), "that an edge is missed")),
-    FaultKind("hall_extra", "edges that no shaft makes, on A or B by chance", _hall("extra", "rate"),
+    FaultKind("hall_extra", "edges without motion of the shaft, on A or B at random", _hall("extra", "rate"),
               _key("rate", Number(0.0, 1e5, "1/s"), "how many")),
     FaultKind("hall_swapped", "Hall A and B are exchanged: the count runs backwards", _hall("swapped")),
-    FaultKind("current_offset", "added to the current's reading, behind offsets and gains before it in the file",
+    FaultKind("current_offset", "an offset added to the current's reading, after the offsets and gains before it "
+              "in the file",
               _current("offset", ADD, "value"),
               _key("value", Number(-1e3, 1e3, "A"), "how much")),
-    FaultKind("current_gain", "the current's reading is too large or too small, with offsets and gains "
-              "before it in the file",
+    FaultKind("current_gain", "a gain of the current's reading, applied after the offsets and gains before it in "
+              "the file",
               _gain, _key("factor", Number(-100.0, 100.0), "by this factor")),
-    FaultKind("current_frozen", "the current's last reading stays, with the offsets and gains that it has",
+    FaultKind("current_frozen", "the current's reading stays at its last value, offsets and gains included",
               _current("frozen", SET)),
-    FaultKind("angle_offset", "added to the angle's reading", _gate("sensors.angle_offset", ADD, "value"),
+    FaultKind("angle_offset", "an offset added to the angle's reading",
+              _gate("sensors.angle_offset", ADD, "value"),
               _key("value", Number(-360.0, 360.0, "deg", math.radians(1.0)), "how much"), of=GATE),
-    FaultKind("angle_frozen", "the angle's last reading stays, with the offset that it has",
+    FaultKind("angle_frozen", "the angle's reading stays at its last value, offset included",
               _gate("faults.angle_frozen", SET), of=GATE),
-    FaultKind("latch_stuck", "the latch's switch says the same, whatever the latch does",
+    FaultKind("latch_stuck", "the latch's switch keeps one reading, whatever the latch does",
               _gate("faults.latch_reading", SET, "value"),
               _key("value", Level(("open", "latched")), "what it says"), of=GATE),
     FaultKind("spring_lost", "the drive's spring has no force left", _spring),
@@ -160,7 +163,7 @@ _KINDS = (
     FaultKind("drive_disconnected", "the drive turns without moving the gate, or being moved by it",
               _disconnected),
     FaultKind("spindle_jammed", "the drive cannot turn, nor be turned", _jammed),
-    FaultKind("friction", "the drive's friction is higher or lower: dry, viscous, and what the load makes",
+    FaultKind("friction", "the drive's friction is higher or lower: dry, viscous and load-dependent",
               _friction, _key("factor", Number(0.0, 1e4), "by this factor")),
     FaultKind("latch_not_releasing", "the latch is not released, whatever drives it",
               _gate("faults.latch_held", SET), of=GATE),
@@ -173,22 +176,22 @@ _KINDS = (
         *_DIRECTION, Key("probability", Number(0.0, 1.0), "that a frame is lost", 1.0)), of=MESSAGE),
     FaultKind("frame_delayed", "frames arrive later", _none, (
         *_DIRECTION, Key("delay_s", Number(0.0, 10.0, "s"), "how much; so not of start and end")), of=MESSAGE),
-    FaultKind("frame_repeated", "each frame comes twice", _none, _DIRECTION, of=MESSAGE),
-    FaultKind("frame_corrupted", "one bit of the data is another one, by chance which; on the wire itself, where "
-              "the bus's own checksum would tell it, no bit can be changed", _none, _DIRECTION, of=MESSAGE),
-    FaultKind("wrong_counter", "the alive counter stands still as in the last frame before it, under a checksum "
-              "that is right", _none, _DIRECTION, of=MESSAGE),
+    FaultKind("frame_repeated", "each frame is repeated once", _none, _DIRECTION, of=MESSAGE),
+    FaultKind("frame_corrupted", "one random bit of the data is inverted; on the wire itself, where the bus's own "
+              "checksum would detect it, no bit can be changed", _none, _DIRECTION, of=MESSAGE),
+    FaultKind("wrong_counter", "the alive counter keeps its value of the last frame before the fault, with a "
+              "correct checksum", _none, _DIRECTION, of=MESSAGE),
     FaultKind("wrong_checksum", "the checksum's bits are inverted", _none, _DIRECTION, of=MESSAGE),
-    FaultKind("wrong_length", "the next shorter frame that there is", _none, _DIRECTION, of=MESSAGE),
-    FaultKind("frame_frozen", "the data stay those of the last frame before it, counter and checksum too", _none,
-              _DIRECTION, of=MESSAGE),
-    FaultKind("babbling", "somebody sends without end: eight bytes of 0", _none, (
+    FaultKind("wrong_length", "the frame has the next shorter valid length", _none, _DIRECTION, of=MESSAGE),
+    FaultKind("frame_frozen", "the data stay those of the last frame before the fault, counter and checksum "
+              "included", _none, _DIRECTION, of=MESSAGE),
+    FaultKind("babbling", "a node keeps sending frames of eight zero bytes", _none, (
         *_DIRECTION,
         Key("id", Whole(0, 0x1FFFFFFF), "the identifier; above 0x7FF an extended one"),
         Key("rate", Number(0.0, 1e5, "1/s"), "how many frames"),
     ), of=BUS),
     FaultKind("bus_off", "the gate neither sends nor receives; a real controller cannot be taken off its bus, so "
-              "there it is silent and deaf, and the scenario inconclusive", _none, of=BUS),
+              "there it only stops sending and receiving, and the scenario is inconclusive", _none, of=BUS),
 )  # fmt: skip
 
 FAULT_KINDS: Mapping[str, FaultKind] = {kind.name: kind for kind in _KINDS}

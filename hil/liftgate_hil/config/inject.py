@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.codec.bus_config import identifier_of
 from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.config.kinds import Text
 from liftgate_hil.config.restbus import check_signal
-from liftgate_hil.config.schema import Key, Text, read_table
+from liftgate_hil.config.schema import Key, read_table
 from liftgate_hil.config.signal_name import find_signal
 from liftgate_hil.config.toml import Table, known_keys, show, table
 from liftgate_hil.errors import ConfigIssues
@@ -92,7 +93,7 @@ def _order(
     if issues.count > before:
         return None
     if len(messages) > 1:
-        issues.add(key, f"signals of {', '.join(messages)}; allowed: of one message")
+        issues.add(key, f"signals of {', '.join(messages)}; allowed: signals of one message")
         return None
     message, options = messages[0], tables.options.get(messages[0], MessageOptions())
     if message in {each.message for each in tables.outputs}:
@@ -131,6 +132,6 @@ def _labels(
         check_signal(f"{key}.{name}: {signal.name}", label, tables, taken, issues)
     if not labels or wrong:
         said = ", ".join(map(show, wrong)) if wrong else "no value table"
-        allowed = ", ".join(known) or "one with labels"
+        allowed = ", ".join(known) or "a signal with a value table"
         issues.add(f"{key}.{name}", f"{signal.name}: {said}; allowed: {allowed}")
     return tuple(labels)

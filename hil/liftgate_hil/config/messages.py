@@ -70,7 +70,8 @@ def _protection(issues: ConfigIssues, key: str, given: Table, message: Message) 
     if isinstance(checksum, dict):
         if "checksum_kind" in given:
             issues.add(
-                f"{key}.checksum_kind", "its parameters say which; allowed: with a named checksum"
+                f"{key}.checksum_kind",
+                "the checksum's table defines it; allowed: with a named checksum",
             )
         checksum, own = checksum_table(issues, f"{key}.checksum", checksum, message, counter)
     else:
@@ -99,7 +100,7 @@ def _end_to_end(
                 issues.add(f"{key}.{name}", f"allowed with protection = {', '.join(PROFILES)}")
         return None
     if "checksum_kind" in given:
-        issues.add(f"{key}.checksum_kind", f"{choice} has its own; allowed: nothing")
+        issues.add(f"{key}.checksum_kind", f"{choice} has its own; allowed: no such key")
     top = {"e2e-p01": 14, "e2e-p02": 15, "e2e-p05": 255}[choice]
     mode = text(issues, f"{key}.data_id_mode", given.get("data_id_mode", "both"), DATA_ID_MODES)
     nibble = _own_signal(issues, f"{key}.data_id_nibble", given.get("data_id_nibble"), signals)
@@ -146,7 +147,9 @@ def _data_ids(issues: ConfigIssues, key: str, given: Table, profile: str) -> tup
         return (_whole(issues, f"{key}.data_id", given.get("data_id"), 0, 0xFFFF),)
     values = given.get("data_id_list")
     if not isinstance(values, list) or len(values) != 16:
-        issues.add(f"{key}.data_id_list", f"{show(values)}; allowed: 16 whole numbers of 0 to 255")
+        issues.add(
+            f"{key}.data_id_list", f"{show(values)}; allowed: 16 whole numbers from 0 to 255"
+        )
         return (0,)
     return tuple(
         _whole(issues, f"{key}.data_id_list[{i}]", value, 0, 255) for i, value in enumerate(values)
@@ -156,7 +159,7 @@ def _data_ids(issues: ConfigIssues, key: str, given: Table, profile: str) -> tup
 def _whole(issues: ConfigIssues, key: str, value: object, low: int, high: int) -> int:
     """Return a whole number within [low, high]; `low` and an issue if it is invalid."""
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-        issues.add(key, f"{show(value)}; allowed: a whole number of {low} to {high}")
+        issues.add(key, f"{show(value)}; allowed: a whole number from {low} to {high}")
         return low
     return value
 

@@ -11,7 +11,8 @@ from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.protection import own_bits
 from liftgate_hil.codec.rocksoft import MOST_DATA_IDS, PARTS, Covered, Rocksoft
 from liftgate_hil.codec.tables import MOST_COVERED
-from liftgate_hil.config.schema import Flag, Key, Raw, Text, Whole, read_table
+from liftgate_hil.config.kinds import Flag, Raw, Text, Whole
+from liftgate_hil.config.schema import Key, read_table
 from liftgate_hil.config.toml import Table, show
 from liftgate_hil.errors import ConfigIssues
 
@@ -22,7 +23,7 @@ _MOST_BITS = 64
 _LARGEST_ID = 0xFFFFFFFF
 _COVERED = re.compile(r"(\w+)(?: (\d{1,3})(?: to (\d{1,3}))?)?")
 _COVERS = (
-    'a list of "payload", "identifier", "counter", "data_id", each also with bytes of it: "payload 3", '
+    'a list of "payload", "identifier", "counter", "data_id", each optionally with its bytes: "payload 3", '
     '"payload 1 to 7", "identifier 1 to 0"'
 )
 _DATA_ID = f"0 to 0x{_LARGEST_ID:X}, or a list of 2 to {MOST_DATA_IDS} of these"
@@ -37,7 +38,7 @@ class _Bits:
     @property
     def allowed(self) -> str:
         """The allowed values in words."""
-        return f"a whole number of {self.low} to 2^width - 1"
+        return f"a whole number from {self.low} to 2^width - 1"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int | None:
         """Return the number; None and an issue if it is invalid. Its bits are checked once the width is known."""
@@ -63,7 +64,7 @@ CHECKSUM = (
 COUNTER = (
     Key("signal", Text("a signal of the message"), "the signal that counts frames, of 1 to 64 bits"),
     Key("start", _Bits(), "its value in the first frame", None, "`lowest`"),
-    Key("step", Raw("a whole number other than 0, of less than the number of values"),
+    Key("step", Raw("a whole number other than 0, smaller in size than the number of values"),
         "from frame to frame; below 0 it counts down", 1),
     Key("lowest", _Bits(), "value that it takes", 0),
     Key("highest", _Bits(), "value that it takes, past which it goes on from `lowest`; up to 2^48 values",
@@ -226,7 +227,7 @@ def _covers(issues: ConfigIssues, key: str, value: Any, frame: _Frame) -> tuple[
     ]
     parts = {each.part for each in found}
     if "data_id" not in parts and frame.data_ids:
-        issues.add(key, 'no "data_id", which is given; allowed: "data_id" where it goes in')
+        issues.add(key, 'no "data_id", although `data_id` is given; allowed: a list with "data_id"')
     size = sum(len(each.numbers()) for each in found)
     if size > MOST_COVERED:
         issues.add(key, f"{size} bytes; allowed: up to {MOST_COVERED}")

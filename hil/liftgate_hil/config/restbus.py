@@ -6,15 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from liftgate_hil.codec.bus_config import (
-    LONGEST_MS,
-    MAX_PAGES,
-    cycle_of,
-    needs_fd,
-    pages_of,
-    physical_range,
-)
+from liftgate_hil.codec.bus_config import LONGEST_MS, cycle_of, needs_fd, physical_range
 from liftgate_hil.codec.frames import MAX_BYTES
+from liftgate_hil.codec.multiplexing import MAX_PAGES, pages_of
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.config.signal_name import find_signal, told, told_signals
 from liftgate_hil.config.toml import show
@@ -142,7 +136,7 @@ def _signal_in(
     if signal is None or message is None:
         return None
     if signal.name in made:
-        wrong = f"its protection or multiplexer makes it; allowed: {told_signals(message, made)}"
+        wrong = f"its protection or multiplexer sets it; allowed: {told_signals(message, made)}"
     else:
         options = tables.options.get(message.name, MessageOptions())
         wrong = _why_not(message, message.name in taken, options, signal)
@@ -165,7 +159,7 @@ def _why_not(
 ) -> str:
     """Return why the restbus cannot send a message with this signal; "" if it can."""
     if is_taken:
-        return "the rig has the gate or the ECU send it; allowed: a message of another control unit"
+        return "the gate or the ECU sends it; allowed: a message of another control unit"
     if message.length > MAX_BYTES:
         return f"{message.length} bytes; allowed: a message of one frame, up to {MAX_BYTES}"
     if (signal.is_float and signal.length not in (32, 64)) or float(signal.scale) == 0.0:

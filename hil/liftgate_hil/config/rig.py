@@ -151,7 +151,8 @@ def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
     """
     if path.suffix.lower() in KINDS:
         raise ConfigError(
-            f"{path}: a database, no rig; allowed: a rig in TOML, as liftgate-hil rig draft {path.name} begins one"
+            f"{path}: a database, not a rig; allowed: a rig in TOML "
+            f"(liftgate-hil rig draft {path.name} writes a first one)"
         )
     return rig_of_content(read_toml(path), path)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 from liftgate_hil.codec.bus_config import LONGEST_MS, SignalMapping, cycle_of
@@ -17,6 +18,7 @@ from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.inject import FAULT
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.shipped import data_root
 from liftgate_hil.config.units import conversion
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
@@ -113,8 +115,8 @@ def check_fit(rig: Rig, vehicle: Vehicle, rate: float) -> None:
             unit = BUS_OUTPUTS[wire.quantity].unit
             issues.add(
                 f"outputs.{wire.quantity}",
-                f"{wire.message}.{wire.signal} holds {_span(*held, unit)}, any motion of this vehicle "
-                f"needs {_span(expected.low, expected.high, unit)}; allowed: a signal that holds it "
+                f"{wire.message}.{wire.signal} has the range {_span(*held, unit)}, any motion of this vehicle "
+                f"needs {_span(expected.low, expected.high, unit)}; allowed: a signal that covers that "
                 "(signed, or with an offset), or saturates = true",
             )
     for name, cycle_ns in _cycles(rig, (*rig.inputs, *rig.outputs)):
@@ -134,28 +136,34 @@ def check_fit(rig: Rig, vehicle: Vehicle, rate: float) -> None:
 def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
     """Return what is worth knowing before a run, a line each."""
     notes = []
+    root, source = data_root().resolve(), Path(rig.source).resolve()
+    if rig.database.resolve().is_relative_to(root / "dbc") and not source.is_relative_to(root):
+        notes.append(
+            f"{rig.source}: dbc: {rig.database.name} is the shipped one, as no file of that name "
+            "is beside the rig"
+        )
     for wire, expected, held in _ranged(rig, vehicle):
         is_refused = not _holds(held, expected.low, expected.high)
         if not is_refused and not _holds(held, expected.lowest, expected.highest):
             unit = BUS_OUTPUTS[wire.quantity].unit
             notes.append(
-                f"{rig.source}: outputs.{wire.quantity}: {wire.message}.{wire.signal} holds "
-                f"{_span(*held, unit)} and stays there; this vehicle reaches "
+                f"{rig.source}: outputs.{wire.quantity}: {wire.message}.{wire.signal} has the range "
+                f"{_span(*held, unit)} and saturates; this vehicle reaches "
                 f"{_span(expected.lowest, expected.highest, unit)}"
             )
     for name, cycle_ns in _cycles(rig, rig.outputs):
         ticks = cycle_ns * rate / NS
         if abs(ticks - round(ticks)) > 1e-6 * ticks:
             notes.append(
-                f"{rig.source}: messages.{name}.cycle_ms: {cycle_ns / 1e6:g} is no whole number of ticks of "
-                f"{1e3 / rate:g} ms: kept on average, each frame up to a tick late"
+                f"{rig.source}: messages.{name}.cycle_ms: {cycle_ns / 1e6:g} is not a whole number of ticks of "
+                f"{1e3 / rate:g} ms: the cycle is kept on average, each frame up to a tick late"
             )
     for wire in rig.inputs:
         missing = missing_values(wire)
         if missing and wire.basis != "unknown":
             notes.append(
-                f"{rig.source}: inputs.{wire.quantity}.values: {', '.join(missing)} missing: no frame can say it, "
-                "and an ECU that needs to (the reference ECU does) cannot be used"
+                f"{rig.source}: inputs.{wire.quantity}.values: {', '.join(missing)} missing: no frame can carry "
+                "it, and an ECU that sends it (the reference ECU does) cannot be used"
             )
     return [*notes, *_other_scales(rig)]
 
@@ -173,7 +181,7 @@ def _other_scales(rig: Rig) -> Iterator[str]:
             by_unit = conversion(quantity, wire.unit)
             # Many rigs need the opposite sign.
             if by_unit is None or not math.isclose(abs(wire.scale), by_unit[0], rel_tol=1e-3):
-                means = "is none of its units" if by_unit is None else f"means {by_unit[0]:g}"
+                means = "is not one of its units" if by_unit is None else f"means {by_unit[0]:g}"
                 yield (
                     f"{rig.source}: {section}.{wire.quantity}: scale {wire.scale:g}, while the "
                     f"database's unit {wire.unit!r} {means}"

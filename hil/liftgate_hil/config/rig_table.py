@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from liftgate_hil.codec.bus_config import SignalMapping, cycle_of, pages_of
+from liftgate_hil.codec.bus_config import SignalMapping, cycle_of
 from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.frames import EXTENDED
+from liftgate_hil.codec.multiplexing import pages_of
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.rocksoft import Covered, Rocksoft
 from liftgate_hil.config.inject import REQUEST, SIGNAL

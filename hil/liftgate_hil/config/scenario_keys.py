@@ -5,20 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
-from liftgate_hil.config.schema import (
-    LATEST,
-    REQUIRED,
-    Choice,
-    Choices,
-    Key,
-    Label,
-    Number,
-    Raw,
-    Text,
-    Texts,
-    When,
-    Whole,
-)
+from liftgate_hil.config.kinds import SEED, Choice, Choices, Label, Number, Raw, Text, Texts
+from liftgate_hil.config.schema import LATEST, REQUIRED, Key, When
 from liftgate_hil.config.toml import number, show
 from liftgate_hil.diagnostics.trouble_code import ALLOWED, number_of
 from liftgate_hil.errors import ConfigIssues
@@ -29,7 +17,6 @@ from liftgate_hil.stimuli.moments import NEVER, START
 from liftgate_hil.stimuli.requests import BUTTONS, REQUESTS
 
 _SECONDS = Number(0.0, LATEST, "s")
-SEED = Whole(0, 2**32 - 1)
 
 
 class TroubleCode:

@@ -128,7 +128,7 @@ class TableReader:
         is_switch = bool(name and PROFILES[name].values)
         how = values["interpolation"] or ("hold" if is_switch else "linear")
         if is_switch and how != "hold":
-            issues.add(f"{key}.interpolation", f"{show(how)}; allowed: one of hold")
+            issues.add(f"{key}.interpolation", f"{show(how)}; allowed: hold")
         if ("points" in given) == ("csv" in given):
             said = "both points and csv" if "csv" in given else show(None)
             issues.add(f"{key}.points", f"{said}; allowed: [[time, value], …], or a file in csv")
@@ -244,7 +244,7 @@ class TableReader:
     def _where(self, key: str, kind: FaultKind, where: str) -> None:
         """Check the place of a fault as far as possible without a vehicle and a rig."""
         if not kind.has_place:
-            self.issues.add(key, f"{kind.name} is {kind.of}'s as a whole; allowed: no such key")
+            self.issues.add(key, f"{kind.name} affects {kind.of} as a whole; allowed: no such key")
         elif kind.of == DRIVE and where not in WHERE:
             self.issues.add(key, f"{show(where)}; allowed: one of {', '.join(WHERE)}")
 
@@ -302,4 +302,4 @@ def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
 def check_once(issues: ConfigIssues, key: str, names: Sequence[str]) -> None:
     """Add an issue for each name that comes more than once."""
     for name in sorted({name for name in names if name and names.count(name) > 1}):
-        issues.add(key, f"{name} comes {names.count(name)} times; allowed: once")
+        issues.add(key, f"{name} appears {names.count(name)} times; allowed: once")

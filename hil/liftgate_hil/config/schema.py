@@ -3,196 +3,16 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-from liftgate_hil.config.toml import Table, known_keys, number, show, text
+from liftgate_hil.config.kinds import Kind
+from liftgate_hil.config.toml import Table, known_keys, number, show
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.moments import Instant
 
 LATEST = 1e6  # s
-
-
-class Kind(Protocol):
-    """Kind of the values that a key may have."""
-
-    @property
-    def allowed(self) -> str:
-        """The allowed values in words."""
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
-        """Return the value as it is in memory; issues are noted."""
-
-
-@dataclass(frozen=True)
-class Number:
-    """A number, converted to the unit in memory by `scale`."""
-
-    low: float
-    high: float
-    unit: str = ""
-    scale: float = 1.0
-
-    @property
-    def allowed(self) -> str:
-        """The range with its unit."""
-        return f"{self.low:g} to {self.high:g}{' ' + self.unit if self.unit else ''}"
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> float:
-        """Return the number in the unit in memory; NaN and an issue if it is invalid."""
-        return self.scale * number(issues, key, value, self.low, self.high, self.unit)
-
-
-class Flag:
-    """A boolean."""
-
-    allowed = "true or false"
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> bool:
-        """Return the value; false and an issue if it is no boolean."""
-        if not isinstance(value, bool):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        return value is True
-
-
-@dataclass(frozen=True)
-class Whole:
-    """A whole number within [low, high]."""
-
-    low: int
-    high: int
-
-    @property
-    def allowed(self) -> str:
-        """The range in words."""
-        return f"a whole number of {self.low} to {self.high}"
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
-        """Return the number; `low` and an issue if it is invalid."""
-        found = int(value) if isinstance(value, float) and value.is_integer() else value
-        if (
-            isinstance(found, bool)
-            or not isinstance(found, int)
-            or not self.low <= found <= self.high
-        ):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return self.low
-        return found
-
-
-@dataclass(frozen=True)
-class Choice:
-    """Kind of value: one of several words."""
-
-    words: Sequence[str]
-
-    @property
-    def allowed(self) -> str:
-        """The list of the words."""
-        return f"one of {', '.join(self.words)}"
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
-        """Return the word; "" and an issue if it is none of them."""
-        return text(issues, key, value, self.words)
-
-
-@dataclass(frozen=True)
-class Choices:
-    """A list of which each item is one of several words."""
-
-    values: Sequence[str]
-
-    @property
-    def allowed(self) -> str:
-        """The list of the words."""
-        return f"a list of {', '.join(self.values)}"
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
-        """Return the items; an empty tuple and an issue if they are invalid."""
-        if not isinstance(value, list) or any(each not in self.values for each in value):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return ()
-        return tuple(value)
-
-
-@dataclass(frozen=True)
-class Level:
-    """0 or 1, or the word for it."""
-
-    words: tuple[str, str] = ("low", "high")
-
-    @property
-    def allowed(self) -> str:
-        """Both levels with their words."""
-        return f"0 ({self.words[0]}) or 1 ({self.words[1]})"
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> float:
-        """Return 0.0 or 1.0; NaN and an issue if it is neither."""
-        if isinstance(value, str) and value in self.words:
-            return float(self.words.index(value))
-        if isinstance(value, int | float) and not isinstance(value, bool) and value in (0, 1):
-            return float(value)
-        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        return math.nan
-
-
-@dataclass(frozen=True)
-class Label:
-    """A signal's value: a number in the database's unit, or a label of its value table."""
-
-    allowed: str = "a number, or a label of the signal"
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str:
-        """Return the number or the label; NaN and an issue if it is neither."""
-        if isinstance(value, str) and value:
-            return value
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if is_number and abs(value) <= sys.float_info.max:  # a whole number may be beyond it
-            return float(value)
-        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        issues.settle(key)
-        return math.nan
-
-
-@dataclass(frozen=True)
-class Text:
-    """Any text that is not empty; `called` says what it is."""
-
-    called: str = "a text"
-
-    @property
-    def allowed(self) -> str:
-        """A description of the text."""
-        return self.called
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
-        """Return the text; "" and an issue if it is none."""
-        if not isinstance(value, str) or not value.strip():
-            issues.add(key, f"{show(value)}; allowed: {self.called}")
-            return ""
-        return value
-
-
-@dataclass(frozen=True)
-class Texts:
-    """A list of texts, or a single text."""
-
-    called: str
-
-    @property
-    def allowed(self) -> str:
-        """A description of the texts."""
-        return self.called
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
-        """Return the texts; an empty tuple and an issue if they are invalid."""
-        given = [value] if isinstance(value, str) else value
-        if not isinstance(given, list) or not all(isinstance(each, str) and each for each in given):
-            issues.add(key, f"{show(value)}; allowed: {self.called}")
-            return ()
-        return tuple(given)
 
 
 @dataclass(frozen=True)
@@ -209,17 +29,6 @@ class When:
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return Instant()
         return Instant(number(issues, key, value, 0.0, LATEST, "s, or a condition"))
-
-
-@dataclass(frozen=True)
-class Raw:
-    """Any value; its own reader validates it."""
-
-    allowed: str
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
-        """Return the value as it is."""
-        return value
 
 
 REQUIRED = object()

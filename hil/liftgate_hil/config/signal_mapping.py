@@ -47,7 +47,7 @@ def signal_mappings(
         if now:
             issues.add(
                 f"{section}.{name}",
-                f"no sensor gives it, so its name is {now} now; allowed: {now}",
+                f"no sensor measures it, so it is called {now} now; allowed: {now}",
             )
     known_keys(
         issues,
@@ -80,7 +80,7 @@ def _mapping(
     values = _given_values(issues, key, given, ours)
     saturates = given.get("saturates", False)
     if not isinstance(saturates, bool) or (saturates and section != "outputs"):
-        allowed = "true or false" if section == "outputs" else "of an output"
+        allowed = "true or false" if section == "outputs" else "for an output"
         issues.add(f"{key}.saturates", f"{show(saturates)}; allowed: {allowed}")
     theirs = find_signal(issues, key, name, messages) if name else None
     if theirs is None:

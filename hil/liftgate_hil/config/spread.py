@@ -107,7 +107,7 @@ def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table) ->
         low = number(issues, f"{dotted}.low", entry["low"], key.quantity.low, key.quantity.high)
         high = number(issues, f"{dotted}.high", entry["high"], key.quantity.low, key.quantity.high)
         if low > high:
-            issues.add(f"{dotted}.low", f"{low:g} above high = {high:g}; allowed: up to it")
+            issues.add(f"{dotted}.low", f"{low:g} above high = {high:g}; allowed: up to high")
         ends = (low, high)
     return Spread(
         names, distribution, relative, absolute, ends, _followers(issues, dotted, names, entry)

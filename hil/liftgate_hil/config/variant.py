@@ -100,7 +100,9 @@ def _drawn(raw: Table, seed: int, settings: Sequence[Setting], source: str) -> l
     spreads = spreads_of(issues, nominal)
     issues.raise_if_any()
     if not spreads:
-        raise ConfigError(f"`draw` {seed}: {source} has no table [spread]; allowed: with one")
+        raise ConfigError(
+            f"`draw` {seed}: {source} has no table [spread]; allowed: a vehicle with one"
+        )
     kept = {setting.names for setting in settings}
     return [
         Setting(names, value, f"`draw` {seed}: ")

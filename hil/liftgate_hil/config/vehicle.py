@@ -235,8 +235,8 @@ def _check_encoder(issues: ConfigIssues, sensors: Sensors) -> None:
         issues.add(
             "sensors",
             "hall_pitch_error, hall_phase_error_deg, hall_duty_error, hall_hysteresis_deg and hall_jitter_deg "
-            f"put an edge up to {90.0 * beside:.3g} electrical degrees beside its place (3 σ); "
-            f"allowed: {90.0 * most:.3g} in all, as edges are 90 apart",
+            f"move an edge by up to {90.0 * beside:.3g} electrical degrees (3 σ); "
+            f"allowed: {90.0 * most:.3g} in total, as edges are 90 apart",
         )
 
 
@@ -284,7 +284,7 @@ def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:
         issues.add(
             "friction",
             f"position_length, or spindle.lead with eccentricity, is too short for a travel of {stroke:.3g} m; "
-            f"allowed: from {stroke / MOST_PLACES * 36:.2g} m",
+            f"allowed: at least {stroke / MOST_PLACES * 36:.2g} m",
         )
 
 

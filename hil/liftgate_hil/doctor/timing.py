@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from liftgate_hil.doctor.check import Check, number, read
+from liftgate_hil.doctor.check import Check, Level, number, read
 
 if TYPE_CHECKING:
     from liftgate_hil.loop.histogram import Distribution
@@ -217,46 +217,31 @@ def verdict(
         f"p99 lateness {late:.0f} µs is {force_of(late):.2f} N of pinch force on the 10 N/mm rod"
     )
     quieter = "end other programs, isolate a CPU, take the advice above"
+    missed, percent = modes[best].missed_share, 100.0 * modes[best].missed_share
+    level: Level = "ok"
+    said, advice = f"fit {found}, and for tests in real time", ""
     if not rates[best]:
-        return Check(
-            "verdict", "problem", f"not fit, even 200 Hz would skip ticks; {force}", quieter
-        )
-    if modes[best].missed_share > MANY:
-        percent = 100.0 * modes[best].missed_share
-        return Check(
-            "verdict",
-            "problem",
-            f"not fit: {percent:.1f} % of the periods at {rate:g} Hz missed {best}; {force}",
-            quieter,
-        )
-    if problems:
-        return Check("verdict", "problem", f"fit {found}, but for the above; {force}", "mend that")
-    if rates[best] < rate:
-        return Check(
-            "verdict",
-            "warning",
-            f"fit {found}, not {rate:g} Hz; {force}",
-            f"--rate {rates[best]}, or {quieter}",
-        )
-    if modes[best].missed_share > FEW:
-        percent = 100.0 * modes[best].missed_share
-        return Check(
-            "verdict",
-            "warning",
-            f"fit {found}, but {percent:.2f} % of periods missed at {rate:g} Hz; {force}",
-            quieter,
-        )
-    if modes[best].direct_share < DIRECT:
-        return Check(
-            "verdict",
-            "warning",
-            f"fit {found}, but not every test in real time would be conclusive: {_untimely(modes[best])}; {force}",
-            f"test with --clock free or lockstep, or --retry-inconclusive 2; {quieter}",
-        )
-    if modes[best].duration < LONG_LOOK:
-        said = f"whether for tests in real time, too, takes --duration {LONG_LOOK:g} to tell"
-        return Check("verdict", "ok", f"fit {found}; {said}; {force}")
-    return Check("verdict", "ok", f"fit {found}, and for tests in real time; {force}")
+        level, said, advice = "problem", "not fit, even 200 Hz would skip ticks", quieter
+    elif missed > MANY:
+        said = f"not fit: {percent:.1f} % of the periods at {rate:g} Hz missed {best}"
+        level, advice = "problem", quieter
+    elif problems:
+        level, said, advice = "problem", f"fit {found}, but for the above", "mend that"
+    elif rates[best] < rate:
+        level, said = "warning", f"fit {found}, not {rate:g} Hz"
+        advice = f"--rate {rates[best]}, or {quieter}"
+    elif missed > FEW:
+        said = f"fit {found}, but {percent:.2f} % of periods missed at {rate:g} Hz"
+        level, advice = "warning", quieter
+    elif modes[best].direct_share < DIRECT:
+        why = _untimely(modes[best])
+        said = f"fit {found}, but not every test in real time would be conclusive: {why}"
+        level = "warning"
+        advice = f"test with --clock free or lockstep, or --retry-inconclusive 2; {quieter}"
+    elif modes[best].duration < LONG_LOOK:
+        unknown = f"whether for tests in real time, too, takes --duration {LONG_LOOK:g} to tell"
+        said = f"fit {found}; {unknown}"
+    return Check("verdict", level, f"{said}; {force}", advice)
 
 
 def _untimely(wakeups: Wakeups) -> str:

@@ -71,7 +71,7 @@ class Adapter:
         if answer:
             return f"its step returned {answer}; allowed: 0 to {wire.CAPACITY} frames"
         return (
-            "it wrote a frame that is none; allowed: a length of up to 8 bytes, with CAN FD 64; an identifier of "
+            "it wrote an invalid frame; allowed: a length of up to 8 bytes, with CAN FD 64; an identifier of "
             "11 bits, with LIFTGATE_ID_EXTENDED 29"
         )
 

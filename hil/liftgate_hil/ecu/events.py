@@ -46,13 +46,13 @@ TEXTS = (
     f"trapped while closing {_WHY}: reversing",
     f"trapped while opening {_WHY}: stopped",
     "no feedback of the drives: stopped",
-    "the drives' counts are apart: stopped",
+    "the drives' counts differ: stopped",
     "a drive's current does not change: stopped",
-    "one drive carries all: stopped",
+    "one drive carries the whole load: stopped",
     "over-current: motors off",
-    "the gate comes down: held",
+    "the gate falls: held",
     "motors too hot: not started",
-    "the latch says closed far from there: not believed",
+    "the latch reads closed far from the closed end: ignored",
 )
 
 

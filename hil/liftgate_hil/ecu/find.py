@@ -73,9 +73,9 @@ def _instance_of(name: str) -> Any:
         with FOREIGN:
             return getattr(importlib.import_module(module), attribute)()
     except NoAnswerError:
-        raise EcuError(f"`ecu` {name}: no answer when it was to stop") from None
+        raise EcuError(f"`ecu` {name}: no response to the request to stop") from None
     except (Exception, SystemExit) as error:  # a user's module may raise anything
         raise ConfigError(
-            f"`ecu` {name}: {type(error).__name__}: {text_of(error)}; allowed: MODULE:CLASS that can be imported, "
-            "of which an object can be made without arguments"
+            f"`ecu` {name}: {type(error).__name__}: {text_of(error)}; allowed: MODULE:CLASS that can be imported "
+            "and called without arguments"
         ) from error

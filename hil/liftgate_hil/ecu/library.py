@@ -66,7 +66,7 @@ class LibraryEcu(Adapter):
             self._load(self._path)
             return
         raise EcuError(
-            f"`ecu` {self._path}: cannot be loaded afresh; allowed: a library that can be unloaded"
+            f"`ecu` {self._path}: cannot be reloaded; allowed: a library that can be unloaded"
         )
 
     def close(self) -> None:

@@ -75,7 +75,7 @@ class PythonEcu(Adapter):
         own = _attribute(self._ecu, "reset")
         if not self.takes("reset"):
             raise EcuError(
-                f"the ECU {shown(self._ecu)} cannot be made anew; allowed: MODULE:CLASS, or an object with reset()"
+                f"the ECU {shown(self._ecu)} cannot be reset; allowed: MODULE:CLASS, or an object with reset()"
             )
         try:
             with FOREIGN:
@@ -103,7 +103,7 @@ class PythonEcu(Adapter):
         if isinstance(self._error, KeyboardInterrupt):
             raise self._error
         if isinstance(self._error, NoAnswerError):
-            return f"no answer when it was to stop{_place_of(self._error)}"
+            return f"no response to the request to stop{_place_of(self._error)}"
         if self._error is not None:
             return f"{type(self._error).__name__}: {text_of(self._error)}{_place_of(self._error)}"
         return super().failure()

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.target import open_target, why
-from liftgate_plant.hall import EdgeRing, edges_after
+from liftgate_plant.edge_ring import EdgeRing, edges_after
 
 DRIVES = ("left", "right")
 CHANNELS = ("a", "b")

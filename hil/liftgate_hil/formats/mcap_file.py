@@ -16,7 +16,6 @@ from liftgate_hil.codec.frames import (
     ERROR,
     EXTENDED,
     FD,
-    LENGTHS,
     LOGGED,
     MAX_BYTES,
     REMOTE,
@@ -26,7 +25,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats import mcap_layout as layout
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.mcap_chunks import HEAD, LENGTH_BEFORE, MESSAGE, Block, ChunkWriter
-from liftgate_hil.formats.mcap_text import RowMessages, Topic
+from liftgate_hil.formats.mcap_text import RowMessages, Topic, frame_texts, plain_name
 from liftgate_hil.formats.reading import foreign_reader
 from liftgate_hil.formats.recording import FRAME, Floats, Series, column_signal
 from liftgate_hil.version import version
@@ -38,7 +37,6 @@ if TYPE_CHECKING:
 
 
 _ROWS = 1024  # rows that are formatted together
-_WIDTH = 2 * MAX_BYTES
 
 
 class McapWriter:
@@ -89,11 +87,11 @@ class McapWriter:
         if not self._frames:
             schema, bus = (
                 layout.frames_schema("CAN frame"),
-                {layout.BUS_NAME: _plain(self._content.channel)},
+                {layout.BUS_NAME: plain_name(self._content.channel)},
             )
             self._frames = self._register(layout.FRAMES, "frame", schema, bus, layout.BUS)
         times = np.maximum(frames["time_ns"], 0).astype(np.int64)
-        texts = _frame_texts(frames, self._content.channel)
+        texts = frame_texts(frames, self._content.channel)
         self._writer.add(_block_of(self._frames, times, texts, self._frame))
         self._frame += len(frames)
 
@@ -159,39 +157,6 @@ def _block_of(channel: int, times: NDArray[np.int64], texts: Sequence[bytes], nu
     offsets = np.concatenate([np.zeros(1, dtype=np.uint64), ends[:-1]])
     channels = np.full(len(times), channel, dtype=np.uint16)
     return Block(b"".join(records), channels, times.astype(np.uint64), offsets)
-
-
-def _plain(text: str) -> str:
-    """Return a name with what UTF-8 cannot hold replaced."""
-    return text.encode(errors="replace").decode()
-
-
-def _frame_texts(frames: Any, channel: str) -> list[bytes]:
-    """Return frames (n,) LOGGED as JSON objects with the fields of `mcap_layout.FRAME_FIELDS`."""
-    text = frames["payload"].tobytes().hex().upper()
-    name = orjson.dumps(_plain(channel)).decode()
-    fields = zip(
-        frames["identifier"].tolist(),
-        frames["length"].tolist(),
-        np.searchsorted(LENGTHS, frames["length"]).tolist(),
-        frames["is_sent"].tolist(),
-        strict=True,
-    )
-    words = ("false", "true")
-    result = []
-    for row, (identifier, length, code, is_sent) in enumerate(fields):
-        first = row * _WIDTH
-        end = first if identifier & REMOTE else first + 2 * length
-        result.append(
-            (
-                f'{{"id":{identifier & 0x1FFFFFFF},'
-                f'"extended":{words[identifier & EXTENDED != 0]},"fd":{words[identifier & FD != 0]},'
-                f'"remote":{words[identifier & REMOTE != 0]},"error":{words[identifier & ERROR != 0]},'
-                f'"dlc":{code},"length":{length},"direction":"{"Tx" if is_sent else "Rx"}",'
-                f'"channel":{name},"data":"{text[first:end]}"}}'
-            ).encode()
-        )
-    return result
 
 
 _MAGIC = b"\x89MCAP0\r\n"

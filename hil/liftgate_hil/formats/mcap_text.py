@@ -1,4 +1,4 @@
-"""Rows as MCAP messages in JSON, one for each topic and row.
+"""Rows as MCAP messages in JSON, one for each topic and row, and frames as theirs.
 
 Numbers have the shortest form that reads back as the same value; a value that is not finite is null. As for CSV,
 values that do not change within a block of rows are formatted once, and so are columns with equal values; compiled
@@ -14,11 +14,13 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, LENGTHS, MAX_BYTES, REMOTE
 from liftgate_hil.formats.csv_text import alike_columns, digits_of, put_number, put_whole
 from liftgate_hil.formats.mcap_chunks import HEAD, LENGTH_BEFORE, MESSAGE, Block
 from liftgate_plant.compiler import compilable, compiled, put_text
 from liftgate_plant.compiler.texts import ROOM
 
+_HEX = 2 * MAX_BYTES  # digits of a payload
 _LONGEST = 24  # characters of the longest number: -2.2250738585072014e-308
 _HEAD = HEAD.size
 _BEFORE = LENGTH_BEFORE
@@ -193,3 +195,36 @@ class RowMessages:
             spans=np.zeros((len(ends), 2), dtype=np.int64),
             channels=self._channels,
         )
+
+
+def plain_name(text: str) -> str:
+    """Return a name with what UTF-8 cannot hold replaced."""
+    return text.encode(errors="replace").decode()
+
+
+def frame_texts(frames: Any, channel: str) -> list[bytes]:
+    """Return frames (n,) LOGGED as JSON objects with the fields of `mcap_layout.FRAME_FIELDS`."""
+    text = frames["payload"].tobytes().hex().upper()
+    name = orjson.dumps(plain_name(channel)).decode()
+    fields = zip(
+        frames["identifier"].tolist(),
+        frames["length"].tolist(),
+        np.searchsorted(LENGTHS, frames["length"]).tolist(),
+        frames["is_sent"].tolist(),
+        strict=True,
+    )
+    words = ("false", "true")
+    result = []
+    for row, (identifier, length, code, is_sent) in enumerate(fields):
+        first = row * _HEX
+        end = first if identifier & REMOTE else first + 2 * length
+        result.append(
+            (
+                f'{{"id":{identifier & 0x1FFFFFFF},'
+                f'"extended":{words[identifier & EXTENDED != 0]},"fd":{words[identifier & FD != 0]},'
+                f'"remote":{words[identifier & REMOTE != 0]},"error":{words[identifier & ERROR != 0]},'
+                f'"dlc":{code},"length":{length},"direction":"{"Tx" if is_sent else "Rx"}",'
+                f'"channel":{name},"data":"{text[first:end]}"}}'
+            ).encode()
+        )
+    return result

@@ -15,8 +15,9 @@ from liftgate_hil.config.files import check_file as check_readable
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.guarded import GuardedWriter, Say, silent
+from liftgate_hil.formats.limit import Limit
 from liftgate_hil.formats.recording import Columns, Recording
-from liftgate_hil.formats.rotation import Limit, Part, Parts
+from liftgate_hil.formats.rotation import Part, Parts
 from liftgate_hil.formats.salvage import SalvagedWriter
 from liftgate_hil.formats.target import is_special, open_salvage, open_target, why
 from liftgate_hil.formats.writer import Writer

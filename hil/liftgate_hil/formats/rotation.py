@@ -5,25 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.formats.limit import Limit
 from liftgate_hil.formats.target import remove_targets
 from liftgate_hil.formats.writer import Writer
 
 _SLICE = 512  # rows or frames after which the size is checked
-
-
-@dataclass(frozen=True)
-class Limit:
-    """Largest size of a file, and how many files are kept."""
-
-    size: int  # bytes
-    keep: int | None = None  # number of files that are kept, the latest ones; None: all
 
 
 class Part(Writer, Protocol):

@@ -15,30 +15,22 @@ from liftgate_hil.identify.coarse import coarse_of
 from liftgate_hil.identify.data import applied_voltage
 from liftgate_hil.identify.delays import at_best_delay
 from liftgate_hil.identify.descent import Report
+from liftgate_hil.identify.estimates import estimates_of
 from liftgate_hil.identify.jitter import jitter_of
 from liftgate_hil.identify.multiple_shooting import in_segments, is_far_off
-from liftgate_hil.identify.problem import ALL, Problem
+from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.profile import profile
 from liftgate_hil.identify.residuals import Frame, phases_of, series_of, speed_series
-from liftgate_hil.identify.result import Estimate, Experiment, Identification, Validation
+from liftgate_hil.identify.result import Experiment, Identification, Validation
 from liftgate_hil.identify.search import Found, better, past_kinks, search
 from liftgate_hil.identify.statistics import Uncertainty
 from liftgate_hil.identify.trajectory import OUTPUTS
 from liftgate_hil.identify.weighting import errors_of, log_likelihood_deviance, sampled_rows
-from liftgate_plant.quantity import Quantity
 from liftgate_plant.signals import Truth, signals_of
 from liftgate_plant.vehicle import plant_of
 
 Floats = NDArray[np.float64]
 
-_SHARE = 0.5  # of its value: the largest standard deviation of a useful estimate
-_SIGNED_SHARE = (
-    1e-3  # of its range: the same for a quantity that may well be zero (a slope, a coordinate)
-)
-_AT_BOUND = 1e-6  # of its size: distance from a bound at which an estimate counts as at it
-# Distance of a limit of the vehicle's checks that holds an estimate: as a share of the estimate's size, of its
-# standard deviation, and of its size at most.
-_BESIDE, _BESIDE_STD, _BESIDE_MOST = 1e-5, 0.02, 1e-3
 _FAR_PERCENT = 0.0  # fit of the initial vehicle below which multiple shooting comes first
 _NEAR_PERCENT = 80.0  # fit that a good search reaches
 _NOWHERE_PERCENT = -1.0  # fit of an output below which a model contradicts the data
@@ -77,20 +69,12 @@ def identify(
     found = _from_few_rows(problem, report, given_std)
     _check_followed(problem, found.errors)
     known, covariance, is_robust, jitter = _uncertainty(problem, found, given_std)
-    estimates = _estimates(problem, found.point, covariance, known)
+    estimates = estimates_of(problem, found.point, covariance, known)
     count = len(problem.sought)
     parameters, states = estimates[:count], estimates[count:]
     if not any(each.identifiable for each in parameters):
         raise NothingToTellError("; ".join(f"{each.name}: {each.remark}" for each in parameters))
-    measured = problem.measured
-    samples = int(np.sum(np.isfinite(measured)))
-    figures = statistics.criteria(
-        found.history[-1],
-        log_likelihood_deviance(measured, found.errors, found.weighting),
-        samples,
-        sampled_rows(measured),
-        len(found.point),
-    )
+    figures = _criteria(problem, found)
     names = [each.name for each in parameters]
     groups = [[k for k in group if k < count] for group in known.apart]
     return Identification(
@@ -122,6 +106,18 @@ def identify(
             profile(problem, found, names.index(name), estimates[names.index(name)], given_std)
             for name in profiles
         ),
+    )
+
+
+def _criteria(problem: Problem, found: Found) -> statistics.Criteria:
+    """Return the criteria of model selection of what was found."""
+    measured = problem.measured
+    return statistics.criteria(
+        found.history[-1],
+        log_likelihood_deviance(measured, found.errors, found.weighting),
+        int(np.sum(np.isfinite(measured))),
+        sampled_rows(measured),
+        len(found.point),
     )
 
 
@@ -324,98 +320,3 @@ def _check_sound(times: Floats, states: Floats, name: str) -> None:
         raise PlantDivergedError(
             f"{name}: the model diverged at {times[off[0]]:.6g} s; allowed: a shorter `step`, a saner vehicle"
         )
-
-
-def _estimates(
-    problem: Problem, point: Floats, covariance: Floats, known: Uncertainty
-) -> list[Estimate]:
-    low, high = problem.bounds
-    apart = {k for group in known.apart for k in group}
-    limits = _limits_at(problem, point, covariance)
-    result = []
-    for k, value in enumerate(point):
-        std = math.sqrt(max(float(covariance[k, k]), 0.0))
-        if k < len(problem.sought):
-            sought = problem.sought[k]
-            name, quantity = sought.parameter.name, sought.parameter.quantity
-        else:
-            unknown = problem.unknowns[k - len(problem.sought)]
-            name = unknown.name
-            if unknown.experiment != ALL:
-                name = f"{problem.data[unknown.experiment].name}: {name}"
-            quantity = Quantity("", _unit_of(unknown.name), -math.inf, math.inf, "")
-        remark = ""
-        if k in known.silent:
-            remark = "has no effect on what was measured"
-        elif k in apart:
-            remark = "cannot be told apart from others"
-        elif min(value - low[k], high[k] - value) <= _AT_BOUND * problem.sizes[k]:
-            remark = (
-                f"at its bound {float(low[k] if value - low[k] < high[k] - value else high[k]):g}"
-            )
-        elif k in limits and len(limits) == 1:
-            remark = f"at a limit of what a vehicle may be: {limits[k]}"
-        elif k < len(problem.sought) and std > _largest_std(float(value), quantity):
-            times = std / max(abs(value), 1e-300)
-            remark = f"too uncertain: its standard deviation is {times:.2g} times its value"
-        if k in known.silent or k in apart:
-            std = math.inf
-        result.append(
-            Estimate(
-                name=name,
-                symbol=quantity.symbol,
-                unit=quantity.unit,
-                value=float(value),
-                std=std,
-                initial=float(problem.initial[k]),
-                low=float(low[k]),
-                high=float(high[k]),
-                identifiable=not remark,
-                remark=remark or _along(limits.get(k, "")),
-            )
-        )
-    return result
-
-
-def _limits_at(problem: Problem, point: Floats, covariance: Floats) -> dict[int, str]:
-    """Return what the vehicle's checks refuse next to the estimates, by the indices of the parameters held there.
-
-    A limit is looked for a step away that no longer counts.
-    """
-    found = {}
-    for k in range(len(problem.sought)):
-        std = math.sqrt(max(float(covariance[k, k]), 0.0))
-        beside = _BESIDE * problem.sizes[k]
-        if math.isfinite(std):
-            beside = max(beside, min(_BESIDE_STD * std, _BESIDE_MOST * problem.sizes[k]))
-        for way in (-beside, beside):
-            other = point.copy()
-            other[k] += way
-            if wrong := problem.refusals(other):
-                found[k] = wrong[0]
-    return found
-
-
-def _along(limit: str) -> str:
-    """Return the remark on an estimate held with others by a limit, along which the data determine it."""
-    return f"held with others by a limit of what a vehicle may be: {limit}" if limit else ""
-
-
-def _unit_of(name: str) -> str:
-    if name.endswith(("_offset", "_position", "_ahead")):
-        return "rev"
-    units = {
-        "angle": "rad",
-        "rate": "rad/s",
-        "speed": "rev/s",
-        "input_delay": "s",
-        "warmth": "K",
-        "housing_warmth": "K",
-    }
-    return units.get(name, "")
-
-
-def _largest_std(value: float, quantity: Quantity) -> float:
-    """Return the largest standard deviation of a useful estimate."""
-    signed = _SIGNED_SHARE * (quantity.high - quantity.low) if quantity.low < 0.0 else 0.0
-    return max(_SHARE * abs(value), signed)

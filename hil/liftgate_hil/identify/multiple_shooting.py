@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.identify import rigid
-from liftgate_hil.identify.data import Data, InitialCondition, is_closed, part_of
+from liftgate_hil.identify.data import Data, part_of
+from liftgate_hil.identify.initial_condition import InitialCondition, is_closed
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.residuals import local_line
 from liftgate_hil.identify.statistics import fit_percent

@@ -11,15 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.config.parameters import FreeParameter, with_values
-from liftgate_hil.identify.data import (
-    Data,
-    InitialCondition,
-    Unknown,
-    beginning_of,
-    changes_of,
-    is_count,
-    without_end,
-)
+from liftgate_hil.identify.data import Data, changes_of, is_count, without_end
+from liftgate_hil.identify.initial_condition import InitialCondition, Unknown, beginning_of
 from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, REST, Start, trajectory
 from liftgate_hil.identify.workers import on_all_cpus
 from liftgate_plant.dynamics import NOMINAL, Load, Plant

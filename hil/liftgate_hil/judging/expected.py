@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from liftgate_hil.codec.watch import signal_unit, watched
+from liftgate_hil.codec.watch import watched
 from liftgate_hil.conditions.condition import COLUMN, CONST, EQ, NOT, SIGNAL, Condition
 from liftgate_hil.conditions.evaluator import table_of, work_for
 from liftgate_hil.conditions.parser import parsed
@@ -79,7 +80,7 @@ def expected_of(
         of: Expectation, key: str, text: str, is_never: bool = False
     ) -> Condition | None:
         try:
-            made = parsed(text, parameters, lambda name: signal_unit(messages, name))
+            made = parsed(text, parameters, messages)
         except ValueError as error:
             issues.add_of(of.source, key, str(error))
             return None
@@ -102,25 +103,16 @@ def expected_of(
             openers.append(condition_of(each, key, each.after))
     issues.raise_if_any()
     conditions = [each for each in (*own, *openers) if each is not None]
-    opener_of, count = [], len(expectations)
-    for each in expectations:
-        is_opened = isinstance(each.after, str)
-        opener_of.append(count if is_opened else -1)
-        count += is_opened
+    is_opened = [isinstance(each.after, str) for each in expectations]
+    places = itertools.count(len(expectations))  # of the openers, which follow the conditions
+    opener_of = tuple(next(places) if opened else -1 for opened in is_opened)
     names = dict.fromkeys(name for each in conditions for name in each.names(SIGNAL))
     signals = tuple(name for name in names if name not in codes)
     watched(messages, signals, issues)
     issues.raise_if_any()
-    found = tuple(expectations), tuple(conditions), tuple(opener_of)
-    return Expected(
-        *found,
-        signals,
-        messages,
-        len(awaited),
-        codes,
-        diagnostics if codes else None,
-        tuple(faults),
-    )
+    found = tuple(expectations), tuple(conditions), opener_of
+    asked = diagnostics if codes else None
+    return Expected(*found, signals, messages, len(awaited), codes, asked, tuple(faults))
 
 
 def codes_of(
@@ -133,7 +125,9 @@ def codes_of(
         return ()
     key, source = f"{asking[0].key}.dtc", asking[0].source
     if diagnostics is None:
-        said = "the rig has no [diagnostics]; allowed: with one that has, with request and response"
+        said = (
+            "the rig has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
+        )
         issues.add_of(source, key, f"{asking[0].condition}: {said}")
     if not services.is_there():
         issues.add_of(source, key, f"{asking[0].condition}: trouble codes {services.MISSING}")

@@ -35,7 +35,9 @@ def failure_of(expectation: Expectation, condition: Condition, progress: Any, la
     text = f"{expectation.condition}{held}"
     if not math.isnan(progress.late_at):
         return f"{text}: true at {shown_time(progress.late_at)}, allowed until {shown_time(last)}; by then {found}"
-    return f"{text}: not from {shown_time(progress.begin)} to {shown_time(last)}; at best {found}"
+    return (
+        f"{text}: not true from {shown_time(progress.begin)} to {shown_time(last)}; at best {found}"
+    )
 
 
 def shown_time(time: float) -> str:

@@ -124,7 +124,7 @@ class Judge:
         bench's lateness may have decided, `again` steps the gate again.
         """
         if self._not_made > 0.0 and not late:
-            late = f"the bench has not made {self._not_made:g} of the stimuli that it was asked for"
+            late = f"the bench did not apply {self._not_made:g} of the requested stimuli"
         count = len(self.expected.expectations) - self.expected.awaited
         found = [self._in_gaps(place, self._verdict(place, error), gaps) for place in range(count)]
         found = [self._on_time(place, each, again) for place, each in enumerate(found)]
@@ -156,7 +156,7 @@ class Judge:
         end = float(progress.decided_at if progress.is_decided else min(progress.end, self._last))
         so_far = timeliness.worst(0.0, end)
         if so_far.seconds > self._silence + SLACK:
-            why = f": from {1e3 * self._silence:.3g} ms on an ECU may take messages for lost"
+            why = f": from {1e3 * self._silence:.3g} ms on, an ECU may treat messages as lost"
             why = so_far.told + ("" if math.isinf(so_far.seconds) else why)
             return Verdict(verdict.name, INCONCLUSIVE, reason=why)
         if verdict.verdict == FAIL and before:
@@ -273,9 +273,9 @@ class Judge:
         if self._answers is not None and expectation.kind == "dtc":
             return self._unanswered(self._answers, progress, expectation, min(end, self._last))
         if progress.counted == 0:
-            return "a column or a signal of it has no value in its window"
+            return "one of its columns or signals has no value in its window"
         if np.isnan(progress.margin):
-            return f"no stretch of {expectation.hold:g} s in its window in which all has a value"
+            return f"no stretch of {expectation.hold:g} s in its window in which all its columns have a value"
         return ""
 
     @staticmethod
@@ -283,7 +283,7 @@ class Judge:
         """Return why there is no verdict on a trouble code in a window up to a time [s]; "": there is one."""
         if progress.counted == 0:
             why = f"; the ECU refused {answers.refused}" if answers.refused else ""
-            return f"no answer to reading the trouble codes in its window, {progress.begin:g} to {end:g} s{why}"
+            return f"no response to reading the trouble codes in its window, {progress.begin:g} to {end:g} s{why}"
         last = answers.last_before(end + SLACK)
         if expectation.is_always and end - last > answers.longest_wait + SLACK:
             return f"the last answer to reading the trouble codes came at {last:g} s, its window ends at {end:g} s"

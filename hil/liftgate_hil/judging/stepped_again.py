@@ -52,7 +52,9 @@ def stepped_again(
             return Verdict(verdict.name, INCONCLUSIVE, reason=f"{why}; {said}", method=REPLAY)
     if verdict.margin is None:  # a trouble code: only the ECU's responses are known
         return Verdict(
-            verdict.name, INCONCLUSIVE, reason=f"{why}; no margin tells whether it bears that"
+            verdict.name,
+            INCONCLUSIVE,
+            reason=f"{why}; without a margin its effect cannot be bounded",
         )
     margins = [
         verdict.margin,

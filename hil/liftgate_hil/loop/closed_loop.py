@@ -146,7 +146,8 @@ class Episode:
                 self._now = self._now._replace(node=self._adapter.state, outcome=DONE)
             if self._now.outcome == DIVERGED:
                 raise PlantDivergedError(
-                    f"the plant diverged at {self.time:.3f} s; allowed: a higher rate, a saner vehicle"
+                    f"the plant diverged at {self.time:.3f} s; allowed: a higher rate, "
+                    "plausible vehicle parameters"
                 )
             if self._now.outcome == BAD_ECU:
                 raise EcuError(f"the ECU at {self.time:.3f} s: {self._adapter.failure()}")

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from liftgate_hil.codec.frames import Frames
 from liftgate_hil.ecu.node import Node, NodeState, ask, outgoing, turn
 from liftgate_hil.ecu.wire import CAPACITY
 from liftgate_hil.loop.advance import advance
 from liftgate_hil.loop.rings import Shared, count_bits, next_row, note_frames
 from liftgate_hil.loop.tick import LoopConfig, LoopState, in_force
 from liftgate_hil.signals import ON_TIME
-from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, received, turns
 from liftgate_plant.compiler import compilable
 
@@ -51,7 +51,19 @@ def most_frames(config: LoopConfig) -> int:
 
 
 @compilable
-def run_stretch(  # noqa: PLR0915
+def note_exchange(
+    shared: Shared, given: Frames, heard: Frames, time_ns: int, is_recorded: int
+) -> None:
+    """Count the bits of a tick's frames in both directions; if they are recorded, put them into the ring."""
+    count_bits(shared, given)
+    count_bits(shared, heard)
+    if is_recorded:
+        note_frames(shared, given, time_ns, 0)
+        note_frames(shared, heard, time_ns, 1)
+
+
+@compilable
+def run_stretch(
     config: LoopConfig, node: Node, start: Stretch, script: Script, shared: Shared
 ) -> Stretch:
     """Run on from the end of the last stretch, and return the end of this one.
@@ -69,9 +81,8 @@ def run_stretch(  # noqa: PLR0915
     outcome, stimuli, is_over = DONE, script.stimuli, False
     origin = stimuli.origin[0]
     while not is_over:
-        gate = in_force(
-            config, stimuli.faults.row
-        )  # outside the inner loop, so that what follows from it is calculated once
+        # Outside the inner loop, so that what follows from it is calculated once.
+        gate = in_force(config, stimuli.faults.row)
         while True:
             stopping = loop.tick >= script.ticks
             is_full = rows <= 0 or room <= 0 or edges[0] > most_edges
@@ -83,31 +94,20 @@ def run_stretch(  # noqa: PLR0915
             heard, now_ns = config.nothing, 0
             if has_begun != 0 or stopping:
                 rows -= 1
-                take_letters(shared.box, stimuli.held)
                 given, start_ns = config.nothing, loop.tick * config.step_ns
                 if not stopping:
                     given = received(stimuli, config.inputs, to_gate, start_ns, config.seed)
                 place = next_row(shared)
+                row = shared.rows[place : place + 1]
                 loop, heard, is_sound = advance(
-                    gate,
-                    loop,
-                    stimuli,
-                    given,
-                    shared.rows[place : place + 1],
-                    ON_TIME,
-                    False,
-                    stopping,
+                    gate, loop, stimuli, given, row, ON_TIME, False, stopping
                 )
                 control.rows += 1
                 now_ns = loop.tick * config.step_ns
                 if given.count + heard.count > 0:
-                    count_bits(shared, given)
-                    count_bits(shared, heard)
-                    if script.is_recorded:
-                        time_ns = now_ns - origin * config.step_ns
-                        note_frames(shared, given, time_ns, 0)
-                        note_frames(shared, heard, time_ns, 1)
-                        room -= given.count + heard.count
+                    time_ns = now_ns - origin * config.step_ns
+                    note_exchange(shared, given, heard, time_ns, script.is_recorded)
+                    room -= script.is_recorded * (given.count + heard.count)
                 control.sent += heard.count
                 control.tick = loop.tick - origin
                 if not is_sound:
@@ -120,10 +120,4 @@ def run_stretch(  # noqa: PLR0915
                 else:
                     state, to_gate, is_fine = turn(node, state, heard, now_ns)
                     outcome = outcome if is_fine else BAD_ECU
-    return Stretch(
-        loop=loop,
-        node=state,
-        has_begun=has_begun,
-        pending=to_gate.count,
-        outcome=outcome,
-    )
+    return Stretch(loop, state, has_begun, to_gate.count, outcome)

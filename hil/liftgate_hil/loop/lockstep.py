@@ -60,7 +60,7 @@ def run_lockstep(
             )
         if silent > _PATIENCE and not is_told:
             lockstep.say(
-                f"{loop.time:.3f} s: waits for a command (0x{lockstep.command:X}); `wall_timeout` ends that"
+                f"{loop.time:.3f} s: waits for a command (0x{lockstep.command:X}); `wall_timeout` limits the wait"
             )
             is_told = True
         if waiting.commands:

@@ -110,7 +110,7 @@ class ProgressMonitor:
         if name is not None and not self._has_told_another:
             self._has_told_another = True
             self._listener.say(
-                f"{time_s:.3f} s: hears {name} (0x{int(others.found) & 0x1FFFFFFF:X}), which this gate sends: "
+                f"{time_s:.3f} s: received {name} (0x{int(others.found) & 0x1FFFFFFF:X}), which this gate sends: "
                 f"another bench or a replay is on this bus{self._apart}"
             )
 
@@ -127,7 +127,7 @@ class ProgressMonitor:
             identifier = self._rig.messages[self._command].frame_id
             others = self._reception.refusals[FOREIGN]
             heard = (
-                f"; hears 0x{int(others.found) & 0x1FFFFFFF:X}, which is not received by this rig"
+                f"; 0x{int(others.found) & 0x1FFFFFFF:X} is on the bus, but not received by this rig"
                 f"{'' if self._has_told_another else self._apart}"
             )
             self._listener.say(
@@ -161,7 +161,7 @@ class ProgressMonitor:
         head = f"{refusal.time_ns * 1e-9:.3f} s: {name} refused"
         options = self._rig.options.get(name)
         if cause == REMOTE_FRAME:
-            return f"{head}: a remote frame; allowed: data"
+            return f"{head}: a remote frame; allowed: a data frame"
         if cause == WRONG_LENGTH:
             return f"{head}: {refusal.found:.0f} bytes; expected {refusal.expected:.0f}"
         if cause == BAD_CHECKSUM:
@@ -171,7 +171,7 @@ class ProgressMonitor:
                 for each in (refusal.checksum, refusal.right_checksum)
             )
             if found == expected:
-                return f"{head}: data ID or counter: none that this message has ({signal} fits)"
+                return f"{head}: data ID or counter does not belong to this message ({signal} is correct)"
             return f"{head}: {signal} is 0x{found:X}; expected 0x{expected:X}"
         if cause == BAD_COUNTER:
             signal = (options and options.counter) or "counter"

@@ -173,7 +173,7 @@ class Loop:
             at, angle, current = (row[0, COLUMN_PLACE[name]] for name in _DIVERGED)
             raise PlantDivergedError(
                 f"the plant diverged at {at:.3f} s (angle {angle}, current {current}); "
-                "allowed: a higher `rate`, a saner vehicle"
+                "allowed: a higher `rate`, plausible vehicle parameters"
             )
 
     def _call(

@@ -6,15 +6,16 @@ every other loop calls.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, FD, Frames, empty_frames
+from liftgate_hil.codec.frames import ERROR, Frames, empty_frames
 from liftgate_hil.codec.receive import backdate, is_stale
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.loop.advance import advance
+from liftgate_hil.loop.arrivals import arrival_of, first_arrival, is_among, longest_wait
 from liftgate_hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import note
 from liftgate_hil.loop.rings import (
@@ -30,7 +31,6 @@ from liftgate_hil.loop.rings import (
 from liftgate_hil.loop.tick import LoopConfig, LoopState, in_force
 from liftgate_hil.signals import Bench
 from liftgate_hil.stimuli.bus_faults import restamp
-from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.stimulus_plan import (
     StimulusPlan,
     not_made,
@@ -48,6 +48,21 @@ _BUS_OFF, _RESTARTED = 0x40, 0x100  # CAN_ERR_BUSOFF, CAN_ERR_RESTARTED (linux/c
 
 _clock_gettime = System("clock_gettime", "i", "il")
 _clock_nanosleep = System("clock_nanosleep", "i", "iill")
+
+
+# Progress of the loop, written in place; times are on the monotonic clock.
+PACE = np.dtype(
+    [
+        ("start_ns", "i8"),  # the scenario's time 0
+        ("woken_ns", "i8"),  # when the loop last woke
+        ("come", "i8"),  # frames that have come
+        ("taken", "i8"),  # of these, those that ticks have received
+        ("left", "i8"),  # ticks before the last one of those that are due; -1: none is due
+        ("due_ns", "i8"),  # when the present tick was due
+        ("waited_ns", "i8"),  # longest wait of one of its frames, or of an ECU in this process
+        ("command_ns", "i8"),  # arrival of the oldest command without feedback; 0: none
+    ]
+)
 
 
 class RunParams(NamedTuple):
@@ -84,6 +99,7 @@ class Room(NamedTuple):
     drained: NDArray[np.int64]  # (1,) when all frames that had come were last read
     drops: NDArray[np.int64]  # (1,) the kernel's last count of dropped frames; -1: none yet
     clock: NDArray[np.int64]  # (2,) struct timespec
+    pace: Any  # (1,) PACE
 
 
 def make_room() -> Room:
@@ -101,6 +117,7 @@ def make_room() -> Room:
         np.zeros(1, dtype=np.int64),
         np.full(1, -1, dtype=np.int64),
         np.zeros(2, dtype=np.int64),
+        np.zeros(1, dtype=PACE).view(np.recarray),
     )
 
 
@@ -121,29 +138,6 @@ def wait_until(deadline_ns: int, room: Room) -> int:
         _clock_nanosleep(_MONOTONIC, _ABSOLUTE, room.clock.ctypes.data, 0)
         now = clock_ns(_MONOTONIC, room)
     return now
-
-
-@compilable
-def arrival_of(stamp: int, now_ns: int, real_ns: int, drained_ns: int) -> int:
-    """Return a frame's arrival on the monotonic clock, from the stamp that `read_frames` returns.
-
-    A pump's stamp is of that clock. A step of the wall clock between the frame's arrival and now makes the
-    kernel's stamp wrong; but the frame came after all were last read, which limits the error.
-    """
-    if stamp >= 0:
-        return now_ns if stamp == 0 else min(stamp, now_ns)
-    return now_ns - min(max(real_ns + stamp, 0), now_ns - drained_ns)
-
-
-@compilable
-def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
-    """Whether a frame with one of these identifiers is there."""
-    for i in range(frames.count):
-        identifier = frames.identifiers[i] & ~FD
-        for wanted in identifiers:
-            if identifier == wanted:
-                return True
-    return False
 
 
 @compilable
@@ -240,25 +234,84 @@ def handed_out(
 
 
 @compilable
-def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) -> int:
-    """Return when the first frame with an identifier came; 0: there is none."""
-    for i in range(frames.count):
-        if frames.identifiers[i] & ~FD == identifier:
-            return int(stamps[i])
-    return 0
+def wait_for_ticks(
+    config: LoopConfig, params: RunParams, shared: Shared, room: Room, done: int
+) -> bool:
+    """Wait until the tick after the first `done` is due, and receive the frames that have come meanwhile.
+
+    Returns False if the loop has fallen too far behind.
+    """
+    pace = room.pace[0]
+    deadline = pace.start_ns + (done + 1) * config.step_ns
+    pace.woken_ns = wait_until(deadline, room)
+    late = pace.woken_ns - deadline
+    note(shared.histograms[LATENESS], late)
+    if late > params.limit_ns:
+        return False
+    pace.left = min(late // config.step_ns, params.ticks - done - 1)
+    pace.come = receive(shared, params, room).count
+    return True
 
 
 @compilable
-def longest_wait(frames: Frames, stamps: NDArray[np.int64], now_ns: int) -> int:
-    """Return the longest time that one of the frames has waited [ns]."""
-    longest = 0
-    for i in range(frames.count):
-        longest = max(longest, now_ns - stamps[i])
-    return longest
+def frames_for_tick(
+    config: LoopConfig, state: LoopState, params: RunParams, shared: Shared, room: Room
+) -> Frames:
+    """Return the frames for the tick that is due next, as the faults on the bus leave them.
+
+    Notes when that tick was due, and how long one of the frames, or an ECU in this process, has waited at most.
+    """
+    pace, stimuli, control = room.pace[0], params.stimuli, shared.control[0]
+    pace.due_ns = pace.woken_ns
+    if pace.left > 0:
+        pace.due_ns = pace.start_ns + (state.tick - stimuli.origin[0] + 1) * config.step_ns
+        if pace.taken == pace.come == CAPACITY:  # there was no room for all
+            pace.come, pace.taken = receive(shared, params, room).count, 0
+    last = arrived_by(room, pace.taken, pace.come, pace.due_ns) if pace.left > 0 else pace.come
+    given = handed_out(config.inputs, shared, room, pace.taken, last, pace.due_ns)
+    pace.taken = last
+    given = received(stimuli, config.inputs, given, state.tick * config.step_ns, config.seed)
+    if len(stimuli.bus_faults.origins) > 0:
+        restamp(stimuli.bus_faults, given.count, room.given_stamps, pace.due_ns)
+    if pace.left == 0:
+        pace.due_ns = clock_ns(_MONOTONIC, room)
+    longest = longest_wait(given, room.given_stamps, pace.due_ns)
+    pace.waited_ns = max(longest, control.turn_late_ns, control.line_late_ns)
+    control.line_late_ns = 0
+    return given
 
 
 @compilable
-def run_realtime(  # noqa: PLR0912, PLR0915
+def note_given(
+    config: LoopConfig, before: LoopState, after: LoopState, room: Room, given: Frames, command: int
+) -> None:
+    """Note when the frames of a tick had arrived: for the messages' time-outs, and for the delay of a command."""
+    pace = room.pace[0]
+    if given.count > 0:
+        previous_ns, now_ns = pace.due_ns - config.step_ns, before.tick * config.step_ns
+        backdate(config.inputs, after.reception, given, room.given_stamps, previous_ns, now_ns)
+    if after.counts.accepted > before.counts.accepted and pace.command_ns == 0:
+        pace.command_ns = first_arrival(given, room.given_stamps, command)
+
+
+@compilable
+def send_replies(
+    shared: Shared, params: RunParams, room: Room, replies: Frames, stopping: bool
+) -> None:
+    """Send the frames of a tick, and note how long the command that they answer has waited."""
+    pace, unsent = room.pace[0], 0
+    if replies.count > 0:
+        unsent = send(shared, params, room, replies, _LAST_PATIENCE if stopping else 0)
+    sent_ns = clock_ns(_MONOTONIC, room)
+    if pace.command_ns != 0 and unsent == 0 and is_among(replies, params.feedback):
+        note(shared.histograms[DELAY], sent_ns - pace.command_ns)
+        pace.command_ns = 0
+    note_frames(shared, replies, sent_ns - pace.start_ns, 1)
+    count_bits(shared, replies)
+
+
+@compilable
+def run_realtime(
     config: LoopConfig, state: LoopState, params: RunParams, shared: Shared, room: Room
 ) -> tuple[LoopState, int]:
     """Tick until stopped or done, and with `is_last` once more with the motors off, when every message is sent.
@@ -267,106 +320,53 @@ def run_realtime(  # noqa: PLR0912, PLR0915
     that had arrived by its own time, so that the gate moves as if none had been missed. Returns the state, and
     ENDED, OVERRUN or DIVERGED.
     """
-    control = shared.control[0]
-    outcome = ENDED
-    waiting_since = 0  # arrival of the oldest command that no feedback has shown yet
+    control, pace, stimuli = shared.control[0], room.pace[0], params.stimuli
+    outcome, stopping, is_over, origin = ENDED, False, False, stimuli.origin[0]
     none = Frames(0, room.identifiers, room.lengths, room.data)
-    stimuli, stopping, is_over = params.stimuli, False, False
-    origin = stimuli.origin[0]
     # The scenario's time 0 is now: taken here, where no interpreter lock can hold up what follows.
-    start_ns = clock_ns(_MONOTONIC, room) - (state.tick - origin) * config.step_ns
+    pace.start_ns = clock_ns(_MONOTONIC, room) - (state.tick - origin) * config.step_ns
     control.epoch_ns = clock_ns(_REALTIME, room) - (state.tick - origin) * config.step_ns
-    room.drained[0] = start_ns
-    woken = start_ns
-    come, taken = 0, 0  # frames that have come, and how many of them ticks have received
-    left = -1  # ticks before the last one of those that are due; -1: none is due
+    room.drained[0] = pace.woken_ns = pace.start_ns
+    pace.command_ns, pace.left = 0, -1
     while not is_over:
         gate = in_force(config, stimuli.faults.row)  # outside the inner loop, as in `episode`
         while True:
             done = state.tick - origin
-            if left < 0:
+            if pace.left < 0:
                 stopping = control.stop != 0 or done >= params.ticks or outcome != ENDED
-                come, taken, left = 0, 0, 0
-                if not stopping:
-                    deadline = start_ns + (done + 1) * config.step_ns
-                    woken = wait_until(deadline, room)
-                    late = woken - deadline
-                    note(shared.histograms[LATENESS], late)
-                    if late > params.limit_ns:
-                        outcome, left = OVERRUN, -1
-                        continue
-                    left = min(late // config.step_ns, params.ticks - done - 1)
-                    come = receive(shared, params, room).count
-                elif params.is_last == 0:
+                pace.come, pace.taken, pace.left = 0, 0, 0
+                if stopping and params.is_last == 0:
                     is_over = True
                     break
-                take_letters(shared.box, stimuli.held)
-            now = done * config.step
-            if turns(stimuli, now):
+                if not stopping and not wait_for_ticks(config, params, shared, room, done):
+                    outcome, pace.left = OVERRUN, -1
+                    continue
+            if turns(stimuli, done * config.step):
                 break
-            given, accepted, waited_ns = none, state.counts.accepted, 0
-            now_ns, due_ns = state.tick * config.step_ns, woken
+            given, pace.waited_ns = none, 0
             if not stopping:
-                if left > 0 and taken == come == CAPACITY:  # there was no room for all
-                    come, taken = receive(shared, params, room).count, 0
-                last = come
-                if left > 0:
-                    due_ns = start_ns + (done + 1) * config.step_ns
-                    last = arrived_by(room, taken, come, due_ns)
-                given = handed_out(config.inputs, shared, room, taken, last, due_ns)
-                taken = last
-                given = received(stimuli, config.inputs, given, now_ns, config.seed)
-                if len(stimuli.bus_faults.origins) > 0:
-                    restamp(stimuli.bus_faults, given.count, room.given_stamps, due_ns)
-                if left == 0:
-                    due_ns = clock_ns(_MONOTONIC, room)
-                waited_ns = longest_wait(given, room.given_stamps, due_ns)
-                waited_ns = max(waited_ns, control.turn_late_ns, control.line_late_ns)
-                control.line_late_ns = 0
-            control.overruns += int(left > 0)
+                given = frames_for_tick(config, state, params, shared, room)
+            is_silent, before = pace.left > 0, state
+            control.overruns += int(is_silent)
             missed, dropped = float(control.overruns), float(control.dropped + control.stale)
-            bench = Bench(missed, dropped, 1e-9 * waited_ns, not_made(stimuli))
+            bench = Bench(missed, dropped, 1e-9 * pace.waited_ns, not_made(stimuli))
             place = next_row(shared)
+            row = shared.rows[place : place + 1]
             state, replies, is_sound = advance(
-                gate,
-                state,
-                stimuli,
-                given,
-                shared.rows[place : place + 1],
-                bench,
-                left > 0,
-                stopping,
+                gate, state, stimuli, given, row, bench, is_silent, stopping
             )
             control.rows += 1
-            if given.count > 0:
-                before_ns = due_ns - config.step_ns  # when the previous tick was due
-                backdate(
-                    config.inputs, state.reception, given, room.given_stamps, before_ns, now_ns
-                )
-            if state.counts.accepted > accepted and waiting_since == 0:
-                waiting_since = first_arrival(given, room.given_stamps, params.command)
-            note_arrivals(shared, given, room.given_stamps, start_ns)
+            note_given(config, before, state, room, given, params.command)
+            note_arrivals(shared, given, room.given_stamps, pace.start_ns)
             count_bits(shared, given)
-            left -= 1
-            if not is_sound:
-                outcome = DIVERGED
-            if left >= 0:
+            pace.left -= 1
+            outcome = outcome if is_sound else DIVERGED
+            if pace.left >= 0:
                 continue
-
-            unsent = 0
-            if replies.count > 0:
-                patience = _LAST_PATIENCE if stopping else 0
-                unsent = send(shared, params, room, replies, patience)
-            sent_ns = clock_ns(_MONOTONIC, room)
-            if waiting_since != 0 and unsent == 0 and is_among(replies, params.feedback):
-                note(shared.histograms[DELAY], sent_ns - waiting_since)
-                waiting_since = 0
-
-            note_frames(shared, replies, sent_ns - start_ns, 1)
-            count_bits(shared, replies)
+            send_replies(shared, params, room, replies, stopping)
             control.tick = state.tick - origin
             if stopping:
                 is_over = True
                 break
-            note(shared.histograms[EXECUTION], clock_ns(_MONOTONIC, room) - woken)
+            note(shared.histograms[EXECUTION], clock_ns(_MONOTONIC, room) - pace.woken_ns)
     return state, outcome

@@ -29,7 +29,7 @@ from liftgate_hil.loop.python_loop import Peer
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, ArrivalReader, Memory, RingReader
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
-from liftgate_hil.stimuli.mailbox import post
+from liftgate_hil.stimuli.command_queue import post_values
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_hil.transport.base import Line
 from liftgate_plant.compiler import compiled
@@ -164,7 +164,7 @@ class RealtimeRun:
         if self.outcome == realtime_loop.DIVERGED:
             raise PlantDivergedError(
                 f"the plant diverged at {self._ticks * self.config.step:.3f} s; allowed: a higher "
-                "`rate`, a saner vehicle"
+                "`rate`, plausible vehicle parameters"
             )
 
     @property
@@ -258,7 +258,7 @@ class RealtimeRun:
             if now >= next_figures:
                 next_figures = now + _FIGURES
                 timing = self.timing().on_bus()
-                post(shared.box[0], timing._asdict())
+                post_values(self.stimuli.queue, timing._asdict())
             for turn in turns:
                 turn.give(int(control.tick + self.stimuli.origin[0]) * self.config.step_ns)
             thread.join(pause)
@@ -272,7 +272,7 @@ class RealtimeRun:
         lost, come = heard.lost, heard.take()
         if heard.lost > lost:
             self.say(
-                f"{heard.lost - lost} frames were overwritten before anybody looked for orders among them"
+                f"{heard.lost - lost} frames were overwritten before they were checked for bench commands"
             )
         for observer in self.observers:
             observer.look(come, int(self.memory.shared.control.tick[0]) * self.config.step)

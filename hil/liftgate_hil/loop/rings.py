@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import LOGGED, Frames, bits_of
 from liftgate_hil.loop.histogram import BINS
 from liftgate_hil.signals import ROW_WIDTH
-from liftgate_hil.stimuli.mailbox import BOX
 from liftgate_plant.compiler import compilable
 
 CONTROL = np.dtype(
@@ -73,7 +72,6 @@ class Shared(NamedTuple):
     rows: NDArray[np.float64]  # (rows, ROW_WIDTH): true and sensed values
     frames: Any  # (frames,) LOGGED
     histograms: NDArray[np.int64]  # (3, BINS): LATENESS, EXECUTION, DELAY
-    box: Any  # (1,) mailbox.BOX: values posted into the loop
 
 
 @compilable
@@ -139,7 +137,6 @@ class Memory:
             (np.dtype("f8"), (rows, ROW_WIDTH)),
             (LOGGED, (frames,)),
             (np.dtype("i8"), (3, BINS)),
-            (BOX, (1,)),
         ]
         sizes = [-(-kind.itemsize * int(np.prod(shape)) // 64) * 64 for kind, shape in parts]
         is_made = descriptor is None

@@ -27,8 +27,8 @@ from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.compiler import compilable, compiled, unflattened
 from liftgate_plant.constants import Constants
 from liftgate_plant.dynamics import Inputs, State, angle_at
+from liftgate_plant.edge_ring import RING_SIZE, edges_after
 from liftgate_plant.friction_profile import FrictionProfile, frictions_in
-from liftgate_plant.hall import RING_SIZE, edges_after
 from liftgate_plant.integrate import Flow
 from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
 from liftgate_plant.rows import disturbed, inputs_of, overlaid, truth_of
@@ -44,7 +44,7 @@ class Block(NamedTuple):
     """The result of one block of a simulation."""
 
     rows: Floats  # (n, ROW_WIDTH) of signals.COLUMNS
-    edges: Any  # (m,) hall.EDGE
+    edges: Any  # (m,) edge_ring.EDGE
 
 
 class Offline(NamedTuple):
@@ -119,15 +119,16 @@ def block(
             arming, inputs = inputs_at(offline, gate, rows[k], time, arming, state)
             begun = dynamics.at(inputs, 0.0)
             shown = dynamics.outputs(gate.plant, state, begun)
+            view = sensors.View(state, begun, shown, flow)
+            when = sensors.tick_of(gate.sensors, offline.seed, done, offline.step)
             memory, sensed = sensors.sense(
-                gate.sensors, gate.faults, gate.plant, state, begun, shown, flow, memory,
-                offline.seed, done, offline.step,
-            )  # fmt: skip
+                gate.sensors, gate.faults, gate.plant, view, memory, when
+            )
             contact = pinched(
                 contact, gate.plant, begun.load.obstacle, state, shown.pinch_force,
                 time, offline.step,
             )  # fmt: skip
-            truth = truth_of(gate.sensors, time, state, begun, shown, contact, flow, offline.step)
+            truth = truth_of(gate.sensors, time, view, contact, offline.step)
             sound = is_sound(truth)
             if not sound:
                 break
@@ -183,10 +184,11 @@ def _blocks(
             yield Block(out[wanted : gained + 1 : every], edges_after(now.sensors.edges, seen))
             raise PlantDivergedError(
                 f"the plant diverged at {time:.6g} s: nothing drives it, and it gains more than "
-                f"{MOST:.0%} of its energy; allowed: a shorter `step`, a saner vehicle"
+                f"{MOST:.0%} of its energy; allowed: a shorter `step`, plausible vehicle parameters"
             )
         yield Block(out[wanted:written:every], edges_after(now.sensors.edges, seen))
     if not sound:
         raise PlantDivergedError(
-            f"the plant diverged at {now.done * offline.step:.6g} s; allowed: a shorter `step`, a saner vehicle"
+            f"the plant diverged at {now.done * offline.step:.6g} s; allowed: a shorter `step`, "
+            "plausible vehicle parameters"
         )

@@ -143,7 +143,7 @@ class Summary:
         if self.received.foreign:
             said = f"{self.received.foreign} frames have identifiers that the rig does not receive"
             return f"no command was accepted, {said}" + (f"; {self.apart}" if self.apart else "")
-        return "no command came: the ECU sent nothing"
+        return "no command arrived: the ECU sent nothing"
 
     def injections_told(self) -> str:
         """Return a text on what a test bench injected."""
@@ -151,6 +151,24 @@ class Summary:
         more = "; …" if self.injections > _MOST_TOLD else ""
         said = f": {first}{more}" if first else ""
         return f"injected by the test bench {self.injections} times, {self.injections_refused} refused{said}"
+
+    def _link_lines(self) -> list[str]:
+        """Return a line on the faults of the link; none if there were none."""
+        link = self.link._replace(**dict.fromkeys(_NO_FAULTS, 0))
+        if not any(link):
+            return []
+        rarer = [
+            f", {count} {name.replace('_', ' ')}"
+            for name, count in link._asdict().items()
+            if count and name not in _USUAL_FAULTS
+        ]
+        return [
+            f"link: lost {link.losses} times, {link.send_failures} frames not sent "
+            f"({link.send_queue_full} because the queue was full), {link.receive_failures} "
+            f"receive errors, {link.dropped} received frames dropped"
+            + "".join(rarer)
+            + (f", last: {self.link_error}" if self.link_error else "")
+        ]
 
     def lines(self) -> list[str]:
         """Return the figures as lines of text for a person."""
@@ -173,7 +191,7 @@ class Summary:
         if received.foreign and self.apart:
             lines.append(f"foreign frames: {self.apart}")
         if received.unqualified:
-            lines.append(f"sound, but the E2E state not valid: {received.unqualified} frames")
+            lines.append(f"correct, but E2E state not valid: {received.unqualified} frames")
         delay = self.timing.delay
         if delay.count:
             lines.append(
@@ -182,23 +200,10 @@ class Summary:
             )
         if self.link.before_start:
             lines.append(
-                f"{self.link.before_start} frames had come before the loop was ready, or a lost link was back, "
+                f"{self.link.before_start} frames arrived before the loop was ready, or a lost link was back, "
                 "and were dropped"
             )
-        link = self.link._replace(**dict.fromkeys(_NO_FAULTS, 0))
-        if any(link):
-            rarer = [
-                f", {count} {name.replace('_', ' ')}"
-                for name, count in link._asdict().items()
-                if count and name not in _USUAL_FAULTS
-            ]
-            lines.append(
-                f"link: lost {link.losses} times, {link.send_failures} frames not sent "
-                f"({link.send_queue_full} because the queue was full), {link.receive_failures} "
-                f"receive errors, {link.dropped} received frames dropped"
-                + "".join(rarer)
-                + (f", last: {self.link_error}" if self.link_error else "")
-            )
+        lines += self._link_lines()
         if self.injections or self.injections_refused:
             lines.append(self.injections_told())
         if self.commands:

@@ -209,13 +209,13 @@ def surroundings(
     """Return the obstacle's arming, and the load from the surroundings.
 
     The vehicle's surroundings are overridden by the scenario's, these by the panel's, and these by what was
-    posted.
+    commanded.
     """
-    above = overlay(outside.posted, picked(values, IN_SURROUNDINGS))
+    above = overlay(outside.commanded, picked(values, IN_SURROUNDINGS))
     said, rise = overlay(above, outside.profiles), rise_under(outside.supply_rise, above)
     obstacle = panel_obstacle(config, values, outside.obstacle)
-    if not np.isnan(outside.posted_obstacle.stiffness):
-        obstacle = outside.posted_obstacle
+    if not np.isnan(outside.commanded_obstacle.stiffness):
+        obstacle = outside.commanded_obstacle
     released = value_or(values[IN.latch_release], 0.0)
     if config.latch_mapped == 0:
         released = 1.0 if opening else 0.0
@@ -245,6 +245,20 @@ def emulator_state(reception: Reception, timeouts: int, stop: bool) -> int:
     if not np.isnan(reception.values[IN.left_duty]):
         return RUNNING
     return TIMEOUT if timeouts > 0 else WAITING
+
+
+@compilable
+def status_of(
+    reception: Reception, counts: Counts, timeouts: int, outside: Outside, pinch_force_max: float
+) -> Status:
+    """Return what the emulator reports of itself; the force [N] is the largest since it was last sent."""
+    return Status(
+        tick_overruns=float(outside.ticks_missed),
+        command_timeouts=float(timeouts),
+        rejected_frames=float(rejected(counts)),
+        emulator_state=float(emulator_state(reception, timeouts, outside.is_stop)),
+        pinch_force_max=pinch_force_max,
+    )
 
 
 @compilable
@@ -305,35 +319,22 @@ def tick(
     done = state.tick + 1
     inputs = dynamics.at(inputs, 1.0)
     shown = dynamics.outputs(config.plant, plant_state, inputs)
+    view = sensors.View(plant_state, inputs, shown, flow)
+    when = sensors.tick_of(config.sensors, config.seed, done, config.step)
     memory, sensed = sensors.sense(
-        config.sensors, config.faults, config.plant, plant_state, inputs, shown, flow, state.sensors,
-        config.seed, done, config.step,
-    )  # fmt: skip
+        config.sensors, config.faults, config.plant, view, state.sensors, when
+    )
     contact = pinched(
         state.pinch, config.plant, load.obstacle, plant_state, shown.pinch_force,
         done * config.step, config.step,
     )  # fmt: skip
     hold = max(state.pinch_hold, shown.pinch_force)
-    truth = truth_of(
-        config.sensors,
-        (done - outside.ticks_before) * config.step,
-        plant_state,
-        inputs,
-        shown,
-        contact,
-        flow,
-        config.step,
-    )
+    time = (done - outside.ticks_before) * config.step
+    truth = truth_of(config.sensors, time, view, contact, config.step)
     replies = config.nothing
     end_ns = done * config.step_ns
     if is_due(transmission, end_ns, outside.is_silent, outside.is_stop):
-        status = Status(
-            tick_overruns=float(outside.ticks_missed),
-            command_timeouts=float(timeouts),
-            rejected_frames=float(rejected(counts)),
-            emulator_state=float(emulator_state(reception, timeouts, outside.is_stop)),
-            pinch_force_max=hold,
-        )
+        status = status_of(reception, counts, timeouts, outside, hold)
         edges = edge_times(memory.halls, done * config.step)
         line_up(transmission.values, sensed, truth, status, outside, edges)
         hold_message, outputs = config.hold_message, config.outputs

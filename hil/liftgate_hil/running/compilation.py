@@ -16,9 +16,9 @@ _CALLED = {
     "scheduled_tick": "loop on a bus",
     "turn": "ECU's side of the bus",
     "block": "simulation",
-    "run": "model of identification",
-    "walk": "reading of bus logs",
-    "note_wakeups": "measurement of lateness",
+    "run": "identification model",
+    "walk": "reader of bus logs",
+    "note_wakeups": "lateness measurement",
     "put_lines": "CSV text",
     "put_messages": "MCAP text",
     "play": "replay",
@@ -61,7 +61,7 @@ class _Watcher(compiler.Watcher):
 
     def not_kept(self, why: str) -> None:
         """Report why machine code is not kept on disk."""
-        self._listener.say(f"machine code is not kept: {why}")
+        self._listener.say(f"machine code is not cached: {why}")
 
 
 @contextlib.contextmanager

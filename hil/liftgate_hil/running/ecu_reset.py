@@ -79,7 +79,7 @@ class Program:
             try:
                 code = self._process.wait(self._timeout)
             except subprocess.TimeoutExpired:
-                self.failure = f"not at its end after {self._timeout:g} s"
+                self.failure = f"not finished after {self._timeout:g} s"
                 _kill(self._process)
                 with contextlib.suppress(subprocess.TimeoutExpired):  # it runs as another user
                     self._process.wait(_KILL_S)
@@ -146,7 +146,7 @@ class Restarts:
     def not_made(self) -> str:
         """Return, after the run, why resets were not completed ("": all were), and stop the programs."""
         found = [
-            f"request: reset: {each.name}: {each.failure or 'not at its end'}"
+            f"request: reset: {each.name}: {each.failure or 'not finished'}"
             for each in self._programs
             if each.is_not_made
         ]

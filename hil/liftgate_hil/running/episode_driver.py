@@ -33,7 +33,7 @@ class EpisodeDriver:
         """Open the recordings, go through the precondition, and compile."""
         plan, execution = self._execution.plan, self._execution
         if plan.ticks is None:
-            raise ConfigError("`duration`: missing; allowed: in the scenario, or given")
+            raise ConfigError("`duration`: missing; allowed: in the scenario, or as an argument")
         listener = plan.job.listener
         columns = columns_of(plan.setup.vehicle.drives)
         content = Content(columns, PRIVATE_BUS, about=origin_of(plan))
@@ -56,7 +56,7 @@ class EpisodeDriver:
             plan.rig, plan.config, reception, listener, ticks_before=before
         )
         stack.callback(episode.close)
-        listener.starts(f"{plan.setup.vehicle_name} on no bus")
+        listener.starts(f"{plan.setup.vehicle_name} without a bus")
         if plan.way is not None:
             listener.say("nothing is on the bus: with `clock` free gate and ECU are alone")
         episode.begin()

@@ -9,7 +9,7 @@ with Gate(vehicle="suv", rig="liftgate", initial="closed", seed=1) as gate:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from numbers import Real
 from pathlib import Path
@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import FD, Frames
-from liftgate_hil.config.arguments import number_of, seed_of
+from liftgate_hil.codec.frames import FD
 from liftgate_hil.config.restbus import value_in
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario_tables import Fault, fault_of
@@ -33,30 +32,24 @@ from liftgate_hil.formats.edges import DRIVES, Edge, edges_since
 from liftgate_hil.loop.episode import DIVERGED, Script, Stretch, run_stretch
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.loop.tick import constants_in, initial_loop
 from liftgate_hil.running.commands.by_hand import (
     STIFFNESS,
     held_obstacle,
     obstacle_in,
     surroundings_in,
 )
+from liftgate_hil.running.commands.loop_target import LoopTarget
 from liftgate_hil.running.commands.orders import Orders
 from liftgate_hil.running.cyclic_command import CyclicCommand
-from liftgate_hil.running.options import RATES
-from liftgate_hil.running.setup import angle_from, loop_config_of, rig_of, variant_of, vehicle_of
-from liftgate_hil.running.stimulation import injections_of
+from liftgate_hil.running.options import checked
+from liftgate_hil.running.setup import loop_config_of, rig_of, setup_of, start_of, variant_of
+from liftgate_hil.running.stimulation import opening_of, planned_stimuli
 from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX, columns_of
-from liftgate_hil.stimuli import restbus
-from liftgate_hil.stimuli.bus_fault_tables import going_on
-from liftgate_hil.stimuli.faults import Injection
-from liftgate_hil.stimuli.mailbox import hold
-from liftgate_hil.stimuli.moments import START, Instant
-from liftgate_hil.stimuli.restbus import SignalChange
-from liftgate_hil.stimuli.slots import CLOSED
-from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
+from liftgate_hil.stimuli.moments import Instant
+from liftgate_hil.stimuli.restbus import BENCH, OPERATOR, start_value
+from liftgate_hil.stimuli.stimulus_plan import take_posted
 from liftgate_plant.compiler import compiled
-from liftgate_plant.hall import RING_SIZE
-from liftgate_plant.initial import closed_state, initial_state
+from liftgate_plant.edge_ring import RING_SIZE
 from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -84,35 +77,38 @@ class Gate:
         draw: int | None = None,
         ideal: bool = False,
     ) -> None:
-        vehicle = vehicle_of(vehicle, settings, variant_of(draw, ideal))
+        variant = variant_of(draw, ideal)
+        setup = setup_of(
+            vehicle=vehicle, settings=settings, initial=initial, seed=seed, variant=variant
+        )
         self.rig = rig = rig_of(rig)
-        rate = number_of("rate", rate, *RATES, "Hz")
+        rate = checked("rate", rate)
+        self._vehicle = vehicle = setup.vehicle
         self._drives = vehicle.drives
-        self._vehicle = vehicle
+        self._config = loop_config_of(vehicle, rig, rate, setup.seed)
+        opening = opening_of(rig, has_operator=True)
+        stimuli = planned_stimuli(setup, rig, opening=opening)
+        target = LoopTarget(
+            stimuli, setup, rig, opening.signals, restart=_cannot_reset, make_room=self._make_room
+        )
+        self._orders = Orders(rig, target.layer(BENCH))
+        self._target = target.layer(OPERATOR)
         self._faults: list[InjectedFault] = []
-        self._ordered: tuple[Fault, ...] = ()  # ordered by frames of a test bench
-        self._orders = Orders(rig, _GateTarget(self))
-        self._opening = CLOSED._replace(messages=rig.ordering, may_change=True)
-        self._signals: dict[str, float] = {}  # of the restbus, set by `signal`
-        self._config = loop_config_of(vehicle, rig, rate, seed_of(seed))
-        angle = angle_from(initial, vehicle.gate.open_angle)
-        state = initial_state(self._config.plant, angle)
-        if initial == "closed":
-            state = closed_state(self._config.plant, self._config.load)
+        self._signals: set[str] = set()  # of the restbus, set by `signal`
         self._memory = Memory(_ROWS, _FRAMES)
         self._is_closed = False
         self._bus = Adapter(rig, vehicle.drives)
         self._command = CyclicCommand(rig, self._config, self._bus.node.reference)
         self._script = Script(
-            stimuli=stimulus_plan_of(
-                constants_in(self._config), tables=rig.tables, opening=self._opening
-            ),
+            stimuli=stimuli,
             ticks=0,
             is_last=0,
             is_recorded=1,
             edges=RING_SIZE // 2,
         )
-        self._now = Stretch(initial_loop(self._config, state, RING_SIZE), self._bus.state, 1, 0, 0)
+        self._now = Stretch(
+            start_of(self._config, setup.start_angle, RING_SIZE), self._bus.state, 1, 0, 0
+        )
         self._run = compiled(run_stretch)
         self._row = np.full(len(COLUMN_PLACE), np.nan)
         self._distance = vehicle.gate.length
@@ -216,7 +212,7 @@ class Gate:
         False; None clears. Raises ConfigError.
         """
         self._check_open()
-        self._hold(surroundings_in(surroundings))
+        self._target.hold(surroundings_in(surroundings))
 
     def obstacle(
         self,
@@ -245,16 +241,16 @@ class Gate:
             "meets": meets,
             "lateral": lateral,
         }
-        self._hold(held_obstacle(obstacle_in(given, self._distance)))
+        self._target.hold(held_obstacle(obstacle_in(given, self._distance)))
 
     def clear_obstacle(self) -> None:
         """Remove the obstacle."""
         self._check_open()
-        self._hold(held_obstacle(None))
+        self._target.hold(held_obstacle(None))
 
-    def _hold(self, values: Mapping[str, float]) -> None:
-        """Hold these values from the next tick on."""
-        hold(self._script.stimuli.held, values)
+    def _make_room(self) -> None:
+        """Take the commands that wait for the next tick, so that more can be posted."""
+        take_posted(self._script.stimuli, self.time)
 
     def signal(self, name: str, value: float | str | None) -> None:
         """Set a signal that another control unit sends, from now on.
@@ -267,18 +263,13 @@ class Gate:
         """
         self._check_open()
         issues = ConfigIssues("`signal`")
-        tables, taken = self.rig.tables, self.rig.mapped
-        if value is None and name in self._signals:
-            value = restbus.start_value(tables.messages, name)
-        number = value_in("", str(name), value, tables, taken, issues)
+        tables, number = self.rig.tables, None
+        if value is not None or name not in self._signals:
+            number = value_in("", str(name), value, tables, self.rig.mapped, issues)
         issues.raise_if_any()
-        assert number is not None
-        is_new = name not in self._signals
-        self._signals[name] = number
-        if is_new:
-            self._change_stimuli()
-        place = list(self._signals).index(name)
-        self._script.stimuli.restbus.transmission.values[place] = number
+        rest = start_value(tables.messages, name)
+        self._target.set_signals({name: math.nan if number is None else number}, rest=rest)
+        self._signals.add(name)
 
     def fault(
         self, kind: str, where: str | None = None, *, seed: int = 0, **values: Any
@@ -286,48 +277,24 @@ class Gate:
         """Inject a fault from the next tick on; the returned object has `clear()`, which ends it.
 
         `kind` is one of docs/scenario.md, `where` names the drive (`left`, `right`, `both`) or the message, and
-        `values` are the kind's own: `gate.fault("hall_a_stuck", where="left", value=0)`.
+        `values` are the kind's own: `gate.fault("hall_a_stuck", where="left", value=0)`. Up to 32 faults may be in
+        force at a time, with those that frames of a test bench inject.
 
         Raises ConfigError.
         """
         self._check_open()
         fault = replace(fault_of(kind, where, {"seed": seed, **values}), start=Instant(self.time))
-        # The fault is validated together with the present ones before it takes effect.
-        self._injections([*self._ordered, *(each.fault for each in self._faults), fault])
         made = InjectedFault(self, fault)
-        self._faults.append(made)
-        self._change_stimuli()
+        self._inject([*self._faults, made])
         return made
 
-    def _inject(self, faults: Sequence[Fault]) -> None:
-        """Set the faults that frames of a test bench have ordered. Raises ConfigError."""
-        self._injections(faults)
-        self._ordered = tuple(faults)
-        self._change_stimuli()
-
-    def _injections(self, faults: Sequence[Fault]) -> list[Injection]:
-        names = (*self._signals, *self.rig.settable)
-        sent = {name.partition(".")[0] for name in names}
-        return injections_of(faults, self._vehicle, self.rig, sent)
+    def _inject(self, faults: list[InjectedFault]) -> None:
+        """Set the faults that the caller has injected. Raises ConfigError, and changes nothing then."""
+        self._target.inject([each.fault for each in faults])
+        self._faults = faults
 
     def _clear(self, fault: InjectedFault) -> None:
-        self._faults = [each for each in self._faults if each is not fault]
-        self._change_stimuli()
-
-    def _change_stimuli(self) -> None:
-        """Rebuild the stimulus plan of the present faults and restbus; what has begun goes on where it is."""
-        before = self._script.stimuli
-        stimuli = stimulus_plan_of(
-            constants_in(self._config),
-            injections=self._injections([*self._ordered, *(each.fault for each in self._faults)]),
-            tables=self.rig.tables,
-            changes=[SignalChange(START, *each) for each in self._signals.items()],
-            opening=self._opening,
-        )
-        restbus.going_on(before.restbus, stimuli.restbus)
-        on_its_way = going_on(before.bus_faults, stimuli.bus_faults)
-        stimuli = stimuli._replace(held=before.held, bus_faults=on_its_way, tester=before.tester)
-        self._script = self._script._replace(stimuli=stimuli)
+        self._inject([each for each in self._faults if each is not fault])
 
     def read_dtcs(self, cycle: Callable[[], object]) -> dict[str, int]:
         """Read the trouble codes of the ECU under test: the status byte (ISO 14229-1) of each by its text.
@@ -366,7 +333,7 @@ class Gate:
         self._check_open()
         own = self.rig.diagnostics
         if own is None:
-            said = "has no [diagnostics]; allowed: with one that has, with request and response"
+            said = "has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
             raise ConfigError(f"`{name}`: the rig {self.rig.source} {said}")
         if not services.is_there():
             raise ConfigError(f"`{name}`: trouble codes {services.MISSING}")
@@ -384,7 +351,7 @@ class Gate:
 
         Raises PlantDivergedError, ConfigError.
         """
-        from liftgate_hil.transport.messages import message_of
+        from liftgate_hil.transport.messages import logged_message
 
         self._check_open()
         if not isinstance(seconds, Real) or isinstance(seconds, bool) or not 0.0 < seconds <= 1e6:
@@ -397,18 +364,9 @@ class Gate:
             self._advance(self._next_stop(end))
             control = self._memory.shared.control[0]
             self._row[:] = self._memory.shared.rows[control.rows - 1]
-            for row in self._memory.shared.frames[: control.frames]:
-                if row["is_sent"]:
-                    frames = Frames(
-                        1,
-                        np.array([row["identifier"]]),
-                        np.array([row["length"]]),
-                        row["payload"].reshape(1, -1),
-                    )
-                    message = message_of(frames, 0)
-                    message.timestamp = row["time_ns"] * 1e-9
-                    messages.append(message)
-            self._orders.look(self._memory.shared.frames[: control.frames], self.time)
+            frames = self._memory.shared.frames[: control.frames]
+            messages += map(logged_message, frames[frames.is_sent != 0])
+            self._orders.look(frames, self.time)
             control.rows = control.frames = 0
             self._edges += edges_since(self._now.loop.sensors.edges, seen)
             if self._now.outcome == DIVERGED:
@@ -451,30 +409,9 @@ class Gate:
         self._now = self._run(self._config, self._bus.node, start, script, self._memory.shared)
 
 
-class _GateTarget:
-    """Target that executes the orders of a test bench on a gate."""
-
-    def __init__(self, gate: Gate) -> None:
-        self._gate = gate
-
-    def inject(self, faults: Sequence[Fault]) -> None:
-        """Set the ordered faults. Raises ConfigError."""
-        self._gate._inject(faults)
-
-    def set_signals(
-        self, values: Mapping[str, float], instead_of: float = math.nan, rest: float = math.nan
-    ) -> None:
-        """Set signals, but only those with the value `instead_of` (NaN: any); NaN: back to `rest`."""
-        for name, value in values.items():
-            now = self._gate._signals.get(name)
-            if math.isnan(instead_of) or now == instead_of:
-                self._gate.signal(name, rest if math.isnan(value) else value)
-
-    def reset(self) -> None:
-        """Raise ConfigError: the ECU of this gate belongs to the caller."""
-        raise ConfigError(
-            "request reset; allowed with [reset] signal: this gate's ECU is the caller's"
-        )
+def _cannot_reset() -> None:
+    """Raise ConfigError: the ECU of a gate that the caller steps belongs to the caller."""
+    raise ConfigError("request reset; allowed with [reset] signal: this gate's ECU is the caller's")
 
 
 class InjectedFault:

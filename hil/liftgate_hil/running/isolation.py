@@ -112,7 +112,7 @@ class _Watch:
             try:
                 payload = self._channel.take(0.0 if is_over else _LOOK_S)
             except BadAnswerError as error:
-                raise self._failure(f"its process's answer was spoiled: {error}") from error
+                raise self._failure(f"its process's answer was corrupted: {error}") from error
             if payload is not None:
                 return payload
             if is_over:
@@ -121,11 +121,11 @@ class _Watch:
             if progress != seen:
                 seen, since = progress, now
             elif now - since > self._patience():
-                raise self._failure(f"no answer for {self._patience():g} s")
+                raise self._failure(f"no response for {self._patience():g} s")
             if int(self._control.pulse) != pulse:
                 pulse, pulse_since = int(self._control.pulse), now
             elif pulse and now - pulse_since > self._hang_s:
-                raise self._failure(f"no answer for {self._hang_s:g} s", is_its=True)
+                raise self._failure(f"no response for {self._hang_s:g} s", is_its=True)
 
     def _end(self) -> str:
         """Return in words how the worker has ended."""
@@ -134,7 +134,7 @@ class _Watch:
             return _end_of(os.waitstatus_to_exitcode(_STATUS.unpack(told)[0]))
         with contextlib.suppress(subprocess.TimeoutExpired):  # its supervisor was killed, too
             return _end_of(self._child.wait(_KILL_S))
-        return "nobody knows how"
+        return "cause unknown"
 
     def exit_note(self) -> str:
         """Wait until the process that has answered exits; return "", or a note where it does not."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from liftgate_hil.running.commands.loop_target import LoopTarget
 from liftgate_hil.running.commands.operator import Operator
 from liftgate_hil.running.commands.orders import Orders
-from liftgate_hil.running.commands.slot_target import SlotTarget
 from liftgate_hil.stimuli.restbus import BENCH, OPERATOR
 
 if TYPE_CHECKING:
@@ -47,14 +47,12 @@ class Observers:
         self,
         about: Description,
         memory: Memory,
-        hold: Callable[[Mapping[str, float]], bool],
         stack: contextlib.ExitStack,
     ) -> None:
-        """Let clients attach, where they may, until the stack is left; `hold` see Operator."""
+        """Let clients attach, where they may, until the stack is left."""
         if self.server is None or self.operator is None:
             return
         stack.callback(self.server.close)
-        self.operator.hold = hold
         self.server.open(about, memory, self.operator)
 
     def note(self, summary: Summary) -> None:
@@ -85,7 +83,7 @@ def observers_of(
     if not plan.opening.slots:
         return Observers(restarts, server=server)
     restart = None if restarts is None else restarts.restart
-    target = SlotTarget(stimuli, setup, rig, plan.opening.signals, is_real, restart)
+    target = LoopTarget(stimuli, setup, rig, plan.opening.signals, is_real, restart)
     orders = operator = None
     if rig.orders:
         orders = Orders(rig, target.layer(BENCH), listener.say)

@@ -1,21 +1,25 @@
-"""Options of a run: rate, clock, duration, recordings, and demands on the machine."""
+"""Options of a run: allowed values, meaning and default of each stand here once.
+
+Flags of the command line with their help, arguments of `liftgate_hil.run`, and their validation derive from it.
+"""
 
 from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any, get_type_hints
 
-from liftgate_hil.config.arguments import number_of, time_of, whole_of
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.rotation import Limit
+from liftgate_hil.config.arguments import value_of
+from liftgate_hil.config.kinds import Choice, Flag, Kind, Number, Size, Texts, Whole
+from liftgate_hil.config.toml import show
+from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.formats.limit import Limit
 
 NS = 1_000_000_000
 CLOCKS = ("realtime", "free", "lockstep")
-RATES = (200.0, 10_000.0)  # Hz
-LEAST_LIMIT = 1_000_000  # bytes, least limit of a recording's file
-AROUND, LONGEST_AROUND = 1.0, 600.0  # s recorded before and after a condition: default and most
 
 
 def ticks_of(duration: float | None, rate: float) -> int | None:
@@ -23,23 +27,127 @@ def ticks_of(duration: float | None, rate: float) -> int | None:
     return None if duration is None else max(1, math.ceil(duration * rate - 1e-9))
 
 
+class Files:
+    """Kind of value: files of recordings, whose suffixes pick the formats."""
+
+    allowed = "a path, or a list of them"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[Path, ...]:
+        """Return the paths; issues where they are none, or have an unknown suffix. Raises ConfigError."""
+        from liftgate_hil.formats.open import check_file
+
+        given = [value] if isinstance(value, str | Path) else value
+        is_list = isinstance(given, Sequence) and all(
+            isinstance(each, str | Path) for each in given
+        )
+        if not is_list:
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return ()
+        return tuple(check_file(key, str(each)) for each in given)
+
+
+@dataclass(frozen=True)
+class Option:
+    """Description of an option of a run."""
+
+    kind: Kind
+    help: str
+    metavar: str | None = None
+    otherwise: str = ""  # what holds where it is left out, if the default does not show it
+    needs: str = ""  # the option together with which it is allowed; "": any
+
+
+_SECONDS = Number(1e-3, 1e9, "s")
+AROUND = 1.0  # s recorded before and after a condition by default
+_AROUND_S = Number(0.0, 600.0, "s")
+
+
 @dataclass(frozen=True)
 class RunOptions:
     """Options of a run, the same for every kind of run."""
 
-    rate: float = 1000.0  # Hz
-    clock: str = "realtime"  # of CLOCKS
-    duration: float | None = None  # s of model time; None: the scenario's, else until stopped
-    overrun_limit: float = 1.0  # s that the loop may fall behind
-    wall_timeout: float | None = None  # s that lockstep waits for a command; None: forever
-    records: tuple[Path, ...] = ()
-    record_limit: int | None = None  # bytes of a recording's file; None: no limit
-    record_keep: int | None = None  # files of a recording that are kept, the last ones; None: all
-    record_when: tuple[str, ...] = ()  # conditions: record only around them; none: record all
-    record_before: float | None = None  # s before one of them is true; None: AROUND
-    record_after: float | None = None  # s after it was true; None: AROUND
-    realtime: bool = False  # ask for FIFO scheduling, locked memory, a CPU
-    cpu: int | None = None  # which CPU; None: the best one
+    rate: Annotated[float, Option(Number(200.0, 10_000.0, "Hz"), "ticks per second", "HZ")] = 1000.0
+    clock: Annotated[
+        str,
+        Option(
+            Choice(CLOCKS),
+            "wall time; as fast as it goes; one command period per command frame",
+        ),
+    ] = "realtime"
+    duration: Annotated[
+        float | None, Option(_SECONDS, "model time", "S", "the scenario's, else until stopped")
+    ] = None
+    overrun_limit: Annotated[
+        float,
+        Option(
+            Number(1e-3, 3600.0, "s"),
+            "end with an error when the loop falls this far behind",
+            "S",
+        ),
+    ] = 1.0
+    wall_timeout: Annotated[
+        float | None,
+        Option(
+            _SECONDS,
+            "end with an error when lockstep has waited this long for a command",
+            "S",
+            "for ever",
+        ),
+    ] = None
+    record: Annotated[
+        tuple[Path, ...],
+        Option(
+            Files(),
+            "write a recording; the suffix picks the format: .csv .parquet the plant, .log .asc .blf .trc the "
+            "bus, .mf4 .mcap both (repeatable)",
+            "FILE",
+        ),
+    ] = ()
+    record_limit: Annotated[
+        int | None,
+        Option(
+            Size(1_000_000),
+            "begin a new file at this size, e.g. 500MB: run.0001.csv, run.0002.csv, …",
+            "SIZE",
+            needs="record",
+        ),
+    ] = None
+    record_keep: Annotated[
+        int | None,
+        Option(Whole(2, 10**9), "of these files keep the last N", "N", "all", needs="record_limit"),
+    ] = None
+    record_when: Annotated[
+        tuple[str, ...],
+        Option(
+            Texts("a list of texts"),
+            'record only around the ticks in which this is true, e.g. "pinch_force_n > 5", in the language of '
+            "scenarios (repeatable: any of them)",
+            "CONDITION",
+            needs="record",
+        ),
+    ] = ()
+    record_before: Annotated[
+        float | None,
+        Option(_AROUND_S, "and so long before that", "S", f"{AROUND:g}", needs="record_when"),
+    ] = None
+    record_after: Annotated[
+        float | None,
+        Option(_AROUND_S, "and so long after that", "S", f"{AROUND:g}", needs="record_when"),
+    ] = None
+    realtime: Annotated[
+        bool,
+        Option(Flag(), "ask for FIFO scheduling, locked memory and a CPU; what is refused is told"),
+    ] = False
+    cpu: Annotated[
+        int | None,
+        Option(
+            Whole(0, 1023),
+            "the CPU for --realtime",
+            "N",
+            "an isolated one, else the last",
+            needs="realtime",
+        ),
+    ] = None
 
     def limit(self) -> Limit | None:
         """Return the size limit of a recording's files; None: no limit."""
@@ -51,43 +159,39 @@ class RunOptions:
         before, after = self.record_before, self.record_after
         return AROUND if before is None else before, AROUND if after is None else after
 
-    def _check_trigger(self) -> None:
-        if self.record_when and not self.records:
-            raise ConfigError(
-                f"`record_when` {', '.join(self.record_when)}: allowed: together with `record`"
-            )
-        for name in ("record_before", "record_after"):
-            if (value := getattr(self, name)) is not None:
-                number_of(name, value, 0.0, LONGEST_AROUND, "s")
-                if not self.record_when:
-                    raise ConfigError(f"`{name}` {value:g}: allowed: together with `record_when`")
-
     def check(self) -> None:
         """Validate the options, each and together. Raises ConfigError."""
-        number_of("rate", self.rate, *RATES, "Hz")
-        for name in ("duration", "wall_timeout", "overrun_limit"):
-            if (value := getattr(self, name)) is not None:
-                time_of(name, value)
-        for name, least in (("record_limit", LEAST_LIMIT), ("record_keep", 2)):
-            if (value := getattr(self, name)) is not None:
-                whole_of(name, value, least)
-        if self.record_limit is not None and not self.records:
-            raise ConfigError(
-                f"`record_limit` {self.record_limit}: allowed: together with `record`"
-            )
-        if self.record_keep is not None and self.record_limit is None:
-            raise ConfigError(
-                f"`record_keep` {self.record_keep}: allowed: together with `record_limit`"
-            )
-        self._check_trigger()
-        if len({os.path.realpath(path) for path in self.records}) < len(self.records):
-            names = ", ".join(str(path) for path in self.records)
+        given = {name: checked(name, getattr(self, name)) for name in OPTIONS}
+        for name, value in given.items():
+            needed = OPTIONS[name].needs
+            if needed and value != getattr(RunOptions, name) and not given[needed]:
+                said = f"{value:g}" if isinstance(value, float) else show(value)
+                said = ", ".join(value) if isinstance(value, tuple) else said
+                raise ConfigError(f"`{name}` {said}: allowed: together with `{needed}`")
+        if len({os.path.realpath(path) for path in self.record}) < len(self.record):
+            names = ", ".join(str(path) for path in self.record)
             raise ConfigError(f"`record` {names}: allowed: a file once")
-        if self.cpu is None:
+        if self.cpu is None or not hasattr(os, "sched_getaffinity"):
             return
-        if not self.realtime:
-            raise ConfigError(f"`cpu` {self.cpu}: allowed: together with `realtime`")
-        if hasattr(os, "sched_getaffinity") and self.cpu not in os.sched_getaffinity(0):
+        if self.cpu not in os.sched_getaffinity(0):
             from liftgate_hil.loop.priority import allowed_cpus
 
             raise ConfigError(f"`cpu` {self.cpu}: allowed here: {allowed_cpus()}")
+
+
+OPTIONS: Mapping[str, Option] = {
+    name: hint.__metadata__[0]
+    for name, hint in get_type_hints(RunOptions, include_extras=True).items()
+}
+
+
+def checked(name: str, value: object) -> Any:
+    """Return the value of an option as RunOptions has it. Raises ConfigError."""
+    if value is None and getattr(RunOptions, name) is None:
+        return None
+    return value_of(name, value, OPTIONS[name].kind)
+
+
+def run_options(given: Mapping[str, Any]) -> RunOptions:
+    """Return the options of arguments by their names, each validated. Raises ConfigError."""
+    return RunOptions(**{name: checked(name, value) for name, value in given.items()})

@@ -23,7 +23,7 @@ from liftgate_hil.running.options import RunOptions, ticks_of
 from liftgate_hil.running.recording_trigger import Trigger, trigger_of
 from liftgate_hil.running.setup import Setup, loop_config_of, rig_of, setup_of
 from liftgate_hil.running.stimulation import opening_of, planned_stimuli
-from liftgate_hil.stimuli.slots import CLOSED, Opening
+from liftgate_hil.stimuli.command_queue import CLOSED, Opening
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_hil.transport.find import Way, find_way
 
@@ -78,7 +78,7 @@ class Plan(Subject):
 
 def _is_prepared_alike(job: Job, other: Job) -> bool:
     """Whether two jobs of the same files differ in nothing that their plans are made from."""
-    same = replace(job.options, records=other.options.records) == other.options
+    same = replace(job.options, record=other.options.record) == other.options
     return same and (job.ecu, job.attachable_as) == (other.ecu, other.attachable_as)
 
 
@@ -144,7 +144,7 @@ def _periods(scenario: Scenario, rate: float) -> list[str]:
         if each.period and min(shares) * each.period * rate < 1.0 - 1e-9:
             said = f"on or off for less than a tick of {1e3 / rate:g} ms"
             found.append(
-                f"{each.key}.period_s: {each.period:g}: {said}; allowed: a tick or more of each"
+                f"{each.key}.period_s: {each.period:g}: {said}; allowed: at least a tick of each"
             )
     return found
 

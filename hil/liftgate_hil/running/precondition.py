@@ -65,7 +65,7 @@ class End:
 
     def missing(self) -> str:
         """Return in words what has not occurred."""
-        return "not over"
+        return "not finished"
 
     def close(self) -> None:
         """Stop what the phase has started; here nothing, as only a program has to be stopped."""

@@ -34,7 +34,7 @@ def origin_of(plan: Subject, bus: str = "") -> str:
     all was recorded.
     """
     setup, rig, options = plan.setup, plan.rig, plan.options
-    if not options.records:
+    if not options.record:
         return ""
     files = {"rig": Path(rig.source), "dbc": rig.database}
     more: dict[str, Any] = {"ecu": _plain(identity_of_ecu(plan.job, setup))}

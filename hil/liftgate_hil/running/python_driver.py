@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from liftgate_hil.loop.begun import Begun
@@ -16,7 +16,6 @@ from liftgate_hil.loop.python_loop import Loop, run_clocked, run_free
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.running.options import NS
 from liftgate_hil.running.recordings import Recordings
-from liftgate_hil.stimuli import mailbox
 from liftgate_hil.transport.find import open_transport
 
 if TYPE_CHECKING:
@@ -77,13 +76,8 @@ class PythonDriver:
             return []
         memory = memory_for(run.plan.options.rate)
         stack.callback(memory.close)
-        run.observers.let_in(run.description(channel), memory, self._hold, stack)
+        run.observers.let_in(run.description(channel), memory, stack)
         return [RingSink(memory, server.is_attended)]
-
-    def _hold(self, values: Mapping[str, float]) -> bool:
-        """Have these values act from the next tick on; the loop is in this thread."""
-        mailbox.hold(self._run.stimuli.held, values)
-        return True
 
     def _pace(self) -> RealtimeClock:
         plan = self._run.plan

@@ -13,7 +13,6 @@ from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.running.options import NS
 from liftgate_hil.running.recorder_process import RecorderProcess
-from liftgate_hil.stimuli import mailbox
 from liftgate_hil.transport.find import open_line
 
 if TYPE_CHECKING:
@@ -43,11 +42,10 @@ class RealtimeDriver:
         made = functools.partial(self._made, line, stack)
         self._loop = loop = made(run.stimuli)
         loop.peers, loop.sinks, loop.observers = run.peers, run.sinks, run.observers.in_order()
-        post = functools.partial(mailbox.post_all, loop.memory.shared.box[0])
-        run.observers.let_in(run.description(channel), loop.memory, post, stack)
-        if plan.options.records:
+        run.observers.let_in(run.description(channel), loop.memory, stack)
+        if plan.options.record:
             self._recorder = RecorderProcess(
-                plan.options.records,
+                plan.options.record,
                 run.content(channel),
                 plan.options.limit(),
                 loop.memory,

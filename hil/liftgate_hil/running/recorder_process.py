@@ -33,8 +33,8 @@ from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.guarded import GuardedWriter, Say, failures_of, silent
+from liftgate_hil.formats.limit import Limit
 from liftgate_hil.formats.open import open_writer
-from liftgate_hil.formats.rotation import Limit
 from liftgate_hil.formats.writer import Writer, truncated_to_us
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.rings import Memory, RingReader

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import LOGGED, no_logged
-from liftgate_hil.codec.watch import signal_unit, watched
+from liftgate_hil.codec.watch import watched
 from liftgate_hil.conditions.condition import SIGNAL, Condition
 from liftgate_hil.conditions.evaluator import evaluate, table_of, work_for
 from liftgate_hil.conditions.parser import parsed
@@ -70,7 +70,7 @@ def trigger_of(
     issues, found = list[str](), list[Condition]()
     for text in when:
         try:
-            made = parsed(text, parameters, lambda name: signal_unit(messages, name))
+            made = parsed(text, parameters, messages)
         except ValueError as error:
             issues.append(f"`record_when` {text}: {error}")
             continue

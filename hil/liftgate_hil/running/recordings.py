@@ -24,7 +24,7 @@ class Recordings:
         self, plan: Plan, content: Content, say: Say, stack: contextlib.ExitStack, epoch_ns: int = 0
     ) -> None:
         options = plan.options
-        self._writers = open_writers(options.records, content, options.limit(), say, stack)
+        self._writers = open_writers(options.record, content, options.limit(), say, stack)
         self._triggered = None if plan.trigger is None else Triggered(plan.trigger)
         sink = RecordingSink(self._writers, epoch_ns, self._triggered)
         stack.callback(sink.flush)  # before the files are closed

@@ -129,7 +129,7 @@ def nothing_of(job: Job, reason: str, ticks: int) -> Result:
         summary=Summary(
             clock=job.options.clock, ticks=ticks, model_time_s=ticks / job.options.rate
         ),
-        recording=job.options.records,
+        recording=job.options.record,
         trace=Trace(job.trace).columns() if job.trace else {},
     )
 

@@ -13,14 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.config.arguments import numbers_of, paths_of, size_of, text_or_none, texts_of
+from liftgate_hil.config.arguments import numbers_of, text_or_none, texts_of
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import notes_on_fit
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu.find import check_ecu, is_library
-from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, shown
+from liftgate_hil.errors import EcuError, LiftgateError, shown
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import CLOCKS, RunOptions
+from liftgate_hil.running.options import RunOptions, run_options
 from liftgate_hil.running.plan import Plan, plan_of
 from liftgate_hil.running.result import Result, nothing_of
 from liftgate_hil.running.run_plan import run_plan
@@ -44,7 +44,7 @@ def run(
     seed: int | None = None,
     draw: int | None = None,
     ideal: bool = False,
-    rate: float = 1000.0,
+    rate: float = RunOptions.rate,
     duration: float | None = None,
     record: str | Path | Sequence[str | Path] = (),
     record_limit: int | str | None = None,
@@ -70,24 +70,20 @@ def run(
 
     Raises ConfigError for invalid arguments. What goes wrong in the run itself is the result's verdict.
     """
-    from liftgate_hil.formats.open import check_file
-
-    if clock not in CLOCKS:
-        raise ConfigError(f"`clock` {clock}: allowed: {', '.join(CLOCKS)}")
     bus = text_or_none("bus", bus)
-    options = RunOptions(
-        rate=rate,
-        clock=clock,
-        duration=duration,
-        records=tuple(check_file("record", name) for name in paths_of("record", record)),
-        record_limit=size_of("record_limit", record_limit),
-        record_keep=record_keep,
-        record_when=(record_when,)
-        if isinstance(record_when, str)
-        else texts_of("record_when", record_when),
-        record_before=record_before,
-        record_after=record_after,
-        wall_timeout=wall_timeout,
+    options = run_options(
+        {
+            "rate": rate,
+            "clock": clock,
+            "duration": duration,
+            "record": record,
+            "record_limit": record_limit,
+            "record_keep": record_keep,
+            "record_when": record_when,
+            "record_before": record_before,
+            "record_after": record_after,
+            "wall_timeout": wall_timeout,
+        }
     )
     job = Job(
         scenario=scenario,

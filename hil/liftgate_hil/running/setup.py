@@ -237,8 +237,13 @@ def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopCo
     )
 
 
-def start_of(config: LoopConfig, angle: float = 0.0) -> LoopState:
-    """Return the state of a loop whose gate rests at an angle [rad]; at 0 it is closed and latched."""
-    if angle == 0.0:
-        return initial_loop(config, closed_state(config.plant, config.load))
-    return initial_loop(config, initial_state(config.plant, angle))
+def start_of(config: LoopConfig, angle: float = 0.0, edges: int = 64) -> LoopState:
+    """Return the state of a loop whose gate rests at an angle [rad]; at 0 it is closed and latched.
+
+    There is a ring for the last `edges` Hall edges.
+    """
+    is_closed = angle == 0.0
+    state = (
+        closed_state(config.plant, config.load) if is_closed else initial_state(config.plant, angle)
+    )
+    return initial_loop(config, state, edges)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from liftgate_hil.codec.watch import signal_unit
 from liftgate_hil.conditions.condition import Condition
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config.bus_fault import bus_faults_in
@@ -33,11 +32,11 @@ from liftgate_hil.judging.expected import codes_of
 from liftgate_hil.loop.simulation import Offline
 from liftgate_hil.loop.tick import no_frames
 from liftgate_hil.signals import ROW_WIDTH
+from liftgate_hil.stimuli.command_queue import CLOSED, SLOTS, Opening
 from liftgate_hil.stimuli.faults import ADD, SET, Edit, Injection
 from liftgate_hil.stimuli.moments import NEVER, Instant, Moments
 from liftgate_hil.stimuli.requests import Request, Requests, by_the_clock
 from liftgate_hil.stimuli.restbus import NO_BUS, SignalChange
-from liftgate_hil.stimuli.slots import CLOSED, SLOTS, Opening
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, stimulus_plan_of
 from liftgate_plant.constants import constants_of, numbers_of
 from liftgate_plant.friction_profile import friction_profile
@@ -52,8 +51,8 @@ if TYPE_CHECKING:
 
 # Keys that a running gate cannot change.
 _FIXED = {
-    "sensors.hall_counts": "the decoders have counted by it; allowed: from the start, with [set]",
-    "sensors.hall_wheel": "another wheel; allowed: from the start, with [set]",
+    "sensors.hall_counts": "the decoders already count with it; allowed: from the start, with [set]",
+    "sensors.hall_wheel": "the wheel cannot change during a run; allowed: from the start, with [set]",
 }
 
 
@@ -249,11 +248,7 @@ def _conditions(
 
     def made(instant: Instant) -> Condition:
         try:
-            found = parsed(
-                instant.condition,
-                scenario.parameters,
-                lambda name: None if messages is None else signal_unit(messages, name),
-            )
+            found = parsed(instant.condition, scenario.parameters, messages or {})
         except ValueError as error:
             issues.add_of(instant.source, instant.key, str(error))
             return Condition(instant.condition, ())
@@ -400,6 +395,6 @@ def _changed_by(
     }
     if not found and value_of(vehicle, parameter) != value:
         issues.take(
-            [f"{fault.key}.key: {show(key)}: allowed: one that the running gate depends on"]
+            [f"{fault.key}.key: {show(key)}: allowed: a parameter that affects the running gate"]
         )
     return found

@@ -127,23 +127,21 @@ def bus_faults_of(
     messages: int,
     slots: int = 0,
     always_received: Sequence[int] = (),
-    may_change: bool = False,
 ) -> BusFaults:
     """Return the tables of faults, each with its row in `faults`, with `slots` free rows at the end.
 
     The gate has at most `messages` messages in either direction. Frames with the identifiers `always_received` are
-    received even while the gate is off its bus. `may_change`: other tables may replace these, see `going_on`.
+    received even while the gate is off its bus.
     """
     rows = [row_of(*each) for each in faults] + [row_of(0, BusFault(NO_KIND, 0))] * slots
     most = MOST if rows else 0
     waiting = math.ceil(sum(each.delay for _, each in faults) * _BUSIEST)
     waiting += _TO_COME if slots else 0
-    may_come = may_change or slots > 0
-    keeps = may_come or any(own.kind in (FROZEN, COUNTER) for _, own in faults)
+    keeps = slots > 0 or any(own.kind in (FROZEN, COUNTER) for _, own in faults)
     return BusFaults(
         np.array(rows, dtype=BUS_FAULT).view(np.recarray),
         np.zeros((len(rows), messages if rows else 0), dtype=HELD).view(np.recarray),
-        np.zeros((2, messages if may_come else 0), dtype=HELD).view(np.recarray),
+        np.zeros((2, messages if slots else 0), dtype=HELD).view(np.recarray),
         np.full(1, int(keeps), dtype=np.int64),
         np.zeros(waiting + most if waiting else 0, dtype=QUEUED).view(np.recarray),
         np.zeros(1, dtype=np.int64),
@@ -154,36 +152,4 @@ def bus_faults_of(
         empty_frames(most),
         np.zeros(most, dtype=np.int64),
         np.zeros(most, dtype=np.int64),
-    )
-
-
-def going_on(before: BusFaults, after: BusFaults) -> BusFaults:
-    """Return the tables to go on with when `after` replaces `before`.
-
-    Delayed frames still arrive, and faults that remain go on as they were.
-    """
-    static = [
-        name for name in BUS_FAULT.names or () if name not in ("fault", "draws", "owed", "last_ns")
-    ]
-    left = list(range(len(before.rows)))
-    for row, own in enumerate(after.rows):
-        same = [i for i in left if all(before.rows[i][name] == own[name] for name in static)]
-        if same:
-            left.remove(same[0])
-            for name in ("draws", "owed", "last_ns"):
-                own[name] = before.rows[same[0]][name]
-            after.held[row] = before.held[same[0]]
-    after = after._replace(last=before.last)
-    waiting = int(before.waiting[0])
-    if not waiting:
-        return after
-    queue = np.zeros(max(len(after.queue), waiting), dtype=QUEUED).view(np.recarray)
-    queue[:waiting] = before.queue[:waiting]
-    return before._replace(
-        rows=after.rows,
-        held=after.held,
-        keeps=after.keeps,
-        queue=queue,
-        waiting=before.waiting.copy(),
-        is_on=after.is_on,
     )

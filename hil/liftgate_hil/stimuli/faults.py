@@ -67,7 +67,7 @@ class Injection(NamedTuple):
     length: float = math.inf
 
 
-class Faults(NamedTuple):
+class FaultTable(NamedTuple):
     """All faults of a run, and the constants in force."""
 
     rows: Any  # (n,) FAULT
@@ -80,7 +80,7 @@ class Faults(NamedTuple):
 
 def faults_of(
     constants: Constants, injections: Sequence[Injection], sheet: Sheet, slots: int = 0
-) -> Faults:
+) -> FaultTable:
     """Return the fault tables of a gate, with `slots` free rows at the end; their moments go to the sheet."""
     numbers = numbers_of(constants)
     places = {name: place for place, name in enumerate(numbers)}
@@ -98,7 +98,7 @@ def faults_of(
         rows.append((*never, math.inf, 0.0, 1.0, 0.0, 0, len(edits), 0))
         edits += [(0, SET, 0.0)] * len(numbers)
     sound = np.array(list(numbers.values()))
-    return Faults(
+    return FaultTable(
         np.array(rows, dtype=FAULT).view(np.recarray),
         np.array(edits, dtype=EDIT).view(np.recarray),
         sound,
@@ -139,7 +139,7 @@ def share_at(fault: Any, moments: Moments, now: float) -> tuple[float, float]:
 
 
 @outlined
-def look(faults: Faults, moments: Moments, now: float) -> bool:
+def look(faults: FaultTable, moments: Moments, now: float) -> bool:
     """Update the shares of all faults and the row in force; return whether the row has changed."""
     faults.next[0] = _FOREVER
     changed = False
@@ -155,13 +155,13 @@ def look(faults: Faults, moments: Moments, now: float) -> bool:
 
 
 @compilable
-def is_changed(faults: Faults, moments: Moments, now: float) -> bool:
+def is_changed(faults: FaultTable, moments: Moments, now: float) -> bool:
     """Whether the row in force changes at a time [s]; if so, it is updated."""
     return now >= faults.next[0] - _SLACK and look(faults, moments, now)
 
 
 @compilable
-def put_together(faults: Faults) -> None:
+def put_together(faults: FaultTable) -> None:
     """Compute the row in force: the constants, changed by one fault after the other.
 
     Faults of the scenario come first, in the order of the file, then injected ones, in the order of their
@@ -184,7 +184,7 @@ def put_together(faults: Faults) -> None:
 
 
 @compilable
-def next_injected(faults: Faults, first: int, rank: int) -> int:
+def next_injected(faults: FaultTable, first: int, rank: int) -> int:
     """Return the injected fault in force with the next higher rank, from row `first` on; -1: none."""
     found = -1
     for place in range(first, len(faults.rows)):
@@ -196,7 +196,7 @@ def next_injected(faults: Faults, first: int, rank: int) -> int:
 
 
 @compilable
-def change(faults: Faults, place: int) -> None:
+def change(faults: FaultTable, place: int) -> None:
     """Change the row in force by a fault, in proportion to its share."""
     row, fault, share = faults.row, faults.rows[place], faults.shares[place]
     if share == 0.0:

@@ -1,4 +1,4 @@
-"""Stimuli that act during one tick, as one value: timeline, and what was posted while the loop runs.
+"""Stimuli that act during one tick, as one value: timeline, and the values that commands hold.
 
 Precedence for a quantity: the scenario's profile, over it the bus panel, over both the API and the dashboard. The
 panel's frames are read by the tick itself.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from liftgate_hil.signals import Timing
-from liftgate_hil.stimuli.mailbox import HELD_OBSTACLE, HELD_SURROUNDINGS, HELD_TIMING
+from liftgate_hil.stimuli.held_values import HELD_OBSTACLE, HELD_SURROUNDINGS, HELD_TIMING
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_hil.stimuli.timeline import (
     obstacle_at,
@@ -27,8 +27,8 @@ class Outside(NamedTuple):
     profiles: Surroundings  # the scenario's, their mean over the tick; NaN: none
     supply_rise: float  # V, rise of the scenario's supply over the tick
     obstacle: Obstacle  # the scenario's; stiffness 0: none
-    posted: Surroundings  # by API or dashboard; NaN: none
-    posted_obstacle: Obstacle  # stiffness NaN: none
+    commanded: Surroundings  # by API or dashboard; NaN: none
+    commanded_obstacle: Obstacle  # stiffness NaN: none
     timing: Timing  # timing reported by the loop
     ticks_before: int  # plant steps done before the scenario's time 0
     ticks_missed: int  # so far
@@ -51,8 +51,8 @@ def outside_at(
         profiles=profiles_over(timeline, time, step),
         supply_rise=supply_rise_over(timeline, time, step),
         obstacle=obstacle_at(timeline, stimuli.moments, time),
-        posted=picked(held, HELD_SURROUNDINGS),
-        posted_obstacle=picked(held, HELD_OBSTACLE),
+        commanded=picked(held, HELD_SURROUNDINGS),
+        commanded_obstacle=picked(held, HELD_OBSTACLE),
         timing=picked(held, HELD_TIMING),
         ticks_before=stimuli.origin[0],
         ticks_missed=ticks_missed,

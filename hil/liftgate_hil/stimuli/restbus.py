@@ -98,8 +98,8 @@ class Restbus(NamedTuple):
     changes: Any  # (n,) CHANGE; of several at the same time, the last one takes effect
     pending: NDArray[np.int64]  # (1,) changes not made yet. Written in place, like the following
     transmission: Transmission
-    said: NDArray[np.float64]  # values of the scenario; NaN: none
-    posted: NDArray[np.float64]  # (LAYERS, n) values set over them during the run; NaN: none
+    scheduled: NDArray[np.float64]  # values by the scenario; NaN: none
+    commanded: NDArray[np.float64]  # (LAYERS, n) values set over them during the run; NaN: none
     room: Frames  # for the frames of a tick
 
 
@@ -192,7 +192,7 @@ def with_restbus(
 @outlined
 def change_values(restbus: Restbus, moments: Moments, time: float) -> None:
     """Make the changes that are due."""
-    values = restbus.said
+    values = restbus.scheduled
     for row in range(len(restbus.changes)):
         change = restbus.changes[row]
         if change.is_made == 0 and time_of(moments, change.time, change.moment) <= time:
@@ -206,10 +206,10 @@ def change_values(restbus: Restbus, moments: Moments, time: float) -> None:
 @compilable
 def settle(restbus: Restbus, place: int) -> None:
     """Set a signal to the value of the highest layer that has one."""
-    value = restbus.said[place]
-    for layer in range(len(restbus.posted)):
-        if not np.isnan(restbus.posted[layer, place]):
-            value = restbus.posted[layer, place]
+    value = restbus.scheduled[place]
+    for layer in range(len(restbus.commanded)):
+        if not np.isnan(restbus.commanded[layer, place]):
+            value = restbus.commanded[layer, place]
     restbus.transmission.values[place] = value
 
 

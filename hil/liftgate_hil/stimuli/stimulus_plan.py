@@ -21,8 +21,15 @@ from liftgate_hil.diagnostics.tester import (
 )
 from liftgate_hil.stimuli.bus_fault_tables import RECEIVED, SENT, BusFaults, bus_faults_of
 from liftgate_hil.stimuli.bus_faults import note_force, on_bus
-from liftgate_hil.stimuli.faults import Faults, Injection, faults_of, is_changed
-from liftgate_hil.stimuli.mailbox import nothing_held
+from liftgate_hil.stimuli.command_queue import (
+    CLOSED,
+    CommandQueue,
+    Opening,
+    command_queue_of,
+    take_commands,
+)
+from liftgate_hil.stimuli.faults import FaultTable, Injection, faults_of, is_changed
+from liftgate_hil.stimuli.held_values import nothing_held
 from liftgate_hil.stimuli.moments import Instant, Moments, Sheet, note_moments
 from liftgate_hil.stimuli.requests import Request, Requests, requests_of, take_due
 from liftgate_hil.stimuli.restbus import (
@@ -33,7 +40,6 @@ from liftgate_hil.stimuli.restbus import (
     restbus_of,
     with_restbus,
 )
-from liftgate_hil.stimuli.slots import CLOSED, Opening, Slots, slots_of, take_letters
 from liftgate_hil.stimuli.timeline import Profile, TimedObstacle, Timeline, timeline_of
 from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.constants import Constants
@@ -50,13 +56,13 @@ class StimulusPlan(NamedTuple):
     timeline: Timeline
     origin: NDArray[np.int64]  # (1,) plant steps before its time 0, see `loop/precondition.py`
     moments: Moments
-    faults: Faults
+    faults: FaultTable
     bus_faults: BusFaults
-    held: NDArray[np.float64]  # posted values, see mailbox
+    held: NDArray[np.float64]  # values set by commands, see `held_values`
     requests: Requests
     restbus: Restbus
     tester: Tester  # for the ECU's diagnostics
-    slots: Slots  # for injection while it runs
+    queue: CommandQueue  # of what acts on the gate while it runs
     not_made: NDArray[np.int64]  # (2,) stimuli not applied, by OFF_A_REAL_BUS and PROGRAMS
 
 
@@ -93,9 +99,7 @@ def stimulus_plan_of(
     conditions = [condition_of(each) for each in sheet.instants]
     moments = sheet.moments(conditions, tables.messages)
     on_its_way = [(row, each) for row, made in enumerate(injections) for each in made.bus]
-    bus_faults = bus_faults_of(
-        on_its_way, len(tables.messages), opening.slots, opening.messages, opening.may_change
-    )
+    bus_faults = bus_faults_of(on_its_way, len(tables.messages), opening.slots, opening.messages)
     return StimulusPlan(
         timeline,
         np.zeros(1, dtype=np.int64),
@@ -106,7 +110,7 @@ def stimulus_plan_of(
         asked,
         restbus,
         tester or no_tester(),
-        slots_of(opening.slots, faults, bus_faults),
+        command_queue_of(opening.slots, faults, bus_faults),
         np.zeros(2, dtype=np.int64),
     )
 
@@ -118,13 +122,25 @@ def not_made(stimuli: StimulusPlan) -> float:
 
 
 @compilable
+def take_posted(stimuli: StimulusPlan, time: float) -> None:
+    """Apply the commands that were posted, at a time [s]."""
+    queue = stimuli.queue
+    if queue.head[0] != queue.head[1]:
+        take_commands(
+            queue,
+            stimuli.held,
+            stimuli.faults,
+            stimuli.bus_faults,
+            stimuli.restbus,
+            stimuli.tester,
+            time,
+        )
+
+
+@compilable
 def turns(stimuli: StimulusPlan, time: float) -> bool:
     """Apply posted commands and return whether the constants in force (`faults.row`) change at a time [s]."""
-    slots = stimuli.slots
-    if slots.head[0] != slots.head[1]:
-        take_letters(
-            slots, stimuli.faults, stimuli.bus_faults, stimuli.restbus, stimuli.tester, time
-        )
+    take_posted(stimuli, time)
     changed = is_changed(stimuli.faults, stimuli.moments, time)
     if changed:
         note_force(stimuli.bus_faults, stimuli.faults.shares)

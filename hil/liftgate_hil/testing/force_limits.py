@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from liftgate_hil.codec.watch import signal_unit
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.judging.comparisons import comparisons_of
 from liftgate_hil.report.page import section, table, text
@@ -44,9 +43,7 @@ def _limits_of(outcome: Outcome) -> Iterable[tuple[float, str]]:
     for each in scenario.expectations:
         if each.kind == "dtc":
             continue
-        condition = parsed(
-            each.condition, scenario.parameters, lambda name: signal_unit(rig.messages, name)
-        )
+        condition = parsed(each.condition, scenario.parameters, rig.messages)
         for comparison in comparisons_of(condition):
             limit = comparison.limit
             if _TIMED in (*comparison.left.names(), *comparison.right.names()):

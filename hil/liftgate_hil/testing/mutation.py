@@ -139,7 +139,7 @@ def _unasked(case: Case) -> Case:
 
 def _bare(case: Case) -> Case:
     """Return a case that leaves nothing but its verdicts."""
-    options = replace(case.job.options, records=())
+    options = replace(case.job.options, record=())
     return _varied(case, replace(case.job, is_summarized=False, options=options))
 
 

@@ -14,7 +14,7 @@ _NO_BITRATE = ("socketcan", "virtual", "udp_multicast")
 _MISSING = (
     "`bus`: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or python-can's own "
     "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL; or `serial` PORT; "
-    "virtual:any where an `ecu` in this process is all there is on it"
+    "virtual:any where an `ecu` in this process is the only other node"
 )
 
 
@@ -27,6 +27,12 @@ class WireChoice(NamedTuple):
     channel: str | None = None
     bitrate: int | None = None  # bit/s
     is_fd: bool = False
+
+    @property
+    def is_given(self) -> bool:
+        """Whether the user chose a wire at all."""
+        named = (self.bus, self.serial, self.interface, self.channel)
+        return any(each is not None for each in named)
 
 
 def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
@@ -52,7 +58,7 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
     name, at, rate = channel.rpartition("@")
     if at:
         if not name:
-            raise ConfigError(f"`bus` {text}: no channel before the @; allowed: one")
+            raise ConfigError(f"`bus` {text}: no channel; allowed: INTERFACE:CHANNEL@BITRATE")
         if not rate.isdigit() or int(rate) == 0:
             raise ConfigError(f"`bus` {text}: bit rate {rate!r}; allowed: a whole number of bit/s")
         arguments |= {"channel": name, "bitrate": int(rate)}

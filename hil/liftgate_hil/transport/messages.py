@@ -79,6 +79,14 @@ def message_of(frames: Frames, row: int) -> can.Message:
     return message_of_fields(identifier, length, flags, frames.data[row, :length].tobytes(), 0.0)
 
 
+def logged_message(row: Any) -> can.Message:
+    """Return a row of LOGGED as a message with its time."""
+    identifier, length = int(row["identifier"]), int(row["length"])
+    flags = _FD_FLAG if identifier & FD and not identifier & REMOTE else 0
+    data = row["payload"][:length].tobytes()
+    return message_of_fields(identifier, length, flags, data, row["time_ns"] * 1e-9)
+
+
 def message_of_fields(
     identifier: int, length: int, flags: int, data: bytes | list[int], time_s: float
 ) -> can.Message:

@@ -48,7 +48,7 @@ def checked(arguments: dict[str, Any]) -> dict[str, Any]:
     except ValueError:
         is_group = False
     if not is_group:
-        raise ConfigError(f"`bus` {INTERFACE}:{group}: no multicast address; {_ALLOWED}")
+        raise ConfigError(f"`bus` {INTERFACE}:{group}: not a multicast address; {_ALLOWED}")
     hops = arguments.get("hop_limit", 0)
     if not isinstance(hops, int) or not 0 <= hops <= _MAX_HOPS:
         raise ConfigError(
@@ -73,7 +73,7 @@ def apart(arguments: dict[str, Any]) -> str:
     group = ipaddress.ip_address(arguments["channel"])
     other = group + 1 if (group + 1).is_multicast else group - 1
     return (
-        "two benches of one machine need a group each, for gate and ECU alike: "
+        "two benches on one machine need one group each, the same for gate and ECU: "
         f"--bus {INTERFACE}:{other} for one of them"
     )
 

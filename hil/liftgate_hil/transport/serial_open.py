@@ -68,12 +68,12 @@ def check_device(name: str) -> None:
         mode = Path(name).stat().st_mode
     except FileNotFoundError as error:
         port, at, rate = name.rpartition("@")
-        hint = f"; {rate!r} is no rate, else it were {port}" if at and Path(port).exists() else ""
+        hint = f"; {rate!r} is not a baud rate for {port}" if at and Path(port).exists() else ""
         raise FileNotFoundError(f"no such device{hint}") from error
     if not stat.S_ISCHR(mode):
         kinds = {stat.S_IFIFO: "a FIFO", stat.S_IFDIR: "a folder", stat.S_IFREG: "a file"}
         what = kinds.get(stat.S_IFMT(mode), "something else")
-        raise ConfigError(f"`serial` {name}: {what}, no serial device; {ALLOWED}")
+        raise ConfigError(f"`serial` {name}: {what}, not a serial device; {ALLOWED}")
 
 
 def open_port(url: str, baudrate: int) -> Any:

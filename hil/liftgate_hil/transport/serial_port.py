@@ -53,7 +53,7 @@ class SerialTransport:
         except Exception as error:  # pyserial and its drivers may raise anything
             detail = words_of(error)
             if "(25, " in detail:  # ENOTTY
-                detail = "no serial device"
+                detail = "not a serial device"
             if isinstance(error, ValueError) and "not known" in detail:
                 raise ConfigError(f"`serial` {url}: {detail}; {ALLOWED}") from error
             raise TransportError(f"`serial` {url}: cannot be opened: {detail}") from error

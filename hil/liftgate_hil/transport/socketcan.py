@@ -68,7 +68,7 @@ def open_socket(name: str, is_fd: bool) -> socket.socket:
         if is_fd:
             if _ask(raw, _SIOCGIFMTU, name) < _CANFD_MTU:
                 raise OSError(
-                    errno.EINVAL, f"not for CAN FD; allowed after: ip link set {name} mtu 72"
+                    errno.EINVAL, f"not set up for CAN FD; allowed after: ip link set {name} mtu 72"
                 )
             raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
         raw.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ALL_ERRORS)
@@ -191,7 +191,9 @@ class SocketCan:
         if self._state == before:
             return BRIEFLY if self._state == UP and self._losses > losses else None
         if self._state in (BUS_OFF, STOPPED):
-            restart = f"to have it restart: ip link set {self.name} type can restart-ms 100"
+            restart = (
+                f"to restart it automatically: ip link set {self.name} type can restart-ms 100"
+            )
             return f"{self._state}; {restart}"
         return self._state
 

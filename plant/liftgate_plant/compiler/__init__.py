@@ -142,5 +142,5 @@ class Entry:
 @functools.cache
 def _entry(function: Callable[..., Any]) -> Entry:
     if not packing.is_as_expected():
-        raise RuntimeError("numpy lays out arrays in another way than 2.x; allowed: numpy 2.x")
+        raise RuntimeError("numpy has another array layout than 2.x; allowed: numpy 2.x")
     return Entry(function)

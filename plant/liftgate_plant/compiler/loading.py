@@ -45,7 +45,7 @@ class MachineCode:
             return False, None
         if code == STRANGE_ARRAY:
             raise RuntimeError(
-                f"{self._name} returns an array that is none of its arguments; allowed: those as they came"
+                f"{self._name} returns an array that is not one of its arguments; allowed: its own arguments"
             )
         raise RuntimeError(f"{self._name} raised an exception in machine code")
 

@@ -133,7 +133,7 @@ def _exported(compiled: Any, kinds: Sequence[Kind]) -> Stored:
     library.add_linking_library(compiled.library)
     if library.has_addresses():
         raise TypeError(
-            "compiled code holds a constant array by its address; allowed: contiguous ones of up to 1 MB"
+            "compiled code refers to a constant array by its address; allowed: contiguous arrays of up to 1 MB"
         )
     code = library.emitted()
     if missing := unresolved(library.asked_for()):

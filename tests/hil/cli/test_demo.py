@@ -223,7 +223,7 @@ def test_all_failures_are_told_at_once() -> None:
 @pytest.mark.parametrize(
     ("received", "cause"),
     [
-        ({}, "no command came: the ECU sent nothing"),
+        ({}, "no command arrived: the ECU sent nothing"),
         ({"accepted": 5}, "5 commands were accepted, and none of them moved a drive"),
         ({"checksum": 4, "foreign": 3}, "no command was accepted, 4 were rejected"),
         (
@@ -538,7 +538,7 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(
         (["--record-limit", "5MB"], "--record-limit 5000000: allowed: together with --record"),
         (["--record", "."], "--record .: is a folder; allowed: a file of .csv, .parquet"),
         (["--set", "gate.hinge=3"], "3 is not a point; allowed: [x, y], each of -10 to 10 m"),
-        (["--rig", "their.dbc"], "their.dbc: a database, no rig; allowed: a rig in TOML, as "),
+        (["--rig", "their.dbc"], "their.dbc: a database, not a rig; allowed: a rig in TOML ("),
         (
             ["--ecu", f"{__name__}:NoStep"],
             f"--ecu an object of {__name__}.NoStep: allowed: an object with step(",

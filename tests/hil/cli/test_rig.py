@@ -79,7 +79,10 @@ def test_what_the_vehicle_and_the_rate_do_not_allow_is_an_issue_too(
     path = write_rig(tmp_path, database, RIG + wires)
     assert main(["rig", "check", str(path), "--rate", "200", "--set", "supply.voltage=14"]) == 2
     faults = capsys.readouterr().err.splitlines()
-    assert "Fine.Current holds -0.0005 to 65.54 A, any motion of this vehicle needs" in faults[0]
+    assert (
+        "Fine.Current has the range -0.0005 to 65.54 A, any motion of this vehicle needs"
+        in faults[0]
+    )
     assert "messages.Fine.cycle_ms: 2; allowed: 5 or more, a tick at --rate 200 Hz" in faults[1]
 
 
@@ -168,7 +171,7 @@ checksum = "Duty"
         "messages.Cmd.checksum: Duty: allowed: a signal that fills one byte",
         "Out.Volt carries gate_angle too",
         "outputs in Out: identifier 0x7E0",
-        "outputs.gate_angle: Out.Volt holds",
+        "outputs.gate_angle: Out.Volt has the range",
     ):
         assert faults.count(said) == 1, said
     assert "Fine.counter: missing" not in faults

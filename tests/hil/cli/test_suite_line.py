@@ -97,7 +97,7 @@ def test_who_waits_for_machine_code_is_told() -> None:
     listener.compiles("the loop", 1.0)
     listener = CompilingOnly(Hears(is_quiet=False))
     listener.compiles("compiling the loop", 1.0)
-    listener.starts("suv on no bus")
+    listener.starts("suv without a bus")
     assert said == ["compiling the loop"]
 
 

@@ -177,7 +177,7 @@ def test_frames_that_the_gate_refuses_are_told_beside_the_verdicts(
 @pytest.mark.parametrize(
     ("frames", "said"),
     [
-        ("[]", "no command came: the ECU sent nothing"),
+        ("[]", "no command arrived: the ECU sent nothing"),
         (
             "[can.Message(arbitration_id=0x121, data=bytes(8), is_extended_id=False)]",
             "no command was accepted, 50 frames have identifiers that the rig does not receive",
@@ -280,7 +280,7 @@ def test_an_ecu_that_fails_is_an_error_and_the_next_scenario_runs(
         ("duration = 1\n[[expect]]\nname = 'x'\neventually = 'time_s > 0'\nfor_s = 1\nwithin_s = 0.5\n",
          "for_s: 1; allowed: up to within_s, 0.5 s"),
         ("duration = 1\n[[expect]]\nname = 'x'\nalways = 'X.Y > 0'\n", "expect[0].always: X.Y: no such signal"),
-        (HEAD + RESTS + RESTS, "expect: rests comes 2 times; allowed: once"),
+        (HEAD + RESTS + RESTS, "expect: rests appears 2 times; allowed: once"),
         ("duration = 1\nexpect = 3\n", "expect: 3; allowed: [[expect]] tables"),
         ("not TOML", "not valid TOML"),
     ],

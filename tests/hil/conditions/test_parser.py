@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from liftgate_hil.conditions.condition import DEEPEST, SIGNAL
 from liftgate_hil.conditions.parser import parsed
+from liftgate_hil.running.setup import rig_from
 
 
 @pytest.mark.parametrize(
@@ -33,13 +34,13 @@ def test_units_of_products(text: str, unit: str) -> None:
     ("text", "said"),
     [
         ("", "the end; allowed: a column"),
-        ("gate_angle_deg", "compares nothing"),
+        ("gate_angle_deg", "is not a comparison"),
         ("gate_angle_deg >", "the end; allowed"),
         ("1 < gate_angle_deg < 3", "one comparison at a time"),
         ("gate_angle_deg > 3 )", ") at character 20; allowed: and, or, or the end"),
         ("(gate_angle_deg > 3", "the end; allowed: )"),
-        ("gate_angle_deg + left_current_a > 3", "takes deg and A together"),
-        ("gate_angle_deg > left_current_a", "takes deg and A together"),
+        ("gate_angle_deg + left_current_a > 3", "combines deg and A"),
+        ("gate_angle_deg > left_current_a", "combines deg and A"),
         ("gate_angle > 3", "no such column; allowed: gate_angle_deg"),
         ("sensed.gate_angel_deg > 3", "no such column; allowed: sensed.gate_angle_deg"),
         ("sensed_gate_angle_deg > 3", "no such column"),
@@ -48,8 +49,8 @@ def test_units_of_products(text: str, unit: str) -> None:
         ("gate_angle_deg > 1e999", "1e999; allowed: a finite number"),
         ("not gate_angle_deg", "a number beside `not`"),
         ("gate_angle_deg and time_s > 1", "a number beside `and`"),
-        ("(time_s > 1) > 2", "a comparison where a number is meant"),
-        ("abs(time_s > 1) > 2", "a comparison where a number is meant"),
+        ("(time_s > 1) > 2", "a comparison where a number is expected"),
+        ("abs(time_s > 1) > 2", "a comparison where a number is expected"),
         ("a.b.c > 1", "'.' at character 4"),
         ("abs > 1", "abs at character 1"),
         ("(" * (DEEPEST + 1) + "time_s > 1" + ")" * (DEEPEST + 1), "parentheses deeper than"),
@@ -58,7 +59,7 @@ def test_units_of_products(text: str, unit: str) -> None:
     ],
 )
 def test_what_is_wrong_is_told(text: str, said: str) -> None:
-    with pytest.raises(ValueError, match=r"allowed|meant") as caught:
+    with pytest.raises(ValueError, match=r"allowed|expected") as caught:
         parsed(text, PARAMETERS)
     assert said in str(caught.value)
 
@@ -71,7 +72,15 @@ def test_any_text_is_a_condition_or_a_clear_mistake(text: str) -> None:
 
 
 def test_signals_are_looked_up_where_there_is_a_database() -> None:
-    units = {"Msg.A": "A"}
-    assert parsed("Msg.A > left_current_a", {}, units.get).names(SIGNAL) == ["Msg.A"]
-    with pytest.raises(ValueError, match="no such signal"):
-        parsed("Msg.B > 1", {}, units.get)
+    messages = rig_from("liftgate").messages
+    condition = parsed("LeftDrive.MotorCurrent > left_current_a", {}, messages)
+    assert condition.names(SIGNAL) == ["LeftDrive.MotorCurrent"]
+    near = {
+        "LeftDrive.MotorCurent": "LeftDrive.MotorCurrent, ",
+        "LeftDriv.MotorCurrent": "LeftDrive.MotorCurrent, ",
+        "Quite.Other": "Message.Signal of it",
+    }
+    for name, allowed in near.items():
+        with pytest.raises(ValueError, match="no such signal in the rig's database") as caught:
+            parsed(f"{name} > 1", {}, messages)
+        assert f"allowed: {allowed}" in str(caught.value)

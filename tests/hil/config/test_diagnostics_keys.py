@@ -101,7 +101,8 @@ _WHO = "a message of the database, or an identifier, 0 to 536870911, above 0x7FF
         ("request = 1e3\nresponse = true",
          [f"request: 1000.0; allowed: {_WHO}", f"response: True; allowed: {_WHO}"]),
         ("request = 0x20000000\nresponse = 0x7A8", [f"request: 536870912; allowed: {_WHO}"]),
-        ("request = 0x7A8\nresponse = 0x7A8", ["response: 1960; allowed: another one than request"]),
+        ("request = 0x7A8\nresponse = 0x7A8",
+         ["response: 1960; allowed: an identifier other than that of request"]),
         ('request = 0x120\nresponse = "Gate"',
          ["request: 288: DriveCommand carries quantities; allowed: an identifier of its own",
           "response: 'Gate': Gate carries quantities; allowed: an identifier of its own"]),
@@ -109,7 +110,7 @@ _WHO = "a message of the database, or an identifier, 0 to 536870911, above 0x7FF
          "foo = 1",
          ["foo: 1: unknown key", 'padding: 256; allowed: a byte, 0 to 255, or "none"', "cycle_ms: 0",
           "timeout_ms: 1000000000.0",
-          "status_mask: 0; allowed: a whole number of 1 to 255", "clear: 1; allowed: true or false"]),
+          "status_mask: 0; allowed: a whole number from 1 to 255", "clear: 1; allowed: true or false"]),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_diagnostics_is_told(

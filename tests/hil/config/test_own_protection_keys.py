@@ -31,9 +31,7 @@ BA_DEF_DEF_ "GenMsgCycleTime" 10;
 """
 RIG = 'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\ngate_angle = "Out.Angle"\n'
 RIGHT = {"signal": '"Crc"', "width": "8", "polynomial": "0x2F"}
-ALLOWED = (
-    'allowed: a list of "payload", "identifier", "counter", "data_id", each also with bytes of it'
-)
+ALLOWED = 'allowed: a list of "payload", "identifier", "counter", "data_id", each optionally with its bytes'
 
 
 def rig_of(folder: Path, counter: str = '"Alive"', more: str = "", **keys: str | None) -> Path:
@@ -47,21 +45,21 @@ def rig_of(folder: Path, counter: str = '"Alive"', more: str = "", **keys: str |
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"width": "0"}, "checksum.width: 0; allowed: a whole number of 1 to 64"),
-        ({"width": "65"}, "checksum.width: 65; allowed: a whole number of 1 to 64"),
+        ({"width": "0"}, "checksum.width: 0; allowed: a whole number from 1 to 64"),
+        ({"width": "65"}, "checksum.width: 65; allowed: a whole number from 1 to 64"),
         ({"width": "16"}, "checksum.width: 16, and Crc has 8 bits; allowed: 8"),
-        ({"width": None}, "checksum.width: missing; allowed: a whole number of 1 to 64"),
+        ({"width": None}, "checksum.width: missing; allowed: a whole number from 1 to 64"),
         ({"signal": None}, "checksum.signal: missing; allowed: a signal of the message"),
         ({"signal": '"No"'}, "checksum.signal: 'No'; allowed: one of Duty, Alive, Crc"),
         ({"signal": "3"}, "checksum.signal: 3; allowed: a signal of the message"),
-        ({"polynomial": None}, "checksum.polynomial: missing; allowed: a whole number of 1 to 2^width - 1"),
-        ({"polynomial": "0"}, "checksum.polynomial: 0; allowed: a whole number of 1 to 2^width - 1"),
-        ({"polynomial": "true"}, "checksum.polynomial: True; allowed: a whole number of 1 to 2^width - 1"),
+        ({"polynomial": None}, "checksum.polynomial: missing; allowed: a whole number from 1 to 2^width - 1"),
+        ({"polynomial": "0"}, "checksum.polynomial: 0; allowed: a whole number from 1 to 2^width - 1"),
+        ({"polynomial": "true"}, "checksum.polynomial: True; allowed: a whole number from 1 to 2^width - 1"),
         ({"polynomial": "0x12F"}, "checksum.polynomial: 0x12F has 9 bits, the checksum 8; allowed: 1 to 0xFF, "
          "without the highest term"),
         ({"start": "256"}, "checksum.start: 0x100 has 9 bits, the checksum 8; allowed: 0 to 0xFF"),
-        ({"start": "-1"}, "checksum.start: -1; allowed: a whole number of 0 to 2^width - 1"),
-        ({"final_xor": '"FF"'}, "checksum.final_xor: 'FF'; allowed: a whole number of 0 to 2^width - 1"),
+        ({"start": "-1"}, "checksum.start: -1; allowed: a whole number from 0 to 2^width - 1"),
+        ({"final_xor": '"FF"'}, "checksum.final_xor: 'FF'; allowed: a whole number from 0 to 2^width - 1"),
         ({"reflect_in": "1"}, "checksum.reflect_in: 1; allowed: true or false"),
         ({"reflect_out": '"no"'}, "checksum.reflect_out: 'no'; allowed: true or false"),
         ({"covers": "[]"}, "checksum.covers: []; " + ALLOWED),
@@ -75,7 +73,7 @@ def rig_of(folder: Path, counter: str = '"Alive"', more: str = "", **keys: str |
         ({"covers": '["data_id"]'}, "checksum.covers[0]: 'data_id', and there is none; allowed: with a `data_id`"),
         ({"covers": str(17 * ["payload 0 to 7"])}, "checksum.covers: 136 bytes; allowed: up to 128"),
         ({"data_id": "1"},
-         'checksum.covers: no "data_id", which is given; allowed: "data_id" where it goes in'),
+         'checksum.covers: no "data_id", although `data_id` is given; allowed: a list with "data_id"'),
         ({"data_id": "[1]", "covers": '["data_id"]'}, "checksum.data_id: [1]; allowed: 0 to 0xFFFFFFFF, or a"),
         ({"data_id": "0x100000000", "covers": '["data_id"]'}, "checksum.data_id: 4294967296; allowed: 0 to"),
         ({"data_id": "[1, 2]", "covers": '["data_id"]', "counter": ""}, "checksum.data_id: a list, and the "
@@ -83,10 +81,10 @@ def rig_of(folder: Path, counter: str = '"Alive"', more: str = "", **keys: str |
         ({"covers": '["counter"]', "counter": ""}, "checksum.covers[0]: 'counter', and the message has none; "
          "allowed: with a `counter`"),
         ({"init": "0xFF"}, "checksum.init: 255: unknown key; allowed: signal, width, polynomial, start"),
-        ({"more": 'checksum_kind = "sum8"\n'}, "checksum_kind: its parameters say which; allowed: with a "
-         "named checksum"),
+        ({"more": 'checksum_kind = "sum8"\n'}, "checksum_kind: the checksum's table defines it; allowed: "
+         "with a named checksum"),
         ({"signal": '"Alive"', "width": "4", "polynomial": "3"}, "Alive is the counter and the checksum; allowed: "
-         "one per signal"),
+         "one use per signal"),
     ],
 )  # fmt: skip
 def test_a_wrong_checksum_is_told_in_one_line(
@@ -111,8 +109,8 @@ def test_a_checksum_of_another_width_than_a_named_one_is_told_the_way(tmp_path: 
     path = write_rig(tmp_path, DATABASE, RIG + '[messages.Out]\nchecksum = "Crc"\n')
     _, issues = read_rig(path)
     assert issues.lines == [
-        f"{path}: messages.Out.checksum: Crc: allowed: a signal that fills one byte; of another width: checksum = "
-        "{ signal, width, polynomial, … }"
+        f"{path}: messages.Out.checksum: Crc: allowed: a signal that fills one byte; for another width: "
+        "checksum = { signal, width, polynomial, … }"
     ]
 
 

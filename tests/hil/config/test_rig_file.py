@@ -229,7 +229,7 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
         (
             RIG + 'gate_angle = { signal = "Out.Latch", values = { open = 1 } }\n',
             "gate_angle.values",
-            "no enumeration",
+            "not an enumeration",
         ),
         (
             RIG + 'latch_state = { signal = "Out.Count", values = { open = "x" } }\n',
@@ -424,10 +424,10 @@ def test_the_reference_ecu_names_the_feedback_that_a_rig_lacks(tmp_path: Path):
 def test_a_multiplexer_is_no_place_for_a_quantity_or_a_counter(tmp_path: Path):
     wired = 'gate_angle = "Muxed.A"\nleft_hall_speed = { signal = "Muxed.Which", scale = 1 }\n'
     (issue,) = [each for each in faults_of(tmp_path, RIG + wired) if "Which" in each]
-    assert "Muxed.Which carries the multiplexer too; allowed: one per signal" in issue
+    assert "Muxed.Which carries the multiplexer too; allowed: one use per signal" in issue
     counted = RIG + 'gate_angle = "Muxed.A"\n[messages.Muxed]\ncounter = "Which"\n'
     (issue,) = [each for each in faults_of(tmp_path, counted) if "Which" in each]
-    assert "Which is the multiplexer and the counter; allowed: one per signal" in issue
+    assert "Which is the multiplexer and the counter; allowed: one use per signal" in issue
 
 
 def test_the_reference_ecu_sends_the_pages_of_a_multiplexed_command_in_turn_and_all_at_the_end(

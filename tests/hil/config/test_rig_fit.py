@@ -68,7 +68,9 @@ def test_a_signal_that_does_not_hold_what_every_motion_needs_is_refused(
     tmp_path: Path, place: str, unit: str, quantity: str
 ):
     rig = rig_for(tmp_path, place, unit, quantity)
-    with pytest.raises(ConfigError, match=f"outputs.{quantity}: Out.X holds .* any motion of"):
+    with pytest.raises(
+        ConfigError, match=f"outputs.{quantity}: Out.X has the range .* any motion of"
+    ):
         loop_config_of(suv(), rig, 1000.0, 0)
     meant = rig_for(tmp_path, place, unit, quantity, ", saturates = true")
     loop_config_of(suv(), meant, 1000.0, 0)
@@ -79,7 +81,10 @@ def test_a_signal_that_a_stalled_motor_leaves_is_told(tmp_path: Path):
     rig = rig_for(tmp_path, "0|16@1- (0.001,0) [-10|10]", "A", "left_current")
     check_fit(rig, suv(), 1000.0)
     (note,) = notes_on_fit(rig, suv(), 1000.0)
-    assert "Out.X holds -10 to 10 A and stays there; this vehicle reaches -16.95 to 16.95 A" in note
+    assert (
+        "Out.X has the range -10 to 10 A and saturates; this vehicle reaches -16.95 to 16.95 A"
+        in note
+    )
 
 
 def test_a_drive_that_the_vehicle_does_not_have_needs_nothing(tmp_path: Path):
@@ -105,7 +110,7 @@ def test_a_received_cycle_shorter_than_a_tick_is_refused_too(tmp_path: Path):
 def test_a_cycle_of_no_whole_number_of_ticks_is_told(tmp_path: Path):
     rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current", cycle=2.5)
     (note,) = notes_on_fit(rig, suv(), 1000.0)
-    assert "messages.Out.cycle_ms: 2.5 is no whole number of ticks of 1 ms" in note
+    assert "messages.Out.cycle_ms: 2.5 is not a whole number of ticks of 1 ms" in note
     assert notes_on_fit(rig, suv(), 2000.0) == []
 
 
@@ -113,7 +118,7 @@ def test_a_cycle_of_no_whole_number_of_ticks_is_told(tmp_path: Path):
     ("unit", "keys", "said"),
     [
         ("mA", ", scale = 1", "scale 1, while the database's unit 'mA' means 0.001"),
-        ("V", ", scale = 1", "scale 1, while the database's unit 'V' is none of its units"),
+        ("V", ", scale = 1", "scale 1, while the database's unit 'V' is not one of its units"),
         ("mA", ", scale = -0.001", ""),
         ("", ", scale = 1", ""),
         ("V", ', unit = "A"', ""),

@@ -239,6 +239,6 @@ def test_a_name_of_before_is_refused_with_the_name_that_it_is_now(tmp_path: Path
         load_rig(path)
     told = [line for line in caught.value.issues if ": outputs." in line]
     assert told == [
-        f"{path}: outputs.{each}: no sensor gives it, so its name is true_{each} now; allowed: true_{each}"
+        f"{path}: outputs.{each}: no sensor measures it, so it is called true_{each} now; allowed: true_{each}"
         for each in old
     ]

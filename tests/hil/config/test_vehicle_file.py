@@ -479,5 +479,5 @@ def test_edges_of_an_encoder_must_come_one_after_the_other(
     if is_allowed:
         assert vehicle_from("suv", settings).drives == 2
         return
-    with pytest.raises(ConfigError, match=r"electrical degrees beside its place .* allowed: 40.5"):
+    with pytest.raises(ConfigError, match=r"electrical degrees \(3 σ\); allowed: 40.5"):
         vehicle_from("suv", settings)

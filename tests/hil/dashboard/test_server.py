@@ -279,7 +279,7 @@ def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
     [
         (("--attach", "1"), "--attach 1: no run of yours; allowed: the process of a run"),
         ((), "--attach missing: nothing runs here to attach to"),
-        (("--attach", "x"), "--attach: 'x'; allowed: 1 to"),
+        (("--attach", "x"), "--attach: 'x'; allowed: a whole number from 1 to"),
         (("--recording", "no.csv"), "no.csv"),
         (("--recording", "no.csv", "--attach", "1"), "not allowed with"),
         (("--rig", "liftgate"), "--rig liftgate: allowed with --recording"),

@@ -69,7 +69,7 @@ def frame(length: int, flags: int = 0, identifier: int = 0x400) -> str:
 
 RETURNED = r"its step returned {}; allowed: 0 to 1024 frames"
 NO_FRAME = (
-    r"it wrote a frame that is none; allowed: a length of up to 8 bytes, with CAN FD 64; an identifier of 11 "
+    r"it wrote an invalid frame; allowed: a length of up to 8 bytes, with CAN FD 64; an identifier of 11 "
     r"bits, with LIFTGATE_ID_EXTENDED 29"
 )
 
@@ -146,7 +146,7 @@ def test_one_that_hangs_is_given_up(tmp_path: Path, bodies: dict[str, str], time
     job = Job(scenario=SCENARIO, ecu=str(library(tmp_path, **bodies)), options=options)
     with pytest.raises(EcuError) as caught:
         run_isolated("liftgate_hil.running.worker", pickle.dumps(plan_of(job)), 0.001, hang_s=1.0)
-    assert str(caught.value) == f"the ECU at {time_s:.3f} s: no answer for 1 s"
+    assert str(caught.value) == f"the ECU at {time_s:.3f} s: no response for 1 s"
 
 
 def test_a_hang_is_an_error_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,7 +154,7 @@ def test_a_hang_is_an_error_of_the_run(tmp_path: Path, monkeypatch: pytest.Monke
     result = lh.run(SCENARIO, library(tmp_path, step=f"if ({AT}) for (;;) pause();"))
     assert (result.verdict, result.reason) == (
         "error",
-        "the ECU at 0.050 s: no answer for 0.5 s",
+        "the ECU at 0.050 s: no response for 0.5 s",
     )
 
 
@@ -167,7 +167,7 @@ def test_a_hang_on_a_bus_is_one_too(
     result = lh.run(SCENARIO, path, clock=clock)
     time = r"\d\.\d{3}" if clock == "realtime" else r"0\.050"
     assert result.verdict == "error"
-    assert re.fullmatch(rf"the ECU at {time} s: no answer for 0\.5 s", result.reason)
+    assert re.fullmatch(rf"the ECU at {time} s: no response for 0\.5 s", result.reason)
 
 
 def test_the_time_of_a_crash_is_in_the_ticks_that_were_asked_for(tmp_path: Path) -> None:

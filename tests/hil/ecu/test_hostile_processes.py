@@ -112,10 +112,10 @@ def of_python(name: str, clock: str = "free") -> lh.Result:
         ("EndsWell", "its process ended (exit code 0)"),
         ("Interrupts", "KeyboardInterrupt (hostile.py, line "),
         ("Exits", "SystemExit: 0 (hostile.py, line "),
-        ("Hangs", "no answer for 0.5 s"),
-        ("Stops", "no answer for 0.5 s"),
-        ("ClosesAndHangs", "no answer for 0.5 s"),
-        ("Destroyed", "no answer for 0.5 s"),
+        ("Hangs", "no response for 0.5 s"),
+        ("Stops", "no response for 0.5 s"),
+        ("ClosesAndHangs", "no response for 0.5 s"),
+        ("Destroyed", "no response for 0.5 s"),
         ("KeepsTheLock", "0.5 s"),  # one of its threads, whatever runs
     ],
 )
@@ -159,7 +159,7 @@ def test_a_recording_of_a_hostile_ecu_is_completed_or_its_loss_is_told(
     clock: str, name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     record = tmp_path / "run.csv"
-    options = RunOptions(clock=clock, records=(record,))
+    options = RunOptions(clock=clock, record=(record,))
     result = execute(plan_of(Job(SCENARIO, f"hostile:{name}", options=options, is_isolated=True)))
     rows = record.read_text(errors="replace").count("\n") if record.is_file() else 0
     assert rows > 100 or result.reason
@@ -202,9 +202,9 @@ CLOSED = "for (int each = 0; each < 500; each++) close(each);"
     ("bodies", "verdict", "said"),
     [
         ({"step": f"if ({AT}) _exit(0);"}, "error", "its process ended (exit code 0)"),
-        ({"step": f"if ({AT}) {{ {CLOSED} for (;;) pause(); }}"}, "error", "no answer for 0.5 s"),
-        ({"step": f"if ({AT}) raise(SIGSTOP);"}, "error", "no answer for 0.5 s"),
-        ({"destroy": f"{CLOSED} for (;;) pause();"}, "error", "no answer for 0.5 s"),
+        ({"step": f"if ({AT}) {{ {CLOSED} for (;;) pause(); }}"}, "error", "no response for 0.5 s"),
+        ({"step": f"if ({AT}) raise(SIGSTOP);"}, "error", "no response for 0.5 s"),
+        ({"destroy": f"{CLOSED} for (;;) pause();"}, "error", "no response for 0.5 s"),
         ({"step": f'if ({AT}) write(1, "its own words", 13);'}, "pass", ""),
         ({"destroy": f"{RUBBISH}"}, "pass", ""),
         ({"destroy": f"{CLOSED}"}, "pass", ""),

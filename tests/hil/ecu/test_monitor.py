@@ -73,7 +73,7 @@ def test_drives_that_are_apart_stop() -> None:
         gate.step(left_count=stuck)
         if gate.state == memory.STOPPED:
             break
-    assert gate.last == "the drives' counts are apart: stopped"
+    assert gate.last == "the drives' counts differ: stopped"
     assert gate.count - stuck == pytest.approx(2.0 * C.counts_apart, abs=2 * COUNTS)
     assert gate.command == DriveCommand(0.0, 0.0, False)  # braked
 
@@ -106,7 +106,7 @@ def test_one_drive_that_carries_all_stops() -> None:
     rng = np.random.default_rng(1)
     for _ in range(round((C.lone_time + 0.2) / CYCLE)):
         gate.step(left_current=rng.normal(0.0, 0.01), right_current=2.0 + rng.normal(0.0, 0.01))
-    assert gate.last in ("one drive carries all: stopped",)
+    assert gate.last in ("one drive carries the whole load: stopped",)
 
 
 def test_without_feedback_it_stops_and_brakes_once() -> None:
@@ -129,7 +129,7 @@ def test_a_gate_that_comes_down_is_held_and_told_once() -> None:
     gate.run(round(C.fall_counts) - 1, moves=-1.0)
     assert np.isnan(gate.command.left_duty)
     gate.run(60, moves=-1.0)
-    assert gate.last == "the gate comes down: held"
+    assert gate.last == "the gate falls: held"
     assert gate.command == DriveCommand(0.0, 0.0, False)
     assert [each.text for each in events_since(gate.memory, 0)].count(gate.last) == 1
 

@@ -94,11 +94,11 @@ def test_two_cannot_record_to_one_row_of_files(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        ({"record_limit": 1000}, "`record_limit` 1000: allowed: a whole number from 1,000,000 on"),
+        ({"record_limit": 1000}, "`record_limit` 1000: allowed: bytes from 1,000,000 on"),
         ({"record_keep": 2}, "`record_keep` 2: allowed: together with `record_limit`"),
         (
             {"record_limit": 10**6, "record_keep": 1},
-            "`record_keep` 1: allowed: a whole number from 2 on",
+            "`record_keep` 1: allowed: a whole number from 2 to",
         ),
     ],
 )

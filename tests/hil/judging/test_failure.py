@@ -77,7 +77,7 @@ FAILURES: list[tuple[tuple[Any, ...], dict[str, list[float]], str]] = [
     ),
     (
         ("eventually", "gate_angle_deg > 42"), {"gate_angle_deg": ANGLE[:4]},
-        "gate_angle_deg > 42: not from 0 s to 0.04 s; at best gate_angle_deg: 40 deg, allowed above 42 deg, "
+        "gate_angle_deg > 42: not true from 0 s to 0.04 s; at best gate_angle_deg: 40 deg, allowed above 42 deg, "
         "at 0.04 s",
     ),
     (
@@ -93,7 +93,7 @@ FAILURES: list[tuple[tuple[Any, ...], dict[str, list[float]], str]] = [
     (
         ("eventually", "abs(gate_angle_deg) < $limit and not pinch_force_n < 500", 0.02, 0.01),
         {"pinch_force_n": FORCE, "gate_angle_deg": ANGLE},
-        "abs(gate_angle_deg) < $limit and not pinch_force_n < 500: not from 0.02 s to 0.03 s; at best "
+        "abs(gate_angle_deg) < $limit and not pinch_force_n < 500: not true from 0.02 s to 0.03 s; at best "
         "pinch_force_n: 152.5 N, allowed at least 500 N, at 0.03 s",
     ),
 ]  # fmt: skip
@@ -111,9 +111,9 @@ def test_a_failure_tells_what_was_measured_what_was_allowed_and_when(
 def test_what_is_true_behind_its_window_in_part_only_is_not_told_as_late() -> None:
     """A stretch counts where it is whole, and not over a tick without a value."""
     each = Expectation("x", "eventually", "gate_angle_deg > 25", 0.0, 0.02, 0.02)
-    assert "not from" in failed(each, gate_angle_deg=[0.0, 0.0, 30.0, 30.0]).reason
+    assert "not true from" in failed(each, gate_angle_deg=[0.0, 0.0, 30.0, 30.0]).reason
     holes = [0.0, 0.0, 30.0, math.nan, 30.0, 30.0]
-    assert "not from" in failed(each, gate_angle_deg=holes).reason
+    assert "not true from" in failed(each, gate_angle_deg=holes).reason
     assert "true at 0.07 s" in failed(each, gate_angle_deg=[*holes, 30.0]).reason
 
 

@@ -83,8 +83,8 @@ def test_what_an_ecu_may_take_for_messages_lost_does_so_before_the_window_too() 
         ({"frames_dropped": {500: 3}}, "frames were dropped about 0.501 s"),
         (
             {"command_delay_s": {500: 0.3}},
-            "a frame, or the ECU in this process, waited for 300 ms about 0.201 s: from 250 ms on an ECU may take "
-            "messages for lost",
+            "a frame, or the ECU in this process, waited for 300 ms about 0.201 s: from 250 ms on, an ECU may "
+            "treat messages as lost",
         ),
     ):
         found = verdict(rows_of(**columns))
@@ -109,8 +109,8 @@ def test_who_has_waited_was_late_all_the_while() -> None:
     """Also where the window was over before anybody could tell."""
     delayed = rows_of(command_delay_s={2700: 1.5})  # since 1.2 s
     assert verdict(delayed).reason == (
-        "the bench was late: a frame, or the ECU in this process, waited for 1.5 s about 1.201 s: from 250 ms on "
-        "an ECU may take messages for lost"
+        "the bench was late: a frame, or the ECU in this process, waited for 1.5 s about 1.201 s: from 250 ms on, "
+        "an ECU may treat messages as lost"
     )
     assert verdict(rows_of(command_delay_s={2700: 0.5})).verdict == "pass"  # the window ends at 2 s
 

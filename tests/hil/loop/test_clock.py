@@ -240,7 +240,7 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         "20 short frames",
         "21 bad crcs",
         "22 bad identifiers",
-        "23 frames had come before the loop was ready",
+        "23 frames arrived before the loop was ready",
         "24 stale frames",
         "time-outs 13",
     ):

@@ -198,8 +198,8 @@ def test_lockstep_says_that_it_is_ready_and_what_it_waits_for(
     # Once for each silence, not at every look.
     assert said == [
         "ready: waits for the first command",
-        "0.000 s: waits for a command (0x120); `wall_timeout` ends that",
-        "0.010 s: waits for a command (0x120); `wall_timeout` ends that",
+        "0.000 s: waits for a command (0x120); `wall_timeout` limits the wait",
+        "0.010 s: waits for a command (0x120); `wall_timeout` limits the wait",
     ]
 
 

@@ -100,7 +100,7 @@ def test_each_first_refusal_is_told_once_with_what_was_expected(bench: Bench):
         f"0.030 s: DriveCommand refused: {len(good) - 1} bytes; expected {len(good)}",
         f"0.040 s: DriveCommand refused: Checksum is 0x{right ^ 0xFF:X}; expected 0x{right:X}",
         "0.050 s: DriveCommand refused: LeftDuty is 102 %; allowed by the database: 0 to 100 %",
-        "0.060 s: DriveCommand refused: a remote frame; allowed: data",
+        "0.060 s: DriveCommand refused: a remote frame; allowed: a data frame",
     ]
     bench.receive(good[:-1], tick=80)
     assert bench.look(tick=90) == []
@@ -135,7 +135,7 @@ def test_a_bus_with_frames_of_others_only_is_told_as_that(bench: Bench):
     bench.look()
     bench.receive(b"\1\2", identifier=0x1A0)
     assert bench.look(tick=2500, after=2.5) == [
-        "2.500 s: waits for DriveCommand (0x120), motors off; hears 0x1A0, which is not received by this rig"
+        "2.500 s: waits for DriveCommand (0x120), motors off; 0x1A0 is on the bus, but not received by this rig"
     ]
     assert bench.told.seen[-1].foreign == 1
 
@@ -148,7 +148,7 @@ def test_where_benches_meet_unawares_frames_of_others_tell_how_to_keep_apart():
     bench.look()
     bench.receive(b"\1\2", identifier=0x1A0)
     (said,) = bench.look(tick=2500, after=2.5)
-    assert said.endswith(f"hears 0x1A0, which is not received by this rig; {APART}")
+    assert said.endswith(f"0x1A0 is on the bus, but not received by this rig; {APART}")
 
 
 @pytest.mark.parametrize("apart", ["", APART])
@@ -160,7 +160,7 @@ def test_another_gate_on_the_bus_is_told_once_whether_or_not_commands_come(apart
         bench.receive(bytes(8), identifier=0x210)
         said = [each for each in bench.look(tick=number) if "another" in each]
         expected = (
-            "0.000 s: hears LeftDrive (0x210), which this gate sends: another bench or a replay is on this bus"
+            "0.000 s: received LeftDrive (0x210), which this gate sends: another bench or a replay is on this bus"
             + (f"; {apart}" if apart else "")
         )
         assert said == ([expected] if number == 0 else [])

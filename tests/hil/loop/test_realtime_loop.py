@@ -36,6 +36,7 @@ from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop import advance, datagrams, realtime_loop
+from liftgate_hil.loop.arrivals import arrival_of
 from liftgate_hil.loop.closed_loop import Trace
 from liftgate_hil.loop.datagrams import (
     CAPACITY,
@@ -53,7 +54,6 @@ from liftgate_hil.loop.realtime_loop import (
     OVERRUN,
     Room,
     RunParams,
-    arrival_of,
     make_room,
     run_realtime,
 )
@@ -62,7 +62,7 @@ from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingRead
 from liftgate_hil.loop.tick import STOPPED, LoopConfig, LoopState
 from liftgate_hil.loop.tick import tick as plain_tick
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, Timing
-from liftgate_hil.stimuli.mailbox import post
+from liftgate_hil.stimuli.command_queue import post_values
 from liftgate_hil.stimuli.outside import Outside
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_plant.compiler import compiled
@@ -161,13 +161,14 @@ class Rehearsal:
         self, ticks: int, state: LoopState | None = None, limit_ns: int = 10**9
     ) -> tuple[LoopState, int]:
         feedback = np.array(feedback_identifiers(self.rig), dtype=np.int64)
+        self.stimuli = stimulus_plan(self.config)
         params = RunParams(
             descriptor=self.ours.fileno(),
             ticks=ticks,
             limit_ns=limit_ns,
             command=COMMAND,
             feedback=feedback,
-            stimuli=stimulus_plan(self.config),
+            stimuli=self.stimuli,
             is_last=1,
         )
         begin = state or start_of(self.config)
@@ -578,10 +579,10 @@ def test_a_wire_that_is_closed_is_counted_and_the_run_goes_on(rehearse: Callable
     assert control.unsent_full == 0
 
 
-# What is posted while it runs.
+# Commands while it runs.
 
 
-def test_what_is_posted_holds_from_the_next_tick_on_until_it_is_posted_anew(
+def test_a_commanded_value_holds_from_the_next_tick_on_until_another_is_commanded(
     rehearse: Callable[..., Rehearsal],
 ):
     play = rehearse()
@@ -590,19 +591,23 @@ def test_what_is_posted_holds_from_the_next_tick_on_until_it_is_posted_anew(
         50: {"hand_force_n": math.nan},
         30: {"snow_mass_kg": 7.0},
     }
-    play.at = lambda waking: post(play.shared.box[0], said[waking]) if waking in said else None
+    play.at = lambda waking: (
+        post_values(play.stimuli.queue, said[waking]) if waking in said else None
+    )
     play.late = {30: 4 * MS}
     play.run(100)
     assert play.column("hand_force_n") == [0.0] * 20 + [25.0] * 34 + [0.0] * 47
-    # What is made up for was missed before the letter came; but it is taken as what has come, as frames are.
+    # What is made up for was missed before the command came; but it is taken as what has come, as frames are.
     assert play.column("snow_mass_kg") == [0.0] * 30 + [7.0] * 71
-    assert play.shared.box[0].taken == play.shared.box[0].posted == 3
+    assert play.stimuli.queue.head.tolist() == [3, 3]
 
 
 def test_figures_that_are_posted_are_told_on_the_bus(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
     told = Timing(*(20.0 * (10 + place) for place in range(len(Timing._fields))))
-    play.at = lambda waking: post(play.shared.box[0], told._asdict()) if waking == 5 else None
+    play.at = lambda waking: (
+        post_values(play.stimuli.queue, told._asdict()) if waking == 5 else None
+    )
     play.run(300)
     sent = frames_of([row for rows in play.sent for row in rows])
     wires = [wire for wire in rig.outputs if wire.quantity in Timing._fields]

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.loop.rings import ArrivalReader, Memory, RingReader, note_arrivals, note_frames
-from liftgate_hil.stimuli.mailbox import post
 
 
 class Writer:
@@ -136,8 +135,7 @@ shared = memory.shared
 rows = RingReader(shared.rows, shared.control, "rows").take()
 frames = RingReader(shared.frames, shared.control, "frames").take()
 print(rows[:, 0].tolist(), frames["identifier"].tolist(), frames["payload"][:, 63].tolist())
-letter = shared.box[0].letters[0]
-print(int(shared.histograms.sum()), int(shared.box[0].posted), letter["values"].tolist()[:2])
+print(int(shared.histograms.sum()))
 shared.control[0].stop = 1
 """
 
@@ -151,7 +149,6 @@ def test_another_process_sees_the_same_and_is_seen():
     shared.frames[1].payload[63] = 255
     shared.control[0].frames = 2
     shared.histograms[2, -1] = 41
-    assert post(shared.box[0], {"lateness_p50": 0.5, "lateness_p99": 7.0})
     done = subprocess.run(
         [sys.executable, "-c", CHILD, "5", "7", str(memory.descriptor)],
         pass_fds=[memory.descriptor], capture_output=True, text=True, check=False,
@@ -159,7 +156,7 @@ def test_another_process_sees_the_same_and_is_seen():
     assert done.stderr == ""
     assert done.stdout.splitlines() == [
         "[1.0, 2.0, 3.0] [288, 4294967296] [0, 255]",
-        "41 1 [0.5, 7.0]",
+        "41",
     ]
     assert shared.control[0].stop == 1
     memory.close()

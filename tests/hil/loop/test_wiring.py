@@ -45,7 +45,7 @@ from liftgate_hil.signals import (
     Status,
     Timing,
 )
-from liftgate_hil.stimuli.mailbox import HELD
+from liftgate_hil.stimuli.held_values import HELD
 from liftgate_hil.stimuli.outside import outside_at
 from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, StimulusPlan, TimedStimuli
 from liftgate_hil.stimuli.timeline import Profile
@@ -118,7 +118,7 @@ def test_a_tick_tells_what_it_senses_what_is_so_and_what_it_is_told(
         emulator_state=float(STOPPED),
         pinch_force_max=113.5,
     )
-    monkeypatch.setattr(sensors, "sense", lambda *given: (given[7], rows.sensed))
+    monkeypatch.setattr(sensors, "sense", lambda *given: (given[4], rows.sensed))
     monkeypatch.setattr(tick_module, "truth_of", lambda *given: rows.truth)
     monkeypatch.setattr(tick_module, "edge_times", lambda *given: rows.edges)
     config = loop_config(rig=whole)
@@ -228,7 +228,7 @@ def test_the_truth_shows_every_input(whole: Rig, fast_tick: Tick) -> None:
     assert found == pytest.approx({**DRIVEN, **SURROUNDINGS})
 
 
-@pytest.mark.parametrize("way", ["profile", "panel", "posted"])
+@pytest.mark.parametrize("way", ["profile", "panel", "commanded"])
 @pytest.mark.parametrize("column", Surroundings._fields)
 def test_what_is_said_of_one_quantity_moves_no_other(
     whole: Rig, fast_tick: Tick, column: str, way: str
@@ -243,14 +243,14 @@ def test_what_is_said_of_one_quantity_moves_no_other(
     if way == "panel":
         name = bus_name(column, signals_of(Surroundings)[column])
         said = {name: value}
-    elif way == "posted":
+    elif way == "commanded":
         stimuli.held[getattr(HELD, column)] = value
     around = outside_at(stimuli, 0.0, 0.001, 0, False, False)
     assert before[column] != value
     assert shown(fast_tick, config, said, around) == pytest.approx({**before, column: value})
 
 
-def test_what_is_posted_counts_before_the_panel_and_that_before_the_profile(
+def test_a_command_counts_before_the_panel_and_that_before_the_profile(
     whole: Rig, fast_tick: Tick
 ) -> None:
     config = loop_config(rig=whole)
@@ -260,23 +260,23 @@ def test_what_is_posted_counts_before_the_panel_and_that_before_the_profile(
             name: k % 2 if signal.values else 0.25 * k + 0.5 * SURROUNDINGS[name]
             for name, signal in ranges.items()
         }
-        for k, way in enumerate(("profile", "panel", "posted"))
+        for k, way in enumerate(("profile", "panel", "commanded"))
     }
     stimuli = TimedStimuli(
         {name: Profile([(0.0, value)]) for name, value in levels["profile"].items()}
     )
-    unposted, posted = stimuli_alone(stimuli), stimuli_alone(stimuli)
+    scheduled, commanded = stimuli_alone(stimuli), stimuli_alone(stimuli)
     panel = {bus_name(name, ranges[name]): value for name, value in levels["panel"].items()}
-    for name, value in levels["posted"].items():
-        posted.held[getattr(HELD, name)] = value
+    for name, value in levels["commanded"].items():
+        commanded.held[getattr(HELD, name)] = value
 
     def found(said: dict[str, float], stimuli: StimulusPlan) -> dict[str, float]:
         around = outside_at(stimuli, 0.0, 0.001, 0, False, False)
         return shown(fast_tick, config, said, around)
 
-    assert found({}, unposted) == pytest.approx({**COASTING, **levels["profile"]})
-    assert found(panel, unposted) == pytest.approx({**COASTING, **levels["panel"]})
-    assert found(panel, posted) == pytest.approx({**COASTING, **levels["posted"]})
+    assert found({}, scheduled) == pytest.approx({**COASTING, **levels["profile"]})
+    assert found(panel, scheduled) == pytest.approx({**COASTING, **levels["panel"]})
+    assert found(panel, commanded) == pytest.approx({**COASTING, **levels["commanded"]})
 
 
 # From the rows into rings and recordings.

@@ -31,7 +31,7 @@ def test_a_program_that_cannot_be_ended_holds_up_nobody(
     program.start()
     if timeout < 1.0:
         program._thread.join(60.0)
-        assert program.failure == "not at its end after 0.05 s"
+        assert program.failure == "not finished after 0.05 s"
     else:
         while program._process is None:
             time.sleep(0.01)

@@ -190,7 +190,6 @@ def test_what_cannot_be_meant_is_told_and_changes_nothing(call: Any, message: st
         ({"rig": "nix"}, "nix: neither a file nor a shipped name"),
         ({"initial": "ajar"}, "ajar: allowed: closed, open, or 0 to 80"),
         ({"initial": 90.0}, "90.0: allowed: closed, open, or 0 to 80"),
-        ({"initial": None}, "None: allowed: closed, open"),
         ({"rate": 10.0}, "10.0: allowed: 200 to 10000 Hz"),
         ({"seed": -1}, "-1: allowed: a whole number"),
         ({"seed": "x"}, "'x': allowed: a whole number"),

@@ -132,7 +132,7 @@ def test_before_and_after_a_request_nobody_asks() -> None:
 
 
 def test_what_a_cycle_changes_of_the_gate_does_not_disturb_the_request() -> None:
-    """Faults and restbus make a new stimuli."""
+    """Faults come and go in the plan that has the tester."""
     ecu = Answering(read=TWO_CODES)
     with lh.Gate() as gate:
         step = loop(gate, ecu)
@@ -274,7 +274,7 @@ def test_a_rig_without_diagnostics_is_told(tmp_path: Path) -> None:
     )
     with lh.Gate(rig=path) as gate, pytest.raises(ConfigError) as caught:
         gate.read_dtcs(lambda: gate.step(0.01))
-    said = "has no [diagnostics]; allowed: with one that has, with request and response"
+    said = "has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
     assert caught.value.issues == [f"`read_dtcs`: the rig {path} {said}"]
 
 

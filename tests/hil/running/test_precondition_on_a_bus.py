@@ -199,7 +199,7 @@ def test_a_reset_is_over_when_the_ecu_is_ready(
 PROGRAMS = [
     ("pass", ""),
     ("raise SystemExit('no power supply')", "ended with 1: no power supply"),
-    ("import time; time.sleep(60)", "not at its end after 3 s"),
+    ("import time; time.sleep(60)", "not finished after 3 s"),
 ]
 
 
@@ -263,7 +263,7 @@ def test_a_program_that_takes_too_long_is_ended_with_all_that_it_has_begun(
     )
     _, result = on_bus(scenario(tmp_path, EXPECT), rig)
     (told,) = result.expectations.values()
-    assert "not at its end after 1.5 s" in told.reason
+    assert "not finished after 1.5 s" in told.reason
     written = alive.read_text(encoding="utf-8")
     time.sleep(0.3)
     assert alive.read_text(encoding="utf-8") == written
@@ -287,7 +287,7 @@ def test_what_a_rig_s_check_says_of_it(tmp_path: Path) -> None:
 WRONG_RIGS = [
     ("[reset]\n", "reset: neither signal, uds nor command"),
     ('[reset]\nsignal = "Body.Nope"\nvalue = 1\n', "reset.signal: 'Body.Nope': no such signal"),
-    ('[reset]\nsignal = "Body.Ignition"\nvalue = "on"\n', "reset.rest: 1, as `value`"),
+    ('[reset]\nsignal = "Body.Ignition"\nvalue = "on"\n', "reset.rest: 1, the same as `value`"),
     ('[reset]\nsignal = "Body.Ignition"\n', "reset.value: None"),
     ('[reset]\ncommand = ["x"]\nready = "gate_angle_deg >"\n', "reset.ready: "),
     ('[reset]\ncommand = ["x"]\ntimeout_s = 0\n', "reset.timeout_s: 0 is out of range"),

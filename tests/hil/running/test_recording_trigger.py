@@ -150,7 +150,7 @@ def test_a_condition_may_read_the_bus() -> None:
         ("pinch_force_n >", "`record_when` pinch_force_n >: the end; allowed: a column"),
         ("nobody > 1", "`record_when` nobody > 1: nobody: no such column"),
         ("Gate.Nobody > 1", "no such signal in the rig's database"),
-        ("time_s + 1", "compares nothing"),
+        ("time_s + 1", "is not a comparison"),
     ],
 )
 def test_a_condition_that_is_none_is_told(when: str, said: str) -> None:

@@ -95,18 +95,18 @@ def test_recordings_are_written(scenario: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"clock": "fast"}, "`clock` fast: allowed: realtime, free, lockstep"),
+        ({"clock": "fast"}, "`clock` 'fast': allowed: one of realtime, free, lockstep"),
         ({"parameters": {"nix": 1}}, "`parameters` nix: no such parameter; allowed: rod, start"),
         ({"ecu": "nix"}, "`ecu` nix: allowed: reference"),
         ({"ecu": "bus"}, "`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU"),
         ({"record": 3}, "`record` 3: allowed: a path, or a list of them"),
-        ({"parameters": [1]}, r"`parameters` \[1\]: allowed: numbers by their names"),
+        ({"parameters": [1]}, r"`parameters` \[1\]: allowed: a mapping of names to numbers"),
         ({"bus": 3, "clock": "lockstep"}, "`bus` 3: allowed: a text"),
         ({"vehicle": "nix"}, "nix: neither a file"),
         ({"record": ["x.foo"]}, "`record` x.foo: format"),
         ({"initial": 95.0}, "`initial` 95.0"),
         ({"rate": 1e6}, "`rate` 1000000.0: allowed"),
-        ({"duration": -1.0}, "`duration` -1.0: allowed: above 0"),
+        ({"duration": -1.0}, "`duration` -1.0: allowed: 0.001 to"),
         ({"seed": -1}, "`seed` -1: allowed"),
         ({"settings": ["nix"]}, "`set` nix: allowed: KEY=VALUE"),
     ],
@@ -192,7 +192,7 @@ def test_what_a_rig_and_the_rate_do_not_fit_in_is_told_before_the_run(scenario: 
     options = RunOptions(rate=700.0, clock="free", duration=0.1)
     execute(plan_of(Job(scenario=scenario, ecu="reference", options=options, listener=heard)))
     assert any(
-        line.startswith("note: ") and "LeftDrive.cycle_ms: 5 is no whole number of ticks" in line
+        line.startswith("note: ") and "LeftDrive.cycle_ms: 5 is not a whole number of ticks" in line
         for line in heard.lines
     )
 

@@ -287,7 +287,7 @@ def test_what_a_rig_s_check_says_of_it(tmp_path: Path) -> None:
 def test_an_ecu_reset_needs_diagnostics(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         rig_with(tmp_path, UDS, without="[diagnostics]")
-    said = "hardReset: the rig has no [diagnostics]; allowed: with that, with request and response"
+    said = "hardReset: the rig has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
     assert caught.value.issues == [f"{tmp_path / 'their.toml'}: reset.uds: {said}"]
 
 
@@ -323,4 +323,4 @@ def test_what_a_real_bus_cannot_do_is_judged_again(
     for file in files:
         again = lh.judge([file], tmp_path / "s.toml", rig=tmp_path / "their.toml")
         assert {each.verdict for each in again.values()} == {"inconclusive"}
-        assert "has not made 1 of the stimuli" in next(iter(again.values())).reason
+        assert "did not apply 1 of the requested stimuli" in next(iter(again.values())).reason

@@ -149,7 +149,7 @@ def test_every_loop_makes_the_same_of_it(tmp_path: Path) -> None:
         ('[[fault]]\nkind = "motor_open"\nstart = true', "start: True; allowed: 0 to 1e+06 s, or a condition"),
         ('[[fault]]\nkind = "parameter"\nkey = "gate.mas"\nvalue = 1', "'gate.mas': no such parameter"),
         ('[[request]]\ntime = "x"\naction = "open"', "request[0].time: x: no such column"),
-        ('[[obstacle]]\nangle_deg = 30\nend = "latched"', "obstacle[0].end: 'latched' compares nothing"),
+        ('[[obstacle]]\nangle_deg = 30\nend = "latched"', "obstacle[0].end: 'latched' is not a comparison"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_them_is_told(tmp_path: Path, table: str, said: str) -> None:
@@ -232,4 +232,4 @@ def test_by_which_column_most_ticks_are_told(
     text: str, column: str, low: float, high: float
 ) -> None:
     place = COLUMN_PLACE[column] if column else -1
-    assert necessary(parsed(text, {}, lambda name: "deg")) == (place, low, high)
+    assert necessary(parsed(text, {})) == (place, low, high)

@@ -1,4 +1,4 @@
-"""What acts from outside: each profile, each letter, each figure arrives under its own name."""
+"""Stimuli that act during a tick: each profile, each command, each figure arrives under its own name."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ import pytest
 from hil_support import stimuli_alone
 
 from liftgate_hil.signals import Timing
-from liftgate_hil.stimuli.mailbox import BOX, HELD, LETTERS, nothing_held, post, take_letters
+from liftgate_hil.stimuli.command_queue import LENGTH, post_values
+from liftgate_hil.stimuli.held_values import HELD
 from liftgate_hil.stimuli.moments import Instant, no_moments
 from liftgate_hil.stimuli.outside import Outside, outside_at
-from liftgate_hil.stimuli.stimulus_plan import TimedStimuli
+from liftgate_hil.stimuli.stimulus_plan import TimedStimuli, take_posted
 from liftgate_hil.stimuli.timeline import (
     Profile,
     TimedObstacle,
@@ -35,16 +36,12 @@ def called(function: Callable[..., Any], which: str) -> Callable[..., Any]:
     return function if which == "plain" else compiled(function)
 
 
-def new_box() -> Any:
-    return np.zeros(1, dtype=BOX).view(np.recarray)
-
-
 def by_name(around: Outside) -> dict[str, float]:
-    """What was posted, by the names of the held values."""
+    """Values that commands have set, by their names."""
     obstacle = {
-        f"obstacle_{name}": value for name, value in around.posted_obstacle._asdict().items()
+        f"obstacle_{name}": value for name, value in around.commanded_obstacle._asdict().items()
     }
-    return {**around.posted._asdict(), **obstacle, **around.timing._asdict()}
+    return {**around.commanded._asdict(), **obstacle, **around.timing._asdict()}
 
 
 def same(first: dict[str, float], second: dict[str, float]) -> bool:
@@ -86,32 +83,30 @@ def test_every_field_of_a_timelines_obstacle_is_its_own(which: str) -> None:
 
 
 @BOTH
-def test_every_letter_is_held_under_the_name_it_was_posted_to(which: str) -> None:
-    numbers = count(1.5)
-    box, stimuli = new_box(), stimuli_alone()
+def test_every_commanded_value_is_held_under_its_name(which: str) -> None:
+    numbers, stimuli = count(1.5), stimuli_alone()
     expected = dict.fromkeys(HELD._fields, math.nan)
     for name in reversed(HELD._fields):
         expected[name] = next(numbers)
-        assert post(box[0], {name: expected[name]})
-        called(take_letters, which)(box, stimuli.held)
+        assert post_values(stimuli.queue, {name: expected[name]})
+        called(take_posted, which)(stimuli, 0.0)
         around = called(outside_at, which)(stimuli, 0.0, 0.001, 0, False, False)
         assert same(by_name(around), expected), name
-    assert box[0].posted == box[0].taken == len(HELD._fields)
+    assert stimuli.queue.head.tolist() == [len(HELD._fields)] * 2
 
 
-def test_a_letter_of_several_values_fills_them_all() -> None:
-    box, stimuli = new_box(), stimuli_alone()
+def test_values_that_lie_apart_are_held_by_one_call() -> None:
+    stimuli = stimuli_alone()
     obstacle, timing = distinct(Obstacle), distinct(Timing)
     body = {f"obstacle_{name}": value for name, value in obstacle._asdict().items()}
-    assert post(box[0], body)
-    assert post(box[0], timing._asdict())
-    with pytest.raises(ValueError, match=r"obstacle_angle, hand_force_n: allowed"):
-        post(box[0], {"obstacle_angle": 1.0, "hand_force_n": 2.0})
-    take_letters(box, stimuli.held)
+    assert post_values(stimuli.queue, {**timing._asdict(), **body, "hand_force_n": 2.0})
+    take_posted(stimuli, 0.0)
     around = outside_at(stimuli, 0.0, 0.001, 0, False, False)
-    assert around.posted_obstacle == obstacle
+    assert around.commanded_obstacle == obstacle
     assert around.timing == timing
-    assert all(math.isnan(value) for value in around.posted)
+    others = around.commanded._replace(hand_force_n=math.nan)
+    assert around.commanded.hand_force_n == 2.0
+    assert all(math.isnan(value) for value in others)
 
 
 def test_flags_and_missed_ticks_are_told_apart() -> None:
@@ -122,15 +117,15 @@ def test_flags_and_missed_ticks_are_told_apart() -> None:
 
 
 @BOTH
-def test_letters_are_taken_in_their_order_and_a_full_box_says_so(which: str) -> None:
-    box, held = new_box(), nothing_held()
-    take = called(take_letters, which)
+def test_commands_are_taken_in_their_order_and_a_full_queue_takes_no_more(which: str) -> None:
+    stimuli = stimuli_alone()
+    take, held = called(take_posted, which), stimuli.held
     for turn in range(3):
-        for number in range(LETTERS):
-            assert post(box[0], {"hand_force_n": 1000.0 * turn + number})
-        assert not post(box[0], {"hand_force_n": -1.0})
-        take(box, held)
-        assert held[HELD.hand_force_n] == 1000.0 * turn + LETTERS - 1
+        for number in range(LENGTH):
+            assert post_values(stimuli.queue, {"hand_force_n": 1000.0 * turn + number})
+        assert not post_values(stimuli.queue, {"hand_force_n": -1.0})
+        take(stimuli, 0.0)
+        assert held[HELD.hand_force_n] == 1000.0 * turn + LENGTH - 1
         assert np.isnan(np.delete(held, HELD.hand_force_n)).all()
-    take(box, held)
-    assert box[0].taken == 3 * LETTERS
+    take(stimuli, 0.0)
+    assert stimuli.queue.head[1] == 3 * LENGTH

@@ -193,9 +193,9 @@ WRONG = [
         'signal = "Body.Nope"',
         "no such signal; allowed: Body.{Ignition, KeyInRange, Gear, VehicleSpeed}",
     ),
-    ('signal = "Body.AliveCounter"', "its protection or multiplexer makes it"),
-    ('signal = "Gate.Angle"', "the rig has the gate or the ECU send it"),
-    ('signal = "DriveCommand.LeftDuty"', "the rig has the gate or the ECU send it"),
+    ('signal = "Body.AliveCounter"', "its protection or multiplexer sets it"),
+    ('signal = "Gate.Angle"', "the gate or the ECU sends it"),
+    ('signal = "DriveCommand.LeftDuty"', "the gate or the ECU sends it"),
 ]
 
 

@@ -220,7 +220,7 @@ def test_an_object_is_reset_by_its_own_method_or_not_at_all(tmp_path: Path) -> N
     assert calls(log).count(1) == 2
     result = lh.run(scenario(tmp_path, RESET, 3.0), Counts())
     assert result.verdict == "error"
-    assert "cannot be made anew; allowed: MODULE:CLASS, or an object with reset()" in result.reason
+    assert "cannot be reset; allowed: MODULE:CLASS, or an object with reset()" in result.reason
 
 
 LIBRARY = """

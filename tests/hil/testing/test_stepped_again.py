@@ -119,7 +119,7 @@ def test_what_an_ecu_may_take_for_messages_lost_leaves_open_all_that_is_decided_
         found = lh.judge(with_lateness(files, peak - before, ticks), path)
         for name in ("soft", "lets go"):
             assert (found[name].verdict, found[name].method) == ("inconclusive", ""), found[name]
-            assert "may take messages for lost" in found[name].reason
+            assert "may treat messages as lost" in found[name].reason
         assert (found["early"].verdict, found["early"].method) == ("pass", "direct")
 
 
@@ -204,7 +204,7 @@ def test_a_run_that_is_held_up_is_decided_by_stepping_its_gate_again_or_left_ope
     found = result.expectations["soft"]
     assert held
     assert found.verdict != "fail"
-    is_lost = "may take messages for lost" in found.reason
+    is_lost = "may treat messages as lost" in found.reason
     assert found.method == ("" if is_lost else "replay")
     assert is_lost or delay_ms == 7
     assert lh.judge(files, path)["soft"] == found

@@ -168,7 +168,7 @@ def test_a_hop_limit_that_is_none_is_told(rig: Rig, monkeypatch: pytest.MonkeyPa
 )
 def test_what_is_no_group_is_told_with_what_is(rig: Rig, name: str):
     with pytest.raises(
-        ConfigError, match=r"no multicast address; allowed: a group of 224\.0\.0\.0/4"
+        ConfigError, match=r"not a multicast address; allowed: a group of 224\.0\.0\.0/4"
     ):
         bus_arguments(WireChoice(bus=f"udp_multicast:{name}"), rig)
 

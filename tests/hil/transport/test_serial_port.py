@@ -76,16 +76,16 @@ def test_what_is_no_serial_device_is_told_as_what_it_is(tmp_path: Path):
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "file").write_text("")
     for name, what in (("fifo", "a FIFO"), ("file", "a file"), (".", "a folder")):
-        with pytest.raises(ConfigError, match=rf"{what}, no serial device; allowed: a device"):
+        with pytest.raises(ConfigError, match=rf"{what}, not a serial device; allowed: a device"):
             SerialTransport(str(tmp_path / name))
-    with pytest.raises(TransportError, match=r"/dev/null: cannot be opened: no serial device$"):
+    with pytest.raises(TransportError, match=r"/dev/null: cannot be opened: not a serial device$"):
         SerialTransport("/dev/null")
     with pytest.raises(TransportError, match=r"cannot be opened: no such device$"):
         SerialTransport(str(tmp_path / "tty"))
 
 
 def test_a_rate_that_is_none_is_told_where_the_device_is_there(terminal: Terminal):
-    with pytest.raises(TransportError, match=r"no such device; 'fast' is no rate, else it were /"):
+    with pytest.raises(TransportError, match=r"no such device; 'fast' is not a baud rate for /"):
         SerialTransport(f"{terminal.link}@fast")
 
 

@@ -47,11 +47,11 @@ def draft_rig(database: Path, target: Path) -> Draft:
     _one_quantity_a_signal(lines)
     dbc = os.path.relpath(os.path.realpath(database), Path(os.path.realpath(target)).parent)
     head = [
-        f"# A first rig for {printable(database.name)}, drafted from names, units and senders: to be tried.",
-        "# What is not sure is commented out, below the reason. `liftgate-hil rig check` shows what it means.",
+        f"# A first rig for {printable(database.name)}, drafted from names, units and senders: check before use.",
+        "# Uncertain lines are commented out, each below its reason. `liftgate-hil rig check` shows the mapping.",
         "",
         f"dbc = {quoted(dbc)}",
-        "bitrate = 500000                         # the bus's",
+        "bitrate = 500000                         # bit/s of the bus",
     ]
     # A line that the rig's own checks refuse becomes a candidate with their reason.
     while True:
@@ -75,12 +75,12 @@ def _unused(text: str, messages: Mapping[str, Message], used: set[str]) -> Itera
         if quoted(f"{name}.{signal.name}") not in text and quoted(signal.name) not in text
     ]
     if left:
-        yield "\n# Not drafted: names that say nothing known. docs/rig.md has all quantities.\n"
+        yield "\n# Not drafted: signals with unknown names. docs/rig.md lists all quantities.\n"
     for each in sorted(left):
         yield f"#   {printable(each)}\n"
     others = len(messages) - len(used)
     if others:
-        yield f"# Messages of which nothing was drafted: {others}.\n"
+        yield f"# Messages without a drafted signal: {others}.\n"
 
 
 def _all(lines: Mapping[str, list[Line]]) -> list[Line]:
@@ -113,11 +113,13 @@ def _lines_of(section: str, found: Mapping[str, list[Candidate]]) -> Iterator[Li
         for candidate in candidates[:_MOST]:
             line = line_for(section, quantity, candidate)
             if candidate.sender:
-                line = line.withdrawn(f"sent by {candidate.sender}: only if it isn't there")
+                line = line.withdrawn(
+                    f"sent by {candidate.sender}: use it only if that node is not on the bus"
+                )
             if len(candidates) > 1:
-                line = line.withdrawn(f"one of {len(candidates)} that may be it")
+                line = line.withdrawn(f"one of {len(candidates)} candidates")
             elif "either_" in candidate.quantity and candidate is not _only(found, quantity):
-                line = line.withdrawn("of which drive?")
+                line = line.withdrawn("which drive?")
             yield line
 
 
@@ -202,4 +204,4 @@ def _missing(
     for quantity in _WANTED:
         key = f"{'inputs' if quantity == 'left_duty' else 'outputs'}.{quantity}"
         if key not in (*mapped, *waiting, *faults):
-            yield key, "nothing in the database is called so"
+            yield key, "no signal in the database has a matching name"

@@ -70,7 +70,9 @@ def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
     if ours.values:
         return _enumeration(line, candidate.signal, ours.values)
     if quantity.endswith("hall_speed"):
-        return line.withdrawn("ours is the counts in one sample period of the vehicle's sensors")
+        return line.withdrawn(
+            "this quantity is in counts per sample period of the vehicle's sensors"
+        )
     if quantity.endswith("_duty") and not candidate.unit and section == "inputs":
         return _share_by_range(line, candidate.signal)
     factors = conversion(ours, candidate.unit)
@@ -79,7 +81,7 @@ def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
     low, high = physical_range(candidate.signal)
     if factors is None:
         said = (
-            f"{candidate.unit!r} is none of its units"
+            f"{candidate.unit!r} is not one of its units"
             if candidate.unit
             else "no unit in the database"
         )
@@ -133,11 +135,11 @@ def _enumeration(line: Line, signal: Signal, ours: tuple[str, ...]) -> Line:
         return line
     asked = "{ " + ", ".join(f'{name} = "?"' for name in ours) + " }"
     if not kind:
-        return replace(line, keys={"values": asked}).withdrawn("labels that are not ours")
+        return replace(line, keys={"values": asked}).withdrawn("unknown labels")
     if not choices:
         values = _flag(line, signal, kind)
         keys = {"values": values or asked}
-        remark = "no labels in the database, one bit by its name"
+        remark = "no labels in the database, values derived from its name"
         line = replace(line, keys=keys, remark=remark)
         return line if values else line.withdrawn("no labels in the database; values by number")
     named = named_values(kind, choices)

@@ -23,16 +23,14 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
             parts[kind].append(signal)
     lines = []
     if is_cyclic and not 0.0 < cycle_of(message, MessageOptions()) <= 60_000.0:
-        lines.append(
-            "# cycle_ms = 10                         # the database has none: to be filled in"
-        )
+        lines.append("# cycle_ms = 10                         # not in the database: fill it in")
     counters = parts["counter"]
     for signal in counters:
         line, why = f"counter = {quoted(signal.name)}", ""
         if len(counters) > 1:
-            why = "one of several that are called so"
+            why = "one of several with such a name"
         elif 0 < (signal.maximum or 0) < 2**signal.length - 1:
-            why = f"counts to {signal.maximum:g}, not to {2**signal.length - 1}: of an E2E profile?"
+            why = f"counts to {signal.maximum:g}, not to {2**signal.length - 1}: an E2E profile?"
             why += f" else {{ signal = {quoted(signal.name)}, highest = {signal.maximum:g} }}"
         lines.append(f"# {line}  # {why}" if why else line)
     for signal in parts["checksum"]:
@@ -54,9 +52,9 @@ def _checksum_lines(signal: Signal) -> list[str]:
         'final_xor = 0x?, covers = ["payload"] }'
     )
     if signal.length != 8:
-        return [f"{own}  # the database does not say; or protection = of {', '.join(PROFILES)}"]
+        return [f"{own}  # the database does not say; or protection = one of {', '.join(PROFILES)}"]
     return [
         f"# checksum = {name}  # the database does not say which:",
-        f'# checksum_kind = "crc8-sae-j1850"  # of {kinds}; or protection = of {", ".join(PROFILES)}',
+        f'# checksum_kind = "crc8-sae-j1850"  # one of {kinds}; or protection = one of {", ".join(PROFILES)}',
         f"{own}  # or the maker's own",
     ]

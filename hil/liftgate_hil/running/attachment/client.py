@@ -40,7 +40,7 @@ class Client:
             self._wire.settimeout(_PATIENCE_S)
             self.told, self.memory = self._handed()
         except (OSError, ValueError, KeyError, TypeError) as error:
-            said = "does not answer, or has as many attached as it takes"
+            said = "does not answer, or has the maximum number of clients"
             raise ConfigError(f"`attach` {pid}: {said}; allowed: {_others()}") from error
         finally:
             if not hasattr(self, "memory"):
@@ -60,7 +60,7 @@ class Client:
             # `pread`, as other clients have the same open file, with its position.
             told = orjson.loads(os.pread(about, os.fstat(about).st_size, 0))
             if told["version"] != version():
-                said = f"is of liftgate-hil {told['version']}, this is {version()}"
+                said = f"runs liftgate-hil {told['version']}, this is {version()}"
                 raise ConfigError(
                     f"`attach` {self.pid}: {said}; allowed: a run of the same version"
                 )
@@ -144,6 +144,5 @@ def _reached(pid: int, patience: float) -> socket.socket:
 def _others() -> str:
     runs: Sequence[int] = endpoint.runs()
     return (
-        ", ".join(map(str, runs))
-        or "the process of a run (liftgate-hil --bus …), of which there is none"
+        ", ".join(map(str, runs)) or "the process of a run (liftgate-hil --bus …); none is running"
     )

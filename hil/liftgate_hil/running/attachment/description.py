@@ -12,9 +12,10 @@ import orjson
 
 from liftgate_hil.codec.bus_config import physical_range
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, MESSAGE, WHERE, FaultKind
+from liftgate_hil.config.kinds import Choice, Level, Number, Whole
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
-from liftgate_hil.config.schema import Choice, Key, Level, Number, Whole
+from liftgate_hil.config.schema import Key
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.setup import Setup

@@ -31,11 +31,11 @@ def folder() -> Path:
         found = path.lstat()
     except OSError as error:
         raise ConfigError(
-            f"{path}: {error.strerror}; allowed: a folder of yours (XDG_RUNTIME_DIR)"
+            f"{path}: {error.strerror}; allowed: a folder that you own (XDG_RUNTIME_DIR)"
         ) from error
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
         raise ConfigError(
-            f"{path}: not a folder of yours alone; allowed: one (XDG_RUNTIME_DIR), with mode 700"
+            f"{path}: not a private folder of yours; allowed: a folder that you own (XDG_RUNTIME_DIR), mode 700"
         )
     return path
 
@@ -111,7 +111,7 @@ def packed(message: Any) -> bytes:
     try:
         text = orjson.dumps(message)
     except TypeError as error:
-        raise ConfigError(f"{error}; allowed: what JSON can hold") from error
+        raise ConfigError(f"{error}; allowed: values that JSON can represent") from error
     if len(text) > LONGEST:
         raise ConfigError(f"{len(text)} bytes; allowed: up to {LONGEST}")
     return _HEAD.pack(len(text)) + text

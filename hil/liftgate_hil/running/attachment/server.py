@@ -183,7 +183,7 @@ class Server(Listener):
         if self._waiting.qsize() < _WAITING:
             self._waiting.put((connection, asked))
             return True
-        issue = f"{_WAITING} commands wait, as the run stands still; allowed: when it goes on"
+        issue = f"{_WAITING} commands are waiting, as the run makes no progress; allowed: when it continues"
         return connection.answer({"id": number, "issues": [issue]})
 
     def _news(self, known: int) -> dict[str, Any]:
@@ -220,11 +220,11 @@ class Server(Listener):
                 continue
             except RecursionError:
                 connection.answer(
-                    {"id": number, "issues": ["tables in tables; allowed: a command"]}
+                    {"id": number, "issues": ["tables nested too deeply; allowed: a command"]}
                 )
                 continue
             except Exception as error:  # a bug of this program must not end the run
-                issue = f"not obeyed, by a mistake of this program: {error!r}"[:_LONGEST]
+                issue = f"not executed, because of an internal error: {error!r}"[:_LONGEST]
                 self.say(printable(f"{now:.3f} s: operator: {issue}"))
                 connection.answer({"id": number, "issues": [issue]})
                 continue

@@ -10,9 +10,9 @@ import numpy as np
 
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, MESSAGE
 from liftgate_hil.config.inject import BABBLING, NOTHING
+from liftgate_hil.config.kinds import Level, Number
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario_tables import Fault, fault_of
-from liftgate_hil.config.schema import Level, Number
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.signals import DIRECTIONS
 
@@ -43,7 +43,7 @@ def decoded(rig: Rig, name: str, payload: bytes) -> dict[str, Decoded]:
         numbers = cast("dict[str, float]", message.decode(payload, decode_choices=False))
         return {key: _said(message, key, float(value)) for key, value in numbers.items()}
     except (cantools.database.DecodeError, ValueError, OverflowError) as error:
-        raise ConfigError(f"{error}; allowed: what the database says of {name}") from error
+        raise ConfigError(f"{error}; allowed: what the database defines for {name}") from error
 
 
 def _said(message: Any, key: str, value: float) -> Decoded:

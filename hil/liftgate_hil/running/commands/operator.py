@@ -25,14 +25,13 @@ from liftgate_hil.errors import ConfigError, ConfigIssues, printable
 from liftgate_hil.running.commands.buttons import Buttons
 from liftgate_hil.running.commands.by_hand import held_obstacle, obstacle_in, surroundings_in
 from liftgate_hil.running.commands.target import Target
+from liftgate_hil.stimuli.command_queue import LENGTH, SLOTS
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import REQUESTS
-from liftgate_hil.stimuli.slots import LETTERS, SLOTS
 
 COMMANDS = ("obstacle", "set", "fault", "signal", "request", "clear")
-MOST_SIGNALS = (
-    LETTERS - 2 * SLOTS
-)  # signals that may be set: all of them and all faults are cleared at once
+# Signals that may be set: all of them and all faults are cleared at once.
+MOST_SIGNALS = LENGTH - 2 * SLOTS
 _MOST_TOLD = 1000  # commands of a run that are kept in `done`
 _CLEARED = ("obstacle", "set", "faults", "signals", "all")
 
@@ -49,9 +48,8 @@ class Broken(NamedTuple):
 class Operator:
     """Executes an operator's commands.
 
-    `edge` is the distance of the gate's edge from its hinge [m]; `hold` takes values to hold from now on by their
-    names (False: no room for them now); `ask` makes a request to an ECU in this process (False: it cannot), other
-    ECUs are asked by the rig's buttons.
+    `edge` is the distance of the gate's edge from its hinge [m]; `ask` makes a request to an ECU in this process
+    (False: it cannot), other ECUs are asked by the rig's buttons.
     """
 
     def __init__(
@@ -59,11 +57,9 @@ class Operator:
         rig: Rig,
         target: Target,
         edge: float,
-        hold: Callable[[Mapping[str, float]], bool] = lambda values: False,
         ask: Callable[[str], bool] = lambda action: False,
     ) -> None:
         self._rig, self._target, self._edge = rig, target, edge
-        self.hold = hold
         self._ask = ask
         self._buttons = Buttons(rig, target)
         self._obstacle: dict[str, Any] = {}
@@ -122,13 +118,13 @@ class Operator:
         return do[name](said, now)
 
     def _put(self, said: dict[str, Any], now: float) -> str:
-        self._post(held_obstacle(obstacle_in(said, self._edge)))
+        self._target.hold(held_obstacle(obstacle_in(said, self._edge)))
         self._obstacle = dict(said)
         return "obstacle " + _words(said)
 
     def _surround(self, said: dict[str, Any], now: float) -> str:
         held = surroundings_in(said)
-        self._post(held)
+        self._target.hold(held)
         both = {**self._set, **held}
         self._set = {name: value for name, value in both.items() if not math.isnan(value)}
         return "set " + _words(said)
@@ -179,7 +175,7 @@ class Operator:
                 f"clear {show(said)[:200]}; allowed: one of {', '.join(_CLEARED)}, {one}"
             )
         if said in ("obstacle", "all"):
-            self._post(held_obstacle(None))
+            self._target.hold(held_obstacle(None))
             self._obstacle = {}
         if said in ("set", "all") and self._set:
             self._surround(dict.fromkeys(self._set), 0.0)
@@ -196,21 +192,15 @@ class Operator:
             if all(said.get(name) == value for name, value in one.items())
         ]
         if not found:
-            known = "; ".join(_words(each.said) for each in self._faults.values()) or "none is"
-            said = f"clear: fault {_words(one)}: not commanded here"
-            raise ConfigError(f"{said} (the scenario's go on); allowed: {known}")
+            known = "; ".join(_words(each.said) for each in self._faults.values()) or "none"
+            said = f"clear: fault {_words(one)}: not set by a command"
+            raise ConfigError(f"{said} (those of the scenario stay); allowed: {known}")
         self._inject({key: each for key, each in self._faults.items() if key not in found})
         return f"clear fault {_words(one)}"
 
     def _inject(self, faults: dict[Which, Broken]) -> None:
         self._target.inject([each.fault for each in faults.values()])
         self._faults = faults
-
-    def _post(self, values: Mapping[str, float]) -> None:
-        if not self.hold(values):
-            raise ConfigError(
-                "the loop has not taken the last commands yet; allowed: fewer at once"
-            )
 
 
 def _words(said: Mapping[str, Any]) -> str:

@@ -79,7 +79,9 @@ class Orders:
             orders = [each for each in own if set(each.signals.values()) <= set(values)]
             if not orders:
                 allowed = " | ".join(each.what for each in own)
-                raise ConfigError(f"no order has just {', '.join(values)}; allowed: {allowed}")
+                raise ConfigError(
+                    f"{', '.join(values)}: not all signals of an order; allowed: {allowed}"
+                )
         except ConfigError as error:
             self._refuse(name, time, error)
             return
@@ -108,7 +110,7 @@ class Orders:
     def _tell(self, number: int, said: str) -> None:
         """Report one of the first orders of its kind; `number` is how many there were with this one."""
         if number <= _MOST_TOLD:
-            last = "; more are counted, not told" if number == _MOST_TOLD else ""
+            last = "; further ones are only counted" if number == _MOST_TOLD else ""
             self._say(said + last)
 
     def _order(self, order: OrderMessage, said: Mapping[str, Decoded], now: float) -> str:
@@ -144,7 +146,7 @@ class Orders:
         others = {key: each for key, each in self._faults.items() if key != which}
         if not is_on:
             if which not in self._faults:
-                raise ConfigError(f"{told} is not on; allowed: to end what was injected")
+                raise ConfigError(f"{told} is not active; allowed: to end an injected fault")
             self._target.inject(tuple(others.values()))
             self._faults = others
             return f"{told} ends"

@@ -1,4 +1,4 @@
-"""Target of orders, whether a test bench or an operator gives them."""
+"""Target of commands, whether a program, a test bench or an operator gives them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from liftgate_hil.config.scenario_tables import Fault
 
 
 class Target(Protocol):
-    """Executes orders."""
+    """Executes commands."""
+
+    def hold(self, values: Mapping[str, float]) -> None:
+        """Hold values by their names (`held_values`) from the next tick on. Raises ConfigError where it cannot."""
 
     def inject(self, faults: Sequence[Fault]) -> None:
         """Put these faults in force from the next tick on, in place of all ordered before; later ones go on top.

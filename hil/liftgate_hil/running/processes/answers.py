@@ -66,7 +66,7 @@ class AnswerChannel:
                 return None
             connection.settimeout(_STALL_S)
             if length > _MOST:
-                raise BadAnswerError("its length makes no sense")
+                raise BadAnswerError("its length is invalid")
             payload = _received(connection, length)
             if zlib.crc32(payload) != checksum:
                 raise BadAnswerError("its checksum is wrong")

@@ -76,7 +76,7 @@ def test_a_database_of_a_whole_car_takes_no_longer_than_reading_it(tmp_path: Pat
     path = tmp_path / "car.dbc"
     path.write_text("\n".join(lines) + "\n")
     draft = draft_rig(path, tmp_path / "rig.toml")
-    assert "one of 1500 that may be it" in draft.text
+    assert "one of 1500 candidates" in draft.text
     assert len(draft.text) < 10_000
 
 
@@ -146,7 +146,7 @@ CURRENTS = """BO_ 512 GateOut: 8 Gate
 def test_a_duty_of_no_side_beside_two_drives_is_asked_for(tmp_path: Path):
     text, waiting = draft_of(tmp_path, COMMON, CURRENTS)
     for side in ("left", "right"):
-        assert waiting[f"inputs.{side}_duty"] == "of which drive?"
+        assert waiting[f"inputs.{side}_duty"] == "which drive?"
         assert f'# {side}_duty = "GateCmd.MotorDuty"' in text
 
 
@@ -165,7 +165,7 @@ def test_of_two_signals_the_one_in_a_fitting_unit_is_taken(tmp_path: Path):
 
 def test_a_counter_that_does_not_use_its_bits_is_asked_for(tmp_path: Path):
     text, _ = draft_of(tmp_path, COMMON, CURRENTS)
-    assert '# counter = "Counter"  # counts to 14, not to 15: of an E2E profile?' in text
+    assert '# counter = "Counter"  # counts to 14, not to 15: an E2E profile?' in text
     assert "\ncounter" not in text
     whole, _ = draft_of(tmp_path, COMMON, CURRENTS.replace("[0|14]", "[0|15]"))
     assert '\ncounter = "Counter"' in whole

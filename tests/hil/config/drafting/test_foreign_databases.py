@@ -361,7 +361,7 @@ def test_what_is_mapped_and_what_is_to_be_filled_in_is_what_the_database_lets_on
     assert {key for key, _ in draft.open} == to_fill_in
     for key, reason in draft.open:
         assert reason, key
-        if key.startswith(("inputs.", "outputs.")) and "is called so" not in reason:
+        if key.startswith(("inputs.", "outputs.")) and "has a matching name" not in reason:
             assert f"\n# {key.partition('.')[2]} = " in draft.text
 
 

@@ -19,13 +19,14 @@ from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, MESSAGE
 from liftgate_hil.config.rig import read_rig
 from liftgate_hil.config.rig_fit import check_fit
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.running.commands.loop_target import LoopTarget
 from liftgate_hil.running.commands.orders import Orders
-from liftgate_hil.running.commands.slot_target import SlotTarget
 from liftgate_hil.running.setup import setup_of, vehicle_from
-from liftgate_hil.running.stimulation import opening_of, planned_stimuli
+from liftgate_hil.running.stimulation import injections_of, opening_of, planned_stimuli
 from liftgate_hil.signals import DIRECTIONS
 from liftgate_hil.stimuli.restbus import BENCH
-from liftgate_hil.stimuli.stimulus_plan import turns
+from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of, turns
+from liftgate_plant.constants import constants_of
 
 RIG = shipped_rig()
 INJECT, BUTTON, BODY = 0x6E4, 0x130, 0x140
@@ -190,7 +191,7 @@ def test_what_is_wrong_is_told_counted_and_changes_nothing(tmp_path: Path) -> No
         fault("wrong_counter", "Gate"): "'Gate': not a message with a counter that the gate or its restbus sends",
         fault("parameter", "left", 1.0): "'left': no such parameter",
         fault("parameter", "gate.mass", -1.0): "-1 is out of range",
-        fault("motor_open", "left", on=0): "motor_open left is not on; allowed: to end what was injected",
+        fault("motor_open", "left", on=0): "motor_open left is not active; allowed: to end an injected fault",
         frame("request", Request="reset"): "request reset; allowed with [reset] in the rig",
         frame("signal", SignalName="none", SignalValue=1.0): "signal none; allowed: Body.Ignition, ",
         frame("signal", SignalName="Body.Gear", SignalValue=9.0): "value: 9.0; allowed: 0 to 4",
@@ -200,7 +201,7 @@ def test_what_is_wrong_is_told_counted_and_changes_nothing(tmp_path: Path) -> No
         b"\x0f" * 8: "expected multiplexer id 0, 1, 2 or 3, but got 15",
         b"\x00" * 3: "3 bytes; allowed: 8",
         bytes([0x10, 250, 1, 0, 0, 0, 0, 0]): "kind 250; allowed: a label that is a kind",
-        bytes([0x10, 1, 1, 0, 0, 0, 0, 0]): "where: supply_open is the gate's as a whole",
+        bytes([0x10, 1, 1, 0, 0, 0, 0, 0]): "where: supply_open affects the gate as a whole",
         bytes([0x10, 2, 250, 0, 0, 0, 0, 0]): "'250'; allowed: one of left, right, both",
     }
     said: list[str] = []
@@ -240,26 +241,25 @@ def test_what_is_wrong_is_told_counted_and_changes_nothing(tmp_path: Path) -> No
         max_size=12,
     )
 )
-def test_faults_act_in_the_order_of_their_orders_in_every_loop(orders: list[Any]) -> None:
-    """What is in force in the slots of a running stimuli is what a Gate makes of the same orders."""
+def test_ordered_faults_act_as_if_planned_in_the_order_of_their_orders(orders: list[Any]) -> None:
+    """The slots of a running plan have the same constants in force as a plan made with these faults."""
     setup = setup_of(None)
     stimuli = planned_stimuli(setup, RIG, opening=opening_of(RIG, has_operator=False))
-    target = SlotTarget(stimuli, setup, RIG, RIG.settable, is_real=False)
+    target = LoopTarget(stimuli, setup, RIG, RIG.settable)
     running, rows = Orders(RIG, target.layer(BENCH)), np.zeros(1, dtype=LOGGED)
-    with lh.Gate() as gate:
-        for number, (kind, side, value, is_on) in enumerate(orders):
-            place = "gate.mass" if kind == "parameter" else side
-            data = fault(
-                kind, place, 30.0 + value if kind == "parameter" else value, int(is_on)
-            ).data
-            rows["identifier"], rows["length"] = INJECT, 8
-            rows["payload"][0, :8] = list(data)
-            running.look(rows, 0.001 * number)
-            gate._orders.look(rows, 0.001 * number)
-            turns(stimuli, 0.001 * number)
-            turns(gate._script.stimuli, 0.001 * number)
-            np.testing.assert_array_equal(stimuli.faults.row, gate._script.stimuli.faults.row)
-        assert running.done == gate.summary.injected
+    for number, (kind, side, value, is_on) in enumerate(orders):
+        place = "gate.mass" if kind == "parameter" else side
+        data = fault(kind, place, 30.0 + value if kind == "parameter" else value, int(is_on)).data
+        rows["identifier"], rows["length"] = INJECT, 8
+        rows["payload"][0, :8] = list(data)
+        running.look(rows, 0.001 * number)
+        turns(stimuli, 0.001 * number)
+        faults = list(running._faults.values())
+        planned = stimulus_plan_of(
+            constants_of(setup.vehicle), injections=injections_of(faults, setup.vehicle, RIG)
+        )
+        turns(planned, 0.001 * number)
+        np.testing.assert_array_equal(stimuli.faults.row, planned.faults.row)
 
 
 def test_faults_of_one_message_act_in_the_order_of_their_orders(tmp_path: Path) -> None:

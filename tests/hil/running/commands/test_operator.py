@@ -71,7 +71,7 @@ def ran(
     path, log = folder / "s.toml", folder / "s.log"
     path.write_text(f"duration = {duration}\ninitial = 30\nseed = 5\n{text}", encoding="utf-8")
     ecu = ecu or Attached(commands)
-    options = RunOptions(clock="lockstep", records=(log,))
+    options = RunOptions(clock="lockstep", record=(log,))
     job = Job(scenario=path, ecu=ecu, options=options, trace=1, attachable_as=os.getpid())
     result = run_plan(plan_of(job))
     assert not result.reason
@@ -284,7 +284,7 @@ WRONG = [
     ({"fault": {"where": "left"}}, "kind: ''"),
     ({"fault": {"kind": "hall_a_stuck", "where": "Gate", "value": 0}}, "'Gate'; allowed: one of left, "),
     ({"fault": {"kind": "motor_open", "start": 3}}, "start"),
-    ({"signal": {"Gate.Angle": 3}}, "the rig has the gate or the ECU send it"),
+    ({"signal": {"Gate.Angle": 3}}, "the gate or the ECU sends it"),
     ({"signal": {"Body.Gear": 9}}, "9; allowed: 0 to 4, or one of "),
     ({"request": "fly"}, "request 'fly'; allowed: one of open, close, stop, reset"),
     ({"request": "reset"}, "request reset; allowed with [reset] in the rig"),
@@ -295,13 +295,14 @@ WRONG = [
     ({"clear": {"signal": ["Body.Gear"]}}, "allowed: one of obstacle"),
     ({"clear": {"signal": {}}}, "allowed: one of obstacle"),
     ({"clear": {"set": ["road_slope_deg"]}}, "no such quantity"),
-    ({"clear": {"fault": {"kind": ["motor_open"]}}}, "not commanded here"),
+    ({"clear": {"fault": {"kind": ["motor_open"]}}}, "not set by a command"),
     ({"fault": {"kind": ["motor_open"]}}, "kind: "),
     ({"fault": {"kind": "motor_open", "where": ["left"]}}, "allowed: one of left, "),
     ({"request": {}}, "request {}"),
     ({"signal": {"Body.Gear": [1]}}, "[1]; allowed: 0 to 4"),
     ({"signal": {"Body.Gear": None}}, "None; allowed: 0 to 4"),
-    ({"clear": {"fault": {"kind": "motor_open"}}}, "not commanded here (the scenario's go on); allowed: none is"),
+    ({"clear": {"fault": {"kind": "motor_open"}}},
+     "not set by a command (those of the scenario stay); allowed: none"),
     ({"clear": {"set": "slope"}}, "`set` slope: no such quantity"),
     ({"clear": ["all"]}, "clear ['all']; allowed: one of"),
 ]  # fmt: skip

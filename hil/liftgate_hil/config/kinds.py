@@ -1,0 +1,231 @@
+"""Kinds of values: what a key of a file or an option of a run may be, and how that is read."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from liftgate_hil.config.toml import number, show, text
+from liftgate_hil.errors import ConfigIssues
+
+_UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+_SIZE = re.compile(r"(\d+(?:\.\d+)?) ?((?:[KMGT]?B)?)", re.IGNORECASE | re.ASCII)
+
+
+class Kind(Protocol):
+    """Kind of the values that a key may have."""
+
+    @property
+    def allowed(self) -> str:
+        """The allowed values in words."""
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
+        """Return the value as it is in memory; issues are noted."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number, converted to the unit in memory by `scale`."""
+
+    low: float
+    high: float
+    unit: str = ""
+    scale: float = 1.0
+
+    @property
+    def allowed(self) -> str:
+        """The range with its unit."""
+        return f"{self.low:g} to {self.high:g}{' ' + self.unit if self.unit else ''}"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> float:
+        """Return the number in the unit in memory; NaN and an issue if it is invalid."""
+        return self.scale * number(issues, key, value, self.low, self.high, self.unit)
+
+
+class Flag:
+    """A boolean."""
+
+    allowed = "true or false"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> bool:
+        """Return the value; false and an issue if it is no boolean."""
+        if not isinstance(value, bool):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return value is True
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A whole number within [low, high]."""
+
+    low: int
+    high: int
+
+    @property
+    def allowed(self) -> str:
+        """The range in words."""
+        return f"a whole number from {self.low} to {self.high}"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
+        """Return the number; `low` and an issue if it is invalid."""
+        found = int(value) if isinstance(value, float) and value.is_integer() else value
+        if (
+            isinstance(found, bool)
+            or not isinstance(found, int)
+            or not self.low <= found <= self.high
+        ):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return self.low
+        return found
+
+
+@dataclass(frozen=True)
+class Size:
+    """A size in bytes, of at least `least`: a whole number, or a text with a unit ("500MB")."""
+
+    least: int
+
+    @property
+    def allowed(self) -> str:
+        """The range in words."""
+        return f"bytes from {self.least:,} on, or a size such as 500MB, 2GB"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
+        """Return the size in bytes; `least` and an issue if it is invalid."""
+        match = _SIZE.fullmatch(value) if isinstance(value, str) else None
+        found = round(float(match[1]) * _UNITS[match[2].upper()]) if match else value
+        if isinstance(found, bool) or not isinstance(found, int) or found < self.least:
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return self.least
+        return found
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Kind of value: one of several words."""
+
+    words: Sequence[str]
+
+    @property
+    def allowed(self) -> str:
+        """The list of the words."""
+        return f"one of {', '.join(self.words)}"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
+        """Return the word; "" and an issue if it is none of them."""
+        return text(issues, key, value, self.words)
+
+
+@dataclass(frozen=True)
+class Choices:
+    """A list of which each item is one of several words."""
+
+    values: Sequence[str]
+
+    @property
+    def allowed(self) -> str:
+        """The list of the words."""
+        return f"a list of {', '.join(self.values)}"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
+        """Return the items; an empty tuple and an issue if they are invalid."""
+        if not isinstance(value, list) or any(each not in self.values for each in value):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return ()
+        return tuple(value)
+
+
+@dataclass(frozen=True)
+class Level:
+    """0 or 1, or the word for it."""
+
+    words: tuple[str, str] = ("low", "high")
+
+    @property
+    def allowed(self) -> str:
+        """Both levels with their words."""
+        return f"0 ({self.words[0]}) or 1 ({self.words[1]})"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> float:
+        """Return 0.0 or 1.0; NaN and an issue if it is neither."""
+        if isinstance(value, str) and value in self.words:
+            return float(self.words.index(value))
+        if isinstance(value, int | float) and not isinstance(value, bool) and value in (0, 1):
+            return float(value)
+        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return math.nan
+
+
+@dataclass(frozen=True)
+class Label:
+    """A signal's value: a number in the database's unit, or a label of its value table."""
+
+    allowed: str = "a number, or a label of the signal"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str:
+        """Return the number or the label; NaN and an issue if it is neither."""
+        if isinstance(value, str) and value:
+            return value
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if is_number and abs(value) <= sys.float_info.max:  # a whole number may be beyond it
+            return float(value)
+        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        issues.settle(key)
+        return math.nan
+
+
+@dataclass(frozen=True)
+class Text:
+    """Any text that is not empty; `called` says what it is."""
+
+    called: str = "a text"
+
+    @property
+    def allowed(self) -> str:
+        """A description of the text."""
+        return self.called
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
+        """Return the text; "" and an issue if it is none."""
+        if not isinstance(value, str) or not value.strip():
+            issues.add(key, f"{show(value)}; allowed: {self.called}")
+            return ""
+        return value
+
+
+@dataclass(frozen=True)
+class Texts:
+    """A list of texts, or a single text."""
+
+    called: str
+
+    @property
+    def allowed(self) -> str:
+        """A description of the texts."""
+        return self.called
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
+        """Return the texts; an empty tuple and an issue if they are invalid."""
+        given = [value] if isinstance(value, str) else value
+        if not isinstance(given, list) or not all(isinstance(each, str) and each for each in given):
+            issues.add(key, f"{show(value)}; allowed: {self.called}")
+            return ()
+        return tuple(given)
+
+
+@dataclass(frozen=True)
+class Raw:
+    """Any value; its own reader validates it."""
+
+    allowed: str
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
+        """Return the value as it is."""
+        return value
+
+
+SEED = Whole(0, 2**32 - 1)
