@@ -1,1 +1,1 @@
-"""How exact a step of 1 ms is, on vehicles and phases drawn at random."""
+"""Accuracy study of the plant's step of 1 ms, on vehicles and phases drawn at random."""

@@ -1,4 +1,7 @@
-"""`python -m tools.accuracy --output FOLDER`: writes accuracy.md; `--case N` tells one case."""
+"""Accuracy study of the fixed step: `python -m tools.accuracy --output FOLDER` writes accuracy.md.
+
+`--case N` prints the errors of one case, `--point N` a point of the bridges and its errors; neither writes a file.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ CASES = 300
 
 
 def main() -> int:
-    """The command line; returns the exit code."""
+    """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tools.accuracy", description=__doc__)
     parser.add_argument("--output", metavar="FOLDER", default="docs")
     parser.add_argument("--cases", type=int, default=CASES, metavar="N")

@@ -1,4 +1,7 @@
-"""Bridges that switch on a source with resistance, at random points, against every switch and diode followed."""
+"""Accuracy of switching bridges at random points, against a solution that follows every switch and diode.
+
+The bridges are on one source with an internal resistance.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +20,14 @@ from liftgate_plant.vehicle import Vehicle, plant_of
 from tests.plant.runs import inputs
 from tests.reference.switched_bridges import Bridge, periodic
 
-BAR = 0.01  # of mean, effective value and drawn current
-FLOOR = 0.1  # A; a smaller current is judged as if it were that
-SETTLING = 3e-3  # s, many L/R
-STEPS = (1e-3, 1e-4)  # s, in turn
+BAR = 0.01  # relative error allowed of mean, effective value and drawn current
+FLOOR = 0.1  # A; the error of a smaller current is taken relative to this one
+SETTLING = 3e-3  # s, many time constants L/R; then the currents are compared
+STEPS = (1e-3, 1e-4)  # s; the points use them in turn
 
 
 class Point(NamedTuple):
-    """One drive's bridge, or two, on a source [V] behind a resistance [Ω]."""
+    """Bridges of one or two drives on a source [V] behind a resistance [Ω]."""
 
     bridges: list[Bridge]
     source: float
@@ -32,7 +35,7 @@ class Point(NamedTuple):
 
 
 class Apart(NamedTuple):
-    """Of one point: the largest errors of either motor, by the value; of the terminal voltage in V."""
+    """Largest relative errors of either motor's current at one point, and error of the terminal voltage [V]."""
 
     number: int
     mean: float
@@ -42,12 +45,12 @@ class Apart(NamedTuple):
 
     @property
     def is_met(self) -> bool:
-        """Whether the bar is."""
+        """Whether all errors of the currents are below BAR."""
         return max(self.mean, self.rms, self.drawn) < BAR
 
 
 def point(number: int) -> Point:
-    """The same for the same number."""
+    """Return the random point of this number; the same number gives the same point."""
     rng = np.random.default_rng([2027, number])
     frequency = 1e3 * 20.0 ** rng.uniform()
     source, resistance = float(rng.uniform(9.0, 16.0)), float(rng.uniform(0.0, 0.2))
@@ -65,7 +68,11 @@ def point(number: int) -> Point:
 
 
 def bridge_at(rng: np.random.Generator, frequency: float, source: float) -> Bridge:
-    """A bridge and a motor near the SUV's, at most driven a little beyond the source, or against its duty."""
+    """Return a random bridge with a motor near the SUV's.
+
+    The back-EMF is −0.3 to 1.1 of the source along the duty: the motor may be driven a little beyond the source,
+    or against its duty.
+    """
     along = float(rng.choice([-1.0, 1.0]))
     return Bridge(
         mode=str(rng.choice(FREEWHEELING)),
@@ -78,7 +85,7 @@ def bridge_at(rng: np.random.Generator, frequency: float, source: float) -> Brid
 
 
 def vehicle_at(what: Point) -> Vehicle:
-    """A vehicle with these bridges and with rotors so heavy that their speed is given."""
+    """Return a vehicle with these bridges, and with rotors so heavy that their speed stays constant."""
     settings = [f"supply.voltage={what.source}", f"supply.internal_resistance={what.resistance}"]
     settings += ["motor.rotor_inertia=1.0", f"drives={len(what.bridges)}"]
     vehicle = load_vehicle("suv", settings, ideal=True)
@@ -94,12 +101,12 @@ def vehicle_at(what: Point) -> Vehicle:
 
 
 def apart(number: int) -> Apart:
-    """The errors at the point of that number; the step is one of STEPS in turn."""
+    """Return the errors at the point of this number; successive points use the steps of STEPS in turn."""
     return compared(number, point(number), STEPS[number % len(STEPS)])
 
 
 def compared(number: int, what: Point, step: float, repeats: float = 0.0) -> Apart:
-    """The errors at a point: of the currents after they have settled, and of the terminal voltage of their row.
+    """Return the errors at a point: of the currents after they have settled, and of the terminal voltage then.
 
     `repeats` [s] is the period that bridges of two frequencies have in common.
     """
@@ -133,5 +140,5 @@ def compared(number: int, what: Point, step: float, repeats: float = 0.0) -> Apa
 
 
 def off(value: float, exact: float) -> float:
-    """By how much a current [A] is off, by its value."""
+    """Return the relative error of a current [A]; an exact value smaller than FLOOR counts as FLOOR."""
     return abs(value - exact) / max(abs(exact), FLOOR)

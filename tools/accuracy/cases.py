@@ -1,7 +1,7 @@
-"""Vehicles and phases drawn at random: all that the plant can do, near what is built.
+"""Random cases of the accuracy study: vehicles close to real designs, and phases that use all the plant can do.
 
-A vehicle is one of the shipped ones, without imperfections, each of its numbers within a factor; weight and
-springs change together, as a gate that its springs do not carry is none. Each option of the model is in some.
+A vehicle is one of the shipped ones, without imperfections. Its numbers are scaled by random factors; weight and
+springs change together, because the springs must carry the gate. Each option of the model occurs in some cases.
 """
 
 from __future__ import annotations
@@ -20,8 +20,16 @@ from tests.plant.runs import column, run_phases
 from tests.reference.event_solution import DriveInput, Obstacle, Phase
 
 NAMES = ("suv", "compact", "heavy-suv")
-TABLES = ("motor", "gear", "spindle", "spring", "mechanism", "friction", "thermal")  # of a drive
-# Of the file's value, up and down.
+TABLES = (
+    "motor",
+    "gear",
+    "spindle",
+    "spring",
+    "mechanism",
+    "friction",
+    "thermal",
+)  # of a drive in a file
+# Largest factors by which the file's values are multiplied or divided.
 FACTORS = {
     "motor": {
         "resistance": 1.5, "inductance": 3.0, "rotor_inertia": 1.5, "load_torque": 2.0,
@@ -32,15 +40,15 @@ FACTORS = {
     "spring": {"stop_stiffness": 2.0, "stop_damping": 2.0},
     "seal": {"force": 1.5, "stiffness": 2.0},
 }  # fmt: skip
-LOAD = 1.3  # of mass and springs together
-LEAST, MOST = 0.15, 1.2  # s, of a phase
-AWAY = 2.0  # deg that an obstacle, and a latch that is to catch it, are from the gate
-TRIAL_STEP = 1e-3  # s, of the run that tells where the gate is
-CLOSED = 0.3  # of the runs begin there
+LOAD = 1.3  # largest factor on mass and springs together
+LEAST, MOST = 0.15, 1.2  # s, shortest and longest phase
+AWAY = 2.0  # deg, least distance of the gate from an obstacle, and from a latch that is to catch it
+TRIAL_STEP = 1e-3  # s, step of the run that finds where the gate is
+CLOSED = 0.3  # share of the runs that begin with a closed gate
 
 
 class Case(NamedTuple):
-    """A vehicle file's content, what is done with it, and where the gate is at first."""
+    """Case of the study: content of a vehicle file, phases of the run, and initial angle and latch of the gate."""
 
     vehicle: dict[str, Any]
     phases: list[Phase]
@@ -49,30 +57,30 @@ class Case(NamedTuple):
 
 
 class Draw:
-    """Random numbers of one case."""
+    """Source of the random numbers of one case."""
 
     def __init__(self, number: int) -> None:
         self.generator = np.random.default_rng([2026, number])
 
     def between(self, low: float, high: float) -> float:
-        """Evenly."""
+        """Return a number drawn uniformly between two bounds."""
         return float(self.generator.uniform(low, high))
 
     def factor(self, most: float) -> float:
-        """Of 1/most to most, evenly in its logarithm."""
+        """Return a factor from 1/most to most, drawn uniformly in its logarithm."""
         return float(most ** self.generator.uniform(-1.0, 1.0))
 
     def happens(self, share: float) -> bool:
-        """In that share of the cases."""
+        """Return True with the probability `share`."""
         return bool(self.generator.random() < share)
 
     def one_of(self, *options: Any) -> Any:
-        """Any."""
+        """Return one of the options, all with the same probability."""
         return options[int(self.generator.integers(len(options)))]
 
 
 def case(number: int) -> Case:
-    """The same for the same number."""
+    """Return the random case of this number; the same number gives the same case."""
     draw = Draw(number)
     vehicle = raw_vehicle(draw)
     angle = 0.0
@@ -83,7 +91,7 @@ def case(number: int) -> Case:
 
 
 def raw_vehicle(draw: Draw) -> dict[str, Any]:
-    """A vehicle."""
+    """Return the content of a random vehicle file."""
     name = draw.one_of(*NAMES)
     path = data_root() / "configs" / "vehicles" / f"{name}.toml"
     raw: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -122,7 +130,10 @@ def raw_vehicle(draw: Draw) -> dict[str, Any]:
 
 
 def options_of_drive(draw: Draw, raw: dict[str, Any]) -> None:
-    """What the thesis does not have: friction over speed, load, temperature and place; warmth; a gas spring."""
+    """Add random options that the thesis does not have to a vehicle file.
+
+    The options are friction over speed, load, temperature and position; motors that warm up; a gas spring.
+    """
     law = raw.setdefault("friction", {})
     if draw.happens(0.4):
         law["static_ratio"] = draw.between(1.05, 1.6)
@@ -150,7 +161,7 @@ def options_of_drive(draw: Draw, raw: dict[str, Any]) -> None:
 
 
 def command_of(draw: Draw) -> DriveInput:
-    """Of a bridge, or a voltage."""
+    """Return a random command of a drive: of its bridge, or a motor voltage."""
     mode = draw.one_of("open", "open", "close", "close", "brake", "coast", "voltage")
     if mode == "voltage":
         return DriveInput(mode, draw.between(-14.0, 14.0))
@@ -160,8 +171,10 @@ def command_of(draw: Draw) -> DriveInput:
 
 
 def phases_of(draw: Draw, raw: dict[str, Any], angle: float, latched: bool) -> list[Phase]:
-    """What is done: three to five commands in a row. Obstacles come where the gate is not yet, and the latch gets
-    nothing to catch but a gate that comes home.
+    """Return three to five random phases in a row, each with commands and disturbances.
+
+    An obstacle appears only where the gate is not yet. The latch stays released unless it holds the gate already
+    or the gate is open by more than AWAY, so that it only catches a gate that closes.
     """
     vehicle = read_vehicle(raw, "a case")
     phases: list[Phase] = []
@@ -173,7 +186,7 @@ def phases_of(draw: Draw, raw: dict[str, Any], angle: float, latched: bool) -> l
             at = math.degrees(float(column(rows, "angle")[-1]))
             held = bool(column(rows, "latched")[-1])
             released = draw.happens(0.5) if held or at > AWAY else True
-        end = round(end + draw.between(LEAST, MOST), 3)  # of whole steps
+        end = round(end + draw.between(LEAST, MOST), 3)  # a multiple of the step of 1 ms
         left = command_of(draw)
         right = command_of(draw) if draw.happens(0.2) else left
         around = disturbances_of(draw, raw, at)
@@ -182,7 +195,7 @@ def phases_of(draw: Draw, raw: dict[str, Any], angle: float, latched: bool) -> l
 
 
 def disturbances_of(draw: Draw, raw: dict[str, Any], at: float) -> dict[str, Any]:
-    """What acts on the gate, which is at `at` [deg], and on the supply meanwhile."""
+    """Return random disturbances of the gate, which is at `at` [deg], and of the supply, as fields of a Phase."""
     found: dict[str, Any] = {}
     if draw.happens(0.3):
         found["supply_voltage"] = draw.between(6.0, 16.0)

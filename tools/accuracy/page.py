@@ -1,4 +1,4 @@
-"""docs/accuracy.md."""
+"""Page docs/accuracy.md: errors of the fixed step on random vehicles, and at random points of bridges."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ slope; the latch.
 
 
 def page_of(found: Sequence[Errors]) -> str:
-    """The page."""
+    """Return the page's beginning, with its part about random vehicles."""
     solved = [each for each in found if not each.trouble]
     met = [each for each in solved if each.is_met]
     lines = [
@@ -68,7 +68,7 @@ back-EMF from −0.3 to 1.1 of the source, against a solution that follows every
 
 
 def bridges_of(found: Sequence[Apart]) -> str:
-    """The page's part about bridges that switch."""
+    """Return the page's part about bridges that switch."""
     met = sum(each.is_met for each in found)
     lines = [_BRIDGES.format(count=len(found), floor=FLOOR, met=met, bar=100.0 * BAR)]
     for name, title, factor in (

@@ -1,4 +1,4 @@
-"""The fixed step against the event-located solution, case by case."""
+"""Errors of the plant's fixed step against the event-located solution, case by case."""
 
 from __future__ import annotations
 
@@ -13,27 +13,30 @@ from tests.reference.event_solution import solve
 from tools.accuracy.cases import Case, case
 
 STEP = 1e-3  # s
-TOLERANCE = 1e-9  # of the event-located solution
-CURRENT_BAR, ANGLE_BAR = 2.0, 0.002  # mA rms of each drive, deg at worst
+TOLERANCE = 1e-9  # relative tolerance of the event-located solution
+CURRENT_BAR, ANGLE_BAR = (
+    2.0,
+    0.002,
+)  # mA rms, current of each drive; deg, largest error of angle and twist
 
 
 class Errors(NamedTuple):
-    """Of one case; a case that the reference cannot solve says why."""
+    """Errors of one case; `trouble` is the reason why the reference could not solve it."""
 
     number: int
-    current: float  # mA rms, of the drive with more
-    angle: float  # deg, at worst; of the twist too
-    warmth: float  # K, at worst
+    current: float  # mA rms, of the drive with the larger error
+    angle: float  # deg, largest error of the angle and of the twist
+    warmth: float  # K, largest error of the temperatures of windings and housings
     trouble: str = ""
 
     @property
     def is_met(self) -> bool:
-        """Whether both bars are."""
+        """Whether the errors of current and angle are below their bars."""
         return self.current < CURRENT_BAR and self.angle < ANGLE_BAR
 
 
 def errors_of(number: int) -> Errors:
-    """Of the case of that number."""
+    """Return the errors of the case of this number: NaN, with the reason, if the reference cannot solve it."""
     try:
         return compared(number, case(number))
     except RuntimeError as error:
@@ -41,7 +44,7 @@ def errors_of(number: int) -> Errors:
 
 
 def compared(number: int, what: Case, step: float = STEP) -> Errors:
-    """Both solutions of a case."""
+    """Return the errors of a case: the plant at steps of `step` [s] against the event-located solution."""
     vehicle = vehicle_of(what.vehicle, f"case {number}")
     rows = run_phases(vehicle, what.phases, step, what.angle, what.latched)
     times = np.minimum(step * np.arange(len(rows)), what.phases[-1].end)

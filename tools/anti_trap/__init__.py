@@ -1,6 +1,6 @@
-"""What the reference ECU's anti-trap does on many cars: docs/anti-trap.md.
+"""Study of the reference ECU's anti-trap on many cars: docs/anti-trap.md.
 
-trials      one gate that learns, runs free and meets rods
-study       many of them: the whole travel in all conditions, drawn cars, wider and narrower limits, stiffer rods
+trials      one gate that learns, runs undisturbed and meets rods
+study       many trials: the whole travel in all conditions, drawn cars, wider and narrower limits, stiffer rods
 page        the page and its figure
 """

@@ -1,4 +1,7 @@
-"""The page: python -m tools.anti_trap [--cars N] [--trade-cars N] [--output FOLDER]"""
+"""Study of the anti-trap: python -m tools.anti_trap [--cars N] [--trade-cars N] [--output FOLDER]
+
+It writes anti-trap.md and its figure to FOLDER.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""docs/anti-trap.md and its figure."""
+"""Page docs/anti-trap.md and its figure, from the results of the study."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def written(
     rods: Mapping[tuple[str, float], list[Any]],
     energies: Mapping[str, Energy],
 ) -> None:
-    """Write both."""
+    """Write anti-trap.md and its figure, anti-trap.png, to a folder."""
     lines = [_INTRODUCTION]
     lines += _travel(travel)
     lines += _many(many)
@@ -58,7 +58,7 @@ def written(
 
 
 def _worst(outcomes: Mapping[str, Outcome]) -> tuple[float, str, float]:
-    """(peak, condition, gap) of the largest force."""
+    """Return the largest force of a vehicle, as (peak [N], condition, gap [deg])."""
     return max(
         (peak, name, gap)
         for name, each in outcomes.items()
@@ -114,7 +114,7 @@ def _many(many: Mapping[str, Many]) -> list[str]:
 
 
 def _largest(many: Many) -> float:
-    """The largest force; NaN: none came to its rod."""
+    """Return the largest force [N]; NaN: no car reached its rod."""
     return max(many.peaks, default=math.nan)
 
 

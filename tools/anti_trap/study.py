@@ -1,4 +1,4 @@
-"""Many trials: over the whole travel in all conditions, on drawn cars, with other limits, rods and speeds."""
+"""Study of many trials: the whole travel in all conditions, drawn cars, other limits, rods and closing speeds."""
 
 from __future__ import annotations
 
@@ -35,36 +35,39 @@ CONDITIONS: dict[str, tuple[str, ...]] = {
     "9.5 V, -20 °C, +8°": ("supply.voltage=9.5", _COLD, _UP),
     "15 V, 60 °C, -8°": ("supply.voltage=15", _HOT, _DOWN),
 }
-FREE = 3  # judged openings and closings of a drawn car
-LIMIT = 100.0  # N
-FACTORS = (0.4, 0.5, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2)  # on all limits
-RODS = (1e4, 2e4, 6.5e4)  # N/m: of EN 12453 and UN R21
-PACES = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2)  # of closing, against what is calibrated
+FREE = 3  # undisturbed openings of a car, and as many closings, that are judged
+LIMIT = 100.0  # N, limit of the pinch force
+FACTORS = (0.4, 0.5, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2)  # factors on all limits of the anti-trap
+RODS = (1e4, 2e4, 6.5e4)  # N/m, stiffness of the rods: of EN 12453 and UN R21
+PACES = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2)  # closing speeds, relative to the calibrated one
 
 
 class Many(NamedTuple):
-    """Drawn cars of one vehicle."""
+    """Results of the drawn cars of one vehicle."""
 
     cars: int
-    judged: int  # openings and closings, together
-    false: int  # of them
-    peaks: tuple[float, ...]  # N, of each car's rod
+    judged: int  # undisturbed openings and closings of all cars
+    false: int  # of these, the number broken off for nothing
+    peaks: tuple[float, ...]  # N, largest force on each car's rod, if it was reached
 
 
 class Energy(NamedTuple):
-    """What moves while a gate closes."""
+    """Equivalent masses at the gate's edge of the parts that move while it closes."""
 
-    gate: float  # kg at the edge that have the energy of the gate
-    rotors: float  # of the drives' rotors
+    gate: float  # kg, mass at the edge with the gate's kinetic energy
+    rotors: float  # kg, mass at the edge with the kinetic energy of the drives' rotors
 
 
 def widened(calibration: Calibration, factor: float) -> Calibration:
-    """All limits of the anti-trap times a factor."""
+    """Return the calibration with all limits of the anti-trap multiplied by a factor."""
     return coded(calibration, Coding(anti_trap_limits=factor))
 
 
 def slowed(calibration: Calibration, pace: float) -> Calibration:
-    """Closing at another pace."""
+    """Return the calibration with its closing speed multiplied by `pace`.
+
+    The creep speed is multiplied too, but it is not raised, nor reduced below 40 counts/s.
+    """
     return coded(calibration, Coding(closing_speed=pace))._replace(
         creep_speed=min(calibration.creep_speed, max(40.0, pace * calibration.creep_speed)),
     )
@@ -78,13 +81,13 @@ def _run(task: Task) -> Outcome:
 
 
 def all_of(tasks: Iterable[Task]) -> list[Outcome]:
-    """The outcomes, in order; on all CPUs."""
+    """Return the outcomes of tasks, in their order; they run on all CPUs."""
     with ProcessPoolExecutor() as pool:
         return list(pool.map(_run, tasks, chunksize=4))
 
 
 def over_the_travel(calibration: Calibration) -> dict[str, dict[str, Outcome]]:
-    """By vehicle and condition: a rod at every gap."""
+    """Return the outcomes of trials with a rod at every gap, by vehicle and condition."""
     keys = [(vehicle, name) for vehicle in VEHICLES for name in CONDITIONS]
     trial = Trial(free=FREE, gaps=GAPS)
     done = all_of((Car(vehicle, CONDITIONS[name]), trial, calibration) for vehicle, name in keys)
@@ -95,7 +98,10 @@ def over_the_travel(calibration: Calibration) -> dict[str, dict[str, Outcome]]:
 
 
 def drawn(vehicle: str, number: int) -> Task:
-    """A car of the production in weather of its own, and where it meets its rod."""
+    """Return the task of drawn car `number` of a vehicle's production.
+
+    Supply voltage, temperature and road slope are random, and so is the gap at which the gate meets its rod.
+    """
     random = np.random.default_rng((number, VEHICLES.index(vehicle)))
     settings = (
         f"supply.voltage={random.uniform(9.5, 15.0):.2f}",
@@ -107,7 +113,7 @@ def drawn(vehicle: str, number: int) -> Task:
 
 
 def of_many(cars: int, change: Callable[[Calibration], Calibration]) -> dict[str, Many]:
-    """So many drawn cars, a third of each vehicle, with a changed calibration."""
+    """Return the results of `cars` drawn cars, a third of each vehicle, with a changed calibration, by vehicle."""
     each = math.ceil(cars / len(VEHICLES))
     found = {}
     for vehicle in VEHICLES:
@@ -123,7 +129,10 @@ def of_many(cars: int, change: Callable[[Calibration], Calibration]) -> dict[str
 
 
 def by_rod(calibration: Calibration, gap: float = 35.0) -> dict[tuple[str, float], list[Any]]:
-    """By vehicle and stiffness: (edge's speed, peak) at each pace, at a gap."""
+    """Return (edge's speed [m/s], peak force [N]) at each of PACES, by vehicle and rod stiffness [N/m].
+
+    The rod is at a gap [deg].
+    """
     keys = [(vehicle, rod, pace) for vehicle in VEHICLES for rod in RODS for pace in PACES]
     done = all_of(
         (Car(vehicle), Trial(0, (gap,), rod), slowed(calibration, pace))
@@ -136,7 +145,7 @@ def by_rod(calibration: Calibration, gap: float = 35.0) -> dict[tuple[str, float
 
 
 def energy_of(vehicle: str, ratio: float) -> Energy:
-    """Of a gate whose motors make so many revolutions per radian."""
+    """Return the equivalent masses of a vehicle whose motors make `ratio` revolutions per radian of the gate."""
     plant = plant_of(setup_of(vehicle=vehicle).vehicle)
     turned = (2.0 * math.pi * ratio / DISTANCE) ** 2
     rotors = plant.left.inertia + (plant.right.inertia if plant.right.active else 0.0)
@@ -144,7 +153,11 @@ def energy_of(vehicle: str, ratio: float) -> Energy:
 
 
 def speed_for(points: Iterable[tuple[float, float]], limit: float = LIMIT) -> float:
-    """The edge's speed at which the peak is just the limit, on a straight line between the measured; NaN: none."""
+    """Return the edge's speed [m/s] at which the peak force is just the limit [N].
+
+    `points` are measured pairs (speed, peak), with straight lines between them. The result is NaN
+    if the peak at the lowest speed is above the limit or none was measured, and the highest speed if no peak is.
+    """
     known = sorted(each for each in points if not math.isnan(each[1]))
     if not known or known[0][1] > limit:
         return math.nan

@@ -1,4 +1,7 @@
-"""One gate with the reference ECU: it learns, opens and closes undisturbed, then closes onto rods, one per gap."""
+"""Trial of one gate with the reference ECU.
+
+The gate learns, opens and closes undisturbed, then closes onto rods, one per gap.
+"""
 
 from __future__ import annotations
 
@@ -29,16 +32,19 @@ from liftgate_hil.running.setup import loop_config_of, rig_of, setup_of, start_o
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
 
-RATE = 1000.0  # Hz
-PERIOD, CLOSE = 26.0, 12.0  # s: of an opening and a closing, and when the latter begins in it
-DISTANCE = 1.0  # m from the hinge: the gate's edge
+RATE = 1000.0  # Hz, ticks of the loop
+PERIOD, CLOSE = (
+    26.0,
+    12.0,
+)  # s, period with an opening and a closing; time in it at which closing is requested
+DISTANCE = 1.0  # m, distance of the gate's edge from the hinge
 LEARNING = 2  # openings and closings before anything is judged
 _FALSE = {BLOCKED_CLOSING, BLOCKED_OPENING, TRAPPED_CLOSING, TRAPPED_OPENING}
 _COLUMNS = ("time_s", "pinch_force_n", "gate_angle_deg", "left_speed_rps")
 
 
 class Car(NamedTuple):
-    """A gate, what is around it, and which one of its production."""
+    """Car of a trial: its vehicle, settings of its surroundings, and its draw from the production."""
 
     vehicle: str
     settings: tuple[str, ...] = ()
@@ -47,38 +53,40 @@ class Car(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """What is asked of it."""
+    """Motions of a trial: undisturbed ones, then one closing onto a rod for each gap."""
 
-    free: int = 0  # openings and closings that are judged
-    gaps: tuple[float, ...] = ()  # deg at which it meets a rod, one closing each
-    rod: float = 1e4  # N/m
+    free: int = 0  # undisturbed openings, and as many closings, that are judged
+    gaps: tuple[float, ...] = ()  # deg, angles at which the gate meets a rod, one closing each
+    rod: float = 1e4  # N/m, stiffness
 
 
 class Outcome(NamedTuple):
-    """What it did."""
+    """Outcome of a trial."""
 
-    false: int  # of the free openings and closings, those that were broken off
-    peaks: tuple[float, ...]  # N, of each gap
-    missed: int  # gaps that it did not come to, because it was broken off before
-    speeds: tuple[float, ...]  # m/s of the edge when it met the rod
+    false: int  # undisturbed openings and closings that were broken off
+    peaks: tuple[float, ...]  # N, largest force at each gap; NaN: no touch
+    missed: int  # gaps without a touch, because the closing was broken off before
+    speeds: tuple[
+        float, ...
+    ]  # m/s, speed of the edge at the first touch of each rod; NaN: no touch
     ratio: float  # motor revolutions per radian of the gate, in the middle of the travel
-    opening: float  # s it took to open, after learning; NaN: it did not
-    closing: float
+    opening: float  # s, duration of the last opening for learning; NaN: not completed
+    closing: float  # s, duration of the closing after it; NaN: not completed
 
 
 class _Kept:
-    """Keeps some columns."""
+    """Sink of a run that keeps the columns _COLUMNS."""
 
     def __init__(self) -> None:
         self._places = [COLUMN_PLACE[name] for name in _COLUMNS]
         self._parts: list[NDArray[np.float64]] = []
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """See Sink."""
+        """Keep _COLUMNS of rows (n, ROW_WIDTH); `frames` are ignored."""
         self._parts.append(rows[:, self._places].copy())
 
     def rows(self) -> NDArray[np.float64]:
-        """(n, 4) of _COLUMNS."""
+        """Return all kept rows (n, 4), as _COLUMNS."""
         return np.concatenate(self._parts)
 
 
@@ -88,7 +96,7 @@ def _rig() -> Rig:
 
 
 def _scenario(trial: Trial) -> tuple[Scenario, int]:
-    """The trial's requests and rods, and how many periods they are."""
+    """Return the scenario with the trial's requests and rods, and its number of periods."""
     before = LEARNING + trial.free
     periods = before + len(trial.gaps)
     lines = [f"duration = {PERIOD * periods}"]
@@ -108,7 +116,7 @@ def _scenario(trial: Trial) -> tuple[Scenario, int]:
 
 
 def run(car: Car, trial: Trial, calibration: Calibration) -> Outcome:
-    """One trial. Raises ConfigError for a vehicle that there is not."""
+    """Run one trial and return its outcome. Raises ConfigError for an unknown vehicle."""
     scenario, periods = _scenario(trial)
     setup = setup_of(
         scenario,
@@ -152,7 +160,10 @@ def _outcome(trial: Trial, told: Sequence[Sequence[Event]], rows: NDArray[np.flo
 
 
 def _touch(rows: NDArray[np.float64], begin: float) -> tuple[float, float] | None:
-    """(largest force [N], edge's speed at the first touch [m/s]) of a period; None: no touch."""
+    """Return (largest force [N], edge's speed at the first touch [m/s]) of a period's closing; None: no touch.
+
+    `begin` [s] is the start of the period.
+    """
     time, force, angle, _ = rows[(rows[:, 0] > begin + CLOSE) & (rows[:, 0] <= begin + PERIOD)].T
     if not (force > 0.0).any():
         return None
@@ -162,7 +173,7 @@ def _touch(rows: NDArray[np.float64], begin: float) -> tuple[float, float] | Non
 
 
 def _ratio(rows: NDArray[np.float64]) -> float:
-    """Motor revolutions per radian where the gate first opens through 40 degrees."""
+    """Return the motor revolutions per radian of the gate where it first opens through 40 degrees."""
     place = int(np.argmax(rows[:, 2] > 40.0))
     before, after = rows[place - 20], rows[place]
     turned = np.radians(after[2] - before[2]) / (after[0] - before[0])
@@ -170,7 +181,7 @@ def _ratio(rows: NDArray[np.float64]) -> float:
 
 
 def _durations(events: Sequence[Event]) -> dict[str, float]:
-    """How long each motion of a period took that came to its end [s], by what the ECU told."""
+    """Return the duration [s] of each completed motion of a period, by the events that the ECU reported."""
     took: dict[str, float] = {}
     begun: Event | None = None
     for each in events:

@@ -1,1 +1,1 @@
-"""A campaign of mangled files and of signals at any moment against the command line."""
+"""Robustness campaign against the command line: mangled files, and signals at random moments."""

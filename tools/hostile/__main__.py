@@ -1,7 +1,8 @@
-"""python -m tools.hostile: mangled files and signals against every command.
+"""Robustness campaign, python -m tools.hostile: mangled files and signals against every command.
 
-Each case has a folder of its own under --work; those with a fault stay there, with CASE.json, to be looked at and
-run again (--replay NAME). What is done is kept in done.jsonl: the same call goes on where it was stopped.
+Each case has a folder of its own under --work. The folders of cases with a fault stay, with CASE.json, to be
+inspected and run again (--replay NAME). Completed cases are noted in done.jsonl: the same call continues where it
+was stopped.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ from tools.hostile.case import Case, Outcome, keep
 _MAKERS = {
     "config": "config_case", "measurement": "measurement_case", "recording": "recording_case",
 }  # fmt: skip
-_EVERY = 40  # one case in so many runs as a process of its own
+_EVERY = 40  # one case in this number runs as a process of its own, the others are forked
 
 
 def main() -> int:
-    """Run the campaign; 1 where anything was found."""
+    """Run the campaign, or replay one case; return 1 if a fault was found, else 0."""
     parser = argparse.ArgumentParser(
         prog="python -m tools.hostile", description=__doc__, allow_abbrev=False,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -58,7 +59,7 @@ def main() -> int:
         "--replay", metavar="NAME", help="one case again, e.g. config-17; says what comes of it"
     )
     args = parser.parse_args()
-    # A child of a process with threads may hang; nor is there anything here to be quick with.
+    # A forked child of a process with threads may hang, and nothing here needs the threads of OpenBLAS for speed.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     args.work.mkdir(parents=True, exist_ok=True)
     args.work = args.work.resolve()
@@ -75,7 +76,7 @@ def main() -> int:
 
 
 class Campaign:
-    """What is done, and what was found."""
+    """Record of the completed cases of a seed and of their faults, kept in done.jsonl."""
 
     def __init__(self, work: Path, seed: int) -> None:
         self._began = time.monotonic()
@@ -90,11 +91,11 @@ class Campaign:
         self._codes: collections.Counter[str] = collections.Counter()
 
     def is_done(self, name: str) -> bool:
-        """Whether an earlier call ran it."""
+        """Return whether a case is completed, for example by an earlier call."""
         return name in self._done
 
     def note(self, case: Case, folder: Path, outcome: Outcome, faults: list[str]) -> None:
-        """One more; only what is wrong is kept."""
+        """Note a completed case; its folder is kept, and a line printed, only if it has faults."""
         self._done[case.name] = faults
         self._codes[f"{case.name.partition('-')[0]} exit {outcome.code}"] += 1
         with self._path.open("a", encoding="utf-8") as stream:
@@ -109,7 +110,7 @@ class Campaign:
             shutil.rmtree(folder)
 
     def tell(self) -> int:
-        """The sum."""
+        """Print the totals; return 1 if any case has a fault, else 0."""
         found = {name: faults for name, faults in self._done.items() if faults}
         print(
             f"{len(self._done)} cases, {len(found)} with a fault, {time.monotonic() - self._began:.0f} s"
@@ -162,7 +163,7 @@ def _signals(args: argparse.Namespace, bases: object, campaign: Campaign) -> Non
 
 
 def _replay(args: argparse.Namespace, bases: object) -> int:
-    """One case as a process of its own, in sight."""
+    """Run one case as a process of its own and print what it did; return 1 if it has a fault, else 0."""
     from tools.hostile.judging import faults_of_file
     from tools.hostile.running import run_all
     from tools.hostile.signals import signal_case

@@ -1,4 +1,4 @@
-"""Sound files to begin with: shipped ones, and measurements that the program itself makes."""
+"""Valid files that are then mangled: shipped ones, and measurements that the program itself writes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _INPUT = "in.csv"
 
 
 class Bases:
-    """Texts of shipped files, and a folder with measurements."""
+    """Texts of valid shipped files, and a folder with valid measurements."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -24,23 +24,27 @@ class Bases:
         self.vehicles = _texts(sorted((configs / "vehicles").glob("*.toml")))
         self.judged = configs / "scenarios/pack/falling.toml"
         self.scenarios = [*_texts([configs / "scenarios/demo.toml"]), _SCENARIO]
-        # Each with its database.
+        # The database of each rig has the same index in `databases`.
         self.rigs = _texts([configs / "rigs/liftgate.toml", FOREIGN / "foreign.toml"])
         paths = (data_root() / "dbc/liftgate.dbc", FOREIGN / "foreign.dbc")
         self.databases = [(path.name, path.read_bytes().decode("cp1252")) for path in paths]
 
     @cached_property
     def words(self) -> list[str]:
-        """What stands in them."""
+        """Words that occur in the texts, sorted."""
         texts = [*self.vehicles, *self.scenarios, *self.rigs, *(text for _, text in self.databases)]
         return sorted(set(re.findall(r"\w+", " ".join(texts))))
 
     def trees(self, texts: list[str]) -> list[dict[str, Any]]:
-        """The same, read."""
+        """Return TOML texts as parsed trees of values."""
         return [tomllib.loads(text) for text in texts]
 
     def make_measurements(self) -> None:
-        """Write them, where they are not there yet. Compiles what the program needs, and warms this process up."""
+        """Write the measurements with calls of the command line.
+
+        The calls also compile what the program needs, and warm this process up before it forks. Raises SystemExit
+        if one of them fails.
+        """
         from liftgate_hil.cli.main import main
 
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -87,17 +91,17 @@ class Bases:
 
     @property
     def tables(self) -> list[Path]:
-        """Measurements with columns."""
+        """Paths of the measurements that are tables (CSV)."""
         return [self.folder / name for name in ("m.csv", _INPUT, "demo.csv")]
 
     @property
     def logs(self) -> list[Path]:
-        """Bus logs as texts."""
+        """Paths of the bus logs that are text."""
         return [self.folder / name for name in ("demo.log", "bus.asc", "bus.trc")]
 
     @property
     def recordings(self) -> list[Path]:
-        """What `convert` and its like take: a table, logs, and what is no text."""
+        """Paths of the recordings that `convert` and similar commands read: tables, logs, and binary formats."""
         names = ("demo.csv", "m.csv", "demo.log", "bus.asc", "bus.trc")
         return [self.folder / name for name in names] + [
             self.folder / f"bus.{suffix}" for suffix in ("blf", "mf4", "mcap", "parquet")
@@ -105,7 +109,7 @@ class Bases:
 
     @property
     def binaries(self) -> list[Path]:
-        """Measurements that are no texts."""
+        """Paths of the measurements in binary formats."""
         return [self.folder / name for name in ("bus.blf", "m.mf4")]
 
 
@@ -114,7 +118,7 @@ def _texts(paths: list[Path]) -> list[str]:
 
 
 def _input() -> str:
-    """Three seconds of opening, with something to see."""
+    """Return a CSV table of 3 s of motor voltage [V] for an opening, with steps that make the motion vary."""
     rows = ["time_s,voltage_v"]
     for k in range(600):
         time = 0.005 * k

@@ -1,4 +1,4 @@
-"""A case: files in a folder of its own, a call of the command line there, and what came of it."""
+"""Case of the campaign: a call of the command line in a folder with files of its own, and its outcome."""
 
 from __future__ import annotations
 
@@ -9,27 +9,29 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Case:
-    """One call. The same seed and name make the same one again."""
+    """Call of the command line in one case; the same seed and name make the same call again."""
 
     name: str  # kind and number
     arguments: list[str]
-    what: str  # in words: how it is wrong
-    outputs: list[str] = field(default_factory=list)  # files that are whole where the code is 0
+    what: str  # description of how the file is mangled, or of the signal
+    outputs: list[str] = field(
+        default_factory=list
+    )  # files that must be complete if the exit code is 0
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of it."""
+    """Outcome of the call of a case."""
 
-    code: int  # as a shell says it: 128 + the signal's number
+    code: int  # exit code, as a shell reports it: 128 + number for a signal
     stdout: str
     stderr: str
     seconds: float
-    is_late: bool = False  # it was killed, or took too long to end after a signal
+    is_late: bool = False  # it was killed after its time limit
 
 
 def keep(folder: Path, case: Case, outcome: Outcome, faults: list[str]) -> None:
-    """Write down beside a case's files what there is to know of it."""
+    """Write a case, its outcome and its faults to CASE.json, beside the case's files."""
     text = json.dumps(
         {"case": asdict(case), "outcome": asdict(outcome), "faults": faults}, indent=1
     )

@@ -1,4 +1,4 @@
-"""Cases of mangled files: which file, how it is spoilt, and a call that reads it."""
+"""Cases with mangled files: each is a file, a way to mangle it, and a call that reads it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SHORT = ["--clock", "free", "--duration", "0.05"]
 
 
 def config_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
-    """A vehicle, rig, scenario or database."""
+    """Return a case with a mangled vehicle, rig, scenario or CAN database, which is written to `folder`."""
     chance = random.Random(f"{seed}/config/{number}")
     make: Callable[[Bases, random.Random, Path], tuple[str, list[str]]] = chance.choices(
         [_vehicle, _scenario, _rig, _database], [3, 3, 3, 3]
@@ -26,7 +26,7 @@ def config_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
 
 
 def _toml(bases: Bases, chance: random.Random, texts: list[str], path: Path) -> tuple[str, str]:
-    """Write a spoilt TOML file; (the name to give, how it is wrong)."""
+    """Write a mangled TOML file; return (the name for the call, how it is mangled)."""
     text = chance.choice(texts)
     kind = chance.choices(["values", "lines", "bytes", "no file", "monster"], [10, 5, 3, 1, 1])[0]
     if kind == "no file":
@@ -45,7 +45,7 @@ def _toml(bases: Bases, chance: random.Random, texts: list[str], path: Path) -> 
 
 
 def _monster(chance: random.Random, text: str) -> bytes:
-    """What no person writes."""
+    """Return TOML text of a length or depth that no person writes."""
     many = chance.choice([300, 3000, 50_000])
     return chance.choice(
         [
@@ -130,7 +130,7 @@ def _database(bases: Bases, chance: random.Random, folder: Path) -> tuple[str, l
 
 
 def measurement_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
-    """A measurement of any format."""
+    """Return a case with a mangled measurement of any format, which is written to `folder`."""
     chance = random.Random(f"{seed}/measurement/{number}")
     source = chance.choice(chance.choices([bases.tables, bases.logs, bases.binaries], [5, 3, 2])[0])
     path = folder / f"data{source.suffix}"
@@ -166,7 +166,10 @@ def measurement_case(bases: Bases, seed: int, number: int, folder: Path) -> Case
 
 
 def recording_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
-    """A recording of any format, to be converted, drawn, compared, judged or played."""
+    """Return a case with a mangled recording of any format, which is written to `folder`.
+
+    The call converts, plots, compares, judges or replays it.
+    """
     chance = random.Random(f"{seed}/recording/{number}")
     source = chance.choice(bases.recordings)
     path = folder / f"data{source.suffix}"
@@ -207,7 +210,7 @@ def recording_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
 
 
 _SUFFIXES = [".csv", ".parquet", ".log", ".asc", ".blf", ".trc", ".mf4", ".mcap"]
-# What a spoilt stamp says to be hours away is not waited for.
+# The end is limited so that no call waits for a mangled time stamp that is hours away.
 _PLAYED = ["--bus", "virtual:x", "--from", "0", "--to", "2", "--speed", "50"]
 _PLAY_FLAGS: list[list[str]] = [
     [], ["--json"], ["--direction", "both"], ["--only", "0x200-0x2FF"], ["--except", "Gate,0x120"],
@@ -221,7 +224,7 @@ _FLAGS: list[list[str]] = [
 
 
 def _table(chance: random.Random, text: str) -> str:
-    """The table with cells, columns or times spoilt."""
+    """Return a CSV table with some of its cells, columns, rows or times mangled."""
     rows = [line.split(",") for line in text.split("\n") if line]
     head, body = rows[0], rows[1:]
     for _ in range(chance.randint(1, 3)):
@@ -239,7 +242,7 @@ def _table(chance: random.Random, text: str) -> str:
                 each[0] = (
                     repr(float(each[0] or 0) + float(jump)) if _is_number(each[0]) else each[0]
                 )
-        elif kind == 3:  # another unit
+        elif kind == 3:  # a column in another unit
             factor = chance.choice([1e-324, 1e-300, 1e-3, 1e3, 1e6, 1e300, -1.0, 0.0])
             for each in body:
                 if _is_number(each[column]):

@@ -1,4 +1,4 @@
-"""What the contract says of a call: its exit code, its messages, and the files that it leaves."""
+"""Checks of a call's outcome against its contract: exit code, messages, and the files that it leaves."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from tools.hostile.case import Case, Outcome
 from tools.hostile.running import CRASHED
 
-# What Python and its libraries say where we should have.
+# Messages of Python and its libraries, where the program should have printed its own.
 _FOREIGN = re.compile(
     r"Traceback|Exception ignored|\w*Warning\b|Fatal Python|Segmentation|core dumped|LLVM ERROR|"
     r"leaked|Error in sys\.|object has no attribute"
 )
-# Of exit code 1: the last is the tool's own limit to what a case may write.
+# Messages that justify exit code 1; the last is due to this tool's own limit on what a case may write.
 _FAILURES = ("diverged", "error", "File too large")
-# What is no failure but an answer: unlike, a verdict, frames that a bus did not take.
+# Exit codes that are answers, not failures: files that differ, a verdict, frames that a bus did not accept.
 _ANSWERS = {"compare": (1,), "judge": (1, 3), "replay": (1,)}
-_LONGEST = 4000  # characters of a line; a list of what is allowed takes some
-_MOST_LINES = 150
+_LONGEST = 4000  # characters of a message; a list of allowed values needs many
+_MOST_LINES = 150  # messages of one call
 
 
 def _command(case: Case) -> str:
@@ -28,7 +28,7 @@ def _command(case: Case) -> str:
 
 
 def faults_of_file(case: Case, folder: Path, outcome: Outcome) -> list[str]:
-    """What is wrong with the outcome of a call with a mangled file; empty: nothing."""
+    """Return the faults in the outcome of a call with a mangled file; empty: none."""
     faults = common_faults(outcome)
     said = [line for line in outcome.stderr.splitlines() if line.startswith("liftgate-hil")]
     if outcome.code and outcome.code in _ANSWERS.get(_command(case), ()) and outcome.stdout:
@@ -55,7 +55,7 @@ def faults_of_file(case: Case, folder: Path, outcome: Outcome) -> list[str]:
 
 
 def common_faults(outcome: Outcome) -> list[str]:
-    """What must never be."""
+    """Return the faults that no call may have: foreign messages on stderr, or a crash."""
     match = _FOREIGN.search(outcome.stderr)
     faults = [f"on stderr: {match[0]}"] if match else []
     if outcome.code == CRASHED or outcome.code in (134, 136, 139):
@@ -64,7 +64,10 @@ def common_faults(outcome: Outcome) -> list[str]:
 
 
 def whole_outputs(folder: Path, names: list[str], is_finished: bool = True) -> list[str]:
-    """What is wrong with the files that a call was to write; one that was stopped early may have begun none."""
+    """Return the faults of the files that a call was to write.
+
+    A file may be missing if the call was stopped early (`is_finished` is False).
+    """
     faults = []
     for name in names:
         path = folder / name
@@ -102,12 +105,12 @@ def _log_faults(path: Path) -> list[str]:
     try:
         with can.LogReader(path) as reader:
             times = [message.timestamp for message in reader]
-    except Exception as error:  # a reader's parser
+    except Exception as error:  # from a reader's parser, of any type
         return [f"cannot be read: {type(error).__name__}: {error}"]
     late = np.diff(times)
     return ["times that fall"] if len(late) and late.min() < -0.01 else []
 
 
 def rows_in(path: Path) -> int:
-    """Rows of a table below its header."""
+    """Return the number of rows of a table below its header; 0 if the file does not exist."""
     return max(path.read_bytes().count(b"\n") - 1, 0) if path.exists() else 0

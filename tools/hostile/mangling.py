@@ -1,4 +1,4 @@
-"""Ways to spoil a text, bytes, a tree of values, or a file itself."""
+"""Random mangling of texts, bytes, trees of values, and of files themselves."""
 
 from __future__ import annotations
 
@@ -14,7 +14,13 @@ NUMBERS = (
     "0", "1", "-1", "7", "64", "65", "255", "4294967296", "1e306", "-1e306", "5e-324", "1e400", "nan", "inf",
     "-inf", "1" + "0" * 400, "0x10", "1_000", "1.", ".5", "1,5", "１",
 )  # fmt: skip
-_TIMES = (1, 1, 1, 2, 4)  # changes of a file: of many only the first is looked at
+_TIMES = (
+    1,
+    1,
+    1,
+    2,
+    4,
+)  # numbers of changes of a file to choose from; of many, a call only gets to the first
 _SIGNS = "0123456789-+|@()[]{}\",.'=#$ MmZ:;xé\t\0\x1b\x7f"
 _REMOVE = object()
 VALUES: list[Any] = [
@@ -25,7 +31,7 @@ VALUES: list[Any] = [
 
 
 def literal(value: Any) -> str:
-    """A value in TOML."""
+    """Return a value as TOML text."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -42,12 +48,12 @@ def literal(value: Any) -> str:
 
 
 def document(content: dict[str, Any]) -> str:
-    """A tree in TOML."""
+    """Return a tree of values as a TOML document."""
     return "".join(f"{literal(key)} = {literal(value)}\n" for key, value in content.items())
 
 
 def slots(value: Any) -> Iterator[tuple[Any, Any]]:
-    """Every place in a tree where a value stands: the container, and the key there."""
+    """Yield every place of a value in a tree, as (container, key)."""
     if isinstance(value, dict | list):
         for key in list(value) if isinstance(value, dict) else range(len(value)):
             yield value, key
@@ -55,7 +61,7 @@ def slots(value: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def tree(chance: random.Random, content: dict[str, Any], words: list[str]) -> dict[str, Any]:
-    """The tree with some values changed, moved, left out, or under other keys."""
+    """Return a copy of a tree with some values changed, moved, removed, or under other keys."""
     content = copy.deepcopy(content)
     for _ in range(chance.choice(_TIMES)):
         places = list(slots(content))
@@ -77,7 +83,7 @@ def tree(chance: random.Random, content: dict[str, Any], words: list[str]) -> di
 
 
 def lines(chance: random.Random, text: str, words: list[str]) -> str:
-    """The text with some lines changed."""
+    """Return a text with some lines changed, removed, repeated, exchanged or cut off."""
     rows = text.split("\n")
     for _ in range(chance.choice(_TIMES)):
         at = chance.randrange(len(rows))
@@ -103,7 +109,7 @@ def lines(chance: random.Random, text: str, words: list[str]) -> str:
 
 
 def content(chance: random.Random, raw: bytes) -> bytes:
-    """The bytes with some of them changed, left out, or put in."""
+    """Return bytes with some of them changed, removed or inserted, or in another text encoding."""
     kind = chance.randrange(8)
     if kind == 0:
         return raw[: chance.randrange(len(raw) + 1)]
@@ -126,7 +132,10 @@ def content(chance: random.Random, raw: bytes) -> bytes:
 
 
 def no_file(chance: random.Random, path: Path) -> tuple[str, str]:
-    """Something of that name that is no file, or a name that none has; (the name to give, what it is)."""
+    """Create something at `path` that is no usable file, or choose a name that no such file has.
+
+    Returns (the name for the call, what it is).
+    """
     kind = chance.randrange(9)
     if kind == 0:
         path.mkdir()

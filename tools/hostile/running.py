@@ -1,4 +1,4 @@
-"""Calls of the command line: in a forked child, which costs milliseconds, or as a process of its own."""
+"""Execution of command-line calls: in a forked child, which costs milliseconds, or as a process of its own."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from pathlib import Path
 
 from tools.hostile.case import Case, Outcome
 
-CRASHED = 70  # exit code of a child with an exception that nobody caught
-_MOST_BYTES = 400_000_000  # that a case may write
+CRASHED = 70  # exit code of a forked child with an uncaught exception
+_MOST_BYTES = 400_000_000  # bytes, largest file that a forked case may write
 COMMAND = [sys.executable, "-m", "liftgate_hil"]
 
 
 def shell_code(status: int) -> int:
-    """A negative code, of a signal, as a shell says it."""
+    """Return an exit code as a shell reports it: −n, a death by signal n, becomes 128 + n."""
     return status if status >= 0 else 128 - status
 
 
 def _used_by(pid: int) -> float:
-    """CPU seconds of a process so far."""
+    """Return the CPU time [s] that a process has used so far, without its children's."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 class Child:
-    """A call on its way."""
+    """Running call of the command line."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class Child:
         self._status: int | None = None
         self._is_late = False
         self._used = self._used_before = 0.0
-        # Beside the folder: a case may have files of any name in it.
+        # Files of the output, beside the folder: a case may have files of any name in it.
         self._said = [folder.with_suffix(suffix) for suffix in (".out", ".err")]
         if is_forked:
             self.pid = os.fork()
@@ -61,10 +61,10 @@ class Child:
                     env={**os.environ, **(environment or {})},
                 )  # fmt: skip
             self.pid = process.pid
-            process.returncode = 0  # waited for here
+            process.returncode = 0  # poll() below waits for the process, not Popen
 
     def poll(self) -> bool:
-        """Whether it has ended; it is killed where that took too long."""
+        """Return whether the call has ended; it is killed when its time limit has passed."""
         if self._status is None:
             pid, status, used = os.wait4(self.pid, os.WNOHANG)
             if pid:
@@ -77,17 +77,20 @@ class Child:
         return self._status is not None
 
     def signal(self, number: int) -> None:
-        """Send it one, if it is still there."""
+        """Send the process a signal, unless it has ended."""
         if not self.poll():
             self._used_before = _used_by(self.pid)
             os.kill(self.pid, number)
 
     def used_since_signal(self) -> float:
-        """CPU seconds, which a busy machine does not lengthen; those of its children, too, as far as it waited."""
+        """Return the CPU time [s] since the signal, which a busy machine does not lengthen.
+
+        It includes all CPU time of children that the process has waited for, even before the signal.
+        """
         return self._used - self._used_before
 
     def outcome(self) -> Outcome:
-        """What came of it."""
+        """Return the outcome of the ended call, and remove the files of its output."""
         assert self._status is not None
         out, err = (
             path.read_text(encoding="utf-8", errors="backslashreplace") for path in self._said
@@ -101,7 +104,7 @@ class Child:
 
 
 def _be_the_child(case: Case, folder: Path, said: list[Path]) -> None:
-    """Run the case in this process, which ends with it."""
+    """Run a case in this process, a forked child, and end it."""
     code = CRASHED
     try:
         os.chdir(folder)
@@ -132,7 +135,10 @@ def _be_the_child(case: Case, folder: Path, said: list[Path]) -> None:
 def run_all(
     cases: Iterator[tuple[Case, Path]], jobs: int, limit: float, is_process: Callable[[Case], bool]
 ) -> Iterator[tuple[Case, Path, Outcome]]:
-    """What comes of cases in their folders, several at a time, as they end."""
+    """Run cases in their folders, `jobs` at a time, each for at most `limit` [s].
+
+    Yields (case, folder, outcome) in the order in which they end.
+    """
     running: list[Child] = []
     waiting = True
     while waiting or running:

@@ -1,4 +1,4 @@
-"""Cases of signals: a command is told to end at any moment, from its start-up to its end."""
+"""Cases with signals: a command receives SIGINT or SIGTERM at a random moment, from its start-up to its end."""
 
 from __future__ import annotations
 
@@ -15,14 +15,18 @@ from tools.hostile.judging import common_faults, rows_in, whole_outputs
 from tools.hostile.running import Child
 
 SIGNALS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM}
-_BUSY = 10.0  # times longer than it takes by itself may something last on a busy machine
-_COLD = 0.15  # share of those that have to compile first
+_BUSY = 10.0  # time allowed to end, relative to the allowed CPU time, since the machine may be busy
+_COLD = 0.15  # share of the cases that must compile first
 _RECORDS = ["--record", "out.csv", "--record", "out.log"]
 
 
 @dataclass(frozen=True)
 class Command:
-    """What is stopped, how long it takes when it is not [s], and whether it was to come to an end."""
+    """Command that is to be stopped by a signal.
+
+    `seconds` is its duration without a signal, `is_endless` whether it only ends when it is stopped, and `outputs`
+    are the files that it writes.
+    """
 
     arguments: list[str]
     seconds: float
@@ -31,7 +35,7 @@ class Command:
 
 
 def commands(bases: Bases) -> dict[str, Command]:
-    """Those that run for a while."""
+    """Return the commands that run long enough to be stopped, by name."""
     kept = str(bases.folder / "m.csv")
     both = ("out.csv", "out.log")
     return {
@@ -58,7 +62,10 @@ def commands(bases: Bases) -> dict[str, Command]:
 def signal_case(
     bases: Bases, seed: int, number: int, folder: Path, patience: float
 ) -> tuple[Case, Outcome, list[str]]:
-    """Run one; what came of it, and what is wrong with that."""
+    """Run the case of this number; return it with its outcome and its faults.
+
+    `patience` [s] is the CPU time that the command may use to end after the signal.
+    """
     chance = random.Random(f"{seed}/signal/{number}")
     named = commands(bases)
     name = list(named)[number % len(named)]
@@ -68,7 +75,7 @@ def signal_case(
     is_cold = chance.random() < _COLD
     what = f"{name}: {which} after {delay:.3f} s{', compiling' * is_cold}"
     case = Case(f"signal-{number}", command.arguments, what)
-    # With an empty cache it compiles, which takes longer than any delay.
+    # With an empty cache the command compiles first, which takes longer than any delay.
     environment = {"XDG_CACHE_HOME": str(folder / "cache")} if is_cold else {}
     child = Child(case, folder, delay + 60.0, is_forked=False, environment=environment)
     began = time.monotonic()
@@ -84,7 +91,9 @@ def signal_case(
     if is_pythons_own(outcome):
         return case, outcome, []
     faults = common_faults(outcome)
-    used = 0.0 if is_cold else child.used_since_signal()  # what a compiler used before counts there
+    used = (
+        0.0 if is_cold else child.used_since_signal()
+    )  # a compiler's earlier CPU time would count
     if not is_over and (used > patience or took > _BUSY * patience):
         faults.append(f"it took {took:.2f} s to end, {used:.2f} s of CPU")
     if outcome.code not in _codes(command, SIGNALS[which], is_over):
@@ -95,7 +104,10 @@ def signal_case(
 
 
 def is_pythons_own(outcome: Outcome) -> bool:
-    """Whether the signal came while Python itself started, before any of our code: nobody can help that."""
+    """Return whether the signal arrived while Python itself started, before any code of the program.
+
+    The program cannot prevent that.
+    """
     text = outcome.stderr
     return "KeyboardInterrupt" in text and "liftgate" not in text.replace(
         "python -m liftgate_hil", ""
@@ -103,12 +115,15 @@ def is_pythons_own(outcome: Outcome) -> bool:
 
 
 def _codes(command: Command, number: int, is_over: bool) -> set[int]:
-    """What it may end with: as what was stopped; 0 for what runs until then, or had just come to its end."""
+    """Return the allowed exit codes: 0, and after a signal also 128 + its number.
+
+    After a signal, 0 is for a command that runs until it is stopped, or that had just ended by itself.
+    """
     return {0} if is_over else {0, 128 + number}
 
 
 def _lost_rows(folder: Path, outcome: Outcome) -> list[str]:
-    """A recording has a row for each tick of the summary."""
+    """Return a fault if the recording does not have one row for each tick of the printed summary; else nothing."""
     told = re.search(r"^ticks (\d+),", outcome.stdout, re.MULTILINE)
     if told is None or not (folder / "out.csv").exists():
         return []

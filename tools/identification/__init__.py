@@ -1,1 +1,1 @@
-"""Measurements of known truth, and what identification makes of them: `python -m tools.identification --help`."""
+"""Study of identification on measurements of known truth: `python -m tools.identification --help`."""

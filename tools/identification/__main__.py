@@ -1,6 +1,7 @@
-"""What identification finds, and how sure it is: writes docs/identification.md and its picture.
+"""Study of identification, its estimates and their uncertainty: writes docs/identification.md and its picture.
 
-Takes some ten minutes: 600 estimations for the coverage, and scipy's side of the comparison with measured voltage.
+The study takes some ten minutes: 600 estimations for the coverage, and scipy's side of the comparison with
+measured voltage.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ inertia and load stay at their data-sheet values, which are not the truth here; 
 
 
 def main() -> int:
-    """Measure all, write the page."""
+    """Run all parts of the study and write the page, or with --data only write the generated measurements."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", default="docs", metavar="FOLDER")
     parser.add_argument("--seeds", type=int, default=200, metavar="N")
@@ -112,7 +113,7 @@ def _thesis(work: Path, output: Path) -> list[str]:
 
 
 def _picture(work: Path, target: Path) -> None:
-    """Figure 4.7's counterpart."""
+    """Write the counterpart of the thesis's figure 4.7: run 1, measured and simulated."""
     parser = argparse.ArgumentParser()
     command.add_arguments(parser)
     flags = [str(work / "opening.csv"), "--preset", "thesis-1", *thesis.CUT, "--quiet"]

@@ -1,4 +1,4 @@
-"""How often the 95 % intervals cover the truth, over many seeds: of Gaussian noise, and of the whole sensors."""
+"""Coverage of the truth by 95 % intervals over many seeds, with Gaussian noise and with the complete sensors."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from tools.identification.measurements import RATE, measure, true_vehicle
 
 Floats = NDArray[np.float64]
 
-QUANTILE = 1.96  # of the standard normal distribution, 95 %
+QUANTILE = 1.96  # half width of the 95 % interval of the standard normal distribution
 
-# What the data are made with; the search begins at the shipped SUV.
+# Values with which the data are made; the search begins at those of the shipped SUV.
 TRUTH = {
     "motor.resistance": 0.8,
     "motor.inductance": 4.37e-5,
@@ -37,14 +37,12 @@ TRUTH = {
 
 @dataclass(frozen=True)
 class Case:
-    """One kind of data."""
+    """Kind of data: its model, its sensors, and the parameters that are estimated from it."""
 
     name: str
     model: str
     estimate: tuple[str, ...]
-    sensors: (
-        bool  # the whole sensors, with rounding; else Gaussian noise alone, made by the same model
-    )
+    sensors: bool  # True: the complete sensors, with rounding; False: the same model's outputs with Gaussian noise
 
 
 CASES = (
@@ -67,24 +65,27 @@ _NOISE = {"left_current_a": 0.05, "left_position_rev": 0.1, "gate_angle_deg": 0.
 
 @dataclass(frozen=True)
 class Scores:
-    """Errors in standard deviations (seeds, parameters), and which estimates were called identifiable."""
+    """Errors of estimates over many seeds.
+
+    `z` (seeds, parameters) are the errors in standard deviations, `told` which estimates were called identifiable.
+    """
 
     names: tuple[str, ...]
     z: Floats
     told: NDArray[np.bool_]
 
     def covered_percent(self) -> Floats:
-        """Share of the seeds (parameters,) in which the 95 % interval covers the truth."""
+        """Return the share [%] of the seeds (parameters,) in which the 95 % interval covers the truth."""
         percent: Floats = 100.0 * np.mean(np.abs(self.z) <= QUANTILE, axis=0)
         return percent
 
     def worst(self) -> float:
-        """Largest error of an estimate that was called identifiable, in standard deviations."""
+        """Return the largest error of an estimate that was called identifiable, in standard deviations."""
         return float(np.max(np.abs(self.z[self.told])))
 
 
 def scores(case: Case, seeds: int) -> Scores:
-    """Estimate from as many sets of data, on all CPUs."""
+    """Return the errors of estimates from one set of data for each of `seeds` seeds; runs on all CPUs."""
     # Not forked: a child of a process with threads may wait for ever for a lock that one of them held.
     with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
         results = list(pool.map(one, [case] * seeds, range(seeds), chunksize=5))
@@ -92,7 +93,7 @@ def scores(case: Case, seeds: int) -> Scores:
 
 
 def collected(case: Case, results: Sequence[tuple[list[float], list[bool]]]) -> Scores:
-    """What `one` found, over seeds."""
+    """Return the results of `one` over all seeds as Scores."""
     return Scores(
         case.estimate,
         np.array([z for z, _ in results]),
@@ -101,7 +102,7 @@ def collected(case: Case, results: Sequence[tuple[list[float], list[bool]]]) -> 
 
 
 def one(case: Case, seed: int) -> tuple[list[float], list[bool]]:
-    """Errors in standard deviations, and which estimates were called identifiable."""
+    """Return the errors of one seed in standard deviations, and which estimates were called identifiable."""
     shipped, vehicle = vehicle_from("suv"), true_vehicle(TRUTH)
     data = _sensed(seed) if case.sensors else _gaussian(case.model, seed)
     sought = []
@@ -116,7 +117,7 @@ def one(case: Case, seed: int) -> tuple[list[float], list[bool]]:
 
 
 def _sensed(seed: int) -> list[Data]:
-    """Opening and closing through the sensors, from other angles each time."""
+    """Return an opening and a closing through the sensors; the initial angles differ from seed to seed."""
     rng = np.random.default_rng(10_000 + seed)
     vehicle = true_vehicle(TRUTH)
     found = []
@@ -135,7 +136,7 @@ def _sensed(seed: int) -> list[Data]:
 
 
 def _gaussian(model: str, seed: int) -> list[Data]:
-    """An opening that stops and closes again, by the model itself, with white noise."""
+    """Return an opening that stops and closes again, simulated by the model itself, with white noise."""
     rng = np.random.default_rng(seed)
     vehicle = true_vehicle(TRUTH)
     times = np.arange(round(4.0 * RATE) + 1) / RATE
@@ -155,7 +156,7 @@ def _gaussian(model: str, seed: int) -> list[Data]:
 
 
 def table(cases: Sequence[tuple[Case, Scores]]) -> list[str]:
-    """Lines of a table."""
+    """Return the lines of a Markdown table of the coverage, by case and parameter."""
     lines = [
         "| data | parameter | covered by 95 % intervals | mean error, std | spread of errors, std |",
         "|---|---|---|---|---|",

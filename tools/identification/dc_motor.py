@@ -1,11 +1,11 @@
-"""A motor that nobody here measured: nebisman/DCMotor.jl, a geared DC motor on a teaching rig.
+"""Identification of a motor that others measured: nebisman/DCMotor.jl, a geared DC motor on a teaching rig.
 
 The data are public (MIT licence, "Copyright (c) 2026 LB, HD") and are not copied here. To repeat what
 docs/identification.md shows, take `datafiles/DCmotor_prbs_open_exp.csv` and `DCmotor_step_open_exp.csv` of
 github.com/nebisman/DCMotor.jl at commit 19f60f4e6eb9f9bc695378752ab380bbbd202594 and give their folder to
 `python -m tools.identification --dc-motor FOLDER`.
 
-Columns: t [s], u [V] as commanded, y [deg/s] as the encoder's counts of the last 20 ms tell it (2800 counts a
+Columns: t [s], u [V] as commanded, y [deg/s] computed from the encoder's counts of the last 20 ms (2800 counts a
 revolution).
 """
 
@@ -29,22 +29,28 @@ FILES = {
 _COUNTS, _PERIOD = 2800, 0.02
 _FLAGS = ("--initial", "0", "--speed-window", str(_PERIOD), "--input-delay", "estimate", "--quiet")
 _ESTIMATE = "motor.speed_constant,motor.rotor_inertia,motor.load_torque"
-_RESISTANCE, _TORQUE_CONSTANT = 1.0, 0.357  # as in the file
+_RESISTANCE, _TORQUE_CONSTANT = 1.0, 0.357  # Ω, N m/A, as in the vehicle's file
 
 
 class Motor(NamedTuple):
-    """What can be told: n = K (u − u_c) in the steady state, reached with τ; std of each."""
+    """Identified motor: values with their standard deviations, and the fits of the speed.
+
+    Voltage and speed determine only: n = K (u − u_c) in the steady state, reached with the time constant τ.
+    """
 
     gain: tuple[float, float]  # K, rev/s per V
     time_constant: tuple[float, float]  # τ, s
     dead_voltage: tuple[float, float]  # u_c, V
     delay: tuple[float, float]  # s
-    fit: float  # %
+    fit: float  # %, on the PRBS run
     fit_other: float  # %, on the step run
 
 
 def convert(source: Path, target: Path) -> None:
-    """Their columns to ours, the speed as the whole counts that it was."""
+    """Convert a file of the source to columns for `identify`; the speed is restored to whole counts of 20 ms.
+
+    Raises SystemExit if the file is another version of the data.
+    """
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
     if FILES[source.name] != digest:
         raise SystemExit(f"{source}: another version of the data: {digest}")
@@ -62,7 +68,7 @@ def convert(source: Path, target: Path) -> None:
 
 
 def measure(folder: Path, work: Path) -> Motor:
-    """Identify from the PRBS run, validate with the step run."""
+    """Return the motor as identified from the PRBS run and validated with the step run."""
     for name in FILES:
         convert(folder / name, work / name)
     prbs, step = (str(work / name) for name in FILES)
@@ -103,7 +109,7 @@ def _command(*arguments: str) -> dict[str, Any]:
 
 
 def table(motor: Motor) -> list[str]:
-    """Lines of a table."""
+    """Return the lines of a Markdown table of the identified motor beside the source's values."""
 
     def shown(pair: tuple[float, float], scale: float = 1.0) -> str:
         return f"{scale * pair[0]:.4g} ± {scale * pair[1]:.2g}"

@@ -1,7 +1,7 @@
-"""Opening and closing measurements of a gate of known truth, as the thesis's test assembly would give them.
+"""Generated measurements of a gate of known truth, opening and closing, as from the thesis's test assembly.
 
 The thesis's raw data are not public. Here the full plant of the reference SUV, with other motor values, is
-stepped at 0.1 ms; what a logger at 1 kHz sees of it is written:
+stepped at 0.1 ms. A file contains what a logger at 1 kHz would record of it:
 
     voltage_v        proportional to the PWM of the control unit: 8 bit of 12 V, ramped up in 0.3 s (§4.3)
     left_current_a   with the noise of a shunt's amplifier (0.05 A) and a 12-bit converter of ±20 A
@@ -29,7 +29,7 @@ from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
 Floats = NDArray[np.float64]
 
-# What the thesis found (Table 4.1) for resistance, inertia and load; the rest as in the data sheets.
+# True values: resistance, inertia and load as estimated in the thesis (Table 4.1), the rest as in the data sheets.
 TRUTH = {
     "motor.resistance": 2.128,
     "motor.inductance": 4.37e-5,
@@ -39,16 +39,16 @@ TRUTH = {
     "motor.speed_constant": 0.0769,
     "motor.efficiency": 0.82,
 }
-CURRENT_NOISE, ANGLE_NOISE = 0.05, 0.1  # A, deg
-_CURRENT_STEP = 40.0 / 4096  # A
+CURRENT_NOISE, ANGLE_NOISE = 0.05, 0.1  # A, deg, standard deviations
+_CURRENT_STEP = 40.0 / 4096  # A, resolution of the converter
 _PWM_STEPS = 255
-_RAMP = 0.3  # s
-_STEP = 1e-4  # s, of the truth
-RATE = 1000.0  # Hz, of the logger
+_RAMP = 0.3  # s, duration of the voltage's ramp
+_STEP = 1e-4  # s, step of the plant's simulation
+RATE = 1000.0  # Hz, sample rate of the logger
 
 
 def true_vehicle(truth: dict[str, float] | None = None) -> Vehicle:
-    """The reference SUV with the true values."""
+    """Return the reference SUV with the true values, by default TRUTH."""
     vehicle = vehicle_from("suv")
     values = TRUTH if truth is None else truth
     return with_values(
@@ -57,7 +57,7 @@ def true_vehicle(truth: dict[str, float] | None = None) -> Vehicle:
 
 
 def pwm_voltage(times: Floats, full: float, supply: float, until: float) -> Floats:
-    """A ramp to `full` volts and off at `until` s, in whole steps of the PWM."""
+    """Return a voltage [V] at `times` [s], in whole steps of the PWM: a ramp to `full` [V], off at `until` [s]."""
     duty = np.clip(times / _RAMP, 0.0, 1.0) * full / supply * (times < until)
     volts: Floats = np.round(duty * _PWM_STEPS) / _PWM_STEPS * supply
     return volts
@@ -71,7 +71,7 @@ def measure(
     seed: int,
     slope_deg: float = 0.0,
 ) -> dict[str, Floats]:
-    """Columns of one measurement: from rest at an angle, with `volts` on both motors."""
+    """Return the columns of one measurement: from rest at an angle, with `volts` on both motors after a ramp."""
     rng = np.random.default_rng(seed)
     times = np.arange(round(duration * RATE) + 1) / RATE
     voltage = pwm_voltage(times, volts, vehicle.supply.voltage, duration - 0.2)
@@ -88,7 +88,7 @@ def measure(
 def sensed(
     times: Floats, voltage: Floats, out: Floats, rng: np.random.Generator
 ) -> dict[str, Floats]:
-    """Columns of what the logger sees of OUTPUTS (n, 7) under a motor voltage (n,) [V]."""
+    """Return the columns that the logger records of OUTPUTS (n, 7) under a motor voltage (n,) [V]."""
     current = out[:, 0] + CURRENT_NOISE * rng.standard_normal(len(times))
     angle = out[:, 6] + ANGLE_NOISE * rng.standard_normal(len(times))
     return {
@@ -102,7 +102,7 @@ def sensed(
 
 
 def write_csv(path: Path, columns: dict[str, Floats]) -> None:
-    """The columns as `identify` reads them."""
+    """Write columns as a CSV file that `identify` reads."""
     with path.open("w", encoding="ascii", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(columns)
@@ -112,7 +112,7 @@ def write_csv(path: Path, columns: dict[str, Floats]) -> None:
 
 
 def write_thesis_data(folder: Path, seed: int = 2008) -> None:
-    """opening.csv and closing.csv."""
+    """Write the measurements opening.csv and closing.csv to a folder."""
     vehicle = true_vehicle()
     top = math.degrees(vehicle.gate.open_angle)
     write_csv(folder / "opening.csv", measure(vehicle, 12.0, 0.0, 6.0, seed))

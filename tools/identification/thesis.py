@@ -1,4 +1,4 @@
-"""The three runs of the thesis (§4.6) on generated data of known truth, beside its Tables 4.1 and 4.2."""
+"""Repetition of the thesis's three runs (§4.6) on generated data of known truth, beside its Tables 4.1 and 4.2."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tools.identification.measurements import TRUTH
 
 # The seal's phase is cut and the data are thinned out, as in §4.6.1.
 CUT = ("--cut-angle", "1:78", "--decimate", "10")
-# (estimate, standard deviation) in the thesis
+# (estimate, standard deviation) of each parameter in the thesis.
 TABLE_4_1 = {
     "motor.resistance": (2.12797, 0.0217914),
     "motor.inductance": (4.20318e-5, 61.14862e-5),
@@ -33,7 +33,7 @@ RUNS: dict[str, dict[str, tuple[float, float]]] = {
 
 
 def run(folder: Path, preset: str, *flags: str) -> dict[str, Any]:
-    """The result of one run on opening.csv."""
+    """Return the result of one run on `folder`'s opening.csv. Raises RuntimeError if the command fails."""
     target = folder / f"{preset}.json"
     data = str(folder / "opening.csv")
     code = main(["identify", data, "--preset", preset, *flags, "--result", str(target), "--quiet"])
@@ -44,7 +44,7 @@ def run(folder: Path, preset: str, *flags: str) -> dict[str, Any]:
 
 
 def table(result: dict[str, Any], thesis: dict[str, tuple[float, float]]) -> list[str]:
-    """One run's estimates, beside the thesis's."""
+    """Return Markdown lines: a table of one run's estimates beside the thesis's, and the fits of the run."""
     lines = [
         "| parameter | truth | initial | found | std | told | thesis found | std |",
         "|---|---|---|---|---|---|---|---|",

@@ -1,9 +1,9 @@
-"""Run 1 of the thesis on 10 s at 1 kHz: the command, against scipy's least_squares on a solve_ivp model.
+"""Benchmark of the `identify` command: run 1 of the thesis at 1 kHz, against scipy's least_squares and solve_ivp.
 
-Both have the same data, the same equations (4.1-4.13 as identify/rigid.py corrects them), the same unknowns
-and start, and weights from the same noise. The other side is what an engineer would write down in an afternoon:
-the equations in Python, LSODA, two-point differences. It is compared twice: with four steps of voltage, each of
-which LSODA crosses with long steps, and with a voltage as it is measured, different at every sample.
+Both sides have the same data, the same equations (4.1-4.13 as identify/rigid.py corrects them), the same unknowns
+and start, and weights from the same noise. The scipy side is what an engineer would write down in an afternoon:
+the equations in Python, LSODA, two-point differences. The sides are compared twice: with four steps of voltage in
+10 s, each of which LSODA crosses with long steps, and with a voltage as it is measured, different at every sample.
 """
 
 from __future__ import annotations
@@ -35,15 +35,18 @@ from tools.identification.measurements import RATE, TRUTH, true_vehicle, write_c
 Floats = NDArray[np.float64]
 
 NAMES = ("motor.resistance", "motor.inductance", "motor.rotor_inertia", "motor.load_torque")
-NOISE = (0.05, 0.5, 0.1)  # A, rev/s, rev
-ANGLE_DEG = 8.0  # where it begins: above the seal
-_PIECES = 100  # of constant voltage, at most, to solve one by one
+NOISE = (0.05, 0.5, 0.1)  # A, rev/s, rev, standard deviations
+ANGLE_DEG = 8.0  # angle at which the opening begins, above the seal
+_PIECES = 100  # largest number of different voltages for which each piece of constant voltage is solved by itself
 
 
 def make_data(
     path: Path, ripple: float, duration: float = 10.0, seed: int = 1
 ) -> dict[str, Floats]:
-    """An opening at steps of voltage with a ripple [V, std], by the model itself, with Gaussian noise."""
+    """Write and return the columns of an opening, simulated by the third-order model, with Gaussian noise.
+
+    The voltage is 6, 8, 5 and 7 V from 0, 2, 4 and 6 s on, with a ripple [V, standard deviation].
+    """
     rng = np.random.default_rng(seed)
     vehicle = true_vehicle()
     times = np.arange(round(duration * RATE) + 1) / RATE
@@ -77,21 +80,24 @@ def make_data(
 
 
 class Side(NamedTuple):
-    """What one side found, and how long it took."""
+    """Result of one side: its duration [s], and its estimates of NAMES."""
 
     seconds: float
     values: Floats
 
 
 def ours(path: Path, result: Path, rounds: int = 5) -> Side:
-    """The command as a process of its own on one core, start-up included; the median."""
+    """Return the result of the command, which runs as a process of its own on one core.
+
+    The duration is the median of `rounds` runs and includes the start-up.
+    """
     command = [
         sys.executable, "-P", "-m", "liftgate_hil", "identify", str(path), "--preset", "thesis-1",
         "--initial", str(ANGLE_DEG), "--result", str(result), "--quiet",
     ]  # fmt: skip
     core = min(os.sched_getaffinity(0))
     times = []
-    for _ in range(rounds + 1):  # the first fills the cache
+    for _ in range(rounds + 1):  # the first, not counted, fills the cache
         began = time.perf_counter()
         subprocess.run(
             command, check=True, timeout=600, preexec_fn=lambda: os.sched_setaffinity(0, {core})
@@ -103,7 +109,7 @@ def ours(path: Path, result: Path, rounds: int = 5) -> Side:
 
 
 def theirs(columns: dict[str, Floats]) -> Side:
-    """The other side, its imports not counted."""
+    """Return the result of the scipy side; the duration does not include its imports."""
     began = time.perf_counter()
     vehicle = vehicle_from("suv")
     parameters = [find_parameter(vehicle, name) for name in NAMES]
@@ -126,7 +132,7 @@ def theirs(columns: dict[str, Floats]) -> Side:
 
 
 def solution(vehicle: Vehicle, columns: dict[str, Floats]) -> Floats:
-    """Current, speed, position (n, 3) of two alike rigid drives."""
+    """Return current [A], speed [rev/s] and position [rev] (n, 3) of two identical rigid drives, by solve_ivp."""
     plant = plant_of(vehicle)
     link, drive, motor = plant.link, plant.left, vehicle.left.motor
     rho = drive.travel
@@ -180,7 +186,7 @@ def solution(vehicle: Vehicle, columns: dict[str, Floats]) -> Floats:
 
 
 def table(mine: Side, other: Side) -> list[str]:
-    """Lines of a table."""
+    """Return the lines of a Markdown table of both sides' estimates and durations."""
     rows = [
         f"| `{name}` | {TRUTH[name]:.6g} | {a:.6g} | {b:.6g} |"
         for name, a, b in zip(NAMES, mine.values, other.values, strict=True)

@@ -1,1 +1,1 @@
-"""What the shipped pack of scenarios is worth: its verdicts and margins, and the mutants that it finds."""
+"""Evaluation of the shipped pack of scenarios: its verdicts and margins, and the mutants that it finds."""

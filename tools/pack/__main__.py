@@ -1,8 +1,8 @@
-"""The page: python -m tools.pack [--output FOLDER] [--realtime NAME …]
+"""Evaluation of the pack: python -m tools.pack [--output FOLDER] [--realtime NAME …]
 
-With --realtime scenarios of the pack run on a virtual bus in real time, too, beside the free clock, once with
-nothing else on the machine and once beside two busy processes: those that are named, or all, which writes
-pack-realtime.md.
+It writes pack.md. With --realtime it compares scenarios of the pack on a virtual bus in real time with the free
+clock, once with nothing else on the machine and once beside two busy processes: the named scenarios, or all. Only
+with all it writes pack-realtime.md.
 """
 
 from __future__ import annotations
@@ -24,10 +24,13 @@ from liftgate_hil.testing.mutation import mutate
 from tools.busy import busy_processes
 from tools.pack import page
 
-_LOADS = {"With nothing else": 0, "Beside two busy processes": 2}  # processes that never wait
+_LOADS = {
+    "With nothing else": 0,
+    "Beside two busy processes": 2,
+}  # number of processes that never wait
 
-# Of its checks those on how well the machine keeps time. What that means for tests, the page itself tells.
-_LOOK_S = 60.0  # as long as scenarios take: what is rare counts
+_LOOK_S = 60.0  # about as long as scenarios take, to see rare delays
+# Checks of `doctor` on how well the machine keeps time; the page itself explains what that means for tests.
 _TIMING = (
     "kernel",
     "CPUs",
@@ -41,7 +44,10 @@ _TIMING = (
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write docs/pack.md, or tell the differences of real time."""
+    """Write pack.md, or with --realtime print the differences of real time.
+
+    With --realtime and no name, pack-realtime.md is written too.
+    """
     parser = argparse.ArgumentParser(prog="python -m tools.pack", description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("docs"))
     parser.add_argument("--realtime", nargs="*", metavar="NAME", help="default: all")
@@ -64,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     jobs = len(os.sched_getaffinity(0))
     cases = suite.cases_of(files, _job("free"))
-    suite.run_case(cases[0])  # compiled
+    suite.run_case(cases[0])  # compiles the machine code, before the time is measured
     began = time.monotonic()
     done = {each.case.file: each for each in suite.run_suite(cases, jobs)}
     seconds = time.monotonic() - began
@@ -76,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _examined() -> list[Check]:
-    """What `doctor` says of how well this machine keeps time."""
+    """Return the checks of `doctor` on how well this machine keeps time."""
     found = Examination(1000.0, _LOOK_S, True, None, lambda check: None, print)
     found.run()
     return [each for each in found.checks if each.check in _TIMING]

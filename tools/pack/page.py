@@ -1,4 +1,8 @@
-"""docs/pack.md: each scenario with its reason and what was left of it, and each mutant with what finds it."""
+"""Pages docs/pack.md and docs/pack-realtime.md.
+
+The first shows each scenario with its reason and smallest margins, and each mutant with the scenarios that find
+it; the second shows the verdicts and margins in real time beside those of the free clock.
+"""
 
 from __future__ import annotations
 
@@ -37,11 +41,11 @@ verdict is inconclusive, and so is each that was decided after the gate had been
 fastest message (10 ms), since an ECU may take that for a message lost. Once with nothing else on the machine,
 and once beside two processes that never wait. Made by `make pack-realtime`, in some 75 minutes."""
 
-_MOST = 4  # scenarios that are named
+_MOST = 4  # scenarios that are named for a mutant
 
 
 def pack_page(outcomes: Sequence[Outcome], matrix: Matrix, seconds: float, jobs: int) -> str:
-    """The page."""
+    """Return the page docs/pack.md; the scenarios took `seconds` with `jobs` at a time."""
     rows = [(code(_name(each)), each.verdict, _least(each), _reason(each)) for each in outcomes]
     found = [
         (code(each.name), each.meaning, _finders(matrix, each.name)) for each in MUTANTS.values()
@@ -68,7 +72,7 @@ def _name(outcome: Outcome) -> str:
 
 
 def _least(outcome: Outcome) -> str:
-    """The margins of an outcome, the smallest one of each unit."""
+    """Return the smallest margin of an outcome in each unit, as text."""
     least: dict[str, float] = {}
     for each in outcome.expectations:
         if each.margin is not None:
@@ -78,7 +82,7 @@ def _least(outcome: Outcome) -> str:
 
 
 def _reason(outcome: Outcome) -> str:
-    """What the file says on top."""
+    """Return the reason of a scenario, the comment at the top of its file."""
     text = Path(outcome.case.file).read_text(encoding="utf-8").split("\n\n")[0]
     return " ".join(line.removeprefix("#").strip() for line in text.splitlines())
 
@@ -90,17 +94,17 @@ def _finders(matrix: Matrix, mutant: str) -> str:
 
 
 class Condition(NamedTuple):
-    """The pack in real time under one load of the machine."""
+    """Results of the pack in real time under one load of the machine."""
 
     name: str
     outcomes: Sequence[Outcome]
-    stolen: Mapping[str, float]  # %, of each CPU's time what the machine's host took
+    stolen: Mapping[str, float]  # %, share of each CPU's time that the machine's host took
 
 
 def realtime_page(
     free: Sequence[Outcome], conditions: Sequence[Condition], checks: Sequence[Check]
 ) -> str:
-    """The page of the study, with what `doctor` says of the machine."""
+    """Return the page docs/pack-realtime.md, with the checks of `doctor` on the machine."""
     told = [(each.check, each.level, each.found) for each in checks]
     parts = []
     for each in conditions:
@@ -116,7 +120,7 @@ def realtime_page(
 
 
 def _kept_time(realtime: Sequence[Outcome], stolen: Mapping[str, float]) -> str:
-    """How well the bench kept time in all of the scenarios."""
+    """Return a sentence on how well the bench kept time in all scenarios: missed ticks, and time the host took."""
     found = [each.result.summary for each in realtime if each.result is not None]
     missed, ticks = sum(each.overruns for each in found), sum(each.ticks for each in found)
     taken = " and ".join(f"{share:.2f} % of {name.upper()}'s" for name, share in stolen.items())
@@ -127,7 +131,7 @@ def _kept_time(realtime: Sequence[Outcome], stolen: Mapping[str, float]) -> str:
 
 
 def differences(free: Sequence[Outcome], realtime: Sequence[Outcome]) -> str:
-    """Verdicts and margins of both clocks side by side."""
+    """Return a summary and a Markdown table of the verdicts and margins of both clocks, side by side."""
     rows, same, conclusive, methods, largest = [], 0, 0, Counter[str](), 0.0
     for ours, theirs in zip(free, realtime, strict=True):
         for one, other in zip(ours.expectations, theirs.expectations, strict=True):
@@ -165,7 +169,7 @@ def differences(free: Sequence[Outcome], realtime: Sequence[Outcome]) -> str:
 
 
 def _doubt(verdict: Verdict) -> str:
-    """The uncertainty of a verdict's margin."""
+    """Return the uncertainty of a verdict's margin, as text; empty: none."""
     if not verdict.uncertainty:
         return ""
     return f"{verdict.uncertainty:.2g} {verdict.margin_unit}".strip()
