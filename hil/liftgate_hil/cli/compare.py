@@ -30,14 +30,15 @@ _PICTURED = 6  # columns that are drawn where none are named
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     parser.add_argument("first", metavar="FILE", help="a recording")
-    parser.add_argument("second", metavar="OTHER_FILE", help="what it is compared with")
+    parser.add_argument("second", metavar="OTHER_FILE", help="the recording to compare it with")
     recordings.add_columns(parser, "all, and the frames")
     parser.add_argument(
         "--tolerance",
         action="append",
         default=[],
         metavar="[NAME=]X",
-        help="differences up to here are equal, of all columns or of one; default: 0 (repeatable)",
+        help="largest difference that counts as equal, for all columns or for one; default: 0 "
+        "(repeatable)",
     )
     recordings.add_picture(parser, "none")
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     have_rows = args.rig is not None or all(each.signals for each in sources)
     if (not have_rows and not have_frames) or (columns and not have_rows):
         raise ConfigError(
-            f"{paths[0]}, {paths[1]}: no rows in both; allowed: with --rig, which decodes frames"
+            f"{paths[0]}, {paths[1]}: not both recordings hold rows; allowed: with --rig, which decodes frames"
         )
     found = Comparison((), 0, (0, 0), ((), ()))
     if have_rows:
@@ -71,7 +72,9 @@ def run(args: argparse.Namespace) -> int:
         if target is not None:
             _draw(target, tables, found, columns, window)
     elif target is not None:
-        raise ConfigError(f"--output {target}: allowed with rows, or --rig")
+        raise ConfigError(
+            f"--output {target}: allowed with recordings that hold rows, or with --rig"
+        )
     whole = not columns and args.from_s is None and args.to_s is None and args.rig is None
     if have_frames and whole:
         found = replace(found, frames=compare_frames(*sources))
@@ -96,7 +99,7 @@ def _tolerances(given: Sequence[str]) -> tuple[float, dict[str, float]]:
         except ValueError:
             value = math.nan
         if not 0.0 <= value < math.inf:
-            raise ConfigError(f"--tolerance {each}: allowed: X or NAME=X, X from 0 on")
+            raise ConfigError(f"--tolerance {each}: allowed: X or NAME=X, X at least 0")
         if name:
             own[name] = value
         else:
@@ -141,7 +144,7 @@ def _lines(found: Comparison, names: tuple[str, str]) -> list[str]:
             "no value in one" if math.isnan(each.largest) else f"{each.largest:.6g}",
             f"{each.time_s:.6f} s",
             f"{each.rms:.4g}",
-            f"{each.tolerance:g}" + ("" if each.is_equal else ": unlike"),
+            f"{each.tolerance:g}" + ("" if each.is_equal else ": different"),
         )
         for each in unlike
     ]
@@ -154,17 +157,17 @@ def _lines(found: Comparison, names: tuple[str, str]) -> list[str]:
         )
     for name, count, missing in zip(names, found.alone, found.missing, strict=True):
         if count:
-            lines.append(f"{count} rows are in {name} alone")
+            lines.append(f"{count} rows are only in {name}")
         if missing:
             told = ", ".join(missing[:8]) + (", …" if len(missing) > 8 else "")
-            lines.append(f"{len(missing)} columns are in {name} alone: {told}")
+            lines.append(f"{len(missing)} columns are only in {name}: {told}")
     if found.frames is not None:
         first, second = found.frames.counts
         told = f"{first} frames, the same"
         if found.frames.first is not None:
-            at = f"frame {found.frames.first + 1}, at {found.frames.time_s:.6f} s"
+            at = f"frame {found.frames.first + 1}, {found.frames.time_s:.6f} s"
             what = f": {found.frames.what}" if found.frames.what else ""
-            told = f"{first} and {second} frames; the first unlike one is {at}{what}"
+            told = f"{first} and {second} frames; the first difference is at {at}{what}"
         lines.append(told)
     lines.append("equal" if found.is_equal else "different")
     return lines

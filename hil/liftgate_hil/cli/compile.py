@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     stopped, teller = StopSignals(), Teller(args.quiet)
     if not compiler.enabled():
         raise LiftgateError(
-            "the compiler is switched off (LIFTGATE_COMPILE=0); allowed: without it"
+            "the compiler is switched off (LIFTGATE_COMPILE=0); allowed: LIFTGATE_COMPILE not set"
         )
     try:
         with told_of_compiling(teller, stopped):
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         return stopped.exit_code
     files = list(compiler.cache_folder().rglob("*.code"))
     if not compiler.is_cached(run_realtime):  # files of other versions may be there
-        raise LiftgateError("no machine code could be kept, for the reason above")
+        raise LiftgateError("the machine code could not be saved; see the message above")
     if not args.quiet:
         size = sum(file.stat().st_size for file in files) / 1e6
         print(f"{compiler.cache_folder()}: {len(files)} files, {size:.1f} MB", file=sys.stdout)

@@ -20,7 +20,7 @@ _SHIPPED = {"vehicle": "vehicles", "rig": "rigs", "scenario": "scenarios"}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    parser.add_argument("shell", choices=SHELLS, help="the script for this one is printed")
+    parser.add_argument("shell", choices=SHELLS, help="print the script for this shell")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -21,8 +21,10 @@ from liftgate_hil.errors import printable
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    parser.add_argument("source", metavar="FILE", help="a recording, or a bus log of others")
-    parser.add_argument("target", metavar="OUT_FILE", help="is written, or replaced")
+    parser.add_argument("source", metavar="FILE", help="a recording, or a bus log of another tool")
+    parser.add_argument(
+        "target", metavar="OUT_FILE", help="the file to write; an existing one is replaced"
+    )
     parser.add_argument(
         "--rig",
         metavar="NAME|FILE",

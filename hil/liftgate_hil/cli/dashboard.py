@@ -32,11 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     source = parser.add_mutually_exclusive_group()
     source.add_argument(
-        "--attach", type=options.whole(1, 2**31), metavar="PID", help="the process of a run"
+        "--attach", type=options.whole(1, 2**31), metavar="PID", help="process id of a run"
     )
     source.add_argument("--recording", metavar="FILE", help="a recording, or a bus log with --rig")
     parser.add_argument(
-        "--rig", metavar="NAME|FILE", help="with --recording: the signals that its frames carry"
+        "--rig", metavar="NAME|FILE", help="with --recording: the rig that decodes its frames"
     )
     options.add_listen(parser)
     # Set by a run with --dashboard: how long it may take to begin [s], and the socket to listen on.
@@ -97,8 +97,8 @@ def _chosen() -> int:
         return found[0]
     if found:
         which = ", ".join(map(str, found))
-        raise ConfigError(f"`attach` missing: several runs go on; allowed: one of {which}")
+        raise ConfigError(f"`attach` missing: several runs are active; allowed: one of {which}")
     raise ConfigError(
-        "`attach` missing: nothing runs here to attach to; allowed: beside an emulator of yours "
+        "`attach` missing: no run of yours is active on this machine; allowed: while an emulator of yours runs "
         "(liftgate-hil --bus …), or with `recording`"
     )

@@ -38,8 +38,8 @@ _NOT_REAL_TIME = "not in real time: the machine was too busy"  # marks a picture
 _DOES_NOT_COUNT = "this run does not count"  # the same
 _TOO_BUSY = "liftgate-hil demo: this machine was too busy for real time"
 _AGAIN = (
-    "What follows is the same run on the free clock, which waits for nobody; liftgate-hil doctor tells what this "
-    "machine is fit for"
+    "The run is repeated on the free clock, which needs no real time; liftgate-hil doctor checks whether this "
+    "machine is fit for real time"
 )
 _ON_THE_FREE_CLOCK = {
     "clock": "free", "bus": None, "interface": None, "channel": None, "serial": None, "realtime": False,
@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output",
         default=".",
         metavar="FOLDER",
-        help="for demo.log, demo.csv and demo.png; made where there is none",
+        help="folder for demo.log, demo.csv and demo.png, created if missing; default: .",
     )
     parser.add_argument(
         "--no-record", action="store_true", help="write no demo.log, demo.csv and demo.png"
@@ -85,7 +85,9 @@ def run(args: argparse.Namespace) -> int:
     if is_whole and not _is_stopped(args, shown, stopped):
         busy = options.as_flags(busy_with(shown, is_ours))
     if busy and args.ecu == ON_A_BUS:
-        print(f"{_TOO_BUSY}: {busy}. It says nothing of the ECU", file=sys.stderr, flush=True)
+        print(
+            f"{_TOO_BUSY}: {busy}. The run says nothing about the ECU", file=sys.stderr, flush=True
+        )
         mark = _DOES_NOT_COUNT
     elif busy:
         print(f"{_TOO_BUSY}: {busy}. {_AGAIN}", file=sys.stderr, flush=True)
@@ -163,7 +165,7 @@ def _folder(args: argparse.Namespace) -> Path:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ConfigError(
-                f"`output` {args.output}: cannot be made: {error.strerror}; allowed: a folder"
+                f"`output` {args.output}: cannot be created: {error.strerror}; allowed: a folder"
             ) from error
         args.record = [*args.record, str(folder / "demo.log"), str(folder / "demo.csv")]
     return folder

@@ -24,10 +24,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=options.bounded(0.1, 86_400.0, "s"),
         default=2.0,
         metavar="S",
-        help="of each measurement of lateness; default: 2; an hour shows what is rare",
+        help="duration of each lateness measurement; default: 2; an hour shows rare delays",
     )
     options.add_options(parser, "rate", *options.MACHINE)
-    parser.add_argument("--quiet", action="store_true", help="only what isn't ok")
+    parser.add_argument("--quiet", action="store_true", help="print only checks that are not ok")
     parser.add_argument("--json", action="store_true", help="print checks and figures as JSON")
 
 

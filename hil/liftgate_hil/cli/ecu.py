@@ -46,15 +46,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="TIME:ACTION",
-        help="instead of the scenario's: seconds after the gate is first heard, and open, close or "
-        "stop (repeatable)",
+        help="request instead of the scenario's: seconds after the gate's first frame, and open, close, "
+        "stop or reset (repeatable)",
     )
     parser.add_argument(
         "--no-requests",
         action="store_true",
-        help="nothing but what the bus asks for (a rig's [requests])",
+        help="ignore the scenario's requests, obey only those on the bus (the rig's [requests])",
     )
-    parser.add_argument("--drives", type=int, choices=(1, 2), default=2, help="of the gate")
+    parser.add_argument(
+        "--drives", type=int, choices=(1, 2), default=2, help="drives of the gate; default: 2"
+    )
     parser.add_argument(
         "--coding",
         type=_coding,
@@ -69,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="seconds after the start; default: until stopped",
     )
     parser.add_argument(
-        "--realtime", action="store_true", help="ask for FIFO scheduling; what is refused is told"
+        "--realtime", action="store_true", help="request FIFO scheduling; a refusal is reported"
     )
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 
@@ -179,7 +181,7 @@ def _take_turns(
             if is_waiting and not peer.has_heard_the_gate and now > _PATIENCE_NS:
                 names = dict.fromkeys(wire.message for wire in rig.outputs)
                 gates = ", ".join(f"{name} (0x{rig.messages[name].frame_id:X})" for name in names)
-                teller.say(f"waits for the gate: {gates}")
+                teller.say(f"waiting for frames of the gate: {gates}")
                 is_waiting = False
             time.sleep(0.001)
     finally:

@@ -38,33 +38,34 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model",
         choices=MODEL_NAMES,
-        help="the full plant, or the thesis's (4.1-4.13), or that without inductance; default: full",
+        help="full: the whole plant; third-order: the thesis's model (4.1-4.13); second-order: that without "
+        "inductance; default: full",
     )
     parser.add_argument(
         "--outputs",
         metavar="LIST",
-        help=f"of {', '.join(KINDS)}; default: all that were measured",
+        help=f"outputs to compare: {', '.join(KINDS)}; default: all that were measured",
     )
     parser.add_argument(
         "--initial",
         default="auto",
         metavar="auto|pause|closed|open|ANGLE_deg",
-        help="closed, open, ANGLE: at rest there for long, so that windings are cold; pause: at rest after a "
-        "motion; auto: as the first samples say; for each FILE its own: closed,open",
+        help="closed, open, ANGLE: at rest there with cold windings; pause: at rest after a motion; auto: from "
+        "the first samples; or one for each FILE: closed,open; default: auto",
     )
     parser.add_argument(
         "--input-delay",
         default="auto",
         metavar="S|estimate",
-        help="seconds from a change of the inputs' columns to its effect; default: estimated for bus logs, whose "
-        "stamps are not the time of the effect, else 0",
+        help="delay from a change in an input column to its effect; default: estimated for bus logs, whose "
+        "timestamps are not those of the effect, else 0",
     )
     parser.add_argument(
         "--speed-window",
         type=options.bounded(0.0, 1.0, "s"),
         default=0.0,
         metavar="S",
-        help="a measured speed is the mean over so long before its sample (counts in a period); default: 0",
+        help="averaging window of measured speeds, before each sample (e.g. the counting period); default: 0",
     )
     parser.add_argument(
         "--step",
@@ -117,22 +118,26 @@ def problem_of(
     notes = [f"{args.vehicle}: with {setting}" for setting in args.settings]
     if not is_the_law(vehicle):
         notes.append(
-            f"{args.vehicle}: what [friction] says of travel, runs and age is left out of the model"
+            f"{args.vehicle}: the model omits how [friction] varies with travel, runs and age"
         )
     for measurement, each in zip(measurements, data, strict=True):
         notes += [f"{measurement.source}: {options.as_flags(note)}" for note in measurement.notes]
         if each.decimation is not None:
             said = [] if args.resample is None else [f"resampled to {args.resample:g} Hz"]
-            said += [f"one in {args.decimate} after a low-pass"] if args.decimate > 1 else []
+            said += (
+                [f"decimated by {args.decimate} after a low-pass filter"]
+                if args.decimate > 1
+                else []
+            )
             counts = f"{len(each.times)} samples of {len(each.rows)} rows"
             notes.append(f"{each.name}: {', '.join(said)}: {counts}")
     for each, begin in zip(data, problem.beginnings, strict=True):
         if begin.in_pause:
             is_warm = any(unknown.name == "warmth" for unknown in begin.unknowns)
             notes.append(
-                f"{each.name}: begins at rest after a motion that is not in it: where its drives stopped"
-                f"{', and how warm they are,' if is_warm else ''} is estimated along; "
-                "--initial says where a gate is that has rested for long"
+                f"{each.name}: begins at rest after a motion that is not recorded: where its drives stopped"
+                f"{' and how warm they are' if is_warm else ''} is estimated, too; "
+                "--initial gives the angle of a gate that has rested for long"
             )
     return problem, tuple(notes)
 
@@ -273,7 +278,7 @@ def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float |
     parts = [each.strip() for each in text.split(",")]
     if len(parts) not in (1, files):
         raise ConfigError(
-            f"--initial {text}: {len(parts)} for {files} files; allowed: one for all, or one for each"
+            f"--initial {text}: {len(parts)} values for {files} files; allowed: one for all, or one for each"
         )
     angles = [
         None
@@ -291,8 +296,8 @@ def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:
         logs = [each.name for each in data if each.through_sensors]
         if logs and len(logs) < len(data):
             raise ConfigError(
-                f"--input-delay auto: {', '.join(logs)} with files that are no bus logs; allowed: files of one "
-                "kind, or a delay for all"
+                f"--input-delay auto: bus logs ({', '.join(logs)}) together with other files; allowed: files of "
+                "one kind, or one delay for all"
             )
         return 0.0, bool(logs)
     if text == "estimate":
@@ -318,6 +323,6 @@ def pairs(given: Sequence[str], flag: str, form: str) -> dict[str, tuple[float, 
         except ValueError:
             raise ConfigError(f"{flag} {text}: allowed: {form}") from None
         if match[1] in found:
-            raise ConfigError(f"{flag} {match[1]}: twice; allowed: once")
+            raise ConfigError(f"{flag} {match[1]}: given twice; allowed: once")
         found[match[1]] = values
     return found

@@ -66,51 +66,54 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--estimate",
         metavar="LIST",
-        help="keys of the vehicle file, e.g. motor.resistance,gear.backlash",
+        help="parameters to estimate: keys of the vehicle file, e.g. motor.resistance,gear.backlash",
     )
     parser.add_argument(
-        "--preset", choices=tuple(PRESETS), help="a run of the thesis (4.6.1 to 4.6.3)"
+        "--preset",
+        choices=tuple(PRESETS),
+        help="parameters, model and outputs of the thesis (4.6.1 to 4.6.3)",
     )
     parser.add_argument(
         "--bounds",
         action="append",
         default=[],
         metavar="KEY=LOW:HIGH",
-        help="search only there (repeatable)",
+        help="search a parameter only in this range (repeatable)",
     )
     parser.add_argument(
         "--prior",
         action="append",
         default=[],
         metavar="KEY=MEAN:STD",
-        help="known beforehand, so well (repeatable)",
+        help="prior mean and standard deviation of a parameter (repeatable)",
     )
     parser.add_argument(
         "--noise",
         action="append",
         default=[],
         metavar="OUTPUT=STD",
-        help="of current, speed, position, angle, in the column's unit; default: estimated",
+        help="standard deviation of the noise of current, speed, position or angle, in the column's unit; "
+        "default: estimated (repeatable)",
     )
     parser.add_argument(
         "--profile", metavar="LIST", help="show the profile likelihood of these keys"
     )
     parser.add_argument("--result", metavar="FILE.json", help="write the result")
     parser.add_argument(
-        "--save-vehicle", metavar="FILE.toml", help="write the vehicle that was found"
+        "--save-vehicle", metavar="FILE.toml", help="write the vehicle file with the estimates"
     )
     parser.add_argument("--html", metavar="FILE", help="write a report with plots")
     parser.add_argument(
         "--plan",
         action="store_true",
-        help="rank experiments by what they would tell; needs no FILE",
+        help="rank experiments by the information that they would give; takes no FILE",
     )
     parser.add_argument(
         "--duration",
         type=options.bounded(0.1, 60.0, "s"),
         default=4.0,
         metavar="S",
-        help="of a planned experiment; default: 4",
+        help="duration of a planned experiment; default: 4",
     )
 
 
@@ -171,7 +174,7 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
             continue
         part = name.partition(".")[2]
         if name.startswith(("left.", "right.")) and part in wanted:
-            issues.append(f"--estimate {name}: within {part}; allowed: one of them")
+            issues.append(f"--estimate {name}: is part of {part}; allowed: one of them")
         if not same_on_both_sides(vehicle, parameter):
             issues.append(
                 f"--estimate {name}: differs between the drives; allowed: left.{name}, right.{name}"
@@ -181,12 +184,12 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
         if not quantity.low <= low < high <= quantity.high:
             issues.append(
                 f"--bounds {name}={low:g}:{high:g}: allowed: {quantity.low:g} to {quantity.high:g} "
-                f"{quantity.unit}, low before high"
+                f"{quantity.unit}, LOW below HIGH"
             )
         elif not low <= initial <= high:
             issues.append(
-                f"--bounds {name}={low:g}:{high:g}: the initial value {initial:g} is outside; allowed: around "
-                "it, or another one by --set"
+                f"--bounds {name}={low:g}:{high:g}: the initial value {initial:g} is outside; allowed: "
+                "bounds around it, or another initial value by --set"
             )
         is_known = name in priors
         mean, std = priors.pop(name, (math.nan, math.inf))
@@ -240,7 +243,7 @@ def _noise(args: argparse.Namespace, columns: Sequence[str]) -> NDArray[np.float
             std = math.nan
         if kind not in fitting.KINDS or not equals or not 0.0 < std < math.inf:
             raise ConfigError(
-                f"--noise {text}: allowed: {', '.join(fitting.KINDS)} = a standard deviation above 0"
+                f"--noise {text}: allowed: OUTPUT=STD, OUTPUT one of {', '.join(fitting.KINDS)}, STD above 0"
             )
         given |= dict.fromkeys(fitting.KINDS[kind], std)
     missing = [name for name in columns if name not in given]
@@ -331,7 +334,7 @@ def _plan(args: argparse.Namespace, origin: Provenance) -> int:
     from liftgate_hil.identify.design import candidates, plan
     from liftgate_hil.report.plan import plan_json, plan_text
 
-    issues = ["--plan: needs no FILE; allowed: one or the other"] if args.files else []
+    issues = ["--plan: takes no FILE; allowed: one or the other"] if args.files else []
     unused = {"--html": args.html, "--save-vehicle": args.save_vehicle, "--profile": args.profile}
     issues += [f"{flag}: not with --plan" for flag, value in unused.items() if value is not None]
     if issues:

@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "folder",
         metavar="FOLDER",
-        help="is made; an existing one must be empty or a git repository",
+        help="the folder to create; an existing one must be empty or a git repository",
     )
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 

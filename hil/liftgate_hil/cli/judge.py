@@ -34,41 +34,45 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="of one run, or several")
-    parser.add_argument("--scenario", required=True, metavar="NAME|FILE", help="what is expected")
     parser.add_argument(
-        "--one-run", action="store_true", help="all files are of one run, whatever they are called"
+        "recordings", nargs="+", metavar="RECORDING", help="recordings of one run, or of several"
+    )
+    parser.add_argument(
+        "--scenario", required=True, metavar="NAME|FILE", help="the scenario with the expectations"
+    )
+    parser.add_argument(
+        "--one-run", action="store_true", help="all files belong to one run, whatever their names"
     )
     add_map(parser)
     parser.add_argument("--vehicle", metavar="NAME|FILE", help="default: the scenario's, else suv")
     parser.add_argument(
         "--rig",
         metavar="NAME|FILE",
-        help="what frames mean: a rig, or a database; default: the scenario's, else liftgate",
+        help="a rig, or a database: decodes the frames; default: the scenario's, else liftgate",
     )
     add_set_parameter(parser)
     parser.add_argument(
         "--duration",
         type=options.bounded(1e-3, 1e9, "s"),
         metavar="S",
-        help="the run's end; default: the scenario's, else the recording's",
+        help="end of the run; default: the scenario's, else the recording's",
     )
     parser.add_argument(
         "--rate",
         type=options.bounded(1.0, 10_000.0, "Hz"),
         default=1000.0,
         metavar="HZ",
-        help="ticks in which recordings are judged that are not ours; default: 1000",
+        help="ticks per second in which recordings of other tools are judged; default: 1000",
     )
     parser.add_argument(
         "--longest-gap",
         type=options.bounded(1e-6, 1e9, "s"),
         metavar="S",
-        help="between two samples of a column, of recordings that are not ours; a longer one makes windows "
-        "inconclusive; default: three times what is usual in the column",
+        help="longest gap between two samples of a column in recordings of other tools; a longer one makes "
+        "windows inconclusive; default: three times the column's usual interval",
     )
     add_reports(parser, "; the recordings stay where they are")
-    parser.add_argument("--quiet", action="store_true", help="tell only what does not pass")
+    parser.add_argument("--quiet", action="store_true", help="print only what does not pass")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -17,7 +17,7 @@ from liftgate_hil.cli.options import as_flags
 from liftgate_hil.errors import ConfigError, LiftgateError, causes
 
 COMMANDS = {
-    "run": "the real-time emulator on a bus (what happens without a subcommand)",
+    "run": "the real-time emulator on a bus (the default subcommand)",
     "demo": "the emulator and the reference ECU: opens, meets an obstacle, reverses",
     "ecu": "the reference ECU alone, on any bus",
     "test": "scenario files: run, judge, report",
@@ -26,9 +26,9 @@ COMMANDS = {
     "replay": "a recording's frames onto a bus, with the original timing",
     "plot": "a picture of a recording",
     "dashboard": "the operator's page of a running emulator, or of a recording",
-    "compare": "two recordings: the differences of their columns, when they are largest; pictures",
+    "compare": "two recordings: the largest difference of each column, and when; a picture",
     "simulate": "the plant alone, offline, as fast as it goes",
-    "identify": "parameters of a vehicle from measurements; which experiment tells most",
+    "identify": "parameters of a vehicle from measurements; which experiment gives most information",
     "validate": "a vehicle's model against measurements",
     "rig": "what a rig maps and whether it fits; a first rig for a foreign database",
     "init": "a folder to start from: database, vehicle, rig, scenario, a test, an ECU in C",

@@ -36,33 +36,35 @@ def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = 
         "--rig",
         default="liftgate",
         metavar="NAME|FILE",
-        help="what bus logs mean; default: liftgate",
+        help="the rig that decodes bus logs; default: liftgate",
     )
     parser.add_argument(
-        "--from", dest="start", type=_TIME, metavar="S", help="leave out what is before"
+        "--from", dest="start", type=_TIME, metavar="S", help="omit samples before this time"
     )
-    parser.add_argument("--to", dest="end", type=_TIME, metavar="S", help="leave out what is after")
+    parser.add_argument(
+        "--to", dest="end", type=_TIME, metavar="S", help="omit samples after this time"
+    )
     parser.add_argument(
         "--cut-angle",
         type=_angles,
         metavar="LOW:HIGH",
-        help="the longest stretch with the gate between these degrees",
+        help="use only the longest stretch with the gate angle between these degrees",
     )
     parser.add_argument(
         "--resample",
         type=bounded(1e-3, 1e6, "Hz"),
         metavar="HZ",
-        help="outputs evenly spaced, on straight lines between their samples, never across gaps",
+        help="resample the outputs at this rate by linear interpolation, never across gaps",
     )
     parser.add_argument(
         "--decimate",
         type=whole(1, 100_000),
         default=1,
         metavar="N",
-        help="every N-th sample of the outputs, after a low-pass filter",
+        help="keep every N-th sample of the outputs, after a low-pass filter",
     )
     parser.add_argument(
-        "--drop-outliers", action="store_true", help="leave out samples that are told as outliers"
+        "--drop-outliers", action="store_true", help="omit samples that are reported as outliers"
     )
 
 
@@ -74,7 +76,7 @@ def add_map(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="OURS=THEIRS[unit]",
-        help="a column under another name, in another unit, e.g. 'left_voltage_v=U[mV]*0.5', "
+        help="read a column that has another name or unit, e.g. 'left_voltage_v=U[mV]*0.5', "
         "or a FILE.toml with a table [columns] (repeatable)",
     )
 
@@ -92,13 +94,13 @@ def measurements_from(
     from liftgate_hil.running.setup import rig_from
 
     if args.start is not None and args.end is not None and args.start >= args.end:
-        raise ConfigError(f"--from {args.start:g} --to {args.end:g}: allowed: from before to")
+        raise ConfigError(f"--from {args.start:g} --to {args.end:g}: allowed: --from before --to")
     mapping = parse_maps(args.maps)
     find_config("rigs", args.rig)
     rig = functools.cache(functools.partial(rig_from, args.rig))
     paths = [os.path.realpath(name) for name in args.files]
     issues = [
-        f"{name}: given twice; allowed: each file once, as twice the same says no more than once"
+        f"{name}: given twice; allowed: each file once, as a repeated file adds no information"
         for k, name in enumerate(args.files)
         if paths[k] in paths[:k]
     ]

@@ -79,20 +79,24 @@ def add_options(parser: argparse.ArgumentParser, *names: str, **defaults: Any) -
 
 def add_bus(parser: argparse.ArgumentParser) -> None:
     """Add the flags for the bus or serial line."""
-    parser.add_argument("--bus", metavar="INTERFACE:CHANNEL[@BITRATE]", help="e.g. socketcan:vcan0")
+    parser.add_argument(
+        "--bus", metavar="INTERFACE:CHANNEL[@BITRATE]", help="the CAN bus, e.g. socketcan:vcan0"
+    )
     parser.add_argument(
         "--serial",
         metavar="PORT[@BAUD]",
         help="instead of a bus: a device or URL of pyserial, e.g. /dev/ttyUSB0@921600",
     )
-    parser.add_argument("-i", "--interface", help="python-can's own way to name the bus")
-    parser.add_argument("-c", "--channel", help="python-can's own way to name the bus")
+    parser.add_argument("-i", "--interface", help="python-can's interface, instead of --bus")
+    parser.add_argument("-c", "--channel", help="python-can's channel, instead of --bus")
     parser.add_argument(
         "-b", "--bitrate", type=whole(1, 100_000_000), help="bit/s; default: the rig's"
     )
     parser.add_argument("--fd", action="store_true", help="open the bus for CAN FD")
     parser.add_argument(
-        "--rig", metavar="NAME|FILE", help="how it is wired; default: the scenario's, else liftgate"
+        "--rig",
+        metavar="NAME|FILE",
+        help="the rig: mapping of bus signals; default: the scenario's, else liftgate",
     )
 
 
@@ -131,7 +135,7 @@ def add_setup(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed",
         type=of_kind(SEED),
-        help="of noise and of what differs from run to run; default: the scenario's, else 0",
+        help="seed of noise and other random values; default: the scenario's, else 0",
     )
 
 
@@ -166,12 +170,12 @@ def add_vehicle(
         "--draw",
         type=of_kind(SEED),
         metavar="SEED",
-        help="one car of the vehicle file's [spread]; default: the file's own values",
+        help="draw one car from the vehicle file's [spread]; default: the file's own values",
     )
     parser.add_argument(
         "--ideal",
         action="store_true",
-        help="without noise, ripple and errors of sensors, torsion and source resistance",
+        help="the thesis's plant: no noise, ripple, sensor errors, torsion, source resistance or wear",
     )
 
 
@@ -193,8 +197,8 @@ def add_ecu(parser: argparse.ArgumentParser, default: str, has_bus: bool = True)
         "--ecu",
         default=default,
         metavar="reference|LIBRARY|MODULE:CLASS" + ("|bus" if has_bus else ""),
-        help="what closes the loop: ours, a C library, a Python class"
-        + (", one on the bus" if has_bus else "")
+        help="what closes the loop: the reference ECU, a C library, a Python class"
+        + (", an ECU on the bus" if has_bus else "")
         + f"; default: {default}",
     )
 
@@ -213,9 +217,9 @@ def add_listen(parser: argparse.ArgumentParser, default: str | None = LISTEN) ->
         "--listen",
         default=default,
         metavar="HOST:PORT",
-        help=f"of the page; port 0 is any that is free; default: {LISTEN}",
+        help=f"address of the page; port 0: any free port; default: {LISTEN}",
     )
-    parser.add_argument("--read-only", action="store_true", help="the page commands nothing")
+    parser.add_argument("--read-only", action="store_true", help="the page cannot send commands")
 
 
 def add_dashboard(parser: argparse.ArgumentParser) -> None:

@@ -20,20 +20,20 @@ def add_columns(parser: argparse.ArgumentParser, default: str) -> None:
         action="append",
         default=[],
         metavar="A,B,…",
-        help=f"of these; default: {default} (repeatable)",
+        help=f"only these columns; default: {default} (repeatable)",
     )
-    for name, told in (("from", "begin"), ("to", "end")):
+    for name, told in (("from", "start"), ("to", "end")):
         parser.add_argument(
             f"--{name}",
             dest=f"{name}_s",
             type=options.bounded(-1e9, 1e9, "s"),
             metavar="S",
-            help=f"{told} here; default: the recording's {told}",
+            help=f"{told} at this time; default: the recording's {told}",
         )
     parser.add_argument(
         "--rig",
         metavar="NAME|FILE",
-        help="a rig, or its database: take the signals that the frames carry",
+        help="a rig, or its database: decodes the frames into signals",
     )
 
 

@@ -37,9 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--direction",
         choices=("sent", "received", "both"),
-        help="of the recording's frames: sent by the gate, received by it; default: sent, both where none is",
+        help="which frames to play: sent or received by the gate; default: sent, both if none is marked as sent",
     )
-    for name, told in (("only", "only these frames"), ("except", "not these frames")):
+    for name, told in (("only", "only these frames"), ("except", "all but these frames")):
         parser.add_argument(
             f"--{name}",
             dest=f"{name}_ids",
@@ -71,9 +71,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=options.whole(1, 10**9),
         default=1,
         metavar="N",
-        help="play it so often, each time right after the last frame, or --to; default: 1",
+        help="play it N times, each right after the last frame, or --to; default: 1",
     )
-    rounds.add_argument("--loop", action="store_true", help="again and again, until stopped")
+    rounds.add_argument("--loop", action="store_true", help="repeat until stopped")
     options.add_options(parser, *options.MACHINE)
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")

@@ -39,13 +39,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "draft",
         allow_abbrev=False,
         help="a first rig for a database",
-        description="A first rig for a database: what is sure is mapped, what is not stands there to be chosen.",
+        description="A first rig for a database: certain signals are mapped, uncertain ones are left to choose.",
     )
-    draft.add_argument("database", metavar="DBC", help="or ARXML, KCD, SYM")
+    draft.add_argument("database", metavar="DBC", help="the database: DBC, ARXML, KCD or SYM")
     draft.add_argument(
         "--output",
         metavar="FILE",
-        help="where to write it, beside the database; - or nothing: stdout",
+        help="the file to write; default, and with -: stdout",
     )
 
 
@@ -165,7 +165,7 @@ def _draft(args: argparse.Namespace) -> int:
     is_file = args.output not in (None, "-")
     target = Path(args.output) if is_file else beside
     if is_file and is_there(target):
-        raise ConfigError(f"`output` {target}: is there already; allowed: a new file")
+        raise ConfigError(f"`output` {target}: already exists; allowed: a new file")
     draft = draft_rig(database, target)
     if is_file:
         write_text(target, draft.text)

@@ -45,22 +45,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     source.add_argument(
         "--input",
         metavar="FILE",
-        help=".csv (.tsv, .txt), .parquet, .mf4 or .mcap with time_s and input columns; its first sample is at "
-        "time 0 here",
+        help=".csv (.tsv, .txt), .parquet, .mf4 or .mcap with time_s and input columns; its first sample "
+        "becomes time 0",
     )
     add_map(parser)
     parser.add_argument(
         "--duration",
         type=options.bounded(0.0, 1e7, "s"),
         metavar="S",
-        help="default: the scenario's, else to the input's last sample, of up to an hour",
+        help="model time; default: the scenario's, else to the input's last sample, an hour at most",
     )
     parser.add_argument(
         "--step",
         type=options.bounded(1e-5, 5e-3, "s"),
         default=0.001,
         metavar="S",
-        help="1e-5 to 5e-3; default: 0.001",
+        help="step of the simulation, 1e-5 to 5e-3; default: 0.001",
     )
     parser.add_argument(
         "--every",
@@ -78,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--edges",
         metavar="FILE",
-        help="also a .csv of every edge of the Hall sensors: time_s, drive, channel, level",
+        help="also write every edge of the Hall sensors to a .csv: time_s, drive, channel, level",
     )
 
 

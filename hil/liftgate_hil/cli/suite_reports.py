@@ -22,7 +22,9 @@ def add_reports(parser: argparse.ArgumentParser, and_what: str) -> None:
     parser.add_argument(
         "--html", metavar="FILE", help="write a report with pictures: one file for any browser"
     )
-    parser.add_argument("--results", metavar="FOLDER", help=f"write all three there{and_what}")
+    parser.add_argument(
+        "--results", metavar="FOLDER", help=f"write all three into this folder{and_what}"
+    )
 
 
 def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
@@ -44,7 +46,9 @@ def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
             if given == "-" and sys.stdout is None:
                 raise ConfigError(f"`{kind}` -: stdout is closed; allowed: a file")
             if given != "-" and not Path(given).parent.is_dir():
-                raise ConfigError(f"`{kind}` {given}: no such folder; allowed: a file in one")
+                raise ConfigError(
+                    f"`{kind}` {given}: no such folder; allowed: a file in an existing folder"
+                )
             if given != "-" and Path(given).is_dir():
                 raise ConfigError(f"`{kind}` {given}: is a folder; allowed: a file")
             found[kind].append(given)

@@ -43,13 +43,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_options(parser, "clock", *options.MACHINE, "rate", "wall_timeout", clock="free")
     options.add_bus(parser)
     options.add_vehicle(parser, None, "default: each scenario's, else suv")
-    parser.add_argument("--seed", type=options.of_kind(SEED), help="default: each scenario's")
+    parser.add_argument(
+        "--seed", type=options.of_kind(SEED), help="seed of random values; default: each scenario's"
+    )
     add_set_parameter(parser)
     parser.add_argument(
         "--jobs",
         type=options.whole(1, 1024),
         metavar="N",
-        help="so many at a time; default: a CPU each",
+        help="run N scenarios at a time; default: one per CPU",
     )
     parser.add_argument(
         "--retry-inconclusive",
@@ -63,10 +65,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mutants",
         action="store_true",
-        help="then run all with mutants of the reference ECU, too: which scenario finds which defect, and which "
-        "expectations prove nothing",
+        help="also run all scenarios with mutants of the reference ECU; report which scenario finds which defect, "
+        "and which expectations prove nothing",
     )
-    parser.add_argument("--quiet", action="store_true", help="tell only what does not pass")
+    parser.add_argument("--quiet", action="store_true", help="print only what does not pass")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -140,7 +142,7 @@ def _template(args: argparse.Namespace, listener: Listener) -> Job:
 
     wire = options.wire_choice(args)
     if wire.is_given and args.ecu != ON_A_BUS:
-        raise ConfigError("`bus`: allowed together with --ecu bus; other ECUs are in this process")
+        raise ConfigError("`bus`: allowed together with --ecu bus; other ECUs run without a bus")
     if args.mutants and (args.ecu != REFERENCE or args.clock != "free"):
         raise ConfigError("`mutants`: allowed with --ecu reference and --clock free")
     return Job(

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_measurement_arguments(parser)
     fitting.add_model(parser)
     parser.add_argument(
-        "--parameters", metavar="FILE.json", help="use the values of a result of identify"
+        "--parameters", metavar="FILE.json", help="use the parameter values of this identify result"
     )
     parser.add_argument("--result", metavar="FILE.json", help="write the result")
     parser.add_argument("--html", metavar="FILE", help="write a report with plots")

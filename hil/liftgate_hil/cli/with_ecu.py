@@ -121,7 +121,7 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
     from liftgate_hil.dashboard.listening import bound, new_token
 
     if args.clock == "free":
-        said = "a run on the free clock is over at once; allowed with clock realtime or lockstep"
+        said = "a run on the free clock ends at once; allowed: clock realtime or lockstep"
         raise ConfigError(f"`dashboard`: {said}")
     dashboard.check_installed()
     new_token()  # checks the token of the environment
@@ -143,7 +143,7 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
         yield
     finally:
         if (code := child.poll()) is not None:
-            teller.say(f"the page had ended before the run (exit code {code})")
+            teller.say(f"the page ended before the run (exit code {code})")
         child.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
             child.wait(_LEAVE_S)
@@ -235,7 +235,7 @@ class EcuProcess:
         if code == 0 and is_early:
             raise EcuError("the ECU's process ended before the run")
         if not (self._events or has_taken_part) and self._is_ours and is_early:
-            said = "; ".join(self._others)[-300:] or "it said nothing"
+            said = "; ".join(self._others)[-300:] or "it printed nothing"
             raise EcuError(f"the ECU's process did not take part: {said}")
         return self._events
 

@@ -71,7 +71,7 @@ class RunOptions:
         str,
         Option(
             Choice(CLOCKS),
-            "wall time; as fast as it goes; one command period per command frame",
+            "realtime: wall time; free: as fast as possible; lockstep: one command period per command frame",
         ),
     ] = "realtime"
     duration: Annotated[
@@ -91,15 +91,15 @@ class RunOptions:
             _SECONDS,
             "end with an error when lockstep has waited this long for a command",
             "S",
-            "for ever",
+            "no limit",
         ),
     ] = None
     record: Annotated[
         tuple[Path, ...],
         Option(
             Files(),
-            "write a recording; the suffix picks the format: .csv .parquet the plant, .log .asc .blf .trc the "
-            "bus, .mf4 .mcap both (repeatable)",
+            "write a recording; the suffix picks the format: .csv .parquet for the plant, .log .asc .blf .trc for "
+            "the bus, .mf4 .mcap for both (repeatable)",
             "FILE",
         ),
     ] = ()
@@ -114,29 +114,35 @@ class RunOptions:
     ] = None
     record_keep: Annotated[
         int | None,
-        Option(Whole(2, 10**9), "of these files keep the last N", "N", "all", needs="record_limit"),
+        Option(
+            Whole(2, 10**9), "keep only the last N of these files", "N", "all", needs="record_limit"
+        ),
     ] = None
     record_when: Annotated[
         tuple[str, ...],
         Option(
             Texts("a list of texts"),
-            'record only around the ticks in which this is true, e.g. "pinch_force_n > 5", in the language of '
-            "scenarios (repeatable: any of them)",
+            'record only around ticks in which this condition (as in scenarios) is true, e.g. "pinch_force_n > 5" '
+            "(repeatable: any of them)",
             "CONDITION",
             needs="record",
         ),
     ] = ()
     record_before: Annotated[
         float | None,
-        Option(_AROUND_S, "and so long before that", "S", f"{AROUND:g}", needs="record_when"),
+        Option(
+            _AROUND_S, "also record this long before that", "S", f"{AROUND:g}", needs="record_when"
+        ),
     ] = None
     record_after: Annotated[
         float | None,
-        Option(_AROUND_S, "and so long after that", "S", f"{AROUND:g}", needs="record_when"),
+        Option(
+            _AROUND_S, "also record this long after that", "S", f"{AROUND:g}", needs="record_when"
+        ),
     ] = None
     realtime: Annotated[
         bool,
-        Option(Flag(), "ask for FIFO scheduling, locked memory and a CPU; what is refused is told"),
+        Option(Flag(), "request FIFO scheduling, locked memory and a CPU; refusals are reported"),
     ] = False
     cpu: Annotated[
         int | None,
@@ -170,7 +176,7 @@ class RunOptions:
                 raise ConfigError(f"`{name}` {said}: allowed: together with `{needed}`")
         if len({os.path.realpath(path) for path in self.record}) < len(self.record):
             names = ", ".join(str(path) for path in self.record)
-            raise ConfigError(f"`record` {names}: allowed: a file once")
+            raise ConfigError(f"`record` {names}: allowed: each file once")
         if self.cpu is None or not hasattr(os, "sched_getaffinity"):
             return
         if self.cpu not in os.sched_getaffinity(0):

@@ -37,7 +37,7 @@ _FAILED = pytest.StashKey[bool]()
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the plugin's command-line options."""
     group = parser.getgroup("liftgate", "lift gate emulator")
-    told = "of scenario files and of the fixture"
+    told = "for scenario files and the fixture"
     group.addoption(
         "--liftgate-ecu", metavar="reference|LIBRARY|MODULE:CLASS|bus", help=f"the ECU {told}"
     )

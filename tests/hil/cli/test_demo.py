@@ -279,7 +279,7 @@ def test_a_folder_that_cannot_be_made_is_told(
 ) -> None:
     (folder / "taken").write_text("a file")
     assert demo("--output", "taken/new") == 2
-    assert "--output taken/new: cannot be made: Not a directory" in capsys.readouterr().err
+    assert "--output taken/new: cannot be created: Not a directory" in capsys.readouterr().err
 
 
 def test_what_is_asked_for_is_recorded_all_the_same(folder: Path) -> None:

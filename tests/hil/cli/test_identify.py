@@ -130,7 +130,10 @@ def test_each_file_may_begin_at_an_angle_of_its_own(
     assert_true(result, TRUTH)
     assert result["initial_states"] == {}
     for text, said in (
-        ("closed,open,open", "--initial closed,open,open: 3 for 2 files; allowed: one for all"),
+        (
+            "closed,open,open",
+            "--initial closed,open,open: 3 values for 2 files; allowed: one for all",
+        ),
         ("closed,ajar", "--initial ajar: allowed: auto, pause, closed, open"),
     ):
         lines = complaint(capsys, "identify", *files, "--estimate", NAMES, "--initial", text)
@@ -196,7 +199,9 @@ def test_thinned_data_still_tell_the_truth(
         assert_true(result, TRUTH)
         samples = [each["samples"]["gate_angle_deg"] for each in result["experiments"]]
         assert samples == [count - 2 for count in counts]
-        notes = [note for note in result["notes"] if "one in 3 after a low-pass" in note]
+        notes = [
+            note for note in result["notes"] if "decimated by 3 after a low-pass filter" in note
+        ]
         assert [f": {count} samples of" in note for count, note in zip(counts, notes, strict=True)]
         assert all(("resampled to 200 Hz" in note) == bool(more) for note in notes)
     lines = complaint(capsys, "identify", opening, slow, "--estimate", NAMES, "--decimate", 150)
@@ -331,15 +336,15 @@ def test_a_prior_that_is_sure_wins_over_the_data(
         (["--estimate", "motor.resistance,motor.resistance"], ["motor.resistance: given twice"]),
         (
             ["--estimate", "motor.resistance,left.motor.resistance"],
-            ["left.motor.resistance: within motor.resistance; allowed: one of them"],
+            ["left.motor.resistance: is part of motor.resistance; allowed: one of them"],
         ),
-        (["--bounds", "motor.resistance=5:1"], ["low before high"]),
-        (["--bounds", "motor.resistance=nan:1"], ["low before high"]),
+        (["--bounds", "motor.resistance=5:1"], ["LOW below HIGH"]),
+        (["--bounds", "motor.resistance=nan:1"], ["LOW below HIGH"]),
         (["--bounds", "motor.resistance=1:5"], ["the initial value 0.708 is outside"]),
         (["--bounds", "motor.resistance=5"], ["allowed: KEY=LOW:HIGH"]),
         (
             ["--bounds", "motor.resistance=0.1:5", "--bounds", "motor.resistance=0.2:5"],
-            ["--bounds motor.resistance: twice"],
+            ["--bounds motor.resistance: given twice"],
         ),
         (
             ["--bounds", "gear.ratio=1:5", "--prior", "gear.inertia=1:1"],
@@ -347,7 +352,7 @@ def test_a_prior_that_is_sure_wins_over_the_data(
         ),
         (["--prior", "motor.resistance=1:-1"], ["allowed: a finite mean"]),
         (["--prior", "motor.resistance=nan:1"], ["allowed: a finite mean"]),
-        (["--noise", "foo=1"], ["allowed: current, speed, position, angle"]),
+        (["--noise", "foo=1"], ["OUTPUT one of current, speed, position, angle"]),
         (["--noise", "current=1"], ["--noise: not given for left_position_rev, gate_angle_deg"]),
         (["--outputs", "foo,bar"], ["--outputs foo", "--outputs bar"]),
         (["--outputs", ""], ["--outputs : allowed: current"]),
@@ -365,7 +370,7 @@ def test_a_prior_that_is_sure_wins_over_the_data(
             ["--result", "no/where.json", "--html", "no/where.html"],
             ["--result no/where.json: no folder", "--html no/where.html: no folder"],
         ),
-        (["--plan"], ["--plan: needs no FILE"]),
+        (["--plan"], ["--plan: takes no FILE"]),
     ],
 )
 def test_wrong_flags_are_a_line_each(

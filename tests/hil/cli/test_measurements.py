@@ -101,7 +101,7 @@ def test_units_are_held_against_the_vehicle(drive: Path) -> None:
 
 
 def test_from_comes_before_to(drive: Path) -> None:
-    with pytest.raises(ConfigError, match="--from 2 --to 1: allowed: from before to"):
+    with pytest.raises(ConfigError, match="--from 2 --to 1: allowed: --from before --to"):
         measure(drive, "--from", 2, "--to", 1)
 
 

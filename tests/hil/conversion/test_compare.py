@@ -168,7 +168,7 @@ def test_it_says_what_is_unlike_and_exits_with_1(
     assert main(["compare", str(first), str(second)]) == 1
     head, line, *rest = capsys.readouterr().out.splitlines()
     assert head.split() == ["column", "largest", "difference", "at", "rms", "tolerance"]
-    assert line.split() == ["left_current_a", "-0.25", "0.040000", "s", "0.025", "0:", "unlike"]
+    assert line.split() == ["left_current_a", "-0.25", "0.040000", "s", "0.025", "0:", "different"]
     assert rest == ["1 of 2 columns are the same in all 100 rows", "different"]
     assert main(["compare", str(first), str(second), "--tolerance", "left_current_a=0.3"]) == 0
     capsys.readouterr()
@@ -186,7 +186,7 @@ def test_bus_logs_are_compared_by_their_frames_or_what_they_say(
     first = log(tmp_path / "a.log", rows, STAMPS)
     second = log(tmp_path / "b.blf", [*rows[:-1], (0x220, bytes(8))], STAMPS)
     assert main(["compare", str(first), str(second)]) == 1
-    told = "50 and 50 frames; the first unlike one is frame 50, at 0.990000 s: data"
+    told = "50 and 50 frames; the first difference is at frame 50, 0.990000 s: data"
     assert capsys.readouterr().out.splitlines() == [told, "different"]
     line = ["compare", str(first), str(second), "--rig", "liftgate", "--columns", "Gate.Angle"]
     assert main(line) == 1
@@ -201,7 +201,7 @@ def test_bus_logs_are_compared_by_their_frames_or_what_they_say(
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (["--tolerance", "x"], "--tolerance x: allowed: X or NAME=X, X from 0 on"),
+        (["--tolerance", "x"], "--tolerance x: allowed: X or NAME=X, X at least 0"),
         (["--tolerance", "-1"], "--tolerance"),
         (["--columns", "gate_angl_deg"], "allowed: gate_angle_deg"),
         (["--from", "2", "--to", "1"], "--from 2: after --to 1; allowed: before it"),
@@ -225,6 +225,6 @@ def test_a_log_and_a_table_have_nothing_to_compare(
     first = str(table(tmp_path / "a.csv", ROWS))
     second = str(log(tmp_path / "b.log", FRAMES, STAMPS))
     assert main(["compare", first, second]) == 2
-    assert "no rows in both; allowed: with --rig" in capsys.readouterr().err
+    assert "not both recordings hold rows; allowed: with --rig" in capsys.readouterr().err
     assert main(["compare", first, str(tmp_path / "nosuch.csv")]) == 2
     assert capsys.readouterr().err == f"liftgate-hil: {tmp_path / 'nosuch.csv'}: no such file\n"

@@ -278,7 +278,7 @@ def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (("--attach", "1"), "--attach 1: no run of yours; allowed: the process of a run"),
-        ((), "--attach missing: nothing runs here to attach to"),
+        ((), "--attach missing: no run of yours is active on this machine"),
         (("--attach", "x"), "--attach: 'x'; allowed: a whole number from 1 to"),
         (("--recording", "no.csv"), "no.csv"),
         (("--recording", "no.csv", "--attach", "1"), "not allowed with"),
@@ -320,7 +320,7 @@ def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
     [
         (("--dashboard", "--listen", "127.0.0.1:{port}"), "--listen 127.0.0.1:{port}: Address already in use"),
         (("--dashboard", "--listen", "here"), "--listen here: allowed: HOST:PORT"),
-        (("--dashboard", "--clock", "free", "--duration", "1"), "--dashboard: a run on the free clock is over"),
+        (("--dashboard", "--clock", "free", "--duration", "1"), "--dashboard: a run on the free clock ends at once"),
         (("--listen", "127.0.0.1:0"), "--listen: allowed together with --dashboard"),
         (("--read-only",), "--read-only: allowed together with --dashboard"),
     ],

@@ -97,7 +97,7 @@ def test_settings_are_not_lost_on_a_vehicle_that_there_is_already(entry: str) ->
         ({"ecu": "bus", "clock": "lockstep"}, "`bus`: missing; allowed: INTERFACE:CHANNEL"),
         ({"ecu": "bus", "clock": "lockstep", "bus": "nonsense"}, "`bus` nonsense: allowed"),
         ({"record": "no/folder/x.csv"}, "`record` no/folder/x.csv: no folder"),
-        ({"record": ["x.csv", "x.csv"]}, "`record` x.csv, x.csv: allowed: a file once"),
+        ({"record": ["x.csv", "x.csv"]}, "`record` x.csv, x.csv: allowed: each file once"),
     ],
 )  # fmt: skip
 def test_run_tells_what_is_allowed(

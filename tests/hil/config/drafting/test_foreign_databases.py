@@ -482,7 +482,7 @@ def test_a_draft_is_written_once_and_never_over_a_file(
     assert load_rig(target).command_message() == "HKL_Soll_01"
     before = target.read_text()
     assert main(arguments) == 2
-    assert "is there already; allowed: a new file" in capsys.readouterr().err
+    assert "already exists; allowed: a new file" in capsys.readouterr().err
     assert target.read_text() == before
 
 
