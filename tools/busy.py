@@ -1,4 +1,4 @@
-"""Processes that never wait: the load beside which a benchmark or a study looks at real time."""
+"""Busy processes: a load that never waits, under which benchmarks and studies measure real time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def busy_processes(count: int) -> Iterator[None]:
-    """Keep so many processes busy within a `with`; they end with it, and with this process, however that ends."""
+    """Keep `count` processes busy within a `with`; they end with it, or with this process, however that ends."""
     loop = f"import os\nwhile os.getppid() == {os.getpid()}:\n    sum(range(10**6))"
     processes = [subprocess.Popen([sys.executable, "-c", loop]) for _ in range(count)]
     try:

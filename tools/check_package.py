@@ -1,7 +1,7 @@
-"""Does the package work where there is no checkout? `python -m tools.check_package`, or `make test-package`.
+"""Check of the package without a checkout: `python -m tools.check_package`, or `make test-package`.
 
-Builds sdist and wheel, compares what is in them with the sources, installs each into an empty environment and uses
-it in a folder that has packages named like the checkout's folders. Needs a package index, for the dependencies.
+Builds sdist and wheel, compares the wheel's contents with the sources, installs each into an empty environment and
+uses it in a folder that has packages named like the checkout's folders. Needs a package index for dependencies.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ PARTS = {  # in the checkout → in the wheel
 def run(
     *command: str | Path, cwd: Path = ROOT, env: Mapping[str, str] | None = None, code: int = 0
 ) -> str:
-    """What a command prints; ends this program where it does not end with `code`."""
+    """Run a command and return its output; exit this program if the command's exit code is not `code`."""
     started = time.monotonic()
     done = subprocess.run(
         [str(each) for each in command],
@@ -52,13 +52,13 @@ def run(
 
 
 def expect(is_so: object, what: str) -> None:
-    """End this program where something is not so."""
+    """Exit this program with a message if a condition is not met."""
     if not is_so:
         sys.exit(f"check_package: not so: {what}")
 
 
 def build(folder: Path) -> tuple[Path, Path]:
-    """The sdist and the wheel made of it, which must be the one made of the checkout."""
+    """Build the sdist, and the wheel from it, which must equal the wheel built from the checkout."""
     run(sys.executable, "-m", "build", "--outdir", folder, ROOT)
     run(sys.executable, "-m", "build", "--wheel", "--outdir", folder / "direct", ROOT)
     (sdist,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
@@ -68,18 +68,18 @@ def build(folder: Path) -> tuple[Path, Path]:
 
 
 def contents(wheel: Path) -> dict[str, bytes]:
-    """Every file in a wheel."""
+    """Return the content of every file in a wheel, by name."""
     with zipfile.ZipFile(wheel) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
 def sources() -> dict[str, bytes]:
-    """What a wheel must hold: every file of the checkout's parts that git doesn't ignore, where it goes."""
+    """Return the files that a wheel must contain, by path in it: those of PARTS that git does not ignore."""
     listed = run("git", "ls-files", "--cached", "--others", "--exclude-standard", *PARTS)
     held = {}
     for name in map(PurePosixPath, listed.splitlines()):
         part = next(each for each in PARTS if name.is_relative_to(each))
-        if (ROOT / name).is_file():  # not deleted a moment ago
+        if (ROOT / name).is_file():  # git lists deleted files, too
             held[str(PurePosixPath(PARTS[part], name.relative_to(part)))] = (
                 ROOT / name
             ).read_bytes()
@@ -87,7 +87,7 @@ def sources() -> dict[str, bytes]:
 
 
 def check_contents(wheel: Path) -> None:
-    """Nothing is missing, nothing is too many."""
+    """Check that the wheel contains all sources, unchanged, and nothing else."""
     held, wanted = contents(wheel), sources()
     for name in ("liftgate_hil/py.typed", "liftgate_plant/py.typed"):
         expect(name in wanted, f"{name} among the sources")
@@ -98,7 +98,7 @@ def check_contents(wheel: Path) -> None:
 
 
 def check_metadata(wheel: Path) -> None:
-    """An index would take it, and it tells what pyproject.toml does."""
+    """Check that an index would accept the metadata, and that they agree with pyproject.toml."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     held = contents(wheel)
     (name,) = (each for each in held if each.endswith(".dist-info/METADATA"))
@@ -117,7 +117,7 @@ def check_metadata(wheel: Path) -> None:
 
 
 class Installation:
-    """The package in an environment of its own, and a folder to use it in."""
+    """Installation of the package in an environment of its own, with a folder to use it in."""
 
     def __init__(self, artifact: Path, folder: Path) -> None:
         self.work = folder / "work"
@@ -129,22 +129,22 @@ class Installation:
         self.env = {
             **kept,
             "PATH": f"{binaries}{os.pathsep}{kept['PATH']}",
-        }  # the cache is the user's: machine code of the same sources is found there, wherever they are
+        }  # the user's cache is kept: it finds machine code of the same sources wherever they are
         run(sys.executable, ROOT / "tools/make_venv.py", folder / "environment")
         self.pip("install", str(artifact))
         self.pip("check")
 
     def pip(self, *arguments: str) -> None:
-        """Run pip there."""
+        """Run pip in the environment."""
         self.call("python", "-m", "pip", "--quiet", "--disable-pip-version-check", *arguments)
 
     def call(self, *command: str, within: str = ".", code: int = 0) -> str:
-        """What a command of the environment prints."""
+        """Run a command of the environment in the folder `work` and return its output."""
         return run(*command, cwd=self.work / within, env=self.env, code=code)
 
 
 def check_use(installed: Installation, version: str) -> None:
-    """What a user does first."""
+    """Check a user's first steps: version, help, the demo, `init`, the C ECU and the copied tests."""
     call, work = installed.call, installed.work
     expect(call("liftgate-hil", "--version") == f"liftgate-hil {version}\n", "--version")
     expect("\n  init " in call("python", "-m", "liftgate_hil", "--help"), "init in the overview")
@@ -180,7 +180,7 @@ def check_use(installed: Installation, version: str) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point."""
+    """Build the package, and check its contents, its metadata and its use."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.parse_args(arguments)
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]

@@ -1,7 +1,7 @@
 """Make a virtual environment: `python3 tools/make_venv.py FOLDER`.
 
-Debian and Ubuntu ship Python without `ensurepip` unless python3-venv is installed; then the package is installed
-where that is possible, and said plainly where it is not.
+Debian and Ubuntu ship Python without `ensurepip` unless python3-venv is installed. If it is missing, the package
+is installed where that is possible; elsewhere the program ends with a message that names the package.
 """
 
 import os
@@ -13,7 +13,7 @@ from pathlib import Path
 
 
 def has_ensurepip() -> bool:
-    """Whether `venv` can put pip into an environment."""
+    """Return whether `venv` can put pip into an environment."""
     return (
         subprocess.run(
             [sys.executable, "-c", "import ensurepip"], check=False, capture_output=True
@@ -23,7 +23,7 @@ def has_ensurepip() -> bool:
 
 
 def install_venv_package() -> None:
-    """Install Debian's package with `ensurepip`."""
+    """Install Debian's package that contains `ensurepip`; exit with a message if that is not possible."""
     version = f"{sys.version_info.major}.{sys.version_info.minor}"
     root = [] if os.geteuid() == 0 else ["sudo"]
     apt = [*root, "apt-get"]
@@ -36,10 +36,10 @@ def install_venv_package() -> None:
 
 
 def main() -> None:
-    """Entry point."""
+    """Make the virtual environment in the folder that the command line names."""
     if not has_ensurepip():
         install_venv_package()
-    # A folder left over from an interrupted try would lack pip.
+    # The folder is cleared: one that is left from an interrupted try would lack pip.
     venv.create(Path(sys.argv[1]), with_pip=True, clear=True)
 
 

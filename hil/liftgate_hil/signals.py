@@ -46,34 +46,44 @@ class Command(NamedTuple):
     latch_release: Annotated[float, Signal("", 0.0, 1.0, "drives the latch open", LATCH_COMMANDS)]
     latch_cinch: Annotated[
         float,
-        Signal("", 0.0, 1.0, "drives the cinching motor, of a latch as built", CINCH_COMMANDS),
+        Signal(
+            "", 0.0, 1.0, "drives the cinching motor of a latch with `[latch] half`", CINCH_COMMANDS
+        ),
     ]
 
 
 class Rod(NamedTuple):
     """The obstacle that a test bench's panel sets, which the gate meets while it closes."""
 
-    obstacle_angle: Annotated[float, Signal("deg", -10.0, 180.0, "where the gate meets it")]
+    obstacle_angle: Annotated[
+        float, Signal("deg", -10.0, 180.0, "gate angle at which the gate meets the obstacle")
+    ]
     obstacle_rate: Annotated[
-        float, Signal("N/mm", 0.0, 1e4, "the obstacle's spring rate; 0 is no obstacle")
+        float, Signal("N/mm", 0.0, 1e4, "spring rate of the obstacle; 0: no obstacle")
     ]
 
 
 # An obstacle as scenarios and programs describe it.
 OBSTACLE: dict[str, Signal] = {
     "angle_deg": signals_of(Rod)["obstacle_angle"],
-    "distance": Signal("m", 0.01, 10.0, "from the hinge"),
-    "stiffness": Signal("N/m", 1.0, 1e7, "of its spring"),
-    "damping": Signal("N s/m", 0.0, 1e6, "beside the spring"),
-    "lateral": Signal("m", -5.0, 5.0, "from the gate's middle, positive to the left"),
-    "gap": Signal("m", -1.0, 1.0, "before the gate touches it at that angle"),
+    "distance": Signal("m", 0.01, 10.0, "distance from the hinge"),
+    "stiffness": Signal("N/m", 1.0, 1e7, "stiffness of its spring"),
+    "damping": Signal("N s/m", 0.0, 1e6, "damping parallel to the spring"),
+    "lateral": Signal(
+        "m", -5.0, 5.0, "lateral position from the gate's middle, positive to the left"
+    ),
+    "gap": Signal(
+        "m", -1.0, 1.0, "further travel along the arc from that angle until the gate touches it"
+    ),
 }
 
 
-_NUMBER = Signal("", 0.0, EDGE_NUMBERS - 1.0, "Hall edges so far, modulo 256", is_whole=True)
+_NUMBER = Signal(
+    "", 0.0, EDGE_NUMBERS - 1.0, "number of Hall edges so far, modulo 256", is_whole=True
+)
 _AGES = [
-    EDGE_AGE._replace(meaning=f"since the last Hall edge {which}; before it since the start")
-    for which in ("", "but one", "but two", "but three")
+    EDGE_AGE._replace(meaning=f"time since the last Hall edge{which}; before it, since the start")
+    for which in ("", " but one", " but two", " but three")
 ]
 
 
@@ -95,16 +105,18 @@ class EdgeTimes(NamedTuple):
 class Status(NamedTuple):
     """Status of the emulator."""
 
-    tick_overruns: Annotated[float, Signal("", 0.0, 1e18, "periods skipped", is_whole=True)]
+    tick_overruns: Annotated[
+        float, Signal("", 0.0, 1e18, "number of skipped tick periods", is_whole=True)
+    ]
     command_timeouts: Annotated[
-        float, Signal("", 0.0, 1e18, "times the command went stale", is_whole=True)
+        float, Signal("", 0.0, 1e18, "number of time-outs of the command", is_whole=True)
     ]
     rejected_frames: Annotated[
-        float, Signal("", 0.0, 1e18, "frames of ours that were refused", is_whole=True)
+        float, Signal("", 0.0, 1e18, "number of rejected frames of mapped messages", is_whole=True)
     ]
-    emulator_state: Annotated[float, Signal("", 0.0, 3.0, "of this program", EMULATOR_STATES)]
+    emulator_state: Annotated[float, Signal("", 0.0, 3.0, "state of the emulator", EMULATOR_STATES)]
     pinch_force_max: Annotated[
-        float, PINCH_FORCE._replace(meaning="the largest pinch force since its last frame")
+        float, PINCH_FORCE._replace(meaning="largest pinch force since the last frame with it")
     ]
 
 
@@ -112,14 +124,24 @@ class Timing(NamedTuple):
     """Timing of the loop; NaN on a clock that is not real time."""
 
     lateness_p50: Annotated[float, _TIME._replace(meaning="median lateness of a tick")]
-    lateness_p99: Annotated[float, _TIME._replace(meaning="99 % of the ticks are not later")]
-    lateness_p999: Annotated[float, _TIME._replace(meaning="99.9 % of the ticks are not later")]
-    lateness_max: Annotated[float, _TIME._replace(meaning="of the latest tick")]
-    execution_p50: Annotated[float, _TIME._replace(meaning="median time that a tick takes")]
-    execution_max: Annotated[float, _TIME._replace(meaning="of the longest tick")]
-    command_delay_p50: Annotated[float, _TIME._replace(meaning="command to feedback, median")]
-    command_delay_max: Annotated[float, _TIME._replace(meaning="command to feedback, longest")]
-    command_delay_force: Annotated[float, Signal("N", 0.0, 1e9, "what that is on the 10 N/mm rod")]
+    lateness_p99: Annotated[
+        float, _TIME._replace(meaning="lateness that 99 % of the ticks do not exceed")
+    ]
+    lateness_p999: Annotated[
+        float, _TIME._replace(meaning="lateness that 99.9 % of the ticks do not exceed")
+    ]
+    lateness_max: Annotated[float, _TIME._replace(meaning="largest lateness of a tick")]
+    execution_p50: Annotated[float, _TIME._replace(meaning="median execution time of a tick")]
+    execution_max: Annotated[float, _TIME._replace(meaning="longest execution time of a tick")]
+    command_delay_p50: Annotated[
+        float, _TIME._replace(meaning="median delay from command to feedback")
+    ]
+    command_delay_max: Annotated[
+        float, _TIME._replace(meaning="longest delay from command to feedback")
+    ]
+    command_delay_force: Annotated[
+        float, Signal("N", 0.0, 1e9, "pinch force that the longest delay adds on the 10 N/mm rod")
+    ]
 
 
 class Bench(NamedTuple):

@@ -37,12 +37,12 @@ class Bridge(NamedTuple):
             "Hz",
             0.0,
             1e6,
-            "of the switching, quick beside the motor; 0: its mean alone",
+            "PWM frequency, high relative to the motor; 0: only the mean of the PWM",
             least=1e3,
         ),
     ] = 0.0
     freewheeling: Annotated[
-        str, choice(FREEWHEELING, "what the current takes while the PWM is off")
+        str, choice(FREEWHEELING, "path of the current while the PWM is off")
     ] = "slow"
 
 

@@ -23,7 +23,10 @@ class Clutch(NamedTuple):
     """Table `[clutch]` of the vehicle file."""
 
     torque: Annotated[
-        float, Quantity("T_c", "N m", 0.0, 1e3, "on the spindle, at which it slips; 0: none")
+        float,
+        Quantity(
+            "T_c", "N m", 0.0, 1e3, "torque on the spindle at which the clutch slips; 0: none"
+        ),
     ] = 0.0
 
 

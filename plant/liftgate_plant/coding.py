@@ -11,10 +11,11 @@ class Coding(NamedTuple):
     """Table `[coding]` of the vehicle file."""
 
     closing_speed: Annotated[
-        float, Quantity("", "1", 0.2, 2.0, "of the reference ECU; 1: as it is calibrated")
+        float, Quantity("", "1", 0.2, 2.0, "factor on the reference ECU's calibrated closing speed")
     ] = 1.0
     anti_trap_limits: Annotated[
-        float, Quantity("", "1", 0.2, 5.0, "of the reference ECU; 1: as they are calibrated")
+        float,
+        Quantity("", "1", 0.2, 5.0, "factor on the reference ECU's calibrated anti-trap limits"),
     ] = 1.0
 
 

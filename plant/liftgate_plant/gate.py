@@ -25,33 +25,44 @@ _METRES = Quantity("", "m", -10.0, 10.0, "[x, y] in the closed position, x rearw
 class Gate(NamedTuple):
     """Table `[gate]` of the vehicle file."""
 
-    mass: Annotated[float, Quantity("m", "kg", 0.1, 1e3, "gate without the drives")]
-    length: Annotated[float, Quantity("L_L", "m", 0.01, 10.0, "of the plate")]
-    thickness: Annotated[float, Quantity("T", "m", 0.0, 5.0, "of the plate")]
-    open_angle: Annotated[float, Quantity("φ_max", "deg", 1.0, 170.0, "where the open stop is met")]
+    mass: Annotated[float, Quantity("m", "kg", 0.1, 1e3, "mass of the gate without the drives")]
+    length: Annotated[float, Quantity("L_L", "m", 0.01, 10.0, "length of the plate")]
+    thickness: Annotated[float, Quantity("T", "m", 0.0, 5.0, "thickness of the plate")]
+    open_angle: Annotated[float, Quantity("φ_max", "deg", 1.0, 170.0, "angle of the open end stop")]
     hinge: Annotated[Point, _METRES]
     gate_point: Annotated[Point, _METRES]
     body_point: Annotated[Point, _METRES]
     gravity_point: Annotated[Point, _METRES]
-    hinge_friction: Annotated[float, Quantity("τ_h", "N m", 0.0, 1e4, "dry friction")] = 0.0
+    hinge_friction: Annotated[
+        float, Quantity("τ_h", "N m", 0.0, 1e4, "dry friction of the hinge")
+    ] = 0.0
     inertia: Annotated[
-        float, Quantity("J_L", "kg m²", 0.0, 1e4, "about the hinge; 0: from mass and plate (3.18)")
+        float,
+        Quantity(
+            "J_L", "kg m²", 0.0, 1e4, "inertia about the hinge; 0: from mass and plate (3.18)"
+        ),
     ] = 0.0
     torsional_stiffness: Annotated[
-        float, Quantity("k_t", "N m/rad", 0.0, 1e9, "of the twist between the drives; 0: rigid")
+        float,
+        Quantity("k_t", "N m/rad", 0.0, 1e9, "stiffness of the twist between the drives; 0: rigid"),
     ] = 0.0
-    torsional_damping: Annotated[float, Quantity("d_t", "N m s/rad", 0.0, 1e6, "of the twist")] = (
-        0.0
-    )
+    torsional_damping: Annotated[
+        float, Quantity("d_t", "N m s/rad", 0.0, 1e6, "damping of the twist")
+    ] = 0.0
     torsional_inertia: Annotated[
         float,
-        Quantity("J_t", "kg m²", 0.0, 1e4, "of the twist; 0: J_L/3, mass spread over the width"),
+        Quantity(
+            "J_t", "kg m²", 0.0, 1e4, "inertia of the twist; 0: J_L/3, mass spread over the width"
+        ),
     ] = 0.0
     half_width: Annotated[
-        float, Quantity("w", "m", 0.05, 5.0, "from the gate's middle to its drives")
+        float, Quantity("w", "m", 0.05, 5.0, "distance from the gate's middle to its drives")
     ] = 0.5
     pinch_limit: Annotated[
-        float, Quantity("", "N", 0.0, 1e4, "whose excess is timed; UN R21 5.8, of windows")
+        float,
+        Quantity(
+            "", "N", 0.0, 1e4, "limit above which pinch forces are timed; UN R21 5.8, of windows"
+        ),
     ] = 100.0
 
 

@@ -1,4 +1,4 @@
-"""The latch: without positions it holds φ = 0 until released, and engages again when the gate comes home.
+"""The latch: without positions it holds the gate at φ = 0 until it is released, and engages again at φ = 0.
 
 A latch with positions (`[latch] half` in the file) is a claw that holds a striker on the gate, s = r_l φ from
 home:
@@ -42,36 +42,45 @@ class Latch(NamedTuple):
 
     half: Annotated[
         float,
-        Quantity("s_half", "m", 0.0, 0.1, "of the striker from home, in the half position; 0: no positions"),
+        Quantity("s_half", "m", 0.0, 0.1, "striker's distance from home in the half position; 0: no positions"),
     ] = 0.0  # fmt: skip
-    full: Annotated[float, Quantity("s_full", "m", 0.0, 0.05, "the same, in the full position")] = (
+    full: Annotated[float, Quantity("s_full", "m", 0.0, 0.05, "the same in the full position")] = (
         0.0005
     )
     entry: Annotated[
-        float, Quantity("s_entry", "m", 1e-3, 0.2, "the same, where it meets the claw")
+        float, Quantity("s_entry", "m", 1e-3, 0.2, "the same where the striker meets the claw")
     ] = 0.020
     distance: Annotated[
-        float, Quantity("r_l", "m", 0.05, 10.0, "of the striker from the hinge")
+        float, Quantity("r_l", "m", 0.05, 10.0, "distance of the striker from the hinge")
     ] = 1.0
     claw_force: Annotated[
-        float, Quantity("F_claw", "N", 0.0, 1e4, "of the claw's spring with the striker at home")
+        float,
+        Quantity("F_claw", "N", 0.0, 1e4, "force of the claw's spring with the striker at home"),
     ] = 40.0
-    stiffness: Annotated[float, Quantity("k_l", "N/m", 1e5, 1e9, "of hook and striker")] = 2e6
-    damping: Annotated[float, Quantity("c_l", "N s/m", 0.0, 1e6, "beside it")] = 3e3
+    stiffness: Annotated[
+        float, Quantity("k_l", "N/m", 1e5, 1e9, "stiffness of hook and striker")
+    ] = 2e6
+    damping: Annotated[float, Quantity("c_l", "N s/m", 0.0, 1e6, "damping of hook and striker")] = (
+        3e3
+    )
     release_time: Annotated[
-        float, Quantity("", "s", 0.0, 5.0, "from the release until the pawl is lifted")
+        float, Quantity("", "s", 0.0, 5.0, "time from the release until the pawl is lifted")
     ] = 0.05
     hold_time: Annotated[
-        float, Quantity("", "s", 0.0, 10.0, "that it stays lifted after the release")
+        float, Quantity("", "s", 0.0, 10.0, "time for which it stays lifted after the release")
     ] = 0.3
     cinch: Annotated[
-        str, choice(CINCHES, "what draws a half closed latch home; commanded: `latch_cinch`")
+        str, choice(CINCHES, "how a half closed latch is drawn home; commanded: by `latch_cinch`")
     ] = "none"
     cinch_speed: Annotated[
-        float, Quantity("v_c", "m/s", 1e-4, 1.0, "of the striker, without load")
+        float,
+        Quantity(
+            "v_c", "m/s", 1e-4, 1.0, "speed of the striker without load, while it is drawn home"
+        ),
     ] = 0.012
     cinch_force: Annotated[
-        float, Quantity("F_c", "N", 1.0, 1e5, "at the striker, at which it stalls")
+        float,
+        Quantity("F_c", "N", 1.0, 1e5, "force at the striker at which the cinching motor stalls"),
     ] = 1200.0
 
 

@@ -17,12 +17,14 @@ from liftgate_plant.quantity import Quantity
 class Motor(NamedTuple):
     """Table `[motor]` of the vehicle file."""
 
-    resistance: Annotated[float, Quantity("R", "Ω", 1e-3, 1e3, "winding and leads at 20 °C")]
-    inductance: Annotated[float, Quantity("L", "H", 1e-7, 1.0, "winding")]
-    rotor_inertia: Annotated[float, Quantity("J", "kg m²", 1e-9, 1.0, "rotor")]
+    resistance: Annotated[
+        float, Quantity("R", "Ω", 1e-3, 1e3, "resistance of winding and leads at 20 °C")
+    ]
+    inductance: Annotated[float, Quantity("L", "H", 1e-7, 1.0, "inductance of the winding")]
+    rotor_inertia: Annotated[float, Quantity("J", "kg m²", 1e-9, 1.0, "inertia of the rotor")]
     torque_constant: Annotated[float, Quantity("c1Φ", "N m/A", 1e-5, 10.0, "torque per current")]
-    speed_constant: Annotated[float, Quantity("c2Φ", "V/rps", 1e-5, 100.0, "EMF per speed")]
-    efficiency: Annotated[float, Quantity("η_M", "1", 0.0, 1.0, "share of M_0 not lost")]
+    speed_constant: Annotated[float, Quantity("c2Φ", "V/rps", 1e-5, 100.0, "back-EMF per speed")]
+    efficiency: Annotated[float, Quantity("η_M", "1", 0.0, 1.0, "share of M_0 that is not lost")]
     load_torque: Annotated[float, Quantity("M_0", "N m", 0.0, 10.0, "constant load factor (3.3)")]
 
 

@@ -59,66 +59,123 @@ _LEAST_FILTER = 1e-9  # s; a shorter time constant means no low-pass
 class Sensors(NamedTuple):
     """Table `[sensors]` of the vehicle file; noise is a standard deviation, resolution 0: not quantised."""
 
-    hall_counts: Annotated[float, Quantity("", "1/rev", 1.0, 1e4, "counts per revolution")] = 4.0
-    hall_sample_period: Annotated[float, Quantity("", "s", 1e-4, 1.0, "of the Hall speed")] = 0.005
+    hall_counts: Annotated[
+        float, Quantity("", "1/rev", 1.0, 1e4, "counts per motor revolution")
+    ] = 4.0
+    hall_sample_period: Annotated[
+        float, Quantity("", "s", 1e-4, 1.0, "sample period of the Hall speed")
+    ] = 0.005
     hall_pitch_error: Annotated[
-        float, Quantity("σ", "1", 0.0, 0.075, "where two poles of the magnet wheel meet, of a pole")
+        float,
+        Quantity(
+            "σ", "1", 0.0, 0.075, "error of the boundaries between poles, as a share of a pole"
+        ),
     ] = 0.0
     hall_phase_error: Annotated[
-        float, Quantity("", "deg", -40.0, 40.0, "electrical; by how much B lags its 90°")
+        float, Quantity("", "deg", -40.0, 40.0, "electrical; lag of B beyond 90° behind A")
     ] = 0.0
     hall_duty_error: Annotated[
-        float, Quantity("", "1", -0.2, 0.2, "of A and B, beyond half high")
+        float, Quantity("", "1", -0.2, 0.2, "duty cycle of A and B, minus 0.5")
     ] = 0.0
     hall_hysteresis: Annotated[
-        float, Quantity("", "deg", 0.0, 40.0, "electrical; between the edges of both ways")
+        float, Quantity("", "deg", 0.0, 40.0, "electrical; between the edges of both directions")
     ] = 0.0
-    hall_jitter: Annotated[float, Quantity("σ", "deg", 0.0, 13.5, "electrical; of each edge")] = 0.0
+    hall_jitter: Annotated[
+        float, Quantity("σ", "deg", 0.0, 13.5, "electrical; random error of each edge")
+    ] = 0.0
     hall_wheel: Annotated[
-        float, Quantity("", "", 0.0, 1e9, "number of the magnet wheel, whole: which poles it has")
+        float,
+        Quantity("", "", 0.0, 1e9, "whole number that selects the magnet wheel, and so its poles"),
     ] = 0.0
-    current_gain: Annotated[float, Quantity("", "1", 0.0, 10.0, "motor current")] = 1.0
-    current_offset: Annotated[float, Quantity("", "A", -100.0, 100.0, "motor current")] = 0.0
-    current_noise: Annotated[float, Quantity("σ", "A", 0.0, 100.0, "motor current")] = 0.0
-    current_resolution: Annotated[float, Quantity("", "A", 0.0, 10.0, "of the converter")] = 0.0
-    current_limit: Annotated[float, Quantity("", "A", 0.1, 1e4, "saturates at ± this")] = 100.0
-    current_filter: Annotated[float, Quantity("T", "s", 0.0, 1.0, "first-order low-pass")] = 0.0
+    current_gain: Annotated[float, Quantity("", "1", 0.0, 10.0, "gain of the current reading")] = (
+        1.0
+    )
+    current_offset: Annotated[
+        float, Quantity("", "A", -100.0, 100.0, "offset of the current reading")
+    ] = 0.0
+    current_noise: Annotated[
+        float, Quantity("σ", "A", 0.0, 100.0, "noise of the current reading")
+    ] = 0.0
+    current_resolution: Annotated[
+        float, Quantity("", "A", 0.0, 10.0, "resolution of the converter; 0: not quantised")
+    ] = 0.0
+    current_limit: Annotated[
+        float, Quantity("", "A", 0.1, 1e4, "the reading saturates at ± this value")
+    ] = 100.0
+    current_filter: Annotated[
+        float, Quantity("T", "s", 0.0, 1.0, "time constant of a first-order low-pass; 0: none")
+    ] = 0.0
     current_window: Annotated[
-        float, Quantity("", "s", 0.0, 1.0, "mean over windows of this length, in place of a filter")
+        float,
+        Quantity(
+            "",
+            "s",
+            0.0,
+            1.0,
+            "length of windows whose mean is read, instead of the low-pass; 0: none",
+        ),
     ] = 0.0
     shunt_low_side: Annotated[
-        float, Quantity("", "1", 0.0, 1.0, "1: in the bridge's ground, sees what the source gives")
+        float,
+        Quantity(
+            "", "1", 0.0, 1.0, "1: shunt in the bridge's ground, measures the source's current"
+        ),
     ] = 0.0
     shunt_sampled_on: Annotated[
         float, Quantity("", "1", 0.0, 1.0, "1: that shunt is read while the PWM is on")
     ] = 0.0
-    ripple: Annotated[float, Quantity("", "1", 0.0, 1.0, "commutation, share of current")] = 0.0
+    ripple: Annotated[
+        float, Quantity("", "1", 0.0, 1.0, "commutation ripple, as a share of the current")
+    ] = 0.0
     commutator_ripple: Annotated[
         float,
-        Quantity("", "1", 0.0, 20.0, "commutation, by the EMF's ripple of an ideal commutator"),
+        Quantity(
+            "",
+            "1",
+            0.0,
+            20.0,
+            "commutation ripple of the EMF, relative to that of an ideal commutator",
+        ),
     ] = 0.0
     commutator_segments: Annotated[
-        float, Quantity("K", "", 2.0, 200.0, "of the motors' commutators, whole")
+        float, Quantity("K", "", 2.0, 200.0, "segments of the motor's commutator, whole number")
     ] = 7.0
     commutator_brushes: Annotated[
-        float, Quantity("p", "", 2.0, 20.0, "of the motors' commutators, whole")
+        float, Quantity("p", "", 2.0, 20.0, "brushes of the motor's commutator, whole number")
     ] = 2.0
-    angle_offset: Annotated[float, Quantity("", "deg", -90.0, 90.0, "potentiometer")] = 0.0
-    angle_noise: Annotated[float, Quantity("σ", "deg", 0.0, 90.0, "potentiometer")] = 0.0
-    angle_resolution: Annotated[float, Quantity("", "deg", 0.0, 90.0, "potentiometer")] = 0.0
-    slope_offset: Annotated[float, Quantity("", "deg", -45.0, 45.0, "body accelerometer")] = 0.0
-    slope_noise: Annotated[float, Quantity("σ", "deg", 0.0, 45.0, "body accelerometer")] = 0.0
-    acceleration_noise: Annotated[float, Quantity("σ", "m/s²", 0.0, 100.0, "on the gate")] = 0.0
+    angle_offset: Annotated[
+        float, Quantity("", "deg", -90.0, 90.0, "offset of the potentiometer")
+    ] = 0.0
+    angle_noise: Annotated[float, Quantity("σ", "deg", 0.0, 90.0, "noise of the potentiometer")] = (
+        0.0
+    )
+    angle_resolution: Annotated[
+        float, Quantity("", "deg", 0.0, 90.0, "resolution of the potentiometer")
+    ] = 0.0
+    slope_offset: Annotated[
+        float, Quantity("", "deg", -45.0, 45.0, "offset of the body accelerometer")
+    ] = 0.0
+    slope_noise: Annotated[
+        float, Quantity("σ", "deg", 0.0, 45.0, "noise of the body accelerometer")
+    ] = 0.0
+    acceleration_noise: Annotated[
+        float, Quantity("σ", "m/s²", 0.0, 100.0, "noise of the gate accelerometer")
+    ] = 0.0
     acceleration_distance: Annotated[
-        float, Quantity("", "m", 0.0, 10.0, "of that accelerometer from the hinge")
+        float, Quantity("", "m", 0.0, 10.0, "distance of the gate accelerometer from the hinge")
     ] = 0.9
-    voltage_noise: Annotated[float, Quantity("σ", "V", 0.0, 10.0, "terminal voltage")] = 0.0
-    temperature_offset: Annotated[float, Quantity("", "K", -50.0, 50.0, "all thermometers")] = 0.0
+    voltage_noise: Annotated[
+        float, Quantity("σ", "V", 0.0, 10.0, "noise of the terminal voltage")
+    ] = 0.0
+    temperature_offset: Annotated[
+        float, Quantity("", "K", -50.0, 50.0, "offset of all thermometers")
+    ] = 0.0
     strip_force: Annotated[
-        float, Quantity("", "N", 0.0, 1e3, "at which a pinch strip closes; 0: there are none")
+        float, Quantity("", "N", 0.0, 1e3, "force at which a pinch strip closes; 0: no strips")
     ] = 0.0
     strip_begin: Annotated[
-        float, Quantity("", "m", 0.0, 5.0, "of each strip, from the gate's middle to its side")
+        float,
+        Quantity("", "m", 0.0, 5.0, "distance from the gate's middle at which each strip begins"),
     ] = 0.3
 
 

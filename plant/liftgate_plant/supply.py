@@ -19,7 +19,7 @@ class Supply(NamedTuple):
 
     voltage: Annotated[float, signals.SUPPLY_VOLTAGE.parameter("U_source")]
     internal_resistance: Annotated[
-        float, Quantity("R_source", "Ω", 0.0, 10.0, "battery, fuses and harness")
+        float, Quantity("R_source", "Ω", 0.0, 10.0, "resistance of battery, fuses and harness")
     ] = 0.0
 
 

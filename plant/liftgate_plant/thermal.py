@@ -19,20 +19,38 @@ from liftgate_plant.quantity import Quantity
 class Thermal(NamedTuple):
     """Table `[thermal]` of the vehicle file."""
 
-    enabled: Annotated[float, Quantity("", "1", 0.0, 1.0, "1: the motor warms up")] = 0.0
+    enabled: Annotated[float, Quantity("", "1", 0.0, 1.0, "1: the motor heats up")] = 0.0
     winding_resistance: Annotated[
-        float, Quantity("R_wh", "K/W", 0.01, 1e3, "winding to housing")
+        float, Quantity("R_wh", "K/W", 0.01, 1e3, "thermal resistance, winding to housing")
     ] = 4.0
     housing_resistance: Annotated[
-        float, Quantity("R_ha", "K/W", 0.01, 1e3, "housing to ambient")
+        float, Quantity("R_ha", "K/W", 0.01, 1e3, "thermal resistance, housing to ambient")
     ] = 14.0
-    winding_capacity: Annotated[float, Quantity("C_w", "J/K", 0.1, 1e5, "winding")] = 4.0
-    housing_capacity: Annotated[float, Quantity("C_h", "J/K", 0.1, 1e6, "housing")] = 50.0
+    winding_capacity: Annotated[
+        float, Quantity("C_w", "J/K", 0.1, 1e5, "heat capacity of the winding")
+    ] = 4.0
+    housing_capacity: Annotated[
+        float, Quantity("C_h", "J/K", 0.1, 1e6, "heat capacity of the housing")
+    ] = 50.0
     copper_coefficient: Annotated[
-        float, Quantity("α_Cu", "1/K", 0.0, 0.01, "of the resistance; copper (IEC 60028)")
+        float,
+        Quantity(
+            "α_Cu",
+            "1/K",
+            0.0,
+            0.01,
+            "temperature coefficient of the resistance; copper (IEC 60028)",
+        ),
     ] = 0.00393
     magnet_coefficient: Annotated[
-        float, Quantity("α_B", "1/K", -0.01, 0.0, "of the flux; ferrite −0.002, NdFeB −0.001")
+        float,
+        Quantity(
+            "α_B",
+            "1/K",
+            -0.01,
+            0.0,
+            "temperature coefficient of the flux; ferrite −0.002, NdFeB −0.001",
+        ),
     ] = -0.001
 
 

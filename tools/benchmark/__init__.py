@@ -1,1 +1,1 @@
-"""Benchmarks: python -m tools.benchmark. Nothing here passes or fails; ratios are measured side by side."""
+"""Benchmarks of the project: python -m tools.benchmark. They measure ratios side by side; none passes or fails."""

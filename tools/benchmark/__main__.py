@@ -1,7 +1,7 @@
-"""The figures of this machine: python -m tools.benchmark [--output FOLDER] [--against CHECKOUT] …
+"""Benchmark report of this machine: python -m tools.benchmark [--output FOLDER] [--against CHECKOUT] …
 
-Writes benchmark.md and benchmark.png. Ratios were measured side by side in one run and hold further; absolute
-times are this machine's at this moment.
+Writes benchmark.md and benchmark.png. Ratios are measured side by side in one run, so they are valid beyond this
+machine. Absolute times are those of this machine at this moment.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ STEPS = {"s": 1.0, "ms": 1e3, "µs": 1e6, "ns": 1e9}
 
 
 def shown(seconds: float) -> str:
-    """A time with its unit."""
+    """Return a time [s] as text with its unit."""
     unit = list(STEPS)[min(3, max(0, -math.floor(math.log10(seconds) / 3.0)))]
     return f"{seconds * STEPS[unit]:.1f} {unit}"
 
 
 def paragraph(text: str) -> str:
-    """On one line."""
+    """Return a text as one line, with single blanks between its words."""
     return " ".join(text.split())
 
 
 def lateness_table(pairs: list[Pairs]) -> list[str]:
-    """Ratios first."""
+    """Return the lines of the lateness table, in which the ratios are the first columns."""
     lines = [
         "| | p50, ratio | p99, ratio | missed, median | missed, sum | p50 µs | p99 µs | p99.9 µs | max µs "
         "| stolen ms |",
@@ -65,7 +65,7 @@ def lateness_table(pairs: list[Pairs]) -> list[str]:
 
 
 def plot(path: Path, pairs: list[Pairs]) -> None:
-    """Share of wake-ups that are later, over lateness."""
+    """Write a figure of the share of wake-ups that are later than a lateness, over that lateness [µs]."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -98,7 +98,7 @@ def plot(path: Path, pairs: list[Pairs]) -> None:
 
 
 def step_section(effort: Effort = WHOLE) -> list[str]:
-    """The compiled step against C."""
+    """Return the section about the compiled plant step against its C translation."""
     points = compare(effort.of(STEP_ROUNDS), BUILDS[: effort.builds])
     lines = [
         "## The step against C",
@@ -126,7 +126,7 @@ def step_section(effort: Effort = WHOLE) -> list[str]:
 
 
 def episode_section(effort: Effort = WHOLE) -> list[str]:
-    """The closed loop."""
+    """Return the section about the closed loop in machine code."""
     lines = [
         "## The closed loop in machine code",
         "",
@@ -157,7 +157,7 @@ def episode_section(effort: Effort = WHOLE) -> list[str]:
 
 
 def inactive_section(effort: Effort = WHOLE) -> list[str]:
-    """What is in the file, and does nothing."""
+    """Return the section about faults and expectations that a scenario contains and that do nothing."""
     return [
         "## Faults and expectations that do nothing",
         "",
@@ -173,7 +173,7 @@ def inactive_section(effort: Effort = WHOLE) -> list[str]:
 
 
 def replay_section(effort: Effort = WHOLE) -> list[str]:
-    """Against other players."""
+    """Return the section about the lateness of `replay` against other players of logs."""
     rounds, seconds = effort.of(replays.ROUNDS), effort.replay_seconds
     lines = [
         "## Lateness of a replay",
@@ -201,7 +201,7 @@ def replay_section(effort: Effort = WHOLE) -> list[str]:
 
 
 def parts_section(effort: Effort = WHOLE) -> list[str]:
-    """What is optional, part by part."""
+    """Return the section about the cost of each optional part of the plant and its sensors."""
     lines = [
         "## What each part costs",
         "",
@@ -221,7 +221,7 @@ def parts_section(effort: Effort = WHOLE) -> list[str]:
 
 
 def start_section(roots: Sequence[Path], effort: Effort = WHOLE) -> list[str]:
-    """From start to exit."""
+    """Return the section about the times of commands from start to exit."""
     lines = [
         "## Start",
         "",
@@ -242,14 +242,14 @@ def start_section(roots: Sequence[Path], effort: Effort = WHOLE) -> list[str]:
 
 
 def _start(times: processes.Times | None) -> str:
-    """Two cells of a table."""
+    """Return two cells of a table: wall time and CPU time."""
     if times is None:
         return "not measured | not measured"
     return f"{shown(times.wall)} | **{shown(times.cpu)}**"
 
 
 def table_section(roots: Sequence[Path], effort: Effort = WHOLE) -> list[str]:
-    """An hour in each format."""
+    """Return the section about an hour of `simulate` in each format of tables."""
     seconds = effort.table_seconds
     lines = [
         "## An hour of `simulate`",
@@ -272,9 +272,9 @@ def table_section(roots: Sequence[Path], effort: Effort = WHOLE) -> list[str]:
 
 
 def identification_section(against: Path | None, effort: Effort = WHOLE) -> list[str]:
-    """`identify` by rows."""
+    """Return the section about the cost of `identify` by number of rows."""
     by_rows = [
-        # Of a million rows others take minutes.
+        # Another checkout may take minutes for a million rows.
         identification.table((rows,), against if rows < 1_000_000 else None, rounds)
         for rows, rounds in effort.identify_rows
     ]
@@ -296,7 +296,7 @@ def identification_section(against: Path | None, effort: Effort = WHOLE) -> list
 def lateness_section(
     folder: Path, rounds: int, seconds: float, effort: Effort = WHOLE
 ) -> list[str]:
-    """Against cyclictest."""
+    """Return the section about lateness against cyclictest, and write its figure benchmark.png."""
     conditions = lateness.CONDITIONS[: effort.conditions]
     pairs, delays = lateness.measure(rounds, seconds, conditions)
     plot(folder / "benchmark.png", pairs)
@@ -329,7 +329,7 @@ def lateness_section(
 
 
 def main() -> None:
-    """Entry point."""
+    """Run the benchmarks that the command line selects."""
     parser = argparse.ArgumentParser(prog="python -m tools.benchmark", description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("docs"), metavar="FOLDER")
     parser.add_argument("--rounds", type=int, default=7)
@@ -375,7 +375,7 @@ def main() -> None:
 
 
 def cost_section(effort: Effort = WHOLE) -> list[str]:
-    """Steps, ticks and whole commands."""
+    """Return the section about the cost of steps, ticks and whole commands."""
     lines = ["## Cost", "", "| | |", "|---|---|"]
     figures = costs.measure(effort)
     lines += [f"| {name} | {shown(value)} |" for name, value in figures.items()]
@@ -388,7 +388,7 @@ def cost_section(effort: Effort = WHOLE) -> list[str]:
 
 
 def _files(roots: Sequence[Path], against: Path | None, effort: Effort) -> list[str]:
-    """The sections that another checkout can be compared in."""
+    """Return the sections in which another checkout can be compared with this one."""
     return (
         start_section(roots, effort)
         + table_section(roots, effort)

@@ -1,4 +1,4 @@
-"""The checkout that is measured, and another one to measure it against."""
+"""Checkouts of the project in a benchmark: this one, and another one to compare it with."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ HERE = Path(__file__).resolve().parents[2]
 
 
 def environment_of(root: Path) -> dict[str, str]:
-    """For a process that is to run a checkout's code; Python keeps what it has compiled, as it does by itself."""
+    """Return the environment of a process that runs a checkout's code; Python caches bytecode, as by default."""
     environment = {**os.environ, "PYTHONPATH": f"{root / 'hil'}:{root / 'plant'}"}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
     return environment
 
 
 def name_of(root: Path) -> str:
-    """What tables call it."""
+    """Return the name of a checkout in tables."""
     return "now" if root == HERE else "before"

@@ -1,6 +1,7 @@
-"""What a step, a tick, a simulation and a start cost. Every figure is the median of several rounds in one run.
+"""Benchmark of costs: the times of a plant step, a tick, a simulation and the start of a command.
 
-What runs in this process is measured in CPU time, so that others may use the machine meanwhile.
+Every figure is the median of several rounds in one run. Calls in this process are measured in CPU time, so that
+other programs may use the machine meanwhile; hot ticks and whole commands are measured in wall time.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ HOT = "hot tick with its socket reads and writes, mean over the shipped cycles"
 
 @compilable
 def many_steps(plant: Plant, state: State, inputs: Inputs, step: float, count: int) -> State:
-    """`count` plant steps in one call."""
+    """Return the state after `count` plant steps, made in one call."""
     for _ in range(count):
         state = integrate.step(plant, state, inputs, step)
     return state
@@ -71,7 +72,7 @@ def many_steps(plant: Plant, state: State, inputs: Inputs, step: float, count: i
 
 @compilable
 def many_ticks(config: LoopConfig, state: LoopState, outside: Outside, count: int) -> LoopState:
-    """`count` whole ticks (receive, step, sense, encode) in one call, without system calls."""
+    """Return the state after `count` ticks (receive, step, sense, encode), in one call without system calls."""
     for _ in range(count):
         state, _, _, _ = tick(config, state, config.nothing, outside)
     return state
@@ -88,8 +89,9 @@ def hot_ticks(
     every: int,
     count: int,
 ) -> int:
-    """Ticks one after the other as in `run_realtime`, with a command to read every so many. Only they are timed,
-    not what the other end does; their time [ns].
+    """Run `count` ticks in a row, as `run_realtime` does, and return their total time [ns].
+
+    The peer sends a command in one of `every` ticks. Only the ticks are timed, not the work of the peer.
     """
     total = 0
     stimuli, gate, is_new = params.stimuli, config, True
@@ -125,7 +127,7 @@ def hot_ticks(
 
 
 class Peer(NamedTuple):
-    """The other end of the socket pair."""
+    """Other end of the socket pair: its descriptor and buffers, and the command that it sends."""
 
     descriptor: int
     buffers: Buffers
@@ -135,21 +137,23 @@ class Peer(NamedTuple):
 
 
 def nothing_around(config: LoopConfig) -> StimulusPlan:
-    """A stimulus plan in which nothing happens."""
+    """Return a stimulus plan in which nothing happens."""
     return stimulus_plan_of(constants_in(config))
 
 
 def hot_tick(sent: int | None, effort: Effort = WHOLE) -> float:
-    """Seconds of a tick with its socket I/O, mean of many, median of the rounds; at FIFO priority if that may
-    be. As the shipped rig has it at 1 kHz (a command in ten ticks, five frames in ten), or with a command to
-    read and so many frames to send each tick.
+    """Return the seconds of a tick with its socket I/O: the mean of many ticks, and of these the rounds' median.
+
+    If `sent` is None, the traffic is that of the shipped rig at 1 kHz: one command and five sent frames in ten
+    ticks. Otherwise each tick reads a command and sends `sent` frames. The ticks run at FIFO priority if it is
+    permitted.
     """
     rig = rig_from("liftgate")
     config = loop_config_of(vehicle_from("suv"), rig, 1000.0, 0)
     if sent is not None:
         others = len(config.outputs.messages) - sent
         config.outputs.messages.cycle_ns[:] = [config.step_ns] * sent + [0] * others
-    # The command always the same, so without a counter.
+    # The command is always the same, so its counter and its checksum are not checked.
     config.inputs.messages.counter[:] = -1
     config.inputs.messages.kind[:] = 0
     state = start_of(config)
@@ -195,14 +199,14 @@ def hot_tick(sent: int | None, effort: Effort = WHOLE) -> float:
         peer = Peer(
             theirs.fileno(), make_buffers(), command, empty_frames(16), np.zeros(16, dtype=np.int64)
         )
-        with ThreadPoolExecutor(1) as pool:  # the priority is that thread's alone
+        with ThreadPoolExecutor(1) as pool:  # only this thread gets the priority
             rounds = pool.submit(in_thread).result()
     memory.close()
-    return statistics.median(rounds[1:])  # the first compiles
+    return statistics.median(rounds[1:])  # the first round compiles
 
 
 def per_call(action: Callable[[], object], count: int, rounds: int = ROUNDS) -> float:
-    """Median seconds per unit of an action that does `count` of them."""
+    """Return the median CPU seconds per unit of an action that does `count` units."""
     times = []
     for _ in range(rounds):
         start = time.thread_time()
@@ -212,7 +216,7 @@ def per_call(action: Callable[[], object], count: int, rounds: int = ROUNDS) -> 
 
 
 def measure(effort: Effort = WHOLE) -> dict[str, float]:
-    """All figures, in seconds."""
+    """Return all figures by name, in seconds."""
     rounds, many, some = effort.of(ROUNDS), effort.steps, effort.steps // 40
     vehicle = vehicle_from("suv")
     rig = rig_from("liftgate")
@@ -276,7 +280,10 @@ def portable_tick(
     config: LoopConfig,
     state: LoopState,
 ) -> Callable[[int], None]:
-    """The Python loop's work without waiting: receive, see what is outside, tick, send."""
+    """Return a function that runs so many ticks of the Python loop without waiting, on a virtual bus.
+
+    Each tick receives, evaluates the stimuli from outside, advances and sends.
+    """
     transport = CanTransport({"interface": "virtual", "channel": "benchmark"})
     outside, stimuli = compiled(outside_at), nothing_around(config)
 

@@ -1,4 +1,4 @@
-"""How much a benchmark does: as its page wants it, or shortened, so that each line of it still runs."""
+"""Effort of the benchmarks: full, as their page needs it, or shortened so that each of their lines still runs."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from typing import NamedTuple
 
 
 class Effort(NamedTuple):
-    """Rounds, lengths and counts of all sections. The defaults are those of the page."""
+    """Rounds, lengths and counts of all sections; the defaults are those of the page."""
 
-    rounds: int = 0  # of a figure; 0: as many as each section takes by itself
-    ticks: int | None = None  # of an episode; None: the demo's whole length
+    rounds: int = 0  # rounds of a figure; 0: each section's own number
+    ticks: int | None = None  # ticks of an episode; None: the demo's whole length
     steps: int = (
-        200_000  # plant steps between two looks at the clock; ticks are fewer in proportion
+        200_000  # plant steps between two readings of the clock; ticks are fewer in proportion
     )
-    demos: int = 11  # one after the other, against one, for the marginal pace
+    demos: int = 11  # demos in a row, compared with one, for the marginal pace
     cold_rounds: int = 3  # starts with an empty cache of machine code; 0: none, which costs nothing
-    table_seconds: float = 3600.0  # of `simulate`
+    table_seconds: float = 3600.0  # s, model time of `simulate`
     identify_rows: tuple[tuple[int, int], ...] = ((10_000, 3), (100_000, 1), (1_000_000, 1))
-    replay_seconds: float = 10.0  # of the log
-    lateness_seconds: float = 0.0  # of each run; 0: as the flag says
-    conditions: int | None = None  # of the lateness; None: all
-    builds: int | None = None  # of the C translation; None: all
+    replay_seconds: float = 10.0  # s, length of the log
+    lateness_seconds: float = 0.0  # s, length of each run; 0: that of the flag --seconds
+    conditions: int | None = None  # number of conditions of the lateness; None: all
+    builds: int | None = None  # number of builds of the C translation; None: all
 
     def of(self, usual: int) -> int:
-        """The rounds of a section that takes so many by itself."""
+        """Return the rounds of a section whose own number is `usual`."""
         return self.rounds or usual
 
 

@@ -1,7 +1,7 @@
-"""What an episode costs: the closed loop in machine code, against the plant's own step in the same run.
+"""Benchmark of episodes: the closed loop in machine code against the plant's own step, in the same run.
 
-The plant's step with sensors is measured on the very inputs of each episode, read row by row from what it
-recorded, so that both go through the same phases: moving, stalled, at rest.
+The plant's step with sensors is measured under the very inputs of each episode, read row by row from its
+recording, so that both go through the same phases: moving, stalled, at rest.
 """
 
 from __future__ import annotations
@@ -54,15 +54,15 @@ ECU_SOURCES = Path(__file__).resolve().parent.parent / "ecu"
 
 
 class IdleEcu:
-    """A Python ECU that does nothing."""
+    """Python ECU that does nothing."""
 
     def step(self, now_s: float, frames: Sequence[Any]) -> list[Any]:
-        """Hear all, say nothing."""
+        """Ignore the frames and return none."""
         return []
 
 
 class Case(NamedTuple):
-    """An ECU of the table."""
+    """ECU of the table: its name, the function that makes it, and whether its episode is recorded."""
 
     name: str
     make: Callable[[Rig, int], Adapter]
@@ -70,7 +70,7 @@ class Case(NamedTuple):
 
 
 class Figures(NamedTuple):
-    """CPU seconds a tick: medians and minima of the rounds; the ratio's median is that of each round's own."""
+    """CPU seconds of a tick: medians and minima of the rounds. `ratio` is the median of the rounds' ratios."""
 
     episode: float
     plant: float
@@ -80,19 +80,19 @@ class Figures(NamedTuple):
 
     @property
     def least_ratio(self) -> float:
-        """Of the two minima."""
+        """Ratio of the minimum of the episode to the minimum of the plant."""
         return self.least_episode / self.least_plant
 
 
 class Replay(NamedTuple):
-    """What acted on the plant, a row a tick."""
+    """Recorded inputs of the plant, one row per tick, and the obstacle."""
 
     rows: NDArray[np.float64]  # (ticks, 6): duties, coasting, latch released, obstacle in the way
     obstacle: Obstacle
 
 
 class Bench(NamedTuple):
-    """What all episodes have in common. The rings are the same for all, so that no page is touched first."""
+    """Common parts of all episodes. They share the rings, so that no episode is the first to touch a page."""
 
     config: LoopConfig
     rig: Rig
@@ -102,7 +102,7 @@ class Bench(NamedTuple):
     memory: Memory
 
     def stimulus_plan(self) -> StimulusPlan:
-        """What acts from outside, before the first tick."""
+        """Return the plan of all that acts from outside, as it is before the first tick."""
         return stimulus_plan_of(
             constants_in(self.config), self.scenario.stimuli, self.scenario.requests
         )
@@ -116,8 +116,9 @@ def plant_steps(
     replay: Replay,
     seen: NDArray[np.float64],
 ) -> State:
-    """The plant's step with its sensors under recorded inputs; `seen` (2, columns of Sensed) is for what they
-    show, lest the compiler leaves it out.
+    """Return the plant's state after its steps with sensors under recorded inputs.
+
+    `seen` (2, columns of Sensed) receives the sensors' values, so that the compiler does not remove them.
     """
     rows = replay.rows
     for k in range(len(rows)):
@@ -141,21 +142,21 @@ def plant_steps(
 
 
 class Commands:
-    """Keeps the frames of one identifier: when [ns], and the payload."""
+    """Sink that keeps the frames of one identifier, each as (time [ns], payload)."""
 
     def __init__(self, identifier: int) -> None:
         self._identifier = identifier
         self.frames: list[tuple[int, bytes]] = []
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """See Sink."""
+        """Keep the frames of the identifier that a block contains."""
         for each in frames[frames["identifier"] == self._identifier]:
             payload = bytes(each["payload"][: each["length"]])
             self.frames.append((int(each["time_ns"]), payload))
 
 
 def bench_of(name: str = "demo") -> Bench:
-    """The shipped SUV and rig, and a scenario without profiles."""
+    """Return the bench of the shipped SUV and rig, with a scenario that has no profiles."""
     vehicle, rig = vehicle_from("suv"), rig_from("liftgate")
     scenario = scenario_from(name)
     config = loop_config_of(vehicle, rig, RATE, 0)
@@ -165,7 +166,7 @@ def bench_of(name: str = "demo") -> Bench:
 
 
 def run_episode(bench: Bench, case: Case, sinks: Sequence[Sink] = ()) -> tuple[float, State]:
-    """One episode: its seconds, and where it ended."""
+    """Run one episode, and return its CPU seconds and the plant's final state."""
     control = bench.memory.shared.control[0]
     control.rows = control.frames = control.bits = 0
     with case.make(bench.rig, bench.drives) as adapter:
@@ -179,7 +180,10 @@ def run_episode(bench: Bench, case: Case, sinks: Sequence[Sink] = ()) -> tuple[f
 
 
 def replay_of(bench: Bench, case: Case) -> Replay:
-    """What acted on the plant in an episode: its rows, the commands for the latch, and the scenario's obstacle."""
+    """Return the inputs of the plant in an episode: duties and coasting, latch commands, the scenario's obstacle.
+
+    Raises AssertionError if their replay ends in another state than the episode.
+    """
     trace, commands = Trace(), Commands(bench.rig.command_identifier())
     _, end = run_episode(bench, case, [trace, commands])
     columns = trace.columns()
@@ -204,7 +208,7 @@ def replay_of(bench: Bench, case: Case) -> Replay:
 
 
 def replayed(bench: Bench, replay: Replay) -> tuple[float, State]:
-    """The plant and its sensors alone: seconds, and where they ended."""
+    """Run the plant and its sensors alone, and return their CPU seconds and the plant's final state."""
     run = compiled(plant_steps)
     state = start_of(bench.config)
     seen = np.empty((2, len(Sensed._fields)))
@@ -214,7 +218,7 @@ def replayed(bench: Bench, replay: Replay) -> tuple[float, State]:
 
 
 def built_library(folder: Path) -> Path | None:
-    """The C ECU of tools/ecu as a library, made by its own Makefile; None without make or compiler."""
+    """Build the C ECU of tools/ecu with its Makefile; return the library, None without make or a compiler."""
     if shutil.which("make") is None or shutil.which("cc") is None:
         return None
     command = ["make", "-C", str(ECU_SOURCES), f"OUT={folder}", f"PYTHON={sys.executable}"]
@@ -224,7 +228,7 @@ def built_library(folder: Path) -> Path | None:
 
 
 def cases(library: Path | None) -> list[Case]:
-    """The ECUs."""
+    """Return the ECUs of the table; the C ECU only if there is a library of it."""
     found = [
         Case("reference ECU", ReferenceEcu),
         Case("reference ECU, frames kept for a recording", ReferenceEcu, True),
@@ -239,7 +243,7 @@ def cases(library: Path | None) -> list[Case]:
 
 
 def measure_case(bench: Bench, case: Case, rounds: int) -> Figures:
-    """An episode and its plant, in turns."""
+    """Return the figures of an ECU: its episode and the plant alone, measured in turns."""
     replay = replay_of(bench, case)
     episodes, plants = [], []
     for number in range(rounds):
@@ -256,7 +260,7 @@ def measure_case(bench: Bench, case: Case, rounds: int) -> Figures:
 
 
 def measure(rounds: int = ROUNDS, ticks: int | None = None) -> dict[str, Figures]:
-    """By ECU; `ticks` of the demo, or all of it."""
+    """Return the figures by ECU, for `ticks` of the demo, or for all of it."""
     bench = bench_of()
     if ticks is not None:
         bench = bench._replace(ticks=ticks)

@@ -1,7 +1,7 @@
-"""How long `identify` takes and how much memory it needs, by rows; of two checkouts in turns.
+"""Benchmark of `identify`: time and peak memory by number of rows, of two checkouts in turns.
 
-Each run is a process of its own, with the machine code in the cache. On a machine that does other things too the
-least of several runs and the CPU time say more than one wall time.
+Each run is a process of its own, with the machine code in the cache. On a machine that also runs other programs,
+the minimum of several runs and the CPU time are more reliable than one wall time.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from tools.benchmark.checkouts import HERE, environment_of, name_of
 from tools.benchmark.long_runs import BEGIN_DEG, write_long_run
 
 _MODELS = ("third-order", "full")
-_FAST = 200_000  # rows from which on the logger takes 10 kHz
+_FAST = 200_000  # rows, above which the logger samples at 10 kHz, not 1 kHz
 
 
 class Run(NamedTuple):
-    """What a process took, at least, of several."""
+    """Cost of one process, or the minima of several."""
 
     wall: float  # s
     cpu: float  # s
@@ -31,7 +31,10 @@ class Run(NamedTuple):
 
 
 def table(rows: Sequence[int], against: Path | None, rounds: int) -> list[str]:
-    """Lines of a table; `against`: another checkout, measured in turns with this one."""
+    """Return the lines of a table of costs, each the minimum of `rounds` runs after one that fills the cache.
+
+    `against` is another checkout, measured in turns with this one.
+    """
     roots = [HERE] if against is None else [against, HERE]
     lines = [
         "| rows | model | | wall, s | CPU, s | peak memory, MB | largest difference, std |",
@@ -44,7 +47,7 @@ def table(rows: Sequence[int], against: Path | None, rounds: int) -> list[str]:
             write_long_run(path, count, 10_000.0 if count > _FAST else 1000.0)
             for model in _MODELS:
                 runs: dict[Path, list[Run]] = {root: [] for root in roots}
-                for _ in range(rounds + 1):  # the first fills the cache
+                for _ in range(rounds + 1):  # the first round fills the cache
                     for root in roots:
                         runs[root].append(_measured(root, path, model, work / f"{root.name}.json"))
                 away = _away(work / f"{roots[0].name}.json", work / f"{roots[-1].name}.json")
@@ -76,7 +79,7 @@ def _measured(root: Path, path: Path, model: str, result: Path) -> Run:
 
 
 def _away(first: Path, second: Path) -> float:
-    """The largest difference of two results' estimates, in the first one's standard deviations."""
+    """Return the largest difference of two results' estimates, in the first one's standard deviations."""
     one, other = (json.loads(path.read_text())["parameters"] for path in (first, second))
     return max(
         abs(other[name]["value"] - each["value"]) / each["std"] for name, each in one.items()

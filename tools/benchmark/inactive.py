@@ -1,5 +1,6 @@
-"""What faults and expectations cost that a scenario has, and that do nothing: the demo's episode with them against
-the same without, in turns.
+"""Benchmark of inactive faults and expectations: the cost of those that a scenario contains and that do nothing.
+
+The demo's episode with them is measured against the same without, in turns.
 """
 
 from __future__ import annotations
@@ -77,16 +78,16 @@ CASES = {
 
 
 class Figures(NamedTuple):
-    """CPU seconds a tick: the median of the rounds, the least, and the ratios to the plain one."""
+    """CPU seconds of a tick: median and minimum of the rounds, and the ratios to the plain demo."""
 
     tick: float
     least: float
-    ratio: float  # the median of each round's own
-    least_ratio: float  # of the minima
+    ratio: float  # the median of the rounds' ratios
+    least_ratio: float  # ratio of the minima
 
 
 def tick_of(path: Path, memory: Memory, ticks: int | None = None) -> float:
-    """One episode of a scenario: CPU seconds a tick, its judge's and the extremes' included."""
+    """Run one episode of a scenario; return its CPU seconds per tick, including its judge and the extremes."""
     setup, rig = setup_of(path), rig_of(None)
     config = loop_config_of(setup.vehicle, rig, _RATE, setup.seed)
     count = ticks or ticks_of(setup.scenario.duration, _RATE)
@@ -101,7 +102,7 @@ def tick_of(path: Path, memory: Memory, ticks: int | None = None) -> float:
             config, start_of(config), planned_stimuli(setup, rig), adapter, sinks, False, memory
         )
         episode.begin()
-        if setup.scenario.expectations:  # its machine code, too
+        if setup.scenario.expectations:  # compiles the judge, too
             sinks[-1].take(np.zeros((0, memory.shared.rows.shape[1])), memory.shared.frames[:0])
         start = time.thread_time()
         episode.run(count)
@@ -109,7 +110,7 @@ def tick_of(path: Path, memory: Memory, ticks: int | None = None) -> float:
 
 
 def measure(rounds: int = ROUNDS, ticks: int | None = None) -> Mapping[str, Figures]:
-    """By case; the first round warms up."""
+    """Return the figures by case; an additional first round warms up."""
     memory = Memory(ROWS, FRAMES)
     times: dict[str, list[float]] = {name: [] for name in CASES}
     demo = find_config("scenarios", "demo").read_text(encoding="utf-8")
@@ -136,7 +137,7 @@ def measure(rounds: int = ROUNDS, ticks: int | None = None) -> Mapping[str, Figu
 
 
 def table(found: Mapping[str, Figures]) -> list[str]:
-    """As a table of a page."""
+    """Return the lines of a table of the figures."""
     lines = ["| the demo | tick | to that as it is | ratio of the minima |", "|---|---|---|---|"]
     for name, each in found.items():
         lines.append(

@@ -1,9 +1,9 @@
-"""How late the ticks are, side by side with cyclictest (Debian rt-tests): the same priority, CPU and load,
-alternately in one run.
+"""Benchmark of lateness: the ticks of the loop against cyclictest (Debian rt-tests), alternately in one run.
 
-Both sleep to absolute deadlines and skip the periods that they miss, so both are counted alike: a wake-up later
-than n periods misses n of them. Under SCHED_OTHER the kernel lets a sleep end late by the thread's timer slack,
-50 µs unless it is set; our loop sets 1 ns, cyclictest leaves it, so there it is run in either way.
+Both run with the same priority, CPU and load. Both sleep to absolute deadlines and skip the periods that they
+miss, so both are counted alike: a wake-up later than n periods misses n of them. Under SCHED_OTHER the kernel lets
+a sleep end late by the thread's timer slack, 50 µs unless it is set. Our loop sets 1 ns and cyclictest does not
+set it, so under SCHED_OTHER cyclictest is run with either slack.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
 from liftgate_hil.transport.base import LinkCounts
 from tools.busy import busy_processes
 
-_BINS_US = 50_000  # of cyclictest's histogram
+_BINS_US = 50_000  # bins of cyclictest's histogram
 _SO_TIMESTAMPNS = 35  # asm-generic/socket.h
 _TIMERSLACK = 29  # PR_SET_TIMERSLACK
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One line of the table."""
+    """Condition of a measurement, one line of the table; `rate` is in Hz."""
 
     rate: float
     fifo: bool
     loaded: bool
-    same_slack: bool = False  # cyclictest's timer slack: ours, not the 50 µs that are usual
+    same_slack: bool = False  # cyclictest gets our timer slack, not the default of 50 µs
 
     def __str__(self) -> str:
         policy = f"FIFO {PRIORITY}" if self.fifo else "SCHED_OTHER"
@@ -69,7 +69,7 @@ CONDITIONS = (
 
 @dataclass
 class Times:
-    """Wake-ups of one run: lateness [µs] and how often it was that."""
+    """Wake-ups of one run: each lateness [µs] and its number of wake-ups, missed periods, and stolen time [ms]."""
 
     late_us: NDArray[np.float64]
     number: NDArray[np.int64]
@@ -77,49 +77,49 @@ class Times:
     stolen_ms: float
 
     def quantile(self, share: float) -> float:
-        """Lateness [µs] that a share of the wake-ups does not exceed."""
+        """Return the lateness [µs] that a share of the wake-ups does not exceed."""
         total = np.cumsum(self.number)
         return float(self.late_us[int(np.searchsorted(total, share * total[-1]))])
 
 
 @dataclass
 class Pairs:
-    """Runs of ours and of cyclictest's, round by round."""
+    """Runs of our loop and of cyclictest under one condition, round by round."""
 
     condition: Condition
     ours: list[Times] = field(default_factory=list)
     theirs: list[Times] = field(default_factory=list)
 
     def medians(self, share: float) -> tuple[float, float, float]:
-        """(ours, theirs, ratio): medians of the rounds; the ratio's is that of each round's own."""
+        """Return a quantile of the lateness [µs] as (ours, theirs, ratio), each the median of the rounds."""
         mine = [run.quantile(share) for run in self.ours]
         other = [run.quantile(share) for run in self.theirs]
         ratios = [a / b for a, b in zip(mine, other, strict=True)]
         return tuple(statistics.median(each) for each in (mine, other, ratios))  # type: ignore[return-value]
 
     def missed(self) -> tuple[int, int]:
-        """Periods missed in all rounds."""
+        """Return the periods missed in all rounds, as (ours, theirs)."""
         return sum(run.missed for run in self.ours), sum(run.missed for run in self.theirs)
 
     def missed_median(self) -> tuple[float, float]:
-        """Periods missed in a round, medians."""
+        """Return the median of the periods missed in a round, as (ours, theirs)."""
         mine, other = ([run.missed for run in runs] for runs in (self.ours, self.theirs))
         return statistics.median(mine), statistics.median(other)
 
     def stolen(self) -> tuple[float, float]:
-        """Ms that the hypervisor took in all rounds, from all CPUs."""
+        """Return the time [ms] that the hypervisor took from all CPUs in all rounds, as (ours, theirs)."""
         return sum(run.stolen_ms for run in self.ours), sum(run.stolen_ms for run in self.theirs)
 
 
 class PairLine:
-    """A wire to a process of our own; see liftgate_hil.transport.base.Line."""
+    """Line (liftgate_hil.transport.base.Line) to a peer process of our own, over a socket pair."""
 
     name = "socket pair"
     threads: tuple[int, ...] = ()
 
     def __init__(self) -> None:
         self._ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        # The kernel's stamps of what came, as on CAN.
+        # The kernel stamps the frames that arrive, as on CAN.
         self._ours.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         self.descriptor = self._ours.fileno()
         self._peer = subprocess.Popen(
@@ -129,32 +129,32 @@ class PairLine:
         theirs.close()
 
     def drain(self) -> None:
-        """Nothing has come before."""
+        """Do nothing: no frames from before the start are dropped."""
 
     def watch(self, control: object) -> str | None:
-        """Nothing happens to it."""
+        """Return None: the state of this wire never changes."""
         return None
 
     def counts(self) -> LinkCounts:
-        """No faults."""
+        """Return counts without any errors."""
         return LinkCounts()
 
     def close(self) -> None:
-        """End the peer."""
+        """Close the socket and end the peer process."""
         self._ours.close()
         self._peer.kill()
         self._peer.wait()
 
 
 def stolen_ms() -> float:
-    """Time that the hypervisor gave to others so far, all CPUs (proc(5): the eighth figure, in 10 ms)."""
+    """Return the time [ms] that the hypervisor took from all CPUs so far (proc(5): eighth figure, in 10 ms)."""
     first = Path("/proc/stat").read_text().splitlines()[0].split()
     return 10.0 * float(first[8])
 
 
 @contextlib.contextmanager
 def load(is_on: bool) -> Iterator[None]:
-    """Two busy processes, and a busy pure-Python thread in this one."""
+    """Run two busy processes, and a busy pure-Python thread in this process, within a `with` if `is_on`."""
     if not is_on:
         yield
         return
@@ -176,8 +176,10 @@ def load(is_on: bool) -> Iterator[None]:
 
 @contextlib.contextmanager
 def sharp_timers(is_on: bool) -> Iterator[None]:
-    """A timer slack of 1 ns for this thread, and as the default of processes that it starts: cyclictest goes back
-    to its default when it looks whether it may have FIFO.
+    """Set a timer slack of 1 ns for this thread, within a `with` if `is_on`.
+
+    It is also the default slack of processes that the thread starts: this matters because cyclictest returns to
+    its default when it checks whether it may have FIFO.
     """
     if not is_on:
         yield
@@ -191,8 +193,9 @@ def sharp_timers(is_on: bool) -> Iterator[None]:
 
 
 def our_run(condition: Condition, seconds: float) -> tuple[Times, NDArray[np.int64]]:
-    """The emulator's own loop, with commands that come and feedback that goes; and a histogram (BINS,) of the
-    times from command to feedback.
+    """Run the emulator's own loop with a peer that sends commands and receives feedback.
+
+    Returns its wake-ups, and a histogram (BINS,) of the times from command to feedback.
     """
     vehicle, rig = vehicle_from("suv"), rig_from("liftgate")
     config = loop_config_of(vehicle, rig, condition.rate, 0)
@@ -227,7 +230,7 @@ def our_run(condition: Condition, seconds: float) -> tuple[Times, NDArray[np.int
 
 
 def cyclictest_run(condition: Condition, seconds: float) -> Times:
-    """cyclictest, with the same period, policy, priority and CPU."""
+    """Run cyclictest with the period, policy, priority and CPU of our loop, and return its wake-ups."""
     period = round(1e6 / condition.rate)
     policy = ["-p", str(PRIORITY)] if condition.fifo else ["--policy=other"]
     affinity = ["-a", str(best_cpu())] if condition.fifo else []
@@ -255,14 +258,17 @@ def cyclictest_run(condition: Condition, seconds: float) -> Times:
 
 
 def available() -> bool:
-    """Whether there is a cyclictest to compare with."""
+    """Return whether cyclictest is installed."""
     return shutil.which("cyclictest") is not None
 
 
 def measure(
     rounds: int, seconds: float, conditions: Sequence[Condition] = CONDITIONS
 ) -> tuple[list[Pairs], dict[Condition, Distribution]]:
-    """Each of the conditions; and the times from command to feedback at 1 kHz and FIFO, of all rounds."""
+    """Return the runs of each condition, and the distributions of the time from command to feedback.
+
+    The latter are over all rounds, for the conditions with 1 kHz and FIFO.
+    """
     result = []
     delays: dict[Condition, Distribution] = {}
     for condition in conditions:
@@ -270,7 +276,7 @@ def measure(
         delay = np.zeros(BINS, dtype=np.int64)
         with load(condition.loaded):
             for number in range(rounds):
-                # In turns, so that what drifts takes from both alike.
+                # In turns, so that a drift affects both alike.
                 for ours in (True, False) if number % 2 else (False, True):
                     if ours:
                         times, seen = our_run(condition, seconds)

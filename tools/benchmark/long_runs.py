@@ -1,5 +1,6 @@
-"""Measurements of any length: a gate of known truth that goes back and forth between two angles, as
-`measurements.py` measures it.
+"""Generated measurements of any length: a gate of known truth that moves back and forth between two angles.
+
+They are recorded with the logger of `tools.identification.measurements`.
 """
 
 from __future__ import annotations
@@ -18,16 +19,16 @@ from tools.identification.measurements import sensed, true_vehicle, write_csv
 
 Floats = NDArray[np.float64]
 
-BEGIN_DEG = 15.0  # at rest, as the truth and the shipped vehicle hold it
-_LOW_DEG, _HIGH_DEG = 25.0, 60.0  # where the voltage turns: neither seal nor end stop is met
+BEGIN_DEG = 15.0  # start, where the true and the shipped vehicle stay at rest
+_LOW_DEG, _HIGH_DEG = 25.0, 60.0  # angles of reversal, away from seal and end stop
 _UP, _DOWN = 11.0, -9.0  # V
 _PAUSE, _RAMP = 0.5, 0.3  # s
-_COARSE = 1e-3  # s
-_AHEAD = 8.0  # s that a motion takes at most
+_COARSE = 1e-3  # s, longest step of the plant
+_AHEAD = 8.0  # s, longest duration of a motion
 
 
 def write_long_run(path: Path, rows: int, rate: float, seed: int = 2026) -> None:
-    """A CSV file of so many rows at `rate` [Hz]."""
+    """Write a CSV file of `rows` rows at `rate` [Hz]."""
     vehicle = true_vehicle()
     times = np.arange(rows) / rate
     volts = _voltage(vehicle, times)
@@ -36,7 +37,7 @@ def write_long_run(path: Path, rows: int, rate: float, seed: int = 2026) -> None
 
 
 def _voltage(vehicle: Vehicle, times: Floats) -> Floats:
-    """Motor voltage (n,) [V]: up, a pause, down, a pause, each motion until its angle is reached."""
+    """Return the motor voltage (n,) [V]: up, pause, down, pause; each motion ends when its angle is reached."""
     marks, levels = [0.0], [0.0]
     begin, direction = 0.2, 1.0
     while begin < times[-1]:

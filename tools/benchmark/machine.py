@@ -1,4 +1,4 @@
-"""What this machine is."""
+"""Description of the machine that runs the benchmark."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 
 
 def machine_lines() -> list[str]:
-    """A list for a page."""
+    """Return the description of the machine as a Markdown list."""
     return [f"- {line}" for line in machine()]
 
 
 def machine() -> list[str]:
-    """What this was measured on."""
+    """Return the lines that describe the machine: processor, system, Python and numba."""
     model, flags = platform.processor(), ""
     info = Path("/proc/cpuinfo")
     if info.is_file():
@@ -31,6 +31,6 @@ def machine() -> list[str]:
 
 
 def load_line() -> str:
-    """How busy the machine was with other things when it began."""
+    """Return a line of a Markdown list: the machine's load average before the benchmark."""
     minute, five, _ = os.getloadavg()
     return f"- load average before: {minute:.1f} over a minute, {five:.1f} over five"

@@ -1,4 +1,7 @@
-"""What each optional part of the plant and its sensors adds to a tick, in turns with the ideal gate."""
+"""Benchmark of optional parts: the time that each part of plant and sensors adds to a tick of the ideal gate.
+
+All gates are measured in turns.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +50,7 @@ PARTS: dict[str, Sequence[str]] = {
 
 
 class Case(NamedTuple):
-    """A gate, ready to run."""
+    """Gate that is ready to run: plant, sensors, friction and load."""
 
     plant: Plant
     sensors: Sensors
@@ -56,7 +59,7 @@ class Case(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """CPU seconds a tick: median, least, and the median of its ratios to the ideal gate's."""
+    """CPU seconds of a tick: the median, the minimum, and the median of the ratios to the ideal gate."""
 
     tick: float
     least: float
@@ -65,7 +68,10 @@ class Cost(NamedTuple):
 
 @compilable
 def many(case: Case, memory: SensorState, seen: NDArray[np.float64], count: int) -> float:
-    """`count` steps with their sensors; where the gate is in the end [rad]."""
+    """Return the gate's angle [rad] after `count` plant steps, each with its sensors.
+
+    `seen` (2, columns of Sensed) receives the sensors' values.
+    """
     state = initial.initial_state(case.plant, 0.1, 0.0)
     drive = DriveInput(0.6, 0.0, 0.0)
     for k in range(count):
@@ -81,13 +87,13 @@ def many(case: Case, memory: SensorState, seen: NDArray[np.float64], count: int)
 
 
 def case_of(vehicle: Vehicle) -> Case:
-    """A vehicle with its latch released."""
+    """Return the case of a vehicle with its latch released."""
     plant, load = plant_of(vehicle), load_of(vehicle)._replace(latch_released=1.0)
     return Case(plant, vehicle.sensors, friction_profile(vehicle, plant, 1), load)
 
 
 def seconds_of(case: Case) -> float:
-    """A tick's CPU time, mean of a run."""
+    """Return the CPU seconds of a tick, as the mean of one run."""
     memory = initial_sensors(case.sensors, initial_state(case.plant, 0.1))
     seen, run = np.empty((2, len(Sensed._fields))), compiled(many)
     start = time.thread_time()
@@ -96,7 +102,7 @@ def seconds_of(case: Case) -> float:
 
 
 def measure(rounds: int = ROUNDS) -> dict[str, Cost]:
-    """By part, the ideal gate first and the shipped one last."""
+    """Return the costs of the ideal gate (first), of it with each one part, and of the shipped SUV (last)."""
     cases = {"ideal": case_of(vehicle_from("suv", ideal=True))}
     cases |= {
         name: case_of(vehicle_from("suv", settings, ideal=True)) for name, settings in PARTS.items()

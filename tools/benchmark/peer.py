@@ -1,7 +1,7 @@
-"""The other end of a benchmark's wire, a process of its own: a command every 10.1 ms; reads what comes.
+"""Peer process at the other end of a benchmark's wire: it sends a command every 10.1 ms and reads all frames.
 
-Not every 10 ms: against feedback every 5 ms that would be one and the same phase throughout a run, and with it the
-time from command to feedback whatever that phase makes it. So the phase moves on by 0.1 ms with each command.
+The period is not 10 ms: against feedback every 5 ms the phase would stay the same throughout a run, and the time
+from command to feedback would depend on that one phase. With 10.1 ms the phase moves on by 0.1 ms per command.
 
 python -m tools.benchmark.peer DESCRIPTOR
 """
@@ -21,7 +21,7 @@ PERIOD = 0.0101  # s
 
 
 def main() -> None:
-    """Until the other end is closed."""
+    """Send commands and read frames until the other end is closed."""
     rig = rig_from("liftgate")
     message = rig.messages["DriveCommand"]
     bus = rig.input_config()

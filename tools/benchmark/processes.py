@@ -1,7 +1,7 @@
-"""What whole commands cost: how fast a demo goes, how long a start takes, cold and warm.
+"""Benchmark of whole commands: the pace of a demo, and the time from start to exit, cold and warm.
 
-Wall time is what a user waits. CPU time, of the command and of what it starts, is told beside it: it holds where
-others use the machine, too.
+Wall time is the time that a user waits. CPU time, of the command and its child processes, is reported beside it,
+because it is valid even if other programs use the machine.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tools.benchmark.effort import WHOLE, Effort
 ROUNDS = 7
 PACE_ROUNDS = 3
 
-# What the compiler's figures are of: commands that do next to nothing but start.
+# Commands that do next to nothing but start; the figures of the compiler are measured with them.
 ENTRIES = {
     "emulator, real-time loop (serial port)": ("--serial", "{port}", "--duration", "0.001"),
     "demo --clock free": ("demo", "--clock", "free", "--duration", "0.001", "--no-record"),
@@ -35,21 +35,21 @@ ENTRIES = {
 
 
 class Times(NamedTuple):
-    """Seconds of a command: on the wall, and of CPUs."""
+    """Wall time and CPU time of a command, in seconds."""
 
     wall: float
     cpu: float
 
 
 class Pace(NamedTuple):
-    """Model time over time, at the margin; of the least times of the rounds."""
+    """Marginal pace: model time by wall time and by CPU time, from the minima of the rounds."""
 
     wall: float
     cpu: float
 
 
 class Compile(NamedTuple):
-    """A command from start to exit, without machine code in the cache and with it."""
+    """Times of a command from start to exit: cold, without machine code in the cache, and warm, with it."""
 
     cold: Times | None  # None: not measured
     warm: Times
@@ -58,7 +58,7 @@ class Compile(NamedTuple):
 def times_of(
     *arguments: str, environment: Mapping[str, str] | None = None, root: Path = HERE
 ) -> Times:
-    """One run of a command of a checkout that succeeds."""
+    """Run a command of a checkout and return its times. Raises RuntimeError if the command fails."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", *arguments]
     with tempfile.TemporaryFile() as said:
         start = perf_counter()
@@ -79,14 +79,14 @@ def times_of(
 
 
 def whole_process(*arguments: str, rounds: int = ROUNDS) -> Times:
-    """Medians of a command from start to exit; the cache is warm."""
+    """Return the median times of a command from start to exit, with a warm cache."""
     times_of(*arguments)
     runs = [times_of(*arguments) for _ in range(rounds)]
     return _median(runs)
 
 
 def repeated_demo(path: Path, times: int) -> float:
-    """Write a scenario of so many demos one after the other; its duration [s]."""
+    """Write a scenario of `times` demos in a row, and return its duration [s]."""
     demo = tomllib.loads((data_root() / "configs/scenarios/demo.toml").read_text(encoding="utf-8"))
     length = float(demo["duration"])
     tables: dict[str, list[dict[str, Any]]] = {"obstacle": [], "request": []}
@@ -101,7 +101,7 @@ def repeated_demo(path: Path, times: int) -> float:
 
 
 def pace_of(*flags: str, effort: Effort = WHOLE) -> Pace:
-    """The marginal pace of `demo --clock free`: the difference of two lengths, in turns."""
+    """Return the marginal pace of `demo --clock free`: from the difference of two lengths, run in turns."""
     longer = effort.demos
     with tempfile.TemporaryDirectory() as folder:
         lengths = {n: repeated_demo(Path(folder) / f"{n}.toml", n) for n in (1, longer)}
@@ -121,7 +121,7 @@ def pace_of(*flags: str, effort: Effort = WHOLE) -> Pace:
 
 
 def paces(effort: Effort = WHOLE) -> dict[str, Pace]:
-    """Of the demo's ways."""
+    """Return the marginal pace of the demo for several combinations of recording and ECU."""
     idle = "tools.benchmark.episodes:IdleEcu"
     return {
         "without a recording": pace_of("--no-record", effort=effort),
@@ -135,8 +135,9 @@ def paces(effort: Effort = WHOLE) -> dict[str, Pace]:
 def compile_times(
     arguments: Sequence[str], roots: Sequence[Path], effort: Effort = WHOLE
 ) -> dict[Path, Compile]:
-    """A command of each checkout, in turns, with an empty cache, and then with what it has left there; medians.
-    Without cold rounds the user's own cache serves.
+    """Return the median times of a command by checkout: with an empty cache, then with the entries it left there.
+
+    The checkouts run in turns. Without cold rounds the user's own cache is used.
     """
     colds = effort.cold_rounds
     ours, theirs = os.openpty()
@@ -149,7 +150,7 @@ def compile_times(
                 environment = {"XDG_CACHE_HOME": f"{folder}/cache-{cache}"} if colds else {}
                 return times_of(*command, environment=environment, root=root)
 
-            # The cache is by content: checkouts do not meet in it.
+            # The cache's keys are hashes of the sources: checkouts with different sources share no entry.
             cold: dict[Path, list[Times]] = {root: [] for root in roots}
             for cache in range(colds):
                 for root in roots:
@@ -171,5 +172,5 @@ def _median(runs: Sequence[Times]) -> Times:
 
 
 def compiles(roots: Sequence[Path], effort: Effort = WHOLE) -> dict[str, dict[Path, Compile]]:
-    """Of the commands in ENTRIES, by checkout."""
+    """Return the times of the commands in ENTRIES, by command and checkout."""
     return {name: compile_times(arguments, roots, effort) for name, arguments in ENTRIES.items()}

@@ -1,9 +1,10 @@
-"""How late replayed frames are on the bus: `liftgate-hil replay`, python-can's can.player and can-utils' canplayer
-play the same log in turns, and the kernel stamps what arrives.
+"""Benchmark of replays: the lateness of replayed frames on the bus, for `liftgate-hil replay` and other players.
 
     python -m tools.benchmark.replays [--bus socketcan:vcan0] [--rounds N] [--seconds S] [--json]
 
-A player's offset is not known: of each run the frame that is earliest against the log counts as on time.
+`liftgate-hil replay`, python-can's can.player and can-utils' canplayer play the same log in turns, and the kernel
+stamps the frames that arrive. A player's offset is not known: in each run the frame that is earliest against the
+log counts as on time.
 """
 
 from __future__ import annotations
@@ -31,15 +32,15 @@ Floats = NDArray[np.float64]
 GROUP = "239.74.163.77"
 SHARES = (0.5, 0.99, 0.999, 1.0)
 ROUNDS, SECONDS = 3, 10.0
-_PORT = 43113  # of python-can's udp_multicast
+_PORT = 43113  # port of python-can's udp_multicast
 _TIMESTAMPNS = 35  # asm-generic/socket.h
-_MEAN_GAP, _LEAST_GAP = 1e-3, 250e-6  # s: half of a full bus at 500 kbit/s
+_MEAN_GAP, _LEAST_GAP = 1e-3, 250e-6  # s: 1000 frames/s fill a quarter of 500 kbit/s
 _BUFFER = 8 << 20  # bytes
 _PATIENCE = 60.0  # s
 
 
 def write_log(path: Path, channel: str, seconds: float, seed: int = 1) -> Floats:
-    """A candump log with frames at no period; their times [s]."""
+    """Write a candump log of frames without a period, and return their times (n,) [s]."""
     chance = random.Random(seed)
     times, now = [], 0.0
     while now < seconds:
@@ -51,7 +52,10 @@ def write_log(path: Path, channel: str, seconds: float, seed: int = 1) -> Floats
 
 
 class Ear:
-    """The kernel's stamps of what arrives on a bus. It looks now and then, and hardly disturbs a player."""
+    """Listener that collects the kernel's time stamps of the frames on a bus.
+
+    It polls every 50 ms, so it hardly disturbs a player.
+    """
 
     def __init__(self, interface: str, channel: str) -> None:
         if interface == "socketcan":
@@ -63,7 +67,7 @@ class Ear:
             self._socket.bind((channel, _PORT))
             member = struct.pack("4sI", socket.inet_aton(channel), socket.INADDR_ANY)
             self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
-        for option in (socket.SO_RCVBUF, 33):  # the second one needs the right to
+        for option in (socket.SO_RCVBUF, 33):  # 33: SO_RCVBUFFORCE, needs CAP_NET_ADMIN
             try:
                 self._socket.setsockopt(socket.SOL_SOCKET, option, _BUFFER)
             except OSError:
@@ -92,7 +96,7 @@ class Ear:
                     self.stamps.append(seconds + 1e-9 * nanos)
 
     def close(self) -> Floats:
-        """All stamps."""
+        """Stop listening and return all time stamps (n,) [s]."""
         time.sleep(0.2)
         self._is_over.set()
         self._thread.join()
@@ -101,7 +105,7 @@ class Ear:
 
 
 def players(interface: str, channel: str, log: Path) -> dict[str, list[str]]:
-    """The commands that play a log, as far as they are there."""
+    """Return the commands that play a log, by player; only players that are available."""
     ours = [sys.executable, "-m", "liftgate_hil", "replay", str(log), "--json"]
     ours += ["--bus", f"{interface}:{channel}"]
     found = {
@@ -117,7 +121,7 @@ def players(interface: str, channel: str, log: Path) -> dict[str, list[str]]:
 
 
 def lateness(arrivals: Floats, due: Floats) -> Floats:
-    """How late each frame came [µs], against the earliest one."""
+    """Return the lateness (n,) [µs] of each frame against the earliest one; `arrivals` and `due` (n,) are in s."""
     late = (arrivals - arrivals[0]) - (due - due[0])
     return 1e6 * (late - late.min())
 
@@ -125,8 +129,9 @@ def lateness(arrivals: Floats, due: Floats) -> Floats:
 def measure(
     bus: str, rounds: int = ROUNDS, seconds: float = SECONDS
 ) -> dict[str, dict[str, list[float]]]:
-    """By player the quantiles SHARES of its lateness on the bus [µs], medians of the rounds; `told` is what ours
-    says of itself.
+    """Return the quantiles SHARES of the lateness [µs] by player, as medians of the rounds.
+
+    `arrived` is the lateness on the bus, `told` the lateness that `liftgate-hil replay` reports of itself.
     """
     interface, _, channel = bus.partition(":")
     runs: dict[str, list[list[float]]] = {}
@@ -136,12 +141,12 @@ def measure(
         due = write_log(log, channel if interface == "socketcan" else "can0", seconds)
         short = Path(folder) / "short.log"
         write_log(short, channel, 0.01)
-        for command in players(interface, channel, short).values():  # what is compiled is compiled
+        for command in players(interface, channel, short).values():  # fills the cache
             subprocess.run(command, check=True, capture_output=True, timeout=_PATIENCE)
         for _ in range(rounds):
             for name, command in players(interface, channel, log).items():
                 done, arrivals = _played(command, Ear(interface, channel), seconds)
-                if len(arrivals) != len(due):  # a bus in a network may lose some
+                if len(arrivals) != len(due):  # a network may lose frames
                     lost = f"{name}: {len(arrivals)} of {len(due)} frames arrived: {done.stderr}"
                     print(lost, file=sys.stderr)
                     continue
@@ -174,7 +179,7 @@ def _medians(runs: Sequence[Sequence[float]]) -> list[float]:
 
 
 def table(found: dict[str, dict[str, list[float]]]) -> list[str]:
-    """As a table of a page."""
+    """Return the lines of a table of the quantiles."""
     lines = ["| | p50 µs | p99 µs | p99.9 µs | max µs |", "|---|---|---|---|---|"]
     for name, figures in found["arrived"].items():
         lines.append(f"| {name} | " + " | ".join(f"{each:.0f}" for each in figures) + " |")
@@ -188,7 +193,7 @@ def table(found: dict[str, dict[str, list[float]]]) -> list[str]:
 def on_vcan(
     rounds: int = ROUNDS, seconds: float = SECONDS
 ) -> dict[str, dict[str, list[float]]] | None:
-    """The same on a real vcan0; None: there is no machine with one."""
+    """Return the result of `measure` on a real vcan0, None if there is no machine with one."""
     from liftgate_plant.compiler import cache_folder
 
     command = [sys.executable, "-m", "tools.vcan", "--out", str(cache_folder().parent), "--"]
@@ -206,7 +211,7 @@ def on_vcan(
 
 
 def main() -> None:
-    """Entry point."""
+    """Measure on a bus and print the table, or JSON."""
     parser = argparse.ArgumentParser(prog="python -m tools.benchmark.replays", description=__doc__)
     parser.add_argument("--bus", default=f"udp_multicast:{GROUP}", metavar="INTERFACE:CHANNEL")
     parser.add_argument("--rounds", type=int, default=ROUNDS)

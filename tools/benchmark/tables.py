@@ -1,4 +1,4 @@
-"""What an hour of `simulate` at 1 ms costs in each format: time, memory, room on the disk."""
+"""Benchmark of `simulate`: time, memory and file size of an hour at 1 ms, in each format."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from tools.benchmark.checkouts import HERE, environment_of
 SECONDS = 3600
 REVERSAL = 5.0  # s between two reversals of the voltage
 
-# A small process that starts the command and says what it took: a child's memory counts from that of its parent.
+# A small process that starts the command and prints its CPU time and peak memory. It must be small, because a
+# child's peak memory is at least that of its parent.
 _MEASURED = """
 import resource, subprocess, sys
 subprocess.run(sys.argv[1:], check=True)
@@ -28,7 +29,7 @@ print(used.ru_utime + used.ru_stime, used.ru_maxrss)
 
 
 class Written(NamedTuple):
-    """What writing a file took."""
+    """Cost of one run that writes a file."""
 
     wall: float  # s
     cpu: float  # s
@@ -37,7 +38,7 @@ class Written(NamedTuple):
 
 
 def written(arguments: list[str], output: Path, root: Path) -> Written:
-    """One run of a checkout's `simulate` to a file."""
+    """Run a checkout's `simulate` once, with a file as its output, and return the cost."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", "simulate", *arguments]
     start = perf_counter()
     done = subprocess.run(
@@ -55,8 +56,10 @@ def written(arguments: list[str], output: Path, root: Path) -> Written:
 def measure(
     roots: Sequence[Path], seconds: float = SECONDS
 ) -> dict[tuple[str, str, Path], Written]:
-    """By motion, suffix and checkout, as far as a checkout knows the format. At the open stop most columns hold
-    still; a gate that is reversed again and again moves all of them that can move without a contact.
+    """Return the costs by (motion, suffix, checkout), for all formats that the checkout supports.
+
+    At the open stop most columns are constant. A gate that is reversed again and again changes all columns that
+    can change without a contact.
     """
     found = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -73,10 +76,10 @@ def measure(
             for suffix in TABLES:
                 output = Path(folder) / f"out{suffix}"
                 for root in roots:
-                    try:  # what is compiled is compiled
+                    try:  # fills the cache of machine code
                         written([*arguments, "--duration", "0.001"], output, root)
                     except subprocess.CalledProcessError:
-                        if root == HERE:  # which knows all of them
+                        if root == HERE:  # this checkout supports all of them
                             raise
                         continue
                     found[motion, suffix, root] = written(

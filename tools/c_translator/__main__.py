@@ -1,6 +1,6 @@
-"""The C translation of the plant's compiled step, printed: python -m tools.c_translator.
+"""Printing of the C translation of the plant's step: python -m tools.c_translator.
 
-How fast it is beside ours is a section of the benchmark.
+A section of the benchmark compares its speed with that of the compiled step.
 """
 
 from __future__ import annotations

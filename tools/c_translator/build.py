@@ -1,7 +1,7 @@
-"""The translated step as a library, and how the compiled step compares with it.
+"""Library of the translated step, and the comparison of the compiled step with it.
 
-Bits are reproducible without contraction only (a * b + c rounded twice), so the fair C has none either; with it
-the table shows what it would bring.
+Results are reproducible to the bit only without contraction (a * b + c rounded twice), so the fair C builds have
+none either. The builds with contraction show in the table what it would gain.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from tools.c_translator.translate import translate
 
 STEP = 0.001
 COUNT = 2000  # steps from the initial state of an operating point
-RESTARTS = 10  # of them in a measurement
+RESTARTS = 10  # such runs in a measurement
 ROUNDS = 15
 
-# Members are doubles only, so that an array of them in the order of the fields is the struct.
+# All members of the structs are doubles, so that an array of them in the order of the fields is the struct.
 LOOPS = """
 #ifndef ENTRY
 #define ENTRY
@@ -63,7 +63,7 @@ void restart_many(const Plant *plant, State *state, const Inputs *inputs, double
 
 
 class Build(NamedTuple):
-    """A compiler and how it is told to go about it."""
+    """Build of the C code: a compiler and its flags."""
 
     name: str
     compiler: str
@@ -71,12 +71,12 @@ class Build(NamedTuple):
 
     @property
     def is_installed(self) -> bool:
-        """Whether this machine has the compiler."""
+        """Whether the compiler is installed on this machine."""
         return shutil.which(self.compiler) is not None
 
     @property
     def is_fair(self) -> bool:
-        """Whether it gives the bits that the plant gives."""
+        """Whether the results are the same to the bit as those of the plant."""
         return "-ffp-contract=off" in self.flags
 
 
@@ -97,7 +97,7 @@ BUILDS = (
 
 
 class Point(NamedTuple):
-    """An operating point: where a run starts and what acts on it."""
+    """Operating point: the plant, the initial state of a run, and its constant inputs."""
 
     plant: Plant
     state: State
@@ -105,24 +105,27 @@ class Point(NamedTuple):
 
 
 class Figures(NamedTuple):
-    """Of a point: seconds per step, medians, by build; round by round the compiled step's time over a build's."""
+    """Median CPU seconds per step at a point: of the compiled step, and of the translation by build.
+
+    `ratios` are the compiled step's time over a build's, by build and round.
+    """
 
     compiled: float
     translations: dict[str, float]
     ratios: dict[str, list[float]]
 
     def ratio(self, build: str) -> float:
-        """The median of the rounds' own."""
+        """Return the median of the rounds' ratios to a build."""
         return statistics.median(self.ratios[build])
 
     def fastest(self) -> str:
-        """The fastest of those that give the same bits."""
+        """Return the name of the fastest build whose results are the same to the bit."""
         fair = {each.name for each in BUILDS if each.is_fair}
         return min(fair & self.translations.keys(), key=self.translations.__getitem__)
 
 
 def source() -> str:
-    """The step and its loops in C."""
+    """Return the C source of the step and its loops. Raises TypeError if a member is no float."""
     for kind in (Plant, State, Inputs):
         if any(leaf is not float for leaf in leaves_of(kind)):
             raise TypeError(f"{kind.__name__} has members other than floats")
@@ -130,19 +133,19 @@ def source() -> str:
 
 
 def leaves_of(kind: Any) -> Iterator[Any]:
-    """The types of a NamedTuple's scalars, in order."""
+    """Yield the types of the scalars of a NamedTuple type, in order."""
     for member in fields_of(kind).values():
         yield from leaves_of(member) if is_struct(member) else [member]
 
 
 def flat(value: Any) -> Iterator[float]:
-    """A NamedTuple's scalars, in order."""
+    """Yield a NamedTuple's scalars, in order."""
     for member in value:
         yield from flat(member) if isinstance(member, tuple) else [member]
 
 
 def unflat(kind: Any, numbers: Iterator[float]) -> Any:
-    """The NamedTuple of these scalars."""
+    """Return a NamedTuple of type `kind`, made of its scalars in order."""
     hints = typing.get_type_hints(kind)
     return kind._make(
         unflat(hints[name], numbers) if is_struct(hints[name]) else next(numbers)
@@ -151,13 +154,13 @@ def unflat(kind: Any, numbers: Iterator[float]) -> Any:
 
 
 def array(value: Any) -> ctypes.Array[ctypes.c_double]:
-    """A NamedTuple's scalars for C."""
+    """Return a NamedTuple's scalars as an array for C."""
     numbers = tuple(flat(value))
     return (ctypes.c_double * len(numbers))(*numbers)
 
 
 def build(how: Build = USUAL, folder: Path | None = None) -> ctypes.CDLL:
-    """The library, built in a temporary folder (or in one that stays, to look at its code)."""
+    """Build and return the library, in a temporary folder, or in `folder` if its code is to be inspected."""
     with tempfile.TemporaryDirectory() as temporary:
         place = folder or Path(temporary)
         target = place / "step.so"
@@ -173,7 +176,7 @@ def build(how: Build = USUAL, folder: Path | None = None) -> ctypes.CDLL:
 
 
 def translated_steps(library: ctypes.CDLL, point: Point, step: float, count: int) -> State:
-    """The state `count` steps later, by the translation."""
+    """Return the state `count` steps later, computed by the translation."""
     state = array(point.state)
     library.step_many(array(point.plant), state, array(point.inputs), step, count)
     result: State = unflat(State, iter(state))
@@ -181,7 +184,7 @@ def translated_steps(library: ctypes.CDLL, point: Point, step: float, count: int
 
 
 def many_steps(plant: Plant, state: State, inputs: Inputs, step: float, count: int) -> State:
-    """The state `count` steps later, by the plant."""
+    """Return the state `count` steps later, computed by the plant."""
     for _ in range(count):
         state = integrate.step(plant, state, inputs, step)
     return state
@@ -190,7 +193,7 @@ def many_steps(plant: Plant, state: State, inputs: Inputs, step: float, count: i
 def many_restarts(
     plant: Plant, start: State, inputs: Inputs, step: float, count: int, restarts: int
 ) -> State:
-    """`many_steps` again and again from the same state."""
+    """Repeat `count` steps from the same state, `restarts` times, and return the final state."""
     state = start
     for _ in range(restarts):
         state = start
@@ -200,7 +203,7 @@ def many_restarts(
 
 
 def points() -> dict[str, Point]:
-    """Operating points of the reference SUV, each lasting for COUNT steps."""
+    """Return the operating points of the reference SUV by name; each lasts for COUNT steps."""
     vehicle = vehicle_from("suv")
     plant = plant_of(vehicle)
     load = load_of(vehicle)
@@ -210,7 +213,7 @@ def points() -> dict[str, Point]:
     brake, coast = DriveInput(0.0, 0.0, 0.0), DriveInput(0.0, 0.0, 1.0)
     closed = initial_state(plant, 0.0, latched=True)
     half = initial_state(plant, math.radians(45.0))
-    # At the end stop and onto the rod: in contact from early on and until the end.
+    # The runs at the open stop and onto the rod are in contact from early on until the end.
     return {
         "moving open": Point(plant, initial_state(plant, 0.1), Inputs(opening, opening, free)),
         "at rest, latched": Point(plant, closed, Inputs(brake, brake, load)),
@@ -225,7 +228,7 @@ def points() -> dict[str, Point]:
 
 
 def compare(rounds: int = ROUNDS, builds: Sequence[Build] = BUILDS) -> dict[str, Figures]:
-    """The compiled step against the translation as it is built here, in turns, by operating point."""
+    """Return the figures by operating point: the compiled step and each installed build, in turns."""
     libraries = {each.name: build(each) for each in builds if each.is_installed}
     restarts = compiled(many_restarts)
     return {name: _figures(point, libraries, restarts, rounds) for name, point in points().items()}
@@ -253,7 +256,7 @@ def _figures(
     for name in times:
         run(name)
     for number in range(rounds):
-        # There and back, so that what drifts takes from all alike. CPU time: others may use the machine.
+        # Forwards and backwards, so that a drift affects all alike. CPU time: others may use the machine.
         for name in times if number % 2 else reversed(times):
             start = time.thread_time()
             run(name)

@@ -1,11 +1,11 @@
-"""What is said of a construct without a translation."""
+"""Errors of the translator: constructs that have no translation."""
 
 from __future__ import annotations
 
 
 class Refused(Exception):
-    """Why there is no translation; without text, because of what the construct is."""
+    """Refusal of a construct, with the reason as text; without text its kind is the reason."""
 
 
 class NotInSubsetError(Exception):
-    """A construct without a translation, and where it is."""
+    """Construct without a translation, with its file and line."""

@@ -1,4 +1,4 @@
-"""Expressions in C: constants, members, operators and calls."""
+"""Translation of expressions to C: constants, members, operators and calls."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ OPERATORS: dict[type[ast.AST], tuple[str, int]] = {
 
 
 class Expressions:
-    """The translation of a function's expressions, by a method for each kind of node."""
+    """Translator of a function's expressions, with a method for each kind of node."""
 
     def __init__(self, translation: Translation, function: Callable[..., Any]) -> None:
         self.translation = translation
@@ -59,7 +59,7 @@ class Expressions:
         self.stores: Counter[str] = Counter()
 
     def visit(self, node: ast.AST) -> Any:
-        """The translation of a node; what is refused inside of it is refused with its place."""
+        """Return the translation of a node. Raises NotInSubsetError with file and line if the node is refused."""
         method = getattr(self, f"_{type(node).__name__}", None)
         try:
             if method is None:
@@ -71,7 +71,7 @@ class Expressions:
             raise NotInSubsetError(f"{self.file}:{line}: {what}") from None
 
     def static(self, node: ast.AST) -> Any:
-        """What a name means outside of the function, None if nothing."""
+        """Return the value of a name or attribute outside of the function, None if it has none."""
         match node:
             case ast.Name(id=name) if name not in self.locals and name not in self.stores:
                 return self.outside.get(name)
@@ -80,13 +80,13 @@ class Expressions:
         return None
 
     def converted(self, value: Value, kind: Any, precedence: int = 0) -> str:
-        """A value's text where a type is expected; C makes a float of an int by itself."""
+        """Return a value's text where a type is expected; C itself converts an int to a float. Raises Refused."""
         if value.type != kind and (value.type, kind) != (int, float):
             raise Refused(f"{value.type} where {kind} is needed: {value.text}")
         return value.within(precedence)
 
     def truth(self, node: ast.AST, precedence: int = 0) -> str:
-        """The text of an expression that has to be a bool."""
+        """Return the text of an expression that must be a bool. Raises Refused."""
         value = self.visit(node)
         if value.type is not bool:
             raise Refused(f"`{ast.unparse(node)}` is no bool")
@@ -190,7 +190,7 @@ class Expressions:
 
 
 def matched(kinds: Collection[T], values: list[Value]) -> Iterator[tuple[T, Value]]:
-    """Each value with what it is for: the type that it has to have, or the name that it gets."""
+    """Return (target, value) pairs; a target is a value's required type or its new name. Raises Refused."""
     if len(values) != len(kinds):
         raise Refused(f"{len(values)} values where {len(kinds)} are needed")
     return zip(kinds, values, strict=True)

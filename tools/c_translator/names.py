@@ -1,4 +1,4 @@
-"""What types, functions and locals are called in C."""
+"""Names of types, functions and locals in C."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import typing
 from typing import Any
 
 SCALARS: dict[Any, str] = {float: "double", int: "int64_t", bool: "bool"}
-# Functions of so many floats.
+# Names in C by function and number of arguments, all floats.
 BUILT_IN: dict[tuple[Any, int], str] = {
     (abs, 1): "fabs",
     (math.sqrt, 1): "sqrt",
@@ -30,24 +30,24 @@ RESERVED = {*C_WORDS.split(), *BUILT_IN.values()}
 
 
 def is_struct(kind: Any) -> bool:
-    """Whether values of a type are structs in C."""
+    """Return whether values of a type are structs in C."""
     return typing.get_origin(kind) is tuple or hasattr(kind, "_fields")
 
 
 def fields_of(kind: Any) -> dict[str, Any]:
-    """Names and types of a struct's members, nothing of a scalar."""
+    """Return the types of a struct's members by name; a scalar has no members."""
     if typing.get_origin(kind) is tuple:
         return {f"item{k}": item for k, item in enumerate(typing.get_args(kind))}
     return typing.get_type_hints(kind) if is_struct(kind) else {}
 
 
 def type_name(kind: Any) -> str:
-    """A type's name."""
+    """Return a type's name in C."""
     if typing.get_origin(kind) is tuple:
         return "_".join(["Tuple", *map(type_name, typing.get_args(kind))])
     return SCALARS[kind] if kind in SCALARS else str(kind.__name__)
 
 
 def c_name(name: str) -> str:
-    """A local's or a member's name."""
+    """Return the name in C of a local or a member."""
     return f"{name}_" if name in RESERVED else name

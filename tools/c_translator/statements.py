@@ -1,4 +1,4 @@
-"""Functions and their statements in C, and where their locals are declared."""
+"""Translation of functions and their statements to C, with the declarations of their locals."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 class Function(Expressions):
-    """The translation of one function, called `name` in C.
+    """Translator of one function, called `name` in C.
 
-    A local is declared where it is first assigned if that is in the block with all its mentions, else at the
+    A local is declared at its first assignment if that is in the block with all its mentions, else at the
     function's head.
     """
 
@@ -35,13 +35,13 @@ class Function(Expressions):
         self.hints = typing.get_type_hints(function)
         self.node = tree.body[0]
         self.stores = names_in(self.node, ast.Store)
-        self.mentions: Counter[str] = Counter()  # in the function
-        self.inside: Counter[str] = Counter()  # in the present block
+        self.mentions: Counter[str] = Counter()  # by name, in the function
+        self.inside: Counter[str] = Counter()  # by name, in the present block
         self.head: list[str] = []
         self.unpacked = 0
 
     def definition(self) -> str:
-        """The function in C, under the first line of its docstring."""
+        """Return the function in C, with the first line of its docstring as a comment above."""
         return str(self.visit(self.node))
 
     def _FunctionDef(self, node: ast.FunctionDef) -> str:
@@ -107,7 +107,7 @@ class Function(Expressions):
         self.locals[key] = Value(name, int, place=Place.VARIABLE)
         head = f"for (int64_t {name} = {start}; {name} {compared} {stop}; {count}{name}) {{"
         lines = [head, *self._block(node.body), "}"]
-        del self.locals[key]  # C's is gone after the loop
+        del self.locals[key]  # in C its scope ends with the loop
         return lines
 
     def _range(self, bounds: list[ast.expr]) -> list[str]:
@@ -169,7 +169,7 @@ class Function(Expressions):
 def names_in(
     nodes: ast.AST | list[Any], context: type[ast.expr_context] = ast.expr_context
 ) -> Counter[str]:
-    """How often each name is mentioned in a piece of source."""
+    """Return how often each name is mentioned in a piece of source, in one context or in all."""
     roots = nodes if isinstance(nodes, list) else [nodes]
     return Counter(
         node.id

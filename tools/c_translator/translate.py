@@ -1,12 +1,12 @@
-"""Readable C99 of a function in the plant's subset of Python: what a C programmer would have written.
+"""Translation of functions in the plant's subset of Python to readable C99, as a C programmer would write it.
 
     NamedTuple, tuple       struct; as an argument `const T *`, as a result by value
     float, int, bool        double, int64_t, bool
     function                static function, named module_function
     module constant         its value
 
-Statements: assignment, if, for over range, return, break. Functions call each other, NamedTuples, and what
-`names.BUILT_IN` lists. All else is refused with its file and line.
+Statements: assignment, if, for over range, return, break. Functions may call each other, NamedTuples, and the
+functions in `names.BUILT_IN`. All else is refused with its file and line.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tools.c_translator.values import POSTFIX, UNARY, Place, Value
 
 __all__ = ["NotInSubsetError", "translate"]
 
-# Of two that are equal or unordered Python's min and max give the first, unlike fmin and fmax.
+# Of two equal or unordered values Python's min and max return the first, unlike fmin and fmax.
 HEADER = """\
 #include <math.h>
 #include <stdbool.h>
@@ -36,7 +36,7 @@ WIDTH = 100
 
 
 def translate(entry: Callable[..., Any]) -> str:
-    """C99 source of a function and of all that it calls."""
+    """Return the C99 source of a function and of all functions that it calls."""
     it = Translation()
     it.function(entry)
     parts = [HEADER, *it.structs.values(), *it.constants.values(), *it.functions.values()]
@@ -44,7 +44,7 @@ def translate(entry: Callable[..., Any]) -> str:
 
 
 def wrapped(line: str) -> list[str]:
-    """A line of C in lines of the usual length."""
+    """Return a line of C, broken into lines of at most WIDTH columns where possible."""
     if len(line) <= WIDTH:
         return [line]
     indent = " " * (len(line) - len(line.lstrip()) + 8)
@@ -54,7 +54,7 @@ def wrapped(line: str) -> list[str]:
 
 
 class Translation:
-    """What is reachable: all definitions so far, each written at its first use, callees before callers."""
+    """Definitions in C that are reachable so far, each written at its first use, callees before callers."""
 
     def __init__(self) -> None:
         self.structs: dict[str, str] = {}
@@ -69,7 +69,7 @@ class Translation:
         return new
 
     def type(self, kind: Any) -> str:
-        """A type's name in C."""
+        """Return a type's name in C, and define its struct at the first use. Raises Refused."""
         if kind not in SCALARS and not is_struct(kind):
             raise Refused(f"values of type {kind}")
         name = type_name(kind)
@@ -79,7 +79,7 @@ class Translation:
         return name
 
     def constant(self, value: Any, name: str) -> Value:
-        """A module's constant; a NamedTuple becomes a C constant called `name`."""
+        """Return a constant's value in C; a NamedTuple becomes a C constant called `name`. Raises Refused."""
         if isinstance(value, bool):
             return Value(repr(value).lower(), bool)
         if isinstance(value, int | float) and math.isfinite(value):
@@ -93,7 +93,7 @@ class Translation:
         return Value(name, type(value), place=Place.CONSTANT)
 
     def function(self, function: Callable[..., Any]) -> str:
-        """A function's name in C."""
+        """Return a function's name in C, and translate it at the first use. Raises Refused."""
         name = f"{function.__module__.rpartition('.')[2]}_{function.__name__}"
         if self._is_new(name, function):
             self.functions[name] = Function(self, function, name).definition()

@@ -1,4 +1,4 @@
-"""A value in C: its text, how tightly that binds, and where it lies."""
+"""Value in C: its text, the precedence of that text, and the value's storage."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ CONDITION, OR, AND, EQUAL, ORDER, SUM, PRODUCT, UNARY, POSTFIX = range(9)
 
 
 class Place(enum.IntEnum):
-    """Where a value lies, which tells whether a pointer to it can be had and kept."""
+    """Storage of a value, which decides whether a pointer to it can be taken and kept."""
 
-    NONE = 0  # nowhere: a result
+    NONE = 0  # none: the result of an expression
     VARIABLE = 1
-    CONSTANT = 2  # it does not change during the call
-    POINTER = 3  # the same, and the text is a pointer to it
+    CONSTANT = 2  # storage that does not change during the call
+    POINTER = 3  # the same; the text is a pointer to it
 
 
 class Value(NamedTuple):
-    """A C expression of a Python type."""
+    """C expression for a value of a Python type."""
 
     text: str
     type: Any
@@ -29,13 +29,13 @@ class Value(NamedTuple):
     place: Place = Place.NONE
 
     def within(self, precedence: int) -> str:
-        """The text as an operand of an operator that binds so tightly."""
+        """Return the text as an operand of an operator of a precedence, in parentheses if they are needed."""
         if self.place is Place.POINTER:
             return Value(f"*{self.text}", self.type, UNARY).within(precedence)
         return f"({self.text})" if self.precedence < precedence else self.text
 
     def members(self) -> dict[str, Value]:
-        """The members of a struct; a scalar has none."""
+        """Return the members of a struct by name; a scalar has none."""
         prefix, place = f"{self.within(POSTFIX)}.", self.place
         if place is Place.POINTER:
             prefix, place = f"{self.text}->", Place.CONSTANT
@@ -45,7 +45,7 @@ class Value(NamedTuple):
         }
 
     def address(self) -> str:
-        """A pointer to the value."""
+        """Return the text of a pointer to the value. Raises Refused if the value has no storage."""
         if self.place is Place.NONE:
             raise Refused(f"a struct without a name as an argument: {self.text}")
         return self.text if self.place is Place.POINTER else f"&{self.text}"

@@ -1,4 +1,4 @@
-"""Documents that the program itself writes: the reference of its files."""
+"""Generated documentation: the reference pages of vehicle, rig and scenario files."""
 
 from pathlib import Path
 

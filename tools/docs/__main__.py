@@ -1,7 +1,7 @@
-"""Write what of the documents is made by the program: `python -m tools.docs`, or `make docs`.
+"""Write the generated documentation: `python -m tools.docs`, or `make docs`.
 
-docs/vehicle.md, rig.md and scenario.md hold every key of those files, docs/demo.png is the demo's picture on
-the free clock. A test compares the pages with what is written here; a picture's bytes change with matplotlib.
+docs/vehicle.md, rig.md and scenario.md contain every key of those files, docs/demo.png is the picture of the demo
+on the free clock. A test compares the pages with what is generated; the bytes of the picture depend on matplotlib.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tools.docs import DOCS, PAGES
 
 
 def write_picture(folder: Path) -> int:
-    """The demo's picture into a folder; the demo's exit code."""
+    """Write the picture of the demo into a folder, and return the demo's exit code."""
     with tempfile.TemporaryDirectory() as place:
         code = liftgate_hil(["demo", "--clock", "free", "--quiet", "--output", place])
         shutil.copyfile(Path(place, "demo.png"), folder / "demo.png")
@@ -25,7 +25,7 @@ def write_picture(folder: Path) -> int:
 
 
 def main() -> int:
-    """Write all of it."""
+    """Write all pages and the picture, and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", type=Path, default=DOCS, help="default: docs")
     args = parser.parse_args()

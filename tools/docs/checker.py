@@ -1,4 +1,4 @@
-"""What the checkers of rig and scenario files allow, in their own words: asked by files in which all is wrong."""
+"""Allowed keys and values of rig and scenario files, read from the checkers' messages on files full of errors."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ UNKNOWN = "no_such_key"
 
 
 def allowed(load: Callable[[Path], object], content: Mapping[str, Any]) -> dict[str, str]:
-    """Key: what the message on it allows, of a file with this content.
+    """Return what is allowed for each key, from the issues that `load` reports for a file with this content.
 
-    Where a table has the key `UNKNOWN`, its entry lists the keys that the table may have.
+    If a table contains the key `UNKNOWN`, the entry of that key lists the keys that the table may have. Raises
+    AssertionError if the file has no issues.
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "wrong.toml")
@@ -39,13 +40,13 @@ def allowed(load: Callable[[Path], object], content: Mapping[str, Any]) -> dict[
 
 
 def keys_of(answers: Mapping[str, str], prefix: str = "") -> list[str]:
-    """The keys that a table may have."""
+    """Return the keys that a table may have."""
     key = f"{prefix}.{UNKNOWN}" if prefix else UNKNOWN
     return answers[key].split(", ")
 
 
 def a_range(answer: str) -> str:
-    """An answer as it stands in a table: what follows "one of" as code."""
+    """Return an answer as a table shows it: the words after "one of" as code."""
     if answer.startswith("one of "):
         return ", ".join(f"`{each}`" for each in answer.removeprefix("one of ").split(", "))
     return answer

@@ -1,4 +1,4 @@
-"""The little Markdown that the pages need."""
+"""Markdown elements of the generated pages."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ MADE = "<!-- Made by `make docs`; do not edit. -->"
 
 
 def page(title: str, *parts: str) -> str:
-    """A whole page; empty parts are left out."""
+    """Return a whole page; empty parts are left out."""
     return "\n\n".join([MADE, f"# {title}", *(part for part in parts if part)]) + "\n"
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table of texts."""
+    """Return a table of texts."""
     lines = [heads, ["---"] * len(heads), *rows]
     return "\n".join("| " + " | ".join(_cell(cell) for cell in line) + " |" for line in lines)
 
@@ -23,11 +23,11 @@ def _cell(text: str) -> str:
 
 
 def code(text: str) -> str:
-    """As code; nothing of nothing."""
+    """Return a text as code; an empty text stays empty."""
     return f"`{text}`" if text else ""
 
 
 def number(value: float) -> str:
-    """As short as it reads back the same."""
+    """Return the shortest text of a number that is read back as the same number."""
     short = f"{value:g}"
     return short if float(short) == value else repr(value)

@@ -1,4 +1,4 @@
-"""docs/rig.md: every key of a rig file. Keys and ranges are the checker's answers; meanings stand here."""
+"""Page docs/rig.md: all keys of a rig file. Keys and ranges are read from the checker's messages."""
 
 from __future__ import annotations
 
@@ -20,67 +20,75 @@ from tools.docs.markdown import code, number, page, table
 from tools.docs.schema import key_table
 
 _INTRO = """\
-A rig file is TOML: it says which signal of which database carries which quantity, for `--rig`, a scenario's
-`rig` and `liftgate_hil.Gate(rig=…)`. [`liftgate.toml`](../configs/rigs/liftgate.toml) is the default;
-`liftgate-hil init` copies it. Whoever sends a message, gate or ECU, packs and checks it by the same file.
+A rig file is written in TOML. It maps the quantities of the emulator to the signals of a CAN database. It is
+used by `--rig`, a scenario's `rig` and `liftgate_hil.Gate(rig=…)`.
+[`liftgate.toml`](../configs/rigs/liftgate.toml) is the default; `liftgate-hil init` copies it. The gate and the
+reference ECU pack and check messages by the same file.
 
-A quantity is wired by `quantity = "MESSAGE.SIGNAL"`, or by a table where theirs differs from ours."""
+A quantity is mapped by `quantity = "MESSAGE.SIGNAL"`, or by a table if the signal differs from the quantity in
+unit, scale or values."""
 
 _TOP = {
-    "dbc": ("required", "the CAN database, beside the rig file or a shipped one (`liftgate.dbc`)"),
+    "dbc": (
+        "required",
+        "CAN database: a file beside the rig file, or a shipped one (`liftgate.dbc`)",
+    ),
     "bitrate": (
         "500000",
-        "of the bus: what it is opened with, and of what the bus load is a share",
+        "bit rate with which the bus is opened, and to which the bus load is related",
     ),
-    "inputs": ("", "table: what the gate receives, below"),
-    "outputs": ("", "table: what the gate sends, below"),
-    "messages": ("", "a table for each message: cycle, time-out and protection, below"),
-    "requests": ("", "a table for each button: how the driver asks an ECU on a bus, below"),
-    "reset": ("", "table: how an ECU on a bus is started anew, below"),
-    "inject": ("", "tables: what a panel of the test bench injects while the emulator runs, below"),
-    "diagnostics": ("", "table: how the ECU is asked for its trouble codes, below"),
+    "inputs": ("", "table: quantities that the gate receives, see below"),
+    "outputs": ("", "table: quantities that the gate sends, see below"),
+    "messages": ("", "a table for each message: cycle, time-out and protection, see below"),
+    "requests": ("", "a table for each button of the driver, for an ECU on a bus, see below"),
+    "reset": ("", "table: how an ECU on a bus is reset, see below"),
+    "inject": ("", "tables: messages by which a test bench acts on the running gate, see below"),
+    "diagnostics": ("", "table: how the ECU's trouble codes are read, see below"),
 }
 _MAPPING = {
-    "signal": ("required", "MESSAGE.SIGNAL of the database"),
-    "unit": ("the database's", "what scale · physical value + offset is in"),
+    "signal": ("required", "message and signal of the database"),
+    "unit": ("the database's", "unit of scale · physical value + offset"),
     "scale": (
         "1",
-        "without `unit`: quantity = scale · physical value + offset, whatever the database says",
+        "without `unit`: quantity = scale · physical value + offset, whatever unit the database has",
     ),
     "offset": ("0", "see `scale`"),
-    "values": ("", "of an enumeration: a number or a label of theirs for each name of ours"),
-    "saturates": ("false", "an output stays at the ends of the signal's range beyond it"),
+    "values": ("", "enumerations: the signal's number or label for each value of the quantity"),
+    "saturates": (
+        "false",
+        "outputs: the signal's range may be too small; values beyond it saturate",
+    ),
 }
 MESSAGE = {
-    "cycle_ms": ("the database's `GenMsgCycleTime`", "how often it is sent"),
-    "timeout_cycles": ("3", "a command that does not come for so many cycles is stale"),
-    "counter": ("none", "the signal that counts frames, up by one from 0; or a table, below"),
-    "checksum": ("none", "the signal with the checksum; or a table with the parameters of a maker's own, below"),
-    "checksum_kind": ("crc8-sae-j1850", "over the identifier and the payload without the checksum"),
-    "protection": ("simple", "`simple` is counter and checksum as above; the others are AUTOSAR's profiles"),
-    "data_id": ("required by profiles 1 and 5", "of the message"),
-    "data_id_list": ("required by profile 2", "the data ID for each value of the counter"),
-    "data_id_mode": ("both", "of profile 1: which bytes of the data ID the CRC takes in"),
-    "data_id_nibble": ("none", "with `data_id_mode = \"nibble\"`: the signal with the data ID's nibble"),
-    "max_delta_counter": ("1", "the largest step of the counter that is tolerated; 1: no frame may be lost"),
-    "sync_counter": ("0", "frames after a wrong sequence that are not used yet"),
-    "state_machine": ("", "table: when data are used, below"),
+    "cycle_ms": ("the database's `GenMsgCycleTime`", "cycle time of the message"),
+    "timeout_cycles": ("3", "number of cycles without a frame after which a command is stale"),
+    "counter": ("none", "signal of the alive counter, counting frames from 0 in steps of 1; or a table, below"),
+    "checksum": ("none", "signal of the checksum; or a table with the parameters of a manufacturer's own, below"),
+    "checksum_kind": ("crc8-sae-j1850", "algorithm, over the identifier and the payload without the checksum"),
+    "protection": ("simple", "`simple`: counter and checksum as above; the others are AUTOSAR E2E profiles"),
+    "data_id": ("required by profiles 1 and 5", "data ID of the message"),
+    "data_id_list": ("required by profile 2", "data ID for each value of the counter"),
+    "data_id_mode": ("both", "profile 1: bytes of the data ID that the CRC covers"),
+    "data_id_nibble": ("none", "with `data_id_mode = \"nibble\"`: signal that carries the data ID's nibble"),
+    "max_delta_counter": ("1", "largest tolerated step of the counter; 1: no frame may be lost"),
+    "sync_counter": ("0", "number of frames after a wrong sequence whose data are not used yet"),
+    "state_machine": ("", "table: when data are used, see below"),
 }  # fmt: skip
 STATES = {
-    "window": ("1", "frames over which the state is judged"),
+    "window": ("1", "number of frames by which the state is decided"),
     **{
-        f"min_ok_{state}": ("1", f"sound frames in the window that it takes in the state {state.upper()}")
+        f"min_ok_{state}": ("1", f"state {state.upper()}: required frames with status OK in the window")
         for state in ("init", "valid", "invalid")
     },
     **{
-        f"max_error_{state}": ("0", f"wrong frames in the window that are borne in the state {state.upper()}")
+        f"max_error_{state}": ("0", f"state {state.upper()}: tolerated frames with status ERROR in the window")
         for state in ("init", "valid", "invalid")
     },
 }  # fmt: skip
 _OTHERS = ("data_id", "data_id_list", "nothing")
 _OWN = "a signal of the message"
 _OWN_OR_TABLE = f"{_OWN}, or a table"
-# Where the checker's words are about the one file that it was asked with.
+# In place of answers that are only true of the file with which the checker was called.
 _ANYWAY = {
     "signal": "MESSAGE.SIGNAL",
     "unit": "one of the quantity's kind: `mA` for a current",
@@ -95,9 +103,10 @@ _ANYWAY = {
 }
 
 _CHECKSUM = """\
-A cyclic redundancy check by the parameters of the Rocksoft model (R. N. Williams, 1993), as the Catalogue of
-parametrised CRC algorithms (G. Cook) lists them; all of it of up to 64 bits is checked against its check
-values. The named kinds stay: `checksum = "Checksum"` with `checksum_kind`.
+A cyclic redundancy check (CRC) that is defined by the parameters of the Rocksoft model (R. N. Williams, 1993).
+The Catalogue of parametrised CRC algorithms (G. Cook) lists such parameters; all its algorithms of up to 64 bits
+are verified against its check values. The named kinds remain available: `checksum = "Checksum"` with
+`checksum_kind`.
 
     [messages.TheirCommand]
     counter = "BZ"
@@ -111,85 +120,115 @@ values. The named kinds stay: `checksum = "Checksum"` with `checksum_kind`.
     covers = ["payload", "data_id"]
     data_id = 0x86
 
-`covers` lists what goes in, byte by byte in that order. `"payload"` is all bytes of the frame but those that
-the checksum fills. `"payload 1 to 7"` are these bytes, both ends in, the first of the frame being 0; `"payload
-7 to 1"` the other way round, `"payload 3"` one. Bits of the checksum in a byte that goes in count as 0.
-`"identifier"` is the frame's, two bytes, of an extended one four; `"counter"` the counter's value, in as many
-bytes as its signal needs; `"data_id"` the data ID, in as many bytes as the largest one needs. Byte 0 of these
-is the lowest and goes in first; `"identifier 1 to 0"` puts the higher one first, `"data_id 0 to 1"` takes two
-bytes whatever the value. The checksum's byte order is its signal's. `rig check` prints what that comes to."""
+`covers` lists the parts that the checksum covers. Their bytes are processed in the order of that list:
+
+- `"payload"`: all bytes of the frame except those that the checksum fills completely. `"payload 1 to 7"`: these
+  bytes, both ends included; byte 0 is the first of the frame. `"payload 7 to 1"`: the same bytes in reverse
+  order. `"payload 3"`: one byte. If a covered byte contains bits of the checksum, these count as 0.
+- `"identifier"`: the identifier of the frame, two bytes; four bytes for an extended one.
+- `"counter"`: the value of the counter, in as many bytes as its signal needs.
+- `"data_id"`: the data ID, in as many bytes as the largest one of the list needs.
+
+In the last three, byte 0 is the least significant one and comes first. `"identifier 1 to 0"` puts the more
+significant byte first; `"data_id 0 to 1"` takes two bytes whatever the value. The byte order of the checksum is
+that of its signal. `rig check` prints the result."""
 
 _MAKERS = """\
-Of what open DBC projects know of makers these can be said so: Volkswagen MQB and MEB (0x2F, `covers =
-["payload", "data_id"]`, a list of 16 data IDs by the counter), FCA Giorgio and Rivian (0x1D, another
-`final_xor` for each message), Chrysler and Nissan (0x1D, `start` and `final_xor` 0xFF), Hyundai's LKAS11 (0x1D,
-`start` 0x22, `final_xor` 0xDF) and Hyundai CAN FD (0x1021 of 16 bits, `covers = ["payload", "identifier"]`,
-`final_xor` by the length). Subaru and Tesla have the named `sum8`. Sums and exclusive ors other than `sum8` and
-`xor8` are no cyclic checks and cannot be said: Toyota (a sum with the length), Honda and PSA (sums of half
-bytes), Hyundai's sums without the identifier, Volkswagen PQ, Ford. Such a message is left without `checksum`:
-it is taken unchecked, and sent with that signal's start value."""
+According to open DBC projects, this covers the following manufacturers:
+
+- Volkswagen MQB and MEB: polynomial 0x2F, `covers = ["payload", "data_id"]`, a list of 16 data IDs by the
+  counter.
+- FCA Giorgio and Rivian: 0x1D, another `final_xor` for each message.
+- Chrysler and Nissan: 0x1D, `start` and `final_xor` 0xFF.
+- Hyundai LKAS11: 0x1D, `start` 0x22, `final_xor` 0xDF.
+- Hyundai CAN FD: 0x1021 of 16 bits, `covers = ["payload", "identifier"]`, `final_xor` by the length.
+
+Subaru and Tesla use the named kind `sum8`. Sums and exclusive ors other than `sum8` and `xor8` are not cyclic
+checks and cannot be described: Toyota (a sum with the length), Honda and PSA (sums of half bytes), Hyundai's
+sums without the identifier, Volkswagen PQ, Ford. Leave such a message without `checksum`: it is received
+unchecked, and sent with the start value of that signal."""
 
 _COUNTER = """\
-A counter of its own width, start and step. Frames between two of its values are counted as lost; a value that
-it never has, as `counter`."""
+An alive counter with any width, start value and step. Frames that are missing between two received values are
+counted as `lost`. A frame with a value that the counter never has is rejected and counted as `counter`."""
 
 _INJECT = """\
-Messages by which a panel of CANoe, BUSMASTER or SavvyCAN, or a script, breaks something, presses a button of
-`[requests]` or sets a signal of the restbus while the gate runs. A frame in which all signals of one table stand
-is an order; ours are pages of the multiplexed `BenchInject` (0x6E4). What the labels of the database's value
-tables say is what counts: another message, key or signal to choose from is another label.
+Messages by which a panel of CANoe, BUSMASTER or SavvyCAN, or a script, acts on the running gate: it injects a
+fault, presses a button of `[requests]`, or sets a signal of the restbus. A frame that contains all signals of
+one of these tables is an order. In the shipped database the orders are the multiplexer pages of `BenchInject`
+(0x6E4). The labels in the database's value tables decide what can be ordered: to offer a further message, key or
+signal, add a label.
 
-An order acts from the next tick on; in real time within a few milliseconds, as it is read beside the loop. A
-fault is the same as a scenario's, on top of which it is put, later ones on top of earlier ones. Ordered again
-with another value it begins anew; the same order again changes nothing. To end it takes its kind and place,
-whatever the value. Up to 32 are there at a time. A signal's message is sent from its first value on, with the
-start values of its other signals. A request presses the rig's button; `reset` restarts the ECU as in the middle
-of a scenario. Each order is told and stands in the summary (`injected`); one that is wrong is told and counted,
-and changes nothing. Before a scenario's time 0 nobody listens, and on the free clock nobody is there to send."""
+- An order takes effect from the next tick on; in real time within a few milliseconds, since it is read beside
+  the loop.
+- A fault has the same meaning as in a scenario. It acts after the faults of the scenario and after faults that
+  were ordered before. The same order with another value starts the fault again; an identical order changes
+  nothing. To end a fault, send its kind and place (and its direction, if it has one) with `on` 0 and any value.
+  Up to 32 ordered faults may be active at the same time.
+- A message with an ordered signal is sent from the signal's first value on, with the start values of its other
+  signals.
+- A request presses the rig's button. `reset` resets the ECU as in the middle of a scenario.
+- Orders are counted; the first 1000 are reported and listed in the summary (`injected`). A wrong order is
+  reported and counted, too, and changes nothing.
+- Before a scenario's time 0 no orders are read. On the free clock there is no test bench to send any."""
 
 _DIAGNOSTICS = """\
-Where a scenario expects a trouble code (`[[expect]] dtc`), the bench's tester asks the ECU under test for its
-codes: UDS (ISO 14229-1) over ISO-TP (ISO 15765-2) with normal addressing and classic frames, on every clock in
-model time, beside the frames that the gate sends. Its requests are ClearDiagnosticInformation of all groups (`14
-FF FF FF`) until that is answered, then ReadDTCInformation by status mask (`19 02`), one at a time; after a
-negative response it asks again a cycle later. Apart from the ECUReset of `[reset]` no other request is made: codes
-must be readable in the default session. What is read so late is known so late: a window (`within_s`) is to leave
-room for a `cycle_ms`. Identifiers may be those that cars use for diagnostics (0x7E0 to 0x7EF), which no message of
-the gate may have; none of them may carry quantities of this rig. `Gate.read_dtcs` and `Gate.clear_dtcs` make the
-same two requests, each once."""
+If a scenario expects a trouble code (`[[expect]] dtc`), the bench's tester reads the codes of the ECU under
+test. It uses UDS (ISO 14229-1) over ISO-TP (ISO 15765-2) with normal addressing and classic CAN frames. On every
+clock it works in model time and sends its frames along with those of the gate.
+
+The tester sends ClearDiagnosticInformation for all groups (`14 FF FF FF`) until this succeeds (unless `clear =
+false`), then ReadDTCInformation by status mask (`19 02`) in each cycle. It makes one request at a time and
+repeats a refused one a cycle later. Apart from the ECUReset of `[reset]` it makes no other requests: the codes
+must be readable in the default session. A code is known only after it has been read, so choose windows
+(`within_s`) that leave room for one `cycle_ms`.
+
+The identifiers may be those that cars use for diagnostics (0x7E0 to 0x7EF), which no message of the gate may
+have. They must not carry quantities of this rig. `Gate.read_dtcs` and `Gate.clear_dtcs` make the same two
+requests, each once."""
 
 _ECU_RESET = """\
-`uds` needs `[diagnostics]` and the extra `uds`. `hardReset` is the request `11 01`, whose positive response is
-`51 01`; `keyOffOnReset` is `11 02`, `softReset` `11 03`. It is made in the session that the ECU is in, without
-security access. Before a scenario it is made again after each `[diagnostics] timeout_ms` without a response, as
-the ECU may still be starting, until `timeout_s`; in the middle of a scenario it is made once, when what the
-tester asked before is answered. After "response pending" (NRC 0x78) the tester waits 5 s more; after "busy,
-repeat request" (0x21) it asks again a `cycle_ms` later; any other negative response is final. What comes within
-0.1 s of the positive response is taken neither for the ECU's first command nor for what `ready` waits for, as
-the ECU may still be on its way down; one that takes longer needs a `ready` that tells. An ECUReset in the
-middle of a scenario that is refused or not answered makes the scenario's expectations inconclusive."""
+`uds` needs `[diagnostics]` and the package's extra `uds`. `hardReset` is the request `11 01` with the positive
+response `51 01`; `keyOffOnReset` is `11 02`, `softReset` is `11 03`. The request is made in the present session
+of the ECU, without security access.
+
+- Before a scenario, the request is repeated after each `[diagnostics] timeout_ms` without a response, until
+  `timeout_s`, since the ECU may still be starting.
+- In the middle of a scenario, it is made once, after the tester's previous request has been answered. If it is
+  refused or not answered, the scenario's expectations are inconclusive.
+- After "response pending" (NRC 0x78) the tester waits 5 s more. After "busy, repeat request" (0x21) it repeats
+  the request a `cycle_ms` later. Any other negative response is final.
+- In the 0.1 s after the positive response the ECU may still be shutting down. In this time neither a command
+  counts as the ECU's first one, nor is `ready` evaluated. An ECU that takes longer needs a `ready` that detects
+  its restart."""
 
 _ECU = """\
-With `[diagnostics]` the reference ECU answers such requests, and any other tester's: sessions default and extended
-(`10 01`, `10 03`), hard reset (`11 01`), clear all codes or one (`14`), count and read them by status mask (`19
-01`, `19 02`), tester present (`3E 00`). All else is refused as the standard says. Its codes are those of SAE J2012
-with the failure type, in manufacturers' ranges:"""
+With `[diagnostics]` the reference ECU answers these requests, and those of any other tester:
+
+- default and extended session (`10 01`, `10 03`),
+- hard reset (`11 01`),
+- clear all codes or one (`14`),
+- count codes and read them by status mask (`19 01`, `19 02`),
+- tester present (`3E 00`).
+
+It rejects all others as the standard requires. Its codes are in the format of SAE J2012 with the failure type,
+from the manufacturer-specific ranges:"""
 
 _STATUS = """\
-An event fails its test: testFailed, testFailedThisOperationCycle, pendingDTC, confirmedDTC and
-testFailedSinceLastClear are set at once. testFailed goes with the next motion that comes to its end without that
-event; a motion back after it does not count. confirmedDTC and testFailedSinceLastClear stay until codes are
-cleared, pendingDTC until an operation cycle in which the test passed is over. A reset begins an operation cycle;
-the codes outlast it, as they do in an ECU's non-volatile memory."""
+An event is a failed test: testFailed, testFailedThisOperationCycle, pendingDTC, confirmedDTC and
+testFailedSinceLastClear are set at once. testFailed is reset by the next motion that reaches its end without the
+event; the motion back after a trap or a block does not count. confirmedDTC and testFailedSinceLastClear remain
+set until the codes are cleared. pendingDTC remains set until the end of an operation cycle in which the test
+passed. A reset starts a new operation cycle. The codes survive it, as in an ECU's non-volatile memory."""
 
 
 def rig_page() -> str:
-    """The page."""
+    """Return the text of the page."""
     where = "messages.DriveCommand"
     by_profile = {profile: _answers(profile) for profile in PROFILES}
     answers: dict[str, str] = {}
     for each in by_profile.values():
-        # A profile has no key that is another's: there it allows nothing.
+        # Keys that a profile does not have are left out: its answer allows nothing there.
         answers |= {key: said for key, said in each.items() if said not in _OTHERS}
     step = f"{where}.max_delta_counter"
     answers[step] = "; ".join(f"{each[step]} ({name})" for name, each in by_profile.items())
@@ -201,14 +240,16 @@ def rig_page() -> str:
         "## A wired signal",
         _table(answers, "inputs.left_duty", _MAPPING),
         "## `[inputs]`: what the gate receives",
-        "`left_duty` is required. Without a direction the duty's sign is the direction; without `latch_release` "
-        "the latch opens while a motor is driven open. All but the command are a test bench's: from its first "
-        "frame on it replaces what vehicle and scenario say.",
+        "`left_duty` is required. Without a direction signal the sign of the duty is the direction. Without "
+        "`latch_release` the latch opens while a motor is driven open. The inputs from `obstacle_angle` on are "
+        "those of a test bench: from its first frame on, such an input replaces the value of vehicle and "
+        "scenario.",
         _quantities(BUS_INPUTS),
         "## `[outputs]`: what the gate sends",
-        "What a sensor makes of a quantity has its plain name (`left_current`), what is so always the prefix "
-        "`true_` (`true_left_current`), also where no sensor gives it: a sensor that is added changes no name's "
-        "meaning. A rig with a name of before is refused with the name that it is now.",
+        "A plain name such as `left_current` means the reading of a sensor. True values always have the prefix "
+        "`true_` (`true_left_current`), even if no sensor measures them. So names keep their meaning when a "
+        "sensor is added. A rig with an old name without the prefix is rejected, and the message gives the new "
+        "name.",
         _quantities(BUS_OUTPUTS),
         "## `[messages.NAME]`",
         _table(answers, where, MESSAGE),
@@ -220,18 +261,21 @@ def rig_page() -> str:
         _COUNTER,
         key_table(COUNTER),
         "## `state_machine` of a message",
-        "AUTOSAR's E2E state machine. Its defaults let no frame with an error through.",
+        "AUTOSAR's E2E state machine. With the defaults no frame with an error is accepted.",
         _table(answers, f"{where}.state_machine", STATES),
         "## `[requests.open]`, `[requests.close]`, `[requests.stop]`",
-        "With an ECU on a bus (`--ecu bus`) a scenario's requests and its precondition press these buttons: "
-        "signals that the bench sends beside the gate's, cyclically, with the counter and the protection of their "
-        "message. They rest before and after. The reference ECU listens to them, too.",
+        "With an ECU on a bus (`--ecu bus`) a scenario's requests and its precondition press these buttons. A "
+        "button is a signal that the bench sends cyclically along with the gate's messages, with the counter and "
+        "the protection of its message. Before and after a press the signal has its value `rest`. The reference "
+        "ECU reads these buttons, too.",
         key_table(BUTTON),
         "## `[reset]`",
-        "What goes before each scenario with an ECU on a bus, in this order: the signal, the ECUReset, the "
-        "command, the condition. Without `ready` the ECU's first command is waited for. Whatever does not come "
-        "makes the scenario inconclusive. The request `reset` in the middle of a scenario is the signal alone; "
-        "without one, the ECUReset alone; without either, the program, which runs while the scenario goes on.",
+        "How an ECU on a bus is reset. Before each scenario these steps are done in this order: the signal, the "
+        "ECUReset, the command, the condition `ready`. Without `ready` the bench waits for the ECU's first "
+        "command. If a step does not succeed, the scenario is inconclusive.",
+        "The request `reset` in the middle of a scenario uses only one of them: the signal; without a signal, the "
+        "ECUReset; without either, the program. In real time the scenario continues while the program runs; on "
+        "the other clocks model time stands still meanwhile.",
         key_table(RESET),
         _ECU_RESET,
         "## `[inject.fault]`, `[inject.babbling]`, `[inject.request]`, `[inject.signal]`",
@@ -252,7 +296,7 @@ def rig_page() -> str:
 
 
 def _answers(protection: str) -> dict[str, str]:
-    """What the checker says to a rig in which all is wrong but the names."""
+    """Return what the checker allows, from its messages on a rig in which only the names are right."""
     command: dict[str, Any] = dict.fromkeys(MESSAGE, WRONG) | {"protection": protection}
     command |= {"state_machine": dict.fromkeys(STATES, WRONG) | {UNKNOWN: 1}, UNKNOWN: 1}
     wire = {"signal": "DriveCommand.LeftDuty", "scale": WRONG, "offset": WRONG, "values": 1}
@@ -272,7 +316,7 @@ def _answers(protection: str) -> dict[str, str]:
 
 
 def _table(answers: Mapping[str, str], prefix: str, told: Mapping[str, tuple[str, str]]) -> str:
-    """The keys of a table, as the checker lists them."""
+    """Return the table of the keys that the checker allows in a table of a rig file."""
     return table(("key", "allowed", "default", "meaning"), _rows(answers, prefix, told))
 
 

@@ -1,4 +1,4 @@
-"""A table of a file's keys, from the schema that its reader goes by."""
+"""Markdown table of the keys of a file's table, from the schema by which such files are read."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _HEADS = ("key", "allowed", "default", "meaning")
 
 
 def key_table(of: Sequence[Key], allowed: Mapping[str, str] | None = None) -> str:
-    """The keys of a table; `allowed` where that is not what the key's kind says."""
+    """Return the table of keys; `allowed` replaces, by key, the allowed values that the key's kind states."""
     return table(_HEADS, _rows(of, allowed or {}))
 
 
 def default_of(key: Key) -> str:
-    """In words; nothing where it is empty."""
+    """Return the default of a key in words; "" if it is an empty list."""
     return "" if key.default == () else key.default_told
 
 

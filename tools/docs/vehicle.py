@@ -1,4 +1,4 @@
-"""docs/vehicle.md: every key of a vehicle file, from the fields of the plant's tables."""
+"""Page docs/vehicle.md: all keys of a vehicle file, from the fields of the plant's tables."""
 
 from __future__ import annotations
 
@@ -14,69 +14,73 @@ from liftgate_plant.quantity import Quantity
 from tools.docs.markdown import code, number, page, table
 
 _INTRO = """\
-A vehicle file is TOML: the parameters of one gate and its drives, for `--vehicle`, a scenario's `vehicle` and
-`liftgate_hil.Gate(vehicle=…)`. `liftgate-hil init` copies one to start from. Values are in the unit shown;
-ranges are inclusive. Any key can be replaced on the command line, `--set motor.resistance=0.8`, in a
-scenario's `[set]`, and found by `identify --estimate motor.resistance`.
+A vehicle file is written in TOML. It contains the parameters of one gate and its drives. It is used by
+`--vehicle`, a scenario's `vehicle` and `liftgate_hil.Gate(vehicle=…)`. `liftgate-hil init` copies one to start
+from. Values are in the unit shown; ranges are inclusive. Any key can be replaced on the command line (`--set
+motor.resistance=0.8`) and in a scenario's `[set]`, and estimated by `identify --estimate motor.resistance`.
 
-`drives` is 2 (left and right) or 1 (left only). The tables of a drive are given once for both, or for one of
-them: `[left.motor]` or `[right.spring]` hold the keys in which that drive differs. A table
-`[identification]`, which `identify --save-vehicle` writes, says how sure the values are; nothing depends on
-it.
+`drives` is 2 (left and right) or 1 (left only). The tables of a drive apply to both drives. A table for one
+drive, such as `[left.motor]` or `[right.spring]`, contains the keys in which that drive differs. The table
+`[identification]`, which `identify --save-vehicle` writes, states the uncertainty of the values; the model does
+not depend on it.
 
 ## One car of a production: `[spread]`
 
-`--draw SEED` (`draw=` of the API) makes one car of those that the table `[spread]` speaks of; without it, every
-car has the file's values. The table mirrors the file's: `[spread.motor] resistance = { relative = 0.03 }`, or
-for one drive `[spread.left.motor]`. What belongs to a drive is drawn for each. A value that `--set` or a
-scenario's `[set]` gives holds.
+The table `[spread]` describes how the cars of a production differ. `--draw SEED` (`draw=` of the API) draws one
+of these cars at random. Without it, the car has the file's values. The structure of the table is that of the
+file: `[spread.motor] resistance = { relative = 0.03 }`, or `[spread.left.motor]` for one drive. Keys of a drive
+are drawn for each drive separately. A value that is given by `--set` or by a scenario's `[set]` is not changed.
 
-| key | is |
+| key | meaning |
 | --- | --- |
 | `distribution` | `normal` (default), `lognormal` or `uniform` |
-| `relative` | σ, or half the width of `uniform`, as a share of the value; of `lognormal` σ of its logarithm |
+| `relative` | σ, or half the width of `uniform`, as a share of the value; for `lognormal` σ of the logarithm |
 | `absolute` | the same in the key's unit |
-| `low`, `high` | the ends of `uniform` |
+| `low`, `high` | limits of `uniform` |
 | `follow` | keys that change by the same factor: `["motor.speed_constant"]` |
 
-Normal and lognormal ones end at 3 σ, and each at its key's range. A car depends on its seed and on each key by
-itself, so that another key in the table leaves the rest of it as it was.
+Normal and lognormal distributions are truncated at 3 σ, and every value at the range of its key. Each value
+depends only on the seed and on its own key: a further key in the table does not change the other values.
 
-`--ideal` (`ideal=True`) is the opposite: the thesis's plant, without any error of `[sensors]`, without torsion,
-source resistance and heating, and with a friction that neither temperature, place, run nor age changes. What
-`--set` gives still holds.
+`--ideal` (`ideal=True`) is the opposite: the plant of the thesis. It has no errors of `[sensors]`, no pinch
+strips, no torsion, no source resistance, no PWM ripple, no slip clutch, no thermal cut-out and no heating. Its
+friction does not depend on temperature, position, run or age. Values that are given by `--set` still apply.
 
 ## Friction over the travel and over life
 
-The friction of the gear and the spindle is that of the law (3.3, 3.8, 3.11) times `(1 + run_in
+The friction of a drive is the nominal friction law (3.3, 3.8, 3.11) times the factor `(1 + run_in
 e^(−cycles/run_in_cycles) + wear cycles/1000) (1 + run_deviation v) (t(x) + eccentricity cos(2π x/lead + ψ) +
-position_deviation g(x))`: `t` is `position_table`, pairs of a share of the travel and a factor (`[[0, 1.2],
-[0.5, 0.9], [1, 1]]`), `g` a random profile of unit variance whose autocorrelation is 1/e after
-`position_length`, ψ an angle, both those of `position_profile` and of the drive; `v` is a normal number of the
-run's `--seed`.
+position_deviation g(x))`, with the spindle's travel x and:
+
+- `t`: `position_table`, pairs of a share of the travel and a factor (`[[0, 1.2], [0.5, 0.9], [1, 1]]`),
+- `g`: a random profile of unit variance whose autocorrelation is 1/e after `position_length`,
+- `ψ`: a random angle; `g` and `ψ` are determined by `position_profile` and the drive,
+- `v`: a normally distributed random number, determined by the run's `--seed` and the drive.
 
 ## The bridge's PWM, and where the shunt is
 
-With `pwm_frequency = 0` a motor sees the mean of its PWM. With a frequency its current has the ripple of the
-`freewheeling` while the PWM is off: `slow` (shorted by a transistor), `diode` (through one diode), `fast` (all
-switches off); with diodes it may end within each period, which lowers its mean. Recordings have the effective
-value and the peak of each tick (`left_current_rms_a`, `left_current_peak_a`); the ripple warms the winding.
+With `pwm_frequency = 0` a motor gets the mean voltage of its PWM. With a frequency, its current has a ripple
+that depends on `freewheeling`, the path of the current while the PWM is off: `slow` (shorted by a transistor),
+`diode` (through one diode) or `fast` (all switches off). With diodes the current may reach zero within each
+period; this changes its mean. Recordings contain the RMS value and the peak of each tick (`left_current_rms_a`,
+`left_current_peak_a`). The ripple heats the winding.
 
-After a step of the duty the mean goes to its new course with the winding's L/R. With a frequency the source sags
-by what both bridges draw in each part of the period, of which both begin at once where their frequencies are one;
-the terminal voltage is its mean over the period. With `pwm_frequency = 0` the source carries the mean of the
-PWM, as if a capacitor at the bridges buffered a period.
+After a step of the duty, the mean current settles with the winding's time constant L/R. With a PWM frequency,
+the voltage of the source drops by what both bridges draw in each part of the period. If both frequencies are the
+same, both periods begin at the same instant. The terminal voltage is the mean over the period. With
+`pwm_frequency = 0` the source supplies the mean of the PWM, as if a capacitor at the bridges buffered each
+period.
 
-`shunt_low_side = 1` puts the shunt into the bridge's ground: it sees what the source gives, so the duty's share
-of the current and nothing while the motor brakes; with `shunt_sampled_on = 1` it is read while the PWM is on.
-`current_window` is the length of the windows whose mean is read, a multiple of the PWM's period for one that is
-in step with it.
+With `shunt_low_side = 1` the shunt is in the ground line of the bridge. It measures the current that the source
+supplies: the duty's share of the motor current, and nothing while the motor brakes. With `shunt_sampled_on = 1`
+it is read while the PWM is on. `current_window` is the length of the windows over which the current is averaged;
+for a window that is synchronous with the PWM, choose a multiple of the PWM period.
 
-The column `suv` has the reference vehicle's value where its file gives one."""
+The column `suv` contains the value of the reference vehicle, if its file gives one."""
 
 
 def vehicle_page() -> str:
-    """The page."""
+    """Return the text of the page."""
     suv = tomllib.loads((data_root() / "configs/vehicles/suv.toml").read_text(encoding="utf-8"))
     parts = [_INTRO]
     for title, tables in (("Of each drive", DRIVE_TABLES), ("Of the gate", BODY_TABLES)):
@@ -88,7 +92,7 @@ def vehicle_page() -> str:
 
 
 def _source(kind: type) -> str:
-    """The first line of the module's docstring, which names the equations, with the way there."""
+    """Return the first line of the docstring of a table's module, which names the equations, and a link to it."""
     module = sys.modules[kind.__module__]
     first = (inspect.getdoc(module) or "").split("\n\n")[0].replace("\n", " ")
     file = module.__name__.removeprefix("liftgate_plant.") + ".py"
@@ -122,7 +126,7 @@ def _rows(kind: Any, suv: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _shown(value: Any, scale: float = 1.0) -> str:
-    """A value of a file, or one in memory that is `scale` times it."""
+    """Return the text of a file's value, from the value in memory, which is `scale` times that of the file."""
     if value is None:
         return ""
     if isinstance(value, list | tuple):
@@ -131,7 +135,7 @@ def _shown(value: Any, scale: float = 1.0) -> str:
 
 
 def _origins() -> Iterator[str]:
-    """The comment at the head of each shipped file."""
+    """Yield the comment at the head of each shipped vehicle file, with a link to the file."""
     for name in sorted(shipped_names("configs/vehicles"), key=lambda name: (name != "suv", name)):
         text = (data_root() / f"configs/vehicles/{name}.toml").read_text(encoding="utf-8")
         lines = []

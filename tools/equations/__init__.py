@@ -1,7 +1,8 @@
-"""Where each equation of the thesis lives, and which test sees it change: `python -m tools.equations`.
+"""Index of the thesis's equations: the place of each in the code, and its test: `python -m tools.equations`.
 
-`table` lists every equation of its model, (3.1) to (3.44) and (4.1) to (4.13); `problems` says what of the table
-does not hold in the sources; `mutants` changes each equation once, in a copy, and runs its test.
+`table` lists every equation of the thesis's model, (3.1) to (3.44) and (4.1) to (4.13). `problems` returns the
+entries of the table that are not true of the sources. `mutants` changes each equation once, in a copy, and runs
+its test, which must fail.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ _NUMBER = re.compile(r"(?<![\d.])(\d)\.(\d+)(?:\)?\s*(?:–|to)\s*\(?\1\.(\d+))?
 
 
 def numbers(text: str) -> set[str]:
-    """The equation numbers in a text; (3.1–3.4) stands for all four."""
+    """Return the equation numbers in a text; (3.1–3.4) stands for all four."""
     found = set()
     for match in _NUMBER.finditer(text):
         chapter, first, last = match[1], int(match[2]), int(match[3] or match[2])
@@ -29,12 +30,12 @@ def numbers(text: str) -> set[str]:
 
 
 def source_of(row: Row) -> Path:
-    """The file that holds the equation, from the checkout's root."""
+    """Return the file that contains the equation, relative to the checkout's root."""
     return PLANT / f"{row.where.split('.')[0]}.py"
 
 
 def definition(text: str, name: str) -> ast.FunctionDef | ast.ClassDef | None:
-    """A function or class of a module's text."""
+    """Return the node of a top-level function or class in a module's text, None if there is none."""
     for node in ast.parse(text).body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == name:
             return node
@@ -42,7 +43,7 @@ def definition(text: str, name: str) -> ast.FunctionDef | ast.ClassDef | None:
 
 
 def problems(row: Row, root: Path = ROOT) -> list[str]:
-    """What the row says that the sources do not."""
+    """Return the entries of the row that are not true of the sources, as texts."""
     source = source_of(row)
     if not (root / source).is_file():
         return [f"no file {source}"]

@@ -1,6 +1,6 @@
-"""Where each equation of the thesis is implemented, and which test fails when it is changed.
+"""Index of the thesis's equations: the place of each in the code, and the test that fails when it is changed.
 
-Exit code 1 where the list does not hold: an equation without its place, its change or its test. With --mutate each
+Exit code 1 if the index is wrong: an equation without its place, its change or its test. With --mutate each
 equation is changed once, in a temporary copy, and its test must fail there (and pass before).
 """
 
@@ -16,7 +16,7 @@ from tools.equations.table import TABLE, Row
 
 
 def show(rows: Sequence[Row]) -> int:
-    """Print the index; the number of equations that it is wrong about."""
+    """Print the index; return the number of equations for which it is wrong."""
     wrong = 0
     for row in rows:
         found = problems(row)
@@ -30,7 +30,7 @@ def show(rows: Sequence[Row]) -> int:
 
 
 def mutate(rows: Sequence[Row]) -> int:
-    """Change each equation and run its test; the number of those that nobody noticed."""
+    """Change each equation and run its test; return the number of changes that the tests do not detect."""
     wrong = 0
     sound: dict[str, bool] = {}
     with copied() as folder:
@@ -48,7 +48,7 @@ def mutate(rows: Sequence[Row]) -> int:
 
 
 def main() -> int:
-    """Print the index, or mutate."""
+    """Print the index, or test the changes of equations; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tools.equations", description=__doc__)
     parser.add_argument(
         "--mutate", nargs="*", metavar="NUMBER", help="change these equations, or all of them"

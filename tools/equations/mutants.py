@@ -1,4 +1,7 @@
-"""Change an equation in a copy of the sources and see its test fail. The checkout itself is never touched."""
+"""Mutation test of equations: change one in a copy of the sources, and check that its test fails.
+
+The checkout itself is never touched.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +18,13 @@ from tools.equations import ROOT, source_of
 from tools.equations.table import Row
 
 NEEDED = ("plant", "hil", "tests", "configs", "dbc")
-PASSED, FAILED = 0, 1  # of pytest's exit codes; others are no judgement of the test
+PASSED, FAILED = 0, 1  # exit codes of pytest; others say nothing about the test
 TIMEOUT_S = 120.0
 
 
 @contextmanager
 def copied(root: Path = ROOT) -> Iterator[Path]:
-    """A temporary folder with what the tests need of the sources."""
+    """Yield a temporary folder with the sources that the tests need."""
     with TemporaryDirectory(prefix="equations-") as place:
         for name in NEEDED:
             without = shutil.ignore_patterns("__pycache__", ".*")
@@ -31,12 +34,12 @@ def copied(root: Path = ROOT) -> Iterator[Path]:
 
 
 def outcome(folder: Path, test: str) -> int:
-    """What pytest exits with for a test of a copy, in plain Python."""
+    """Run a test of a copy in plain Python, and return the exit code of pytest."""
     paths = [str(folder / part) for part in ("plant", "hil", ".")]
     surroundings = {
         **os.environ,
-        "LIFTGATE_COMPILE": "0",  # machine code of a mutant is not worth its time
-        "PYTHONDONTWRITEBYTECODE": "1",  # two mutants of one second and size would be taken for one
+        "LIFTGATE_COMPILE": "0",  # compilation of a mutant takes too long
+        "PYTHONDONTWRITEBYTECODE": "1",  # mutants of the same second and size would share bytecode
         "PYTHONPATH": os.pathsep.join(paths),
         "PYTEST_ADDOPTS": "",
         "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
@@ -54,7 +57,7 @@ def outcome(folder: Path, test: str) -> int:
 
 
 def survived(folder: Path, row: Row) -> str:
-    """Why the row's test is not one that sees the equation change; empty where it is."""
+    """Return why the row's test does not detect the change of the equation, empty if it does."""
     path = folder / source_of(row)
     text = path.read_text(encoding="utf-8")
     path.write_text(text.replace(row.text, row.mutant), encoding="utf-8")

@@ -1,9 +1,9 @@
-"""Every equation of the thesis's model, what holds it in the plant, a change of it and a test that sees it.
+"""Table of the thesis's equations: the place of each in the plant, a change of it, and a test that detects that.
 
-`where` is the function or class of liftgate_plant whose docstring names the equation. `text` stands once in its
-file, inside `where`; with `mutant` in its place the equation is another one, and `test` fails. What the thesis
-writes in vectors or passes through on the way has no code of its own: `where` then holds what follows from it, and
-`note` says so.
+`where` is the function or class of liftgate_plant whose docstring names the equation. `text` occurs once in its
+file, inside `where`; with `mutant` in its place the equation is another one, and `test` fails. Equations that the
+thesis writes in vectors, or that are only intermediate steps, have no code of their own: `where` then contains the
+code that follows from them, and `note` says so.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 
 class Row(NamedTuple):
-    """One equation."""
+    """Equation of the thesis, with its place in the plant, its change and its test."""
 
     number: str
     says: str

@@ -1,1 +1,1 @@
-"""A machine with a real SocketCAN vcan0 to run a command on: `python -m tools.vcan -- COMMAND`."""
+"""Runner of a command on a machine with a real SocketCAN vcan0: `python -m tools.vcan -- COMMAND`."""

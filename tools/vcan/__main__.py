@@ -13,7 +13,7 @@ In the machine
     CAN FD too. can-raw, -bcm, -gw, -j1939, vcan, vxcan and slcan are loaded.
 
 Exit status: COMMAND's own (128 + N if signal N ended it, 127 not found, 126 not runnable); 124 --timeout passed;
-125 there is no such machine here, and a line says why.
+125 no such machine is available, or it failed, and a line says why.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from tools.vcan.uml import Machine, run_uml
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Flags."""
+    """Return the parsed command line."""
     parser = argparse.ArgumentParser(
         prog="python -m tools.vcan",
         description=__doc__,
@@ -82,7 +82,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command whichever way there is. Raises UnavailableError."""
+    """Run the command in the first way that is available; return its exit status. Raises UnavailableError."""
     reasons = []
     if args.install:
         install(args.interfaces, args.mode)
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point."""
+    """Run the command line; return the exit status."""
     args = parse(arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     try:

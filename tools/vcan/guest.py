@@ -1,6 +1,7 @@
-"""Process 1 of a User-Mode Linux machine: set the machine up, run the command, leave its status, power off.
+"""Process 1 of a User-Mode Linux machine: it sets the machine up, runs the command, writes its status, powers off.
 
-Runs as a file of its own, copied into the job's folder: standard library only, nothing else of this project.
+The module runs as a file of its own, copied into the job's folder: it imports the standard library only, and
+nothing else of this project.
 """
 
 import ctypes
@@ -16,20 +17,20 @@ from typing import Any
 
 MODULES = (
     *("can-raw", "can-bcm", "can-gw", "can-j1939", "vcan", "vxcan", "slcan", "overlay"),
-    "sch_prio",  # a queue for some senders of an interface, so that it can be full for them alone
+    "sch_prio",  # priority queues, so that one can be full for some senders only
 )
 MS_MOVE, FINIT_MODULE, POWER_OFF = 0x2000, 313, 0x4321FEDC
-WORK = Path("/dev/.vcan")  # on devtmpfs, the one writable place at first
+WORK = Path("/dev/.vcan")  # on devtmpfs, the only writable place at first
 NOT_FOUND, NOT_RUNNABLE = 127, 126
 
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
 def main(job_folder: str) -> None:
-    """Never returns: the machine is off at its end."""
+    """Run the job and power off the machine; this function never returns."""
     try:
         _run_job(job_folder)
-    except BaseException as error:  # to the console, which the host shows
+    except BaseException as error:  # goes to the console, which the host shows
         print(f"vcan: setting the machine up failed: {error!r}", flush=True)
     os.sync()
     _libc.reboot(POWER_OFF)
@@ -67,7 +68,7 @@ def _run_job(job_folder: str) -> None:
 
 
 def mount(source: str, target: Path, kind: str = "", flags: int = 0, data: str = "") -> None:
-    """The system call. Raises OSError."""
+    """Call mount(2). Raises OSError."""
     _check(
         _libc.mount(
             source.encode(),
@@ -81,7 +82,7 @@ def mount(source: str, target: Path, kind: str = "", flags: int = 0, data: str =
 
 
 def load_modules(folder: Path) -> None:
-    """Load MODULES, what they depend on first; no kmod needed. Raises OSError."""
+    """Load MODULES, after the modules that they depend on; kmod is not needed. Raises OSError."""
     paths = {}
     for line in (folder / "modules.dep").read_text().splitlines():
         path, _, needs = line.partition(":")
@@ -98,7 +99,7 @@ def load_modules(folder: Path) -> None:
 
 
 def change_root(outs: list[str]) -> None:
-    """The new root: the host's files below, above them a tmpfs that takes all writes but those to `outs`."""
+    """Change the root: the host's files, and above them a tmpfs that takes all writes except those to `outs`."""
     root = WORK / "root"
     layers = f"lowerdir=/,upperdir={WORK}/upper,workdir={WORK}/work"
     mount("overlay", root, "overlay", data=layers)
@@ -121,7 +122,7 @@ def change_root(outs: list[str]) -> None:
 
 
 def make_interfaces(names: list[str]) -> None:
-    """Bring up lo and the vcans; an MTU of 72 is for CAN FD and carries classic frames too."""
+    """Bring up lo, and make the vcans; their MTU of 72 is for CAN FD and carries classic frames too."""
     ip = ["ip", "link"]
     subprocess.run([*ip, "set", "lo", "up"], check=True)
     for name in names:
@@ -130,7 +131,7 @@ def make_interfaces(names: list[str]) -> None:
 
 
 def run_command(job: dict[str, Any], out: int, err: int) -> dict[str, Any]:
-    """Run it to its end or its timeout, and end what it left behind."""
+    """Run the job's command until it ends or times out, end the processes that it left, and return its status."""
     timed_out = False
     try:
         child = subprocess.Popen(

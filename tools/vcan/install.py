@@ -1,4 +1,4 @@
-"""Install what a machine with a vcan0 still needs on Debian and Ubuntu: as root, or unpacked into our cache."""
+"""Installation of the packages for a machine with a vcan0 on Debian and Ubuntu: as root, or in our cache."""
 
 import os
 import subprocess
@@ -14,7 +14,7 @@ APT_LIMIT = 600.0  # s
 
 
 def missing_packages(interfaces: list[str], mode: str) -> list[str]:
-    """What is not there of what the way of running here needs."""
+    """Return the missing ones of the packages that the available way of running needs."""
     packages = list(PROGRAMS)
     if mode != "uml":
         try:
@@ -26,7 +26,7 @@ def missing_packages(interfaces: list[str], mode: str) -> list[str]:
 
 
 def install(interfaces: list[str], mode: str) -> None:
-    """Bring what is missing. Raises UnavailableError."""
+    """Install the missing packages. Raises UnavailableError."""
     missing = missing_packages(interfaces, mode)
     if not missing:
         return
@@ -65,7 +65,7 @@ def _unpack(packages: list[str]) -> None:
         apt = ["apt-get"]
         try:
             names = _with_dependencies(apt, packages)
-        except UnavailableError:  # no package lists here: fetch some of our own
+        except UnavailableError:  # no package lists on this machine: fetch our own
             for name in ("lists/partial", "archives/partial"):
                 (Path(folder) / name).mkdir(parents=True)
             apt += ["-o", f"Dir::State::Lists={folder}/lists", "-o", f"Dir::Cache={folder}"]
@@ -77,14 +77,17 @@ def _unpack(packages: list[str]) -> None:
 
 
 def _with_dependencies(apt: list[str], packages: list[str]) -> list[str]:
-    """The packages, and what apt would install anew with them; what it would upgrade is good enough as it is."""
+    """Return those of the packages and their dependencies that apt would newly install.
+
+    Installed packages that apt would upgrade are good enough as they are.
+    """
     command = [*apt, "install", "--simulate", "--no-install-recommends", *packages]
     lines = [line.split() for line in _output(command).splitlines() if line.startswith("Inst ")]
     return [words[1] for words in lines if not words[2].startswith("[")]
 
 
 def _output(command: list[str], folder: str | None = None) -> str:
-    """What a command prints. Raises UnavailableError with its last word."""
+    """Run a command and return its output. Raises UnavailableError with the last line of its messages."""
     try:
         done = subprocess.run(
             command,

@@ -1,4 +1,4 @@
-"""The native way: a network namespace of the command's own on a kernel that has SocketCAN."""
+"""Native way to run a command with a vcan0: in a network namespace of its own, on a kernel with SocketCAN."""
 
 import os
 import socket
@@ -16,7 +16,7 @@ from tools.vcan.process import (
     still_running,
 )
 
-# Runs as root of a new network namespace: brings up lo and the interfaces in $1, then becomes the command.
+# Script for root of a new network namespace: brings up lo and the interfaces in $1, then becomes the command.
 # An MTU of 72 lets a vcan carry CAN FD; it carries classic frames as before.
 _SETUP = (
     'ip link set lo up; for i in $1; do ip link add dev "$i" mtu 72 type vcan && '
@@ -25,15 +25,16 @@ _SETUP = (
 
 
 def native_prefix(interfaces: list[str]) -> list[str]:
-    """What to put before a command to give it a namespace with those interfaces; nothing where they are there
-    already and no namespace can be had. Raises UnavailableError.
+    """Return the words to put before a command, which give it a namespace with those interfaces.
+
+    There are none if no namespace can be made but the interfaces are up already. Raises UnavailableError.
     """
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except (OSError, AttributeError) as error:
         raise UnavailableError(f"this kernel has no AF_CAN ({error})") from error
-    # Real root keeps its capabilities in the first user namespace, which SCHED_FIFO needs; anybody else
-    # becomes root of a new one.
+    # Real root stays in the first user namespace and so keeps its capabilities, which SCHED_FIFO needs. Any other
+    # user becomes root of a new one.
     ways = [["unshare", "--net"]] if os.geteuid() == 0 else []
     ways.append(["unshare", "--user", "--map-root-user", "--net"])
     why = ""
@@ -52,7 +53,7 @@ def native_prefix(interfaces: list[str]) -> list[str]:
         if trial.returncode == 0:
             return prefix
         why = (trial.stderr.strip().splitlines() or ["no message"])[-1]
-    if all(_is_up(interface) for interface in interfaces):  # somebody with the right made them
+    if all(_is_up(interface) for interface in interfaces):  # made by a user with the privilege
         return []
     raise UnavailableError(f"AF_CAN is here, but no vcan could be made: {why}")
 
@@ -60,7 +61,7 @@ def native_prefix(interfaces: list[str]) -> list[str]:
 def run_native(
     prefix: list[str], command: list[str], timeout: float | None, verbose: bool = False
 ) -> int:
-    """Run the command behind that prefix; returns its exit status."""
+    """Run the command with that prefix for at most `timeout` seconds; return its exit status."""
     if verbose:
         way = " ".join(prefix[: prefix.index("--")]) if prefix else "the interfaces that are here"
         say(f"native: {way}")

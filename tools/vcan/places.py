@@ -1,4 +1,4 @@
-"""Where programs are: installed, or unpacked without root into a folder of our own."""
+"""Locations of programs: installed, or unpacked without root into a folder of our own."""
 
 import os
 import shutil
@@ -9,13 +9,13 @@ _ADMIN_FOLDERS = ("/usr/sbin", "/sbin")
 
 
 def unpacked_root() -> Path:
-    """The folder for packages that could only be unpacked, not installed."""
+    """Return the folder for packages that could only be unpacked, not installed."""
     cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(cache) / "liftgate-hil" / "machines"
 
 
 def search_path(path: str) -> str:
-    """A PATH that ends in the folders of `ip` and of what was unpacked."""
+    """Return a PATH that ends with the folders of `ip` and of unpacked programs."""
     root = unpacked_root()
     ours = [root / folder for folder in ("usr/bin", "bin", "usr/sbin", "sbin")]
     more = [*_ADMIN_FOLDERS, *(str(folder) for folder in ours if folder.is_dir())]
@@ -23,7 +23,7 @@ def search_path(path: str) -> str:
 
 
 def environment(base: Mapping[str, str]) -> dict[str, str]:
-    """The command's environment: the caller's, in which unpacked programs and libraries are found."""
+    """Return the command's environment: the caller's, extended to find unpacked programs and libraries."""
     found = {**base, "PATH": search_path(base.get("PATH", ""))}
     libraries = [str(folder) for folder in sorted(unpacked_root().glob("usr/lib/*-linux-gnu*"))]
     libraries += [str(folder) for folder in sorted(unpacked_root().glob("lib/*-linux-gnu*"))]
@@ -34,5 +34,5 @@ def environment(base: Mapping[str, str]) -> dict[str, str]:
 
 
 def find_program(name: str) -> str | None:
-    """Its path, or None."""
+    """Return the path of a program, None if it is not found."""
     return shutil.which(name, path=search_path(os.environ.get("PATH", "")))

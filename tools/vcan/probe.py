@@ -1,6 +1,6 @@
-"""What a machine gives a real-time program: python -m tools.vcan -- python -m tools.vcan.probe
+"""Probe of a machine's real-time features: python -m tools.vcan -- python -m tools.vcan.probe
 
-Each line is one system feature: whether it works, and what a call of it costs, ctypes included.
+It prints one line per system feature: whether it works, and the cost of a call, including ctypes.
 """
 
 import ctypes
@@ -25,13 +25,13 @@ libc = ctypes.CDLL(None, use_errno=True)
 
 
 class Timespec(ctypes.Structure):
-    """The system's."""
+    """C structure timespec."""
 
     _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
 
 
 def cost_us(call: Callable[[], object], calls: int = CALLS) -> str:
-    """Median over batches, so that what another process takes does not count."""
+    """Return the time of a call [µs] as text: the median over batches, which ignores other processes' time."""
     batch = calls // 20
     times = []
     for _ in range(20):
@@ -43,7 +43,7 @@ def cost_us(call: Callable[[], object], calls: int = CALLS) -> str:
 
 
 def checked(result: int) -> int:
-    """The result of a C function. Raises OSError."""
+    """Return the result of a C function. Raises OSError if it is negative."""
     if result < 0:
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))
@@ -51,7 +51,7 @@ def checked(result: int) -> int:
 
 
 def can_socket(*options: tuple[int, int]) -> socket.socket:
-    """A raw one on vcan0."""
+    """Return a raw CAN socket on vcan0, with options of SOL_SOCKET as (option, value)."""
     raw = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     for option, value in options:
         raw.setsockopt(socket.SOL_SOCKET, option, value)
@@ -60,7 +60,7 @@ def can_socket(*options: tuple[int, int]) -> socket.socket:
 
 
 def fifo() -> str:
-    """Real-time scheduling, with its reset on fork."""
+    """Request FIFO scheduling with its reset on fork; return the policy as text."""
     os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(50))
     policy = os.sched_getscheduler(0)
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -68,7 +68,7 @@ def fifo() -> str:
 
 
 def lock_memory() -> str:
-    """mlockall, now and in future."""
+    """Lock all present and future memory with mlockall; return the amount that was locked, as text."""
     checked(libc.mlockall(MCL_CURRENT | MCL_FUTURE))
     status = Path("/proc/self/status").read_text().splitlines()
     checked(libc.munlockall())
@@ -76,7 +76,7 @@ def lock_memory() -> str:
 
 
 def lateness(scheduling: int, priority: int) -> str:
-    """clock_nanosleep to absolute deadlines 1 ms apart."""
+    """Return the lateness of clock_nanosleep to absolute deadlines 1 ms apart, as text."""
     os.sched_setscheduler(0, scheduling, os.sched_param(priority))
     due = time.monotonic_ns() + PERIOD_NS
     late = []
@@ -95,7 +95,7 @@ def lateness(scheduling: int, priority: int) -> str:
 
 
 def receive_empty() -> str:
-    """What polling costs: recvmmsg on a CAN_RAW socket that holds nothing."""
+    """Return the cost of polling as text: recvmmsg on a CAN_RAW socket without frames."""
     with can_socket() as raw:
         headers = ctypes.create_string_buffer(64 * 8)
         number = raw.fileno()
@@ -111,14 +111,14 @@ def receive_empty() -> str:
 
 
 def send_frame() -> str:
-    """One classic frame, nobody listening but the loopback."""
+    """Return the cost of sending one classic frame as text; only the loopback listens."""
     frame = struct.pack("=IB3x8s", 0x123, 8, bytes(8))
     with can_socket() as raw:
         return cost_us(lambda: raw.send(frame))
 
 
 def ancillary() -> str:
-    """SO_RXQ_OVFL and SO_TIMESTAMPNS of a received frame; the drop counter after an overflow."""
+    """Return the drop counter (SO_RXQ_OVFL) after an overflow and a frame's stamp (SO_TIMESTAMPNS), as text."""
     frame = struct.pack("=IB3x8s", 0x123, 8, bytes(8))
     with can_socket((SO_RXQ_OVFL, 1), (SO_TIMESTAMPNS, 1)) as listener, can_socket() as sender:
         for _ in range(3000):
@@ -144,13 +144,13 @@ def ancillary() -> str:
 
 
 def larger_buffer() -> str:
-    """SO_RCVBUFFORCE beyond the limit."""
+    """Request a receive buffer beyond the limit with SO_RCVBUFFORCE; return its size as text."""
     with can_socket((SO_RCVBUFFORCE, 4_000_000)) as raw:
         return f"{raw.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)} bytes"
 
 
 def memfd() -> str:
-    """Anonymous memory that can be shared."""
+    """Write to anonymous memory that can be shared (memfd_create); return its size as text."""
     number = os.memfd_create("probe")
     os.ftruncate(number, 1 << 20)
     with mmap.mmap(number, 1 << 20) as memory:
@@ -160,7 +160,7 @@ def memfd() -> str:
 
 
 def named_memory() -> str:
-    """Shared memory under /dev/shm."""
+    """Write to shared memory under /dev/shm; return its size as text."""
     memory = shared_memory.SharedMemory(create=True, size=1 << 20)
     memory.buf[0] = 1
     memory.close()
@@ -169,7 +169,7 @@ def named_memory() -> str:
 
 
 def read_clock() -> str:
-    """clock_gettime by the C library (by vDSO or not), and by system call."""
+    """Return the costs of the C library's clock_gettime (by vDSO or not), a system call and a no-op, as text."""
     when = Timespec()
     pointer = ctypes.byref(when)
     by_libc = cost_us(lambda: libc.clock_gettime(time.CLOCK_MONOTONIC, pointer))
@@ -192,7 +192,7 @@ PROBES = {
 
 
 def main() -> None:
-    """Try one after the other."""
+    """Run all probes in turn and print their results."""
     for name, probe in PROBES.items():
         try:
             result = probe()

@@ -1,4 +1,4 @@
-"""What both ways of running share: processes that are ended as a whole, and the reasons why one cannot be had."""
+"""Common parts of both ways of running a command: messages, exit statuses, and sessions that end as a whole."""
 
 import ctypes
 import os
@@ -15,29 +15,30 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 
 class UnavailableError(Exception):
-    """Such a machine cannot be had here; the text says what is missing."""
+    """Error if no machine with a vcan is available here; the text says what is missing."""
 
 
 def say(text: str) -> None:
-    """Tell the person, not the command's reader."""
+    """Print a message for the user on stderr, apart from the command's output."""
     print(f"vcan: {text}", file=sys.stderr, flush=True)
 
 
 def say_timeout(seconds: float) -> int:
-    """Say that the command's time is over; returns the exit status."""
+    """Print that the command has timed out; return the exit status for it."""
     say(f"the command was still running after {seconds:g} s and was ended")
     return TIMED_OUT
 
 
 def exit_status(returncode: int) -> int:
-    """As a shell has it: 128 + N where signal N ended the process."""
+    """Return the exit status as a shell reports it: 128 + N if signal N ended the process."""
     return 128 - returncode if returncode < 0 else returncode
 
 
 def spawn(argv: list[str], cpu: int | None = None, **options: Any) -> subprocess.Popen[bytes]:
     """Start argv as leader of a session, which `end_session` can end as a whole.
 
-    It gets SIGTERM (a User-Mode Linux machine then ends itself) should this process be killed.
+    If this process is killed, the leader gets SIGTERM (a User-Mode Linux machine then ends itself). With `cpu` it
+    runs on that CPU only.
     """
 
     def in_child() -> None:
@@ -55,7 +56,10 @@ def spawn(argv: list[str], cpu: int | None = None, **options: Any) -> subprocess
 
 
 def still_running(child: subprocess.Popen[bytes], seconds: float) -> bool:
-    """Wait so long for the child to end. It is not reaped, so its process id stays ours."""
+    """Wait up to `seconds` for the child to end; return whether it still runs.
+
+    The child is not reaped, so its process id remains reserved.
+    """
     deadline = time.monotonic() + seconds
     while os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
         if time.monotonic() >= deadline:
@@ -65,6 +69,6 @@ def still_running(child: subprocess.Popen[bytes], seconds: float) -> bool:
 
 
 def end_session(child: subprocess.Popen[bytes]) -> int:
-    """Kill what is left of the session that the child leads, and reap the child."""
+    """Kill the rest of the session that the child leads, reap the child, and return its return code."""
     os.killpg(child.pid, signal.SIGKILL)
     return child.wait()

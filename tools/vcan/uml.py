@@ -1,4 +1,4 @@
-"""The other way: a User-Mode Linux machine, whose kernel brings SocketCAN. Here is the host's side of it.
+"""User-Mode Linux way to run a command with a vcan0: the host's side of a machine whose kernel has SocketCAN.
 
 The machine is an ordinary process, without root and KVM, and boots in about 2 s. Its process 1 is guest.py.
 """
@@ -28,13 +28,13 @@ from tools.vcan.process import (
     still_running,
 )
 
-BOOT_LIMIT = 180.0  # s; 2 s is usual, on a busy host more
+BOOT_LIMIT = 180.0  # s; usually 2 s, on a busy host more
 POWER_OFF_LIMIT = 30.0  # s
 
 
 @dataclass
 class Machine:
-    """What is wanted of it."""
+    """Settings of a machine; `timeout` [s] is that of the command."""
 
     interfaces: list[str]
     outs: list[Path] = field(default_factory=list)  # further folders whose writes go to the host
@@ -44,7 +44,7 @@ class Machine:
 
 
 def find_uml() -> tuple[str, Path]:
-    """(kernel, its folder of modules). Raises UnavailableError."""
+    """Return the machine's kernel and its folder of modules. Raises UnavailableError."""
     kernel = find_program("linux.uml")
     packages = {"user-mode-linux": kernel, "iproute2": find_program("ip")}
     missing = " ".join(package for package, program in packages.items() if program is None)
@@ -55,7 +55,7 @@ def find_uml() -> tuple[str, Path]:
         )
     done = subprocess.run([kernel, "--version"], capture_output=True, text=True, check=False)
     version = done.stdout.strip()
-    # The package's own layout, also where it was only unpacked.
+    # The package's own layout, which is the same if the package was only unpacked.
     modules = Path(kernel).resolve().parents[1] / "lib/uml/modules" / version
     if not (modules / "modules.dep").is_file():
         raise UnavailableError(f"no modules for {kernel} {version} in {modules}")
@@ -63,12 +63,12 @@ def find_uml() -> tuple[str, Path]:
 
 
 def run_uml(machine: Machine, command: list[str]) -> int:
-    """Run the command in a machine; returns its exit status. Raises UnavailableError."""
+    """Run the command in a machine; return its exit status. Raises UnavailableError."""
     kernel, modules = find_uml()
     if Path("/") in (Path.cwd(), *machine.outs):
         raise UnavailableError("the root folder cannot be one to write to; cd to another")
     memory = _memory_folder(machine.memory_mib)
-    # Under /tmp, with plain names: the kernel's command line splits at blanks.
+    # The job is under /tmp, with plain names, because the kernel's command line splits at blanks.
     with tempfile.TemporaryDirectory(prefix="vcan.", dir="/tmp") as folder:
         job = Path(folder)
         _write_job(job, machine, command, modules)
@@ -76,8 +76,9 @@ def run_uml(machine: Machine, command: list[str]) -> int:
 
 
 def _memory_folder(mebibytes: int) -> str:
-    """Where the machine's memory file can lie: room for it, and not mounted noexec (as Docker's /dev/shm is).
-    The file is sparse, and deleted as soon as it is open.
+    """Return a folder for the machine's memory file: with enough room, and not mounted noexec.
+
+    Docker mounts /dev/shm noexec. The file is sparse, and deleted as soon as it is open. Raises UnavailableError.
     """
     for folder in ("/dev/shm", os.environ.get("TMPDIR"), "/tmp"):
         if folder and Path(folder).is_dir() and os.access(folder, os.W_OK):
@@ -109,8 +110,8 @@ def _write_job(job: Path, machine: Machine, command: list[str], modules: Path) -
 
 
 def _boot(job: Path, machine: Machine, kernel: str, memory: str) -> int:
-    # Each system call in the machine is a hand-over between two processes of the host: about 10 µs on one CPU,
-    # up to 100 µs across two. So keep them on one.
+    # Each system call in the machine switches between two processes of the host. That takes about 10 µs on one CPU
+    # and up to 100 µs across two, so both are kept on one.
     cpus = sorted(os.sched_getaffinity(0))
     started = time.time()
     with (job / "console").open("wb") as console:
@@ -151,9 +152,9 @@ def _boot(job: Path, machine: Machine, kernel: str, memory: str) -> int:
 
 
 def _wait(child: subprocess.Popen[bytes], job: Path, timeout: float | None) -> bool:
-    """Hand the command's output on until the machine ends; returns whether it had to be ended.
+    """Pass the command's output on until the machine ends; return whether the machine had to be ended.
 
-    The guest keeps the timeout itself; the limits here are for a machine that hangs.
+    The guest itself enforces the timeout; the limits here are for a machine that hangs.
     """
     begun = False
     deadline = time.monotonic() + BOOT_LIMIT

@@ -52,15 +52,15 @@ class _Padding:
 
 
 KEYS = (
-    Key("request", _Identifier(), "what the tester sends"),
-    Key("response", _Identifier(), "what the ECU answers"),
-    Key("padding", _Padding(), "of the tester's frames up to eight bytes", 0xCC, "0xCC"),
-    Key("cycle_ms", Number(1.0, LONGEST_MS, "ms"), "from one reading of the trouble codes to the next", 100.0),
-    Key("timeout_ms", Number(1.0, LONGEST_MS, "ms"), "how long the tester waits for an answer; after \"response "
+    Key("request", _Identifier(), "message with the tester's requests"),
+    Key("response", _Identifier(), "message with the ECU's responses"),
+    Key("padding", _Padding(), "byte that fills the tester's frames up to eight bytes", 0xCC, "0xCC"),
+    Key("cycle_ms", Number(1.0, LONGEST_MS, "ms"), "time from one trouble code reading to the next", 100.0),
+    Key("timeout_ms", Number(1.0, LONGEST_MS, "ms"), "how long the tester waits for a response; after \"response "
         "pending\" 5 s", 1000.0),
-    Key("status_mask", Whole(1, 255), "a code is reported where its status has one of these bits: 1 testFailed, "
-        "4 pendingDTC, 8 confirmedDTC, …", STATUS_MASK, "0x09"),
-    Key("clear", Flag(), "the tester clears all codes at time 0, before it reads any", True, "true"),
+    Key("status_mask", Whole(1, 255), "a code counts as reported if its status has one of these bits: "
+        "1 testFailed, 4 pendingDTC, 8 confirmedDTC, …", STATUS_MASK, "0x09"),
+    Key("clear", Flag(), "the tester clears all codes at time 0, before its first reading", True, "true"),
 )  # fmt: skip
 
 

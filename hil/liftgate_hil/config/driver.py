@@ -19,22 +19,22 @@ from liftgate_hil.stimuli.restbus import BusTables, start_value
 
 _SIGNAL = "MESSAGE.SIGNAL of a message that the bench sends"
 BUTTON = (
-    Key("signal", Text(_SIGNAL), "the signal that stands for the button"),
-    Key("value", Label(), "while it is pressed"),
-    Key("rest", Label(), "while it is not", None, "the signal's start value"),
-    Key("hold_s", Number(0.001, 60.0, "s"), "how long it is pressed", 0.2),
+    Key("signal", Text(_SIGNAL), "signal that represents the button"),
+    Key("value", Label(), "its value while the button is pressed"),
+    Key("rest", Label(), "its value otherwise", None, "the signal's start value"),
+    Key("hold_s", Number(0.001, 60.0, "s"), "how long the button is pressed", 0.2),
 )
 RESET = (
-    Key("signal", Text(_SIGNAL), "what switches the ECU off, e.g. the relay of its supply", None, "none"),
-    Key("value", Label(), "while it is off", None, "required with a signal"),
-    Key("rest", Label(), "while it is on", None, "the signal's start value"),
-    Key("hold_s", Number(0.001, 60.0, "s"), "how long it is off", 1.0),
+    Key("signal", Text(_SIGNAL), "signal that switches the ECU off, e.g. the relay of its supply", None, "none"),
+    Key("value", Label(), "its value while the ECU is off", None, "required with a signal"),
+    Key("rest", Label(), "its value while the ECU is on", None, "the signal's start value"),
+    Key("hold_s", Number(0.001, 60.0, "s"), "how long the ECU is off", 1.0),
     Key("uds", Choice(tuple(RESETS)), "the ECUReset (UDS service 0x11) that the bench's tester requests",
         None, "none"),
-    Key("command", Texts("a program and its arguments"), "run; 0 is what it has to end with", (), "none"),
-    Key("ready", Text("a condition"), "waited for after that, as conditions of a scenario are written", None,
+    Key("command", Texts("a program and its arguments"), "program to run; its exit code must be 0", (), "none"),
+    Key("ready", Text("a condition"), "condition to wait for after that, written like those of a scenario", None,
         "none"),
-    Key("timeout_s", Number(0.1, 3600.0, "s"), "how long at most, ECUReset, command and condition each",
+    Key("timeout_s", Number(0.1, 3600.0, "s"), "time limit, for ECUReset, command and condition each",
         30.0),
 )  # fmt: skip
 

@@ -116,82 +116,83 @@ def _key(name: str, kind: Kind, meaning: str) -> tuple[Key, ...]:
     return (Key(name, kind, meaning),)
 
 
-_DIRECTION = _key(
-    "direction", Choice(list(bus_fault_tables.DIRECTIONS)), "by the gate, or from others"
-)
-_LEVEL = _key("value", Level(), "the level that it stays at")
+_DIRECTION = _key("direction", Choice(list(bus_fault_tables.DIRECTIONS)), "as seen from the gate")
+_LEVEL = _key("value", Level(), "level at which it is stuck")
 _KINDS = (
-    FaultKind("supply_open", "nothing can be drawn from or fed into the supply; braking still works",
+    FaultKind("supply_open", "no current can be drawn from or fed into the supply; braking still works",
               _gate("plant.source_open", SET), of=GATE),
     FaultKind("motor_open", "the line between bridge and motor is open: no current from that tick on",
               _line("is_open", SET)),
-    FaultKind("motor_short", "the motor's terminals are joined: its voltage is 0, and the shunt reads the "
-              "converter's limit while the bridge drives", _short),
+    FaultKind("motor_short", "the motor's terminals are shorted: the motor's voltage is 0, and the shunt "
+              "reads the converter's limit while the bridge drives", _short),
     FaultKind("bridge_stuck", "the bridge stays in one state, at full voltage, whatever is commanded",
-              _bridge, _key("state", Choice(DIRECTIONS), "the state")),
-    FaultKind("contact_resistance", "a resistance in series with the motor", _line("resistance", ADD),
-              _key("ohm", Number(0.0, 1e6, "Ω"), "how large")),
-    FaultKind("hall_a_stuck", "Hall A stays at a level", _hall("level_a", "value"), _LEVEL),
-    FaultKind("hall_b_stuck", "Hall B stays at a level", _hall("level_b", "value"), _LEVEL),
-    FaultKind("hall_missing", "edges that decoder and timer miss; at the edge after a missed one both levels "
-              "have changed, and the decoder does not count it",
+              _bridge, _key("state", Choice(DIRECTIONS), "state of the bridge")),
+    FaultKind("contact_resistance", "there is a resistance in series with the motor", _line("resistance", ADD),
+              _key("ohm", Number(0.0, 1e6, "Ω"), "additional resistance")),
+    FaultKind("hall_a_stuck", "Hall A is stuck at a level", _hall("level_a", "value"), _LEVEL),
+    FaultKind("hall_b_stuck", "Hall B is stuck at a level", _hall("level_b", "value"), _LEVEL),
+    FaultKind("hall_missing", "decoder and timer miss edges; at the edge after a missed one both levels have "
+              "changed, and the decoder does not count it",
               _hall("missing", "probability"),
-              _key("probability", Number(0.0, 1.0), "that an edge is missed")),
-    FaultKind("hall_extra", "edges without motion of the shaft, on A or B at random", _hall("extra", "rate"),
-              _key("rate", Number(0.0, 1e5, "1/s"), "how many")),
+              _key("probability", Number(0.0, 1.0), "probability that an edge is missed")),
+    FaultKind("hall_extra", "additional edges without motion of the shaft, on A or B at random",
+              _hall("extra", "rate"),
+              _key("rate", Number(0.0, 1e5, "1/s"), "mean rate of these edges")),
     FaultKind("hall_swapped", "Hall A and B are exchanged: the count runs backwards", _hall("swapped")),
-    FaultKind("current_offset", "an offset added to the current's reading, after the offsets and gains before it "
-              "in the file",
+    FaultKind("current_offset", "an offset is added to the current reading, after the offsets and gains that "
+              "precede it in the file",
               _current("offset", ADD, "value"),
-              _key("value", Number(-1e3, 1e3, "A"), "how much")),
-    FaultKind("current_gain", "a gain of the current's reading, applied after the offsets and gains before it in "
-              "the file",
-              _gain, _key("factor", Number(-100.0, 100.0), "by this factor")),
-    FaultKind("current_frozen", "the current's reading stays at its last value, offsets and gains included",
+              _key("value", Number(-1e3, 1e3, "A"), "offset of the reading")),
+    FaultKind("current_gain", "the current reading is multiplied by a factor, after the offsets and gains that "
+              "precede it in the file",
+              _gain, _key("factor", Number(-100.0, 100.0), "factor on the reading")),
+    FaultKind("current_frozen", "the current reading keeps its last value, offsets and gains included",
               _current("frozen", SET)),
-    FaultKind("angle_offset", "an offset added to the angle's reading",
+    FaultKind("angle_offset", "an offset is added to the angle reading",
               _gate("sensors.angle_offset", ADD, "value"),
-              _key("value", Number(-360.0, 360.0, "deg", math.radians(1.0)), "how much"), of=GATE),
-    FaultKind("angle_frozen", "the angle's reading stays at its last value, offset included",
+              _key("value", Number(-360.0, 360.0, "deg", math.radians(1.0)), "offset of the reading"), of=GATE),
+    FaultKind("angle_frozen", "the angle reading keeps its last value, offset included",
               _gate("faults.angle_frozen", SET), of=GATE),
-    FaultKind("latch_stuck", "the latch's switch keeps one reading, whatever the latch does",
+    FaultKind("latch_stuck", "the latch switch keeps one reading, whatever the latch does",
               _gate("faults.latch_reading", SET, "value"),
-              _key("value", Level(("open", "latched")), "what it says"), of=GATE),
+              _key("value", Level(("open", "latched")), "the reading"), of=GATE),
     FaultKind("spring_lost", "the drive's spring has no force left", _spring),
     FaultKind("spring_weak", "the drive's spring has less force", _spring,
-              _key("factor", Number(0.0, 10.0), "of its force that is left")),
-    FaultKind("drive_disconnected", "the drive turns without moving the gate, or being moved by it",
+              _key("factor", Number(0.0, 10.0), "factor on its force")),
+    FaultKind("drive_disconnected", "the drive turns without moving the gate, and the gate cannot turn it",
               _disconnected),
-    FaultKind("spindle_jammed", "the drive cannot turn, nor be turned", _jammed),
-    FaultKind("friction", "the drive's friction is higher or lower: dry, viscous and load-dependent",
-              _friction, _key("factor", Number(0.0, 1e4), "by this factor")),
-    FaultKind("latch_not_releasing", "the latch is not released, whatever drives it",
+    FaultKind("spindle_jammed", "the drive is blocked: neither its motor nor the gate can turn it", _jammed),
+    FaultKind("friction", "the drive's friction is multiplied by a factor: dry, viscous and load-dependent",
+              _friction, _key("factor", Number(0.0, 1e4), "factor on the friction")),
+    FaultKind("latch_not_releasing", "the latch does not release, whatever drives it",
               _gate("faults.latch_held", SET), of=GATE),
-    FaultKind("parameter", "any number of the vehicle file gets another value", _none, (
-        Key("key", Text("a key of the vehicle file"), "such as `gate.mass` or `left.motor.resistance`"),
-        Key("value", Number(-1e15, 1e15), "in the file's unit"),
-        Key("ramp_s", Number(0.0, 1e6, "s"), "until it is there, in a straight line", 0.0),
+    FaultKind("parameter", "a number of the vehicle file gets another value", _none, (
+        Key("key", Text("a key of the vehicle file"), "for example `gate.mass` or `left.motor.resistance`"),
+        Key("value", Number(-1e15, 1e15), "new value, in the file's unit"),
+        Key("ramp_s", Number(0.0, 1e6, "s"), "duration of the linear transition to it", 0.0),
     ), of=GATE),
     FaultKind("frame_lost", "frames do not arrive", _none, (
-        *_DIRECTION, Key("probability", Number(0.0, 1.0), "that a frame is lost", 1.0)), of=MESSAGE),
+        *_DIRECTION, Key("probability", Number(0.0, 1.0), "probability that a frame is lost", 1.0)), of=MESSAGE),
     FaultKind("frame_delayed", "frames arrive later", _none, (
-        *_DIRECTION, Key("delay_s", Number(0.0, 10.0, "s"), "how much; so not of start and end")), of=MESSAGE),
+        *_DIRECTION, Key("delay_s", Number(0.0, 10.0, "s"), "delay of the frames, not of `start` and `end`")),
+        of=MESSAGE),
     FaultKind("frame_repeated", "each frame is repeated once", _none, _DIRECTION, of=MESSAGE),
-    FaultKind("frame_corrupted", "one random bit of the data is inverted; on the wire itself, where the bus's own "
-              "checksum would detect it, no bit can be changed", _none, _DIRECTION, of=MESSAGE),
-    FaultKind("wrong_counter", "the alive counter keeps its value of the last frame before the fault, with a "
-              "correct checksum", _none, _DIRECTION, of=MESSAGE),
-    FaultKind("wrong_checksum", "the checksum's bits are inverted", _none, _DIRECTION, of=MESSAGE),
+    FaultKind("frame_corrupted", "one random bit of the data is inverted, in a frame that is valid on the bus; "
+              "bits on the wire, where the frame's own CRC would detect it, cannot be changed", _none, _DIRECTION,
+              of=MESSAGE),
+    FaultKind("wrong_counter", "the alive counter keeps its value of the last frame before the fault; the "
+              "checksum is correct", _none, _DIRECTION, of=MESSAGE),
+    FaultKind("wrong_checksum", "all bits of the checksum are inverted", _none, _DIRECTION, of=MESSAGE),
     FaultKind("wrong_length", "the frame has the next shorter valid length", _none, _DIRECTION, of=MESSAGE),
-    FaultKind("frame_frozen", "the data stay those of the last frame before the fault, counter and checksum "
+    FaultKind("frame_frozen", "the data remain those of the last frame before the fault, counter and checksum "
               "included", _none, _DIRECTION, of=MESSAGE),
     FaultKind("babbling", "a node keeps sending frames of eight zero bytes", _none, (
         *_DIRECTION,
-        Key("id", Whole(0, 0x1FFFFFFF), "the identifier; above 0x7FF an extended one"),
-        Key("rate", Number(0.0, 1e5, "1/s"), "how many frames"),
+        Key("id", Whole(0, 0x1FFFFFFF), "identifier; above 0x7FF an extended one"),
+        Key("rate", Number(0.0, 1e5, "1/s"), "rate of the frames"),
     ), of=BUS),
-    FaultKind("bus_off", "the gate neither sends nor receives; a real controller cannot be taken off its bus, so "
-              "there it only stops sending and receiving, and the scenario is inconclusive", _none, of=BUS),
+    FaultKind("bus_off", "the gate neither sends nor receives. A real CAN controller cannot be taken off its bus: "
+              "there the gate only stops sending and receiving, and the scenario is inconclusive", _none, of=BUS),
 )  # fmt: skip
 
 FAULT_KINDS: Mapping[str, FaultKind] = {kind.name: kind for kind in _KINDS}

@@ -31,27 +31,27 @@ _SIGNAL = Text("MESSAGE.SIGNAL")
 FAULT, BABBLING, REQUEST, SIGNAL = "fault", "babbling", "request", "signal"
 ORDERS: Mapping[str, tuple[Key, ...]] = {
     FAULT: (
-        Key("kind", _SIGNAL, "its labels are kinds of docs/scenario.md; `none` with `on` 0 ends all of them"),
-        Key("on", _SIGNAL, "1: it begins, or begins anew with another value; 0: it ends"),
-        Key("place", _SIGNAL, "its labels are left, right, both, messages, for `parameter` keys of the vehicle "
-            "file, and `none`", None, "none"),
-        Key("value", _SIGNAL, "what the kind takes: its value, ohm, factor, probability, delay_s, or the number "
-            "of its state", None, "none"),
-        Key("direction", _SIGNAL, "its labels are sent and received, by the gate; with another one the place says "
-            "which", None, "none"),
+        Key("kind", _SIGNAL, "its labels are fault kinds of docs/scenario.md; `none` with `on` 0 ends all faults"),
+        Key("on", _SIGNAL, "1: the fault begins, or begins again with another value; 0: it ends"),
+        Key("place", _SIGNAL, "its labels are left, right, both, messages, keys of the vehicle file (for the "
+            "kind `parameter`), and `none`", None, "none"),
+        Key("value", _SIGNAL, "number for the kind's key: value, ohm, factor, probability, rate, delay_s, or the "
+            "number of the bridge state", None, "none"),
+        Key("direction", _SIGNAL, "its labels are sent and received, as seen from the gate; with any other label "
+            "the message in `place` decides", None, "none"),
     ),
     BABBLING: (
-        Key("identifier", _SIGNAL, "of its frames, above 0x7FF an extended one"),
-        Key("on", _SIGNAL, "1: it begins; 0: it ends"),
-        Key("rate", _SIGNAL, "how many frames [1/s]"),
+        Key("identifier", _SIGNAL, "identifier of the frames, above 0x7FF an extended one"),
+        Key("on", _SIGNAL, "1: babbling begins; 0: it ends"),
+        Key("rate", _SIGNAL, "rate of the frames [1/s]"),
         Key("direction", _SIGNAL, "its labels are sent and received"),
     ),
     REQUEST: (
-        Key("action", _SIGNAL, "its labels are open, close, stop, reset and `none`: the rig's buttons"),
+        Key("action", _SIGNAL, "its labels are the rig's buttons: open, close, stop, reset, and `none`"),
     ),
     SIGNAL: (
         Key("name", _SIGNAL, "its labels are signals of the database that the bench may send, as Message.Signal"),
-        Key("value", _SIGNAL, "which it has from now on, in the database's unit"),
+        Key("value", _SIGNAL, "new value of that signal, in the database's unit"),
     ),
 }  # fmt: skip
 

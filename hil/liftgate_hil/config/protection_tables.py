@@ -48,26 +48,27 @@ class _Bits:
         return value
 
 
-_SIGNAL = Key("signal", Text("a signal of the message"), "the signal with the checksum")
+_SIGNAL = Key("signal", Text("a signal of the message"), "signal that carries the checksum")
 CHECKSUM = (
     _SIGNAL,
-    Key("width", Whole(1, _MOST_BITS), "bits, those of the signal"),
-    Key("polynomial", _Bits(1), "without its highest term, as catalogues have it: 0x1D is x⁸ + x⁴ + x³ + x² + 1"),
-    Key("start", _Bits(), "of the register, before the first bit (`init` of catalogues)", 0),
-    Key("reflect_in", Flag(), "each byte's lowest bit comes first", False, "false"),
-    Key("reflect_out", Flag(), "the register's lowest bit becomes the checksum's highest", False, "false"),
-    Key("final_xor", _Bits(), "on the result, after that (`xorout`)", 0),
-    Key("covers", Raw(_COVERS), "what goes into it, in this order", ("payload",), '["payload"]'),
-    Key("data_id", Raw(_DATA_ID), "of the message; of a list the one at the counter's value, modulo its length",
-        None, "none"),
+    Key("width", Whole(1, _MOST_BITS), "number of bits, that of the signal"),
+    Key("polynomial", _Bits(1), "without its highest term, as in catalogues: 0x1D is x⁸ + x⁴ + x³ + x² + 1"),
+    Key("start", _Bits(), "initial value of the register (`init` in catalogues)", 0),
+    Key("reflect_in", Flag(), "the lowest bit of each byte is processed first (`refin`)", False, "false"),
+    Key("reflect_out", Flag(), "the lowest bit of the register becomes the highest bit of the checksum "
+        "(`refout`)", False, "false"),
+    Key("final_xor", _Bits(), "value that is XORed with the result, after that (`xorout`)", 0),
+    Key("covers", Raw(_COVERS), "parts that the checksum covers, in this order", ("payload",), '["payload"]'),
+    Key("data_id", Raw(_DATA_ID), "data ID of the message; of a list, the entry at the counter's value modulo the "
+        "list's length", None, "none"),
 )  # fmt: skip
 COUNTER = (
-    Key("signal", Text("a signal of the message"), "the signal that counts frames, of 1 to 64 bits"),
-    Key("start", _Bits(), "its value in the first frame", None, "`lowest`"),
+    Key("signal", Text("a signal of the message"), "signal that counts frames, of 1 to 64 bits"),
+    Key("start", _Bits(), "value in the first frame", None, "`lowest`"),
     Key("step", Raw("a whole number other than 0, smaller in size than the number of values"),
-        "from frame to frame; below 0 it counts down", 1),
-    Key("lowest", _Bits(), "value that it takes", 0),
-    Key("highest", _Bits(), "value that it takes, past which it goes on from `lowest`; up to 2^48 values",
+        "increment from frame to frame; a negative one counts down", 1),
+    Key("lowest", _Bits(), "lowest value", 0),
+    Key("highest", _Bits(), "highest value, after which it continues from `lowest`; at most 2^48 values",
         None, "all bits set"),
 )  # fmt: skip
 

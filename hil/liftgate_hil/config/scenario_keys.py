@@ -50,96 +50,102 @@ class _Initial:
 
 _FILE = "a shipped name or a file"
 TOP = (
-    Key("description", Raw("any text"), "for people", ""),
-    Key("requirement", Texts("a text, or a list of texts"), "your identifiers of what it tests; reports have them",
-        ()),
-    Key("include", Texts("files, beside this one"), "read first: their tables are merged with this one's by key, "
-        "their lists come before its own, an [[expect]] of the same name replaces theirs", ()),
-    Key("duration", _SECONDS, "the end of the run, and of every window", None, "until stopped"),
-    Key("vehicle", Text(_FILE), "looked for beside the scenario first", None, "suv"),
-    Key("rig", Text(_FILE), "looked for beside the scenario first", None, "liftgate"),
-    Key("seed", SEED, "of noise and of what differs from run to run", 0),
-    Key("initial", _Initial(), "where the gate starts, at rest; closed it is latched", "closed"),
-    Key("precondition", Choices(BUTTONS), "requests that are gone through before time 0, each when the "
-        "motion of the one before is over, and not judged: an ECU that has learned its gate", (), "none"),
-    Key("timing_tolerance_s", _SECONDS, "in real time, how long a frame may wait until the gate picks it up, "
-        "and an ECU in this process for its turn; where one waits longer the bench is late", None,
+    Key("description", Raw("any text"), "free text for readers", ""),
+    Key("requirement", Texts("a text, or a list of texts"), "identifiers of the requirements that the "
+        "scenario tests, as you call them; reports list them", ()),
+    Key("include", Texts("files, beside this one"), "files that are read first. Their keys and tables are "
+        "merged with those of this file, whose values win. Their [[…]] tables precede those of this file; an "
+        "[[expect]] of this file replaces one of the same name in theirs", ()),
+    Key("duration", _SECONDS, "end of the run and of every window", None, "until stopped"),
+    Key("vehicle", Text(_FILE), "vehicle file; a file beside the scenario has priority", None, "suv"),
+    Key("rig", Text(_FILE), "rig file; a file beside the scenario has priority", None, "liftgate"),
+    Key("seed", SEED, "seed of the noise and of everything else that varies from run to run", 0),
+    Key("initial", _Initial(), "initial position of the gate, at rest; a closed gate is latched", "closed"),
+    Key("precondition", Choices(BUTTONS), "requests that are made before time 0, each one when the "
+        "motion of the previous one has ended. They are not judged. Purpose: an ECU that has to learn its gate",
+        (), "none"),
+    Key("timing_tolerance_s", _SECONDS, "only in real time: how long a frame may wait until the gate reads it, "
+        "and how long an ECU in this process may wait for its turn. After a longer wait the bench is late", None,
         "half a command cycle"),
-    Key("parameters", Raw("a table of numbers"), "names and values, which `--set-parameter` and `parameters` of "
-        "`lh.run` replace", None),
-    Key("set", Raw("a table"), "keys of the vehicle file and their values: `\"environment.road_slope_deg\" = 5`",
-        None),
-    Key("profile", Raw("[[profile]] tables"), "a quantity over time, below", None),
-    Key("obstacle", Raw("[[obstacle]] tables"), "something in the gate's way, below", None),
-    Key("request", Raw("[[request]] tables"), "what is asked of the ECU, below", None),
-    Key("signal", Raw("[[signal]] tables"), "what other control units send, below", None),
-    Key("fault", Raw("[[fault]] tables"), "what breaks, below", None),
-    Key("expect", Raw("[[expect]] tables"), "what is expected, below", None),
+    Key("parameters", Raw("a table of numbers"), "names and values; `--set-parameter` and the argument "
+        "`parameters` of `lh.run` replace them", None),
+    Key("set", Raw("a table"), "keys of the vehicle file and their new values: "
+        "`\"environment.road_slope_deg\" = 5`", None),
+    Key("profile", Raw("[[profile]] tables"), "quantities over time, see below", None),
+    Key("obstacle", Raw("[[obstacle]] tables"), "obstacles in the gate's way, see below", None),
+    Key("request", Raw("[[request]] tables"), "requests to the ECU, see below", None),
+    Key("signal", Raw("[[signal]] tables"), "signals that other control units send, see below", None),
+    Key("fault", Raw("[[fault]] tables"), "injected faults, see below", None),
+    Key("expect", Raw("[[expect]] tables"), "expectations, see below", None),
 )  # fmt: skip
 
 PROFILE = (
-    Key("quantity", Choice(list(PROFILES)), "one of those below; each once"),
-    Key("points", Raw("[[time, value], …]"), "the value at each time; before the first the vehicle's", None),
-    Key("csv", Text("a CSV file, beside the scenario"), "in place of points: columns `time_s` and the quantity",
-        None),
-    Key("interpolation", Choice(("linear", "hold")), "straight lines, or each held until the next, as switches "
-        "are", None, "linear"),
+    Key("quantity", Choice(list(PROFILES)), "one of the quantities below; each at most once"),
+    Key("points", Raw("[[time, value], …]"), "values at times. Before the first time the vehicle's value "
+        "applies, after the last time the last value", None),
+    Key("csv", Text("a CSV file, beside the scenario"), "instead of `points`: a file with the columns "
+        "`time_s` and the quantity", None),
+    Key("interpolation", Choice(("linear", "hold")), "linear between the points, or each value held until the "
+        "next point; switches (`handle_pulled`, `button_pressed`) are always held", None, "linear"),
 )  # fmt: skip
 
-_DELAY = Key("delay_s", _SECONDS, "added to a time, and to when a condition comes true", 0.0)
+_DELAY = Key("delay_s", _SECONDS, "delay after the time, or after the condition has come true", 0.0)
 _DEFAULTS = {"distance": 1.0, "stiffness": 10_000.0, "damping": 0.0, "gap": 0.0, "lateral": 0.0}
 OBSTACLE = (
-    Key("start", When(), "when it is put there; it counts only once the gate has been clear of it", START, "0"),
-    Key("end", When(), "when it is taken away; a condition counts once it is there", NEVER, "never"),
+    Key("start", When(), "when the obstacle is put in place; it acts only once the gate has been clear of "
+        "it", START, "0"),
+    Key("end", When(), "when it is removed; a condition is evaluated only after the start", NEVER, "never"),
     _DELAY,
     *(
         Key(name, Number(each.low, each.high, each.unit), each.meaning, _DEFAULTS.get(name, REQUIRED))
         for name, each in OBSTACLE_SIGNALS.items()
     ),
-    Key("meets", Choice(("closing", "opening")), "the way in which the gate meets it", "closing"),
+    Key("meets", Choice(("closing", "opening")), "direction of motion in which the gate meets it", "closing"),
 )  # fmt: skip
 
 REQUEST = (
-    Key("time", When(), "when"),
+    Key("time", When(), "when the request is made"),
     _DELAY,
     Key(
         "action",
         Choice(REQUESTS),
-        "a button of the driver's, or reset: the ECU is made anew, as one that is switched on",
+        "the button that the driver presses, or `reset`: the ECU restarts as after power-on",
     ),
 )
 
 SIGNAL = (
-    Key("time", When(), "from when on; 0: it is the signal's start value, also in the precondition", START, "0"),
+    Key("time", When(), "when the signal gets the value; 0: it has the value from the start, also during "
+        "the precondition", START, "0"),
     _DELAY,
-    Key("signal", Text("MESSAGE.SIGNAL"), "of the rig's database, in a message that neither gate nor ECU sends"),
-    Key("value", Label(), "in the database's unit, or its label"),
+    Key("signal", Text("MESSAGE.SIGNAL"), "signal of the rig's database, in a message that neither the gate nor "
+        "the ECU sends"),
+    Key("value", Label(), "the value in the database's unit, or its label"),
 )  # fmt: skip
 
 FAULT = (
-    Key("kind", Choice(list(FAULT_KINDS)), "one of those below, each with keys of its own"),
-    Key("where", Text("left, right, both, or a message's name"), "which drive's, or which message's, of a kind "
-        "that is one's", None, "both; all messages"),
-    Key("start", When(), "when it begins", START, "0"),
-    Key("end", When(), "when it is over; a condition counts once it has begun", NEVER, "never"),
-    Key("for_s", Number(1e-4, LATEST, "s"), "how long it is there, from its start, in place of end", None,
-        "to end"),
+    Key("kind", Choice(list(FAULT_KINDS)), "one of the kinds below; most have further keys of their own"),
+    Key("where", Text("left, right, both, or a message's name"), "affected drive or message; only for "
+        "a kind that is a fault of a drive or of a message", None, "both; all messages"),
+    Key("start", When(), "when the fault begins", START, "0"),
+    Key("end", When(), "when it ends; a condition is evaluated only after the start", NEVER, "never"),
+    Key("for_s", Number(1e-4, LATEST, "s"), "duration from its start, instead of `end`", None, "to end"),
     _DELAY,
-    Key("period_s", Number(1e-4, LATEST, "s"), "intermittent: it comes back with this period", None),
-    Key("share", Number(0.0, 1.0), "of each period, from its begin, in which it is there", 1.0),
-    Key("seed", SEED, "of a random one, beside the run's", 0),
+    Key("period_s", Number(1e-4, LATEST, "s"), "intermittent fault: period with which it recurs", None),
+    Key("share", Number(0.0, 1.0), "intermittent fault: share of each period, from the period's start, in "
+        "which it is active", 1.0),
+    Key("seed", SEED, "seed of a random fault, combined with the run's seed", 0),
 )  # fmt: skip
 
 EXPECT = (
-    Key("name", Text(), "what reports call it; each once"),
-    Key("always", Text("a condition"), "one of always, eventually, never, dtc: it is true in every tick of the "
-        "window", None),
-    Key("eventually", Text("a condition"), "it is true in at least one", None),
-    Key("never", Text("a condition"), "it is true in none", None),
-    Key("dtc", TroubleCode(), "a trouble code of the ECU, read over its diagnostics; see below", None),
-    Key("state", Choice(STATES), "of dtc, required: reported in an answer of the window, or in none", None),
-    Key("after", When(), "where the window begins: a time, or the first time that a condition is true", START,
+    Key("name", Text(), "unique name, for reports"),
+    Key("always", Text("a condition"), "true in every tick of the window", None),
+    Key("eventually", Text("a condition"), "true in at least one tick of the window", None),
+    Key("never", Text("a condition"), "true in no tick of the window", None),
+    Key("dtc", TroubleCode(), "trouble code of the ECU, read over its diagnostics; see below", None),
+    Key("state", Choice(STATES), "required with `dtc`: the code is reported in a response within the window, or "
+        "in none", None),
+    Key("after", When(), "start of the window: a time, or the first time that a condition is true", START,
         "0"),
-    Key("within_s", _SECONDS, "the window's length, both ends in", None, "to the end"),
-    Key("for_s", _SECONDS, "of eventually: it must be true that long without interruption", 0.0),
+    Key("within_s", _SECONDS, "length of the window, both ends included", None, "to the end"),
+    Key("for_s", _SECONDS, "with `eventually`: the condition must be true this long without interruption", 0.0),
 )  # fmt: skip
