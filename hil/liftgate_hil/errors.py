@@ -105,7 +105,7 @@ def text_of(error: BaseException) -> str:
     try:
         return str(error)
     except Exception as other:
-        return f"(its text: {type(other).__name__})"
+        return f"(its str raised {type(other).__name__})"
 
 
 def words_of(error: BaseException) -> str:
@@ -121,7 +121,7 @@ def shown(value: object) -> str:
     try:
         return repr(value)
     except Exception as error:
-        return f"a {type(value).__name__} (its repr: {type(error).__name__})"
+        return f"a {type(value).__name__} (its repr raised {type(error).__name__})"
 
 
 class ConfigIssues:
@@ -180,7 +180,7 @@ class ConfigIssues:
     def raise_if_any(self) -> None:
         """Raise ConfigError with all issues, if there are any."""
         if self.untold:
-            raise ConfigError([*self.lines, f"{self.source}: and {self.untold} faults more"])
+            raise ConfigError([*self.lines, f"{self.source}: and {self.untold} more issues"])
         if self.lines:
             raise ConfigError(self.lines)
 

@@ -273,7 +273,7 @@ def frictions_at(plant: Plant, inputs: Inputs) -> Frictions:
 def place_at(link: Linkage, angle: float, rate: float) -> Place:
     """Return the linkage at an angle [rad] that changes at `rate` [rad/s].
 
-    Its lever stands for the direction of (3.43).
+    The lever arm r_AP takes the place of the direction Φ̂ of (3.43): it contains the angle between Φ̂ and d̂.
     """
     return Place(rate, gate.extension(link, angle), gate.lever(link, angle))
 
@@ -296,8 +296,8 @@ def places_of(plant: Plant, state: State) -> Places:
 def drive_force(drive: Drive, state: DriveState, place: Place) -> float:
     """Return F_d [N], the drive's force on the gate.
 
-    It follows from the spindle's travel p ρ (3.13) and its speed along the actuator, minus those of the gate,
-    where (3.41) passes on an acceleration.
+    It follows from the spindle's travel p ρ (3.13) and its speed along the actuator, minus those of the gate. In
+    (3.41) an acceleration is handed over instead.
     """
     if drive.active == 0.0:
         return 0.0
@@ -313,7 +313,7 @@ def drive_force(drive: Drive, state: DriveState, place: Place) -> float:
 
 @compilable
 def total_inertia(plant: Plant, load: Load) -> float:
-    """Return the gate's inertia with snow [kg m²]; rigidly joined with the drives it is that of (4.13)."""
+    """Return the gate's inertia with snow [kg m²], without that of the drives, which (4.13) adds."""
     return plant.gate_inertia + environment.snow_inertia(plant.environment, load.snow_mass)
 
 
@@ -490,7 +490,10 @@ def torque_constant(drive: Drive, state: DriveState) -> float:
 
 @compilable
 def shaft_mobility(drive: Drive) -> float:
-    """Return the speed along the spindle per impulse of a force on it [m/s per N s]: κρ/2πJ_d."""
+    """Return the speed along the spindle per impulse of a force on it [m/s per N s].
+
+    It is κ ρ/(2π J_d), with the travel ρ [m/rev], the torque per force κ = ρ/2π [m] and the inertia J_d [kg m²].
+    """
     return drive.torque_per_force * drive.travel / (2.0 * math.pi * drive.inertia)
 
 
@@ -591,9 +594,9 @@ def courses_of(plant: Plant, state: State, inputs: Inputs) -> tuple[Course, Cour
 
 @compilable
 def outputs(plant: Plant, state: State, given: Inputs) -> Outputs:
-    """Return what the state shows under these inputs.
+    """Return the quantities that follow from a state and its inputs: forces, voltages and the acceleration.
 
-    φ̈ is that of (3.15), where (3.44) derives it from the spindle's.
+    The gate's acceleration φ̈ is torque by inertia (3.15); (3.44) derives it from the spindle's instead.
     """
     places, rate = places_of(plant, state), state.gate_rate
     inputs = past_the_lines(plant, given)

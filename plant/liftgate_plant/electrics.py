@@ -183,7 +183,7 @@ def around(
     now_r: Course,
     step: float,
 ) -> tuple[Around, Around]:
-    """Return the voltages around both motors, as far as they coast."""
+    """Return the voltages around the left and the right motor; all are 0 if neither of them coasts."""
     if inputs.left.coast == 0.0 and inputs.right.coast == 0.0:
         return ALONE, ALONE
     places, frictions = dynamics.places_of(plant, state), dynamics.frictions_at(plant, inputs)
@@ -298,10 +298,12 @@ def along_duty(drive_input: DriveInput, now: Course) -> float:
 
 @compilable
 def follows(drive: Drive, drive_input: DriveInput, source_resistance: float) -> bool:
-    """Whether a winding's current follows its periodic waveform, not the mean voltage, where a bridge switches.
+    """Whether a winding is solved by its periodic PWM waveform (`followed`) instead of the mean voltage.
 
-    On a source without resistance, the mean of the applied voltage is all that counts if the motor is shorted in
-    between.
+    It is asked where at least one of the bridges switches. On a source without resistance that is a bridge that
+    switches with diode or fast freewheeling: with slow freewheeling, which shorts the motor, the mean of the
+    applied voltage determines the current. On a source with resistance, whose voltage drop both drives share, it
+    is each drive that neither coasts nor has a duty of 0.
     """
     if source_resistance == 0.0:
         return drive.freewheeling != SLOW and is_chopped(drive, drive_input)

@@ -29,7 +29,10 @@ class Motor(NamedTuple):
 
 
 class Winding(NamedTuple):
-    """Winding of one motor during one step, at its present temperature."""
+    """Winding of one motor during one step, and what is applied to it.
+
+    It has the resistance [Ω] and the back-EMF constant [V/rps] at the present temperature, and the inductance [H].
+    """
 
     resistance: float
     inductance: float

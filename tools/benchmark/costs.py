@@ -280,7 +280,7 @@ def portable_tick(
     config: LoopConfig,
     state: LoopState,
 ) -> Callable[[int], None]:
-    """Return a function that runs so many ticks of the Python loop without waiting, on a virtual bus.
+    """Return a function that runs a number of ticks of the Python loop without waiting, on a virtual bus.
 
     Each tick receives, evaluates the stimuli from outside, advances and sends.
     """

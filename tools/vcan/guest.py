@@ -68,7 +68,7 @@ def _run_job(job_folder: str) -> None:
 
 
 def mount(source: str, target: Path, kind: str = "", flags: int = 0, data: str = "") -> None:
-    """Call mount(2). Raises OSError."""
+    """Mount a file system by its system call. Raises OSError."""
     _check(
         _libc.mount(
             source.encode(),

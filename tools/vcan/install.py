@@ -1,4 +1,4 @@
-"""Installation of the packages for a machine with a vcan0 on Debian and Ubuntu: as root, or in our cache."""
+"""Installation of packages for a vcan0 machine on Debian and Ubuntu: as root, or unpacked into our cache."""
 
 import os
 import subprocess

@@ -127,7 +127,7 @@ def _lines(messages: list[MappedMessage]) -> list[str]:
 
 
 def _asked(rig: Rig) -> list[str]:
-    """Return a line on how the ECU's trouble codes are read; empty without diagnostics."""
+    """Return the line on how the ECU's trouble codes are read, in a list; without [diagnostics] an empty list."""
     from liftgate_hil.codec.frames import EXTENDED
 
     own = rig.diagnostics

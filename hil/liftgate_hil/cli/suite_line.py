@@ -1,4 +1,4 @@
-"""The line on the terminal that says how far a suite has come."""
+"""The progress line of a suite of scenarios on the terminal."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class SuiteLine:
 
     @contextlib.contextmanager
     def aside(self) -> Iterator[None]:
-        """Context without the line, even if another scenario begins meanwhile, for printing."""
+        """Context for printing: the progress line is cleared, and no other thread draws it meanwhile."""
         with self._lock:
             self._teller.clear()
             yield

@@ -28,7 +28,10 @@ def add_reports(parser: argparse.ArgumentParser, and_what: str) -> None:
 
 
 def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
-    """Return the targets of each kind of report. Raises ConfigError."""
+    """Return the files of each kind of report, "json", "junit" and "html"; "-" is stdout. Raises ConfigError.
+
+    The folder of `--results` is created.
+    """
     found: dict[str, list[str]] = {"json": [], "junit": [], "html": []}
     if args.results:
         folder = Path(args.results)
@@ -67,7 +70,10 @@ def write(target: str, content: bytes) -> None:
 
 
 def summarise(outcomes: Sequence[Outcome], args: argparse.Namespace, what: str) -> None:
-    """Print the last line, unless JSON goes to stdout; `what` names the things that were judged."""
+    """Print the last line: how many expectations have which verdict. Nothing if JSON goes to stdout.
+
+    `what` names what was judged, in the plural: "scenarios", "recordings".
+    """
     from liftgate_hil.testing.suite import counts_of
 
     if args.json == "-":

@@ -110,7 +110,7 @@ def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller
 
 @contextlib.contextmanager
 def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
-    """Context with `liftgate-hil dashboard` of this run, if requested; ends with it. Raises ConfigError."""
+    """Context in which a process of `liftgate-hil dashboard` shows this run, if requested. Raises ConfigError."""
     if not args.dashboard:
         for name, given in (("listen", args.listen), ("read_only", args.read_only)):
             if given:
@@ -175,9 +175,10 @@ def _ecu_process(
 
 
 class EcuProcess:
-    """The ECU's process, whose stderr a thread reads, so that it never waits for a reader.
+    """Process of an ECU on the bus; a thread reads its stderr all the time, so that the pipe never fills up.
 
-    Where it `is_ours` it prints events; the output of other ECUs is passed on as it is.
+    The reference ECU (`is_ours`) prints its events there, which are collected and reported to `teller`; all other
+    lines are passed on to `teller` as they are.
     """
 
     def __init__(self, command: list[str], teller: Listener, is_ours: bool) -> None:

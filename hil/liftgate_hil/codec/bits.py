@@ -21,7 +21,11 @@ _WORD = 4294967296.0
 
 
 class Place(NamedTuple):
-    """Position of a signal: byte and shift of its lowest bit, bits, +1 for Intel or −1 for Motorola, kind."""
+    """Position of a signal in a frame: byte and shift of its lowest bit, and its number of bits (`length`).
+
+    `stride` is the step to the byte with the next higher bits: +1 for Intel byte order, −1 for Motorola. `kind` is
+    UNSIGNED, SIGNED, FLOAT32 or FLOAT64.
+    """
 
     byte: int
     shift: int
@@ -41,7 +45,7 @@ def place_at(places: Any, row: int) -> Place:
 def extract(
     data: NDArray[np.uint8], row: int, byte: int, shift: int, length: int, stride: int
 ) -> int:
-    """Return up to 32 bits of a frame (row of `data`), unsigned."""
+    """Return up to 32 bits of a frame (row of `data`) as an unsigned number; other arguments: as in Place."""
     raw = int(np.int64(data[row, byte])) >> shift
     have = 8 - shift
     while have < length:

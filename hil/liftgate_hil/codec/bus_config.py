@@ -110,7 +110,12 @@ def build_bus_config(
     issues: ConfigIssues,
     sending: bool,
 ) -> BusConfig:
-    """Return the tables for these mappings; what cannot be laid out is noted in `issues`."""
+    """Return the tables for these mappings; what cannot be laid out is noted in `issues`.
+
+    `messages` are those of the database by name, `options` those of the rig by message. `quantities` are all that
+    can be mapped, in the order of the values that the tables refer to. `sending`: the loop sends the messages
+    rather than receives them.
+    """
     tables = _Tables()
     places = {quantity: place for place, quantity in enumerate(quantities)}
     wires: dict[str, list[SignalMapping]] = {}

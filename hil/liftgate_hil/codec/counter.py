@@ -68,7 +68,7 @@ def turn_of(table: Any, value: int) -> int:
 
 @compilable
 def value_at(table: Any, turn: int) -> int:
-    """Return the value of a counter at a turn (0 to its modulus − 1)."""
+    """Return the value of a counter at a turn (0 to its modulus − 1); `table` is its row of tables.MESSAGE."""
     above = table.offset
     above += turn if table.step == 1 else product(turn, table.step, table.span)
     if above >= table.span:

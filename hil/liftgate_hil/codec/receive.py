@@ -102,7 +102,7 @@ def find_message(bus: BusConfig, identifier: int) -> int:
 
 @compilable
 def physical_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> float:
-    """Return a signal's value in the database's unit."""
+    """Return the value of the signal in `row` of the tables [the database's unit]; `frame` is a row of `data`."""
     signal = bus.signals[row]
     raw = read_number(data, frame, place_at(bus.places, signal.place))
     return float(raw * signal.factor + signal.offset)
@@ -110,7 +110,10 @@ def physical_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -
 
 @compilable
 def quantity_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> float:
-    """Return a signal's value in the quantity's unit; NaN if it is not allowed."""
+    """Return a signal's value in the quantity's unit, from a frame as in `physical_of`; NaN if it is not allowed.
+
+    Allowed are values in the ranges of database, rig and quantity; with named values, only these.
+    """
     signal = bus.signals[row]
     physical = physical_of(bus, row, data, frame)
     if not (signal.low <= physical <= signal.high):

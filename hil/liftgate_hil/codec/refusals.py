@@ -42,7 +42,10 @@ def no_refusals() -> Any:
 
 @compilable
 def note_evidence(refusals: Any, cause: int, signal: int, found: float, expected: float) -> None:
-    """Note what is wrong with a frame, if it is the first with this cause."""
+    """Note what a frame has instead of what was expected, if it is the first with this cause.
+
+    `signal` is the row of the signal that is out of range (-1: none); `found` and `expected` are as in REFUSAL.
+    """
     if refusals[cause].count == 0:
         refusals[cause].signal = signal
         refusals[cause].found = found

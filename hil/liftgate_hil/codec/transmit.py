@@ -75,7 +75,7 @@ def put_nibble(places: Any, profile: Any, data: NDArray[np.uint8], row: int) -> 
 
 @compilable
 def is_there(bus: BusConfig, message: int, values: NDArray[np.float64]) -> bool:
-    """Whether any quantity of a message is known."""
+    """Whether any quantity of a message has a value, so that the message can be sent; NaN: it has none."""
     table = bus.messages[message]
     for row in range(table.first, table.first + table.count):
         if not np.isnan(values[bus.signals[row].quantity]):

@@ -17,14 +17,14 @@ DEEPEST = 32  # nested parentheses, and values on the stack
 
 @dataclass(frozen=True)
 class Condition:
-    """Condition that was parsed and validated, as postfix operations."""
+    """Condition that was parsed and validated, as operations in postfix order."""
 
     text: str
     ops: tuple[tuple[int, str | float], ...]  # code, and a name or a value
     units: tuple[str, ...] = ()  # of its comparisons, in the order of its text
 
     def names(self, code: int) -> list[str]:
-        """Return the columns, or the signals, that it reads (by `code`), each once."""
+        """Return the names of the columns (`code` COLUMN) or bus signals (SIGNAL) that it reads, each once."""
         return list(dict.fromkeys(str(name) for each, name in self.ops if each == code))
 
     def beyond(self, drives: int) -> list[str]:

@@ -168,9 +168,10 @@ def evaluate(  # noqa: PLR0912
     ticks: int,
     work: Work,
 ) -> None:
-    """Evaluate a condition in `ticks` ticks and write truths, margins and deciders to the first rows of `work`.
+    """Evaluate condition number `which` in the first `ticks` of n ticks; the result is the first rows of `work`.
 
-    The operands are rows (n, ROW_WIDTH) of signals.COLUMNS and the bus signals (n, m).
+    These are its margins, truths and deciders, see `Work`. The operands are `rows` (n, ROW_WIDTH) of
+    signals.COLUMNS and the bus signals (n, m), in the order in which `table_of` was given them.
     """
     numbers, truths, deciders = work
     top, comparison = -1, -1

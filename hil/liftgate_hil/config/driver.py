@@ -59,7 +59,7 @@ class Reset:
 
 @dataclass(frozen=True)
 class Driver:
-    """Buttons and reset of a rig; without a reset the ECU is left as it is."""
+    """The driver's buttons by request, and the reset of the ECU, as a rig defines them; None: never reset."""
 
     buttons: Mapping[str, Press]
     reset: Reset | None = None
@@ -75,7 +75,11 @@ def driver_of(
     diagnostics: Diagnostics | None,
     issues: ConfigIssues,
 ) -> Driver:
-    """Return the buttons and the reset of a rig with these diagnostics; issues are noted."""
+    """Return the buttons and the reset from [requests] and [reset] of a rig's content `raw`; issues are noted.
+
+    `tables` are those of what the bench sends, `taken` the messages with mapped quantities, `diagnostics` the
+    rig's, which a reset over UDS needs.
+    """
     given = table(issues, "requests", raw.get("requests", {}))
     known_keys(issues, "requests", given, BUTTONS)
     buttons = {}

@@ -13,7 +13,7 @@ from liftgate_hil.config.toml import number, show, text
 from liftgate_hil.errors import ConfigIssues
 
 _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
-_SIZE = re.compile(r"(\d+(?:\.\d+)?) ?((?:[KMGT]?B)?)", re.IGNORECASE | re.ASCII)
+_SIZE = re.compile(r"(\d{1,18}(?:\.\d+)?) ?((?:[KMGT]?B)?)", re.IGNORECASE | re.ASCII)
 
 
 class Kind(Protocol):
@@ -29,7 +29,7 @@ class Kind(Protocol):
 
 @dataclass(frozen=True)
 class Number:
-    """A number, converted to the unit in memory by `scale`."""
+    """Kind of value: a number from `low` to `high` [`unit`], times `scale` in the unit in memory."""
 
     low: float
     high: float
@@ -47,7 +47,7 @@ class Number:
 
 
 class Flag:
-    """A boolean."""
+    """Kind of value: a boolean."""
 
     allowed = "true or false"
 
@@ -60,7 +60,7 @@ class Flag:
 
 @dataclass(frozen=True)
 class Whole:
-    """A whole number within [low, high]."""
+    """Kind of value: a whole number within [low, high]."""
 
     low: int
     high: int
@@ -85,7 +85,7 @@ class Whole:
 
 @dataclass(frozen=True)
 class Size:
-    """A size in bytes, of at least `least`: a whole number, or a text with a unit ("500MB")."""
+    """Kind of value: a size of at least `least` bytes, as a whole number or a text with a unit ("500MB")."""
 
     least: int
 
@@ -122,7 +122,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Choices:
-    """A list of which each item is one of several words."""
+    """Kind of value: a list of which each item is one of several words."""
 
     values: Sequence[str]
 
@@ -141,7 +141,7 @@ class Choices:
 
 @dataclass(frozen=True)
 class Level:
-    """0 or 1, or the word for it."""
+    """Kind of value: a binary level, 0 or 1, or the word for it."""
 
     words: tuple[str, str] = ("low", "high")
 
@@ -162,7 +162,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Label:
-    """A signal's value: a number in the database's unit, or a label of its value table."""
+    """Kind of value: that of a signal, as a number in the database's unit or a label of its value table."""
 
     allowed: str = "a number, or a label of the signal"
 
@@ -180,7 +180,7 @@ class Label:
 
 @dataclass(frozen=True)
 class Text:
-    """Any text that is not empty; `called` says what it is."""
+    """Kind of value: any text that is not empty; `called` is what messages call it."""
 
     called: str = "a text"
 
@@ -199,7 +199,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Texts:
-    """A list of texts, or a single text."""
+    """Kind of value: a list of texts, or a single text; `called` is what messages call it."""
 
     called: str
 
@@ -219,7 +219,7 @@ class Texts:
 
 @dataclass(frozen=True)
 class Raw:
-    """Any value; its own reader validates it."""
+    """Kind of value: any, which a reader of its own validates later."""
 
     allowed: str
 

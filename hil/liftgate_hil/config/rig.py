@@ -56,7 +56,7 @@ class Rig:
     source: str
     diagnostics: Diagnostics | None = None  # how trouble codes are read from the ECU
     driver: Driver = NO_DRIVER
-    orders: tuple[OrderMessage, ...] = ()  # messages of a test bench that inject
+    orders: tuple[OrderMessage, ...] = ()  # messages by which a test bench injects
 
     @cached_property
     def tables(self) -> BusTables:
@@ -79,7 +79,7 @@ class Rig:
 
     @property
     def ordering(self) -> tuple[int, ...]:
-        """The identifiers of the messages that inject."""
+        """Identifiers of the messages by which a test bench injects, with SocketCAN's flag if extended."""
         return tuple(dict.fromkeys(each.identifier for each in self.orders))
 
     @property
@@ -210,7 +210,7 @@ def _collecting(issues: ConfigIssues) -> Iterator[None]:
 
 
 def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
-    """Check what no single line of the file shows."""
+    """Check the rig as a whole, for issues that no single line of the file shows."""
     mapped = {wire.quantity for wire in rig.inputs}
     if "left_duty" not in mapped:
         issues.add("inputs.left_duty", "missing; allowed: the signal with the left motor's duty")

@@ -67,7 +67,7 @@ def protected_besides(rig: Rig) -> dict[str, str]:
 
 
 def asked_by(rig: Rig) -> dict[str, str]:
-    """Return in words how each request reaches an ECU on a bus, and how the ECU is reset."""
+    """Return by request, as text, how it reaches an ECU on a bus; `reset`: how the ECU is reset."""
     found = {action: _press(press) for action, press in rig.driver.buttons.items()}
     reset = rig.driver.reset
     if reset is not None:
@@ -80,7 +80,7 @@ def asked_by(rig: Rig) -> dict[str, str]:
 
 
 def injected_by(rig: Rig) -> dict[str, str]:
-    """Return what a test bench may order: the message and its signals, in words."""
+    """Return by kind, a key of inject.ORDERS, the message and signals by which a test bench injects it."""
     return {
         each.what: f"{each.message} 0x{each.identifier & ~EXTENDED:X}: "
         + ", ".join(f"{key} {signal}" for key, signal in each.signals.items())

@@ -215,7 +215,7 @@ def _check_inertia(issues: ConfigIssues, gate: Gate) -> None:
     """Check that the inertia of a gate about its hinge is plausible.
 
     It is at least m r² of the centre of gravity, and no part of the gate is further from the hinge than r plus the
-    diagonal of the gate. A value beyond these limits by more than a factor of ten is a mistake, no rough estimate.
+    diagonal of the gate. A value beyond these limits by more than a factor of ten is a mistake, not an estimate.
     """
     radius = gate_body.linkage(gate).gravity_radius
     reach = radius + math.hypot(gate.length, gate.thickness)
@@ -268,7 +268,10 @@ def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_latch(issues: ConfigIssues, own: Latch) -> None:
-    """Check that a striker meets the claw, then its half and then its full position."""
+    """Check that the striker's distances from home fall in the order in which it passes them: entry, half, full.
+
+    A latch without positions (half = 0) has none.
+    """
     if own.half == 0.0:
         return
     if own.full >= own.half:
@@ -278,7 +281,7 @@ def _check_latch(issues: ConfigIssues, own: Latch) -> None:
 
 
 def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:
-    """Check that friction over the travel can be tabulated with so many places that nothing of it is lost."""
+    """Check that MOST_PLACES places are enough to tabulate the variation of the friction over the travel."""
     stroke = gate_body.linkage(vehicle.gate).stroke
     if places_of(vehicle, stroke) > MOST_PLACES:
         issues.add(

@@ -85,7 +85,7 @@ def compare_tables(
             tuple(name for name in second.signals if name not in first.signals),
         )
         if not names:
-            raise ConfigError(f"{first.path}, {second.path}: no column is in both")
+            raise ConfigError(f"{first.path}, {second.path}: no column in common")
     own = dict(tolerances or {})
     chosen(first, list(own))
     sums = _Sums(names, np.array([own.get(name, tolerance) for name in names]))
@@ -94,7 +94,7 @@ def compare_tables(
         sums.add(pair)
     if not sums.rows:
         raise ConfigError(
-            f"{first.path}, {second.path}: no time is in both; allowed: recordings of one raster"
+            f"{first.path}, {second.path}: no time in common; allowed: recordings with the same raster"
         )
     return Comparison(sums.result(), sums.rows, (sums.alone[0], sums.alone[1]), missing)
 
@@ -185,7 +185,7 @@ class _Rising:
         if (steps <= 0).any():
             at = self._rows[int(np.flatnonzero(steps <= 0)[0]), 0]
             raise ConfigError(
-                f"{self._path}: the row at {at:g} s comes after a later one; allowed: rising"
+                f"{self._path}: the row at {at:g} s comes after a later one; allowed: rows in order of time"
             )
         self._before = int(_ns(self._rows)[-1])
 

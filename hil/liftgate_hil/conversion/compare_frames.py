@@ -62,7 +62,13 @@ def compare_frames(first: Recording, second: Recording) -> FramesCompared:
 
 
 def _offset(shift: int, first_ns: int, second_ns: int) -> int:
-    """Return the offset between the times of both [ns], from those of their first frames and when each began."""
+    """Return the offset [ns] between the times of two recordings, which is no difference of their frames.
+
+    `shift` [ns] is the time of the first frame in the first recording minus that in the second, `first_ns` and
+    `second_ns` are the wall clock at their starts (0: unknown). The offset is the difference of the starts if the
+    first frames differ by that, too; `shift`, if they do so to the millisecond, and a start is known no better;
+    else 0.
+    """
     by_clock = second_ns - first_ns
     if abs(shift - by_clock) <= _SAME_NS:
         return by_clock

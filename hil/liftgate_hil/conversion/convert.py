@@ -63,7 +63,7 @@ def convert(
     """
     target = _checked(target)
     if os.path.realpath(source) == os.path.realpath(target):
-        raise ConfigError(f"{target}: it is read; allowed: another file")
+        raise ConfigError(f"{target}: is the input file; allowed: another file")
     plan = _plan(open_recording(source), target, rig)
     return _written(plan, target, stopped)
 
@@ -85,22 +85,22 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
     try:
         lines_about(source.about)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        said = "what it says of its run is damaged"
+        said = "its provenance is damaged"
         raise ConfigError(f"{source.path}: cannot be read: {said}") from error
     if source.about and not form.holds_about:
         able = ", ".join(suffix for suffix, each in FORMATS.items() if each.holds_about)
-        notes.append(f"what it says of its run is left out: allowed in {able}")
+        notes.append(f"provenance omitted: {target.suffix} cannot hold it; allowed: {able}")
     if rig is not None:
         if not form.has_rows:
             tables = ", ".join(each for each, other in FORMATS.items() if other.has_rows)
-            raise ConfigError(f"`rig` {rig}: decodes frames into a table; allowed: OUT of {tables}")
+            raise ConfigError(f"`rig` {rig}: decodes frames into a table; allowed: OUT as {tables}")
         table = decoded(source, rig)
         if source.signals:
             notes.append(
-                f"{len(source.signals)} columns are left out: --rig has those of the bus instead"
+                f"{len(source.signals)} columns omitted: with --rig the table holds the bus signals instead"
             )
         if not form.has_frames:
-            notes.append("the frames themselves are left out: a table holds none")
+            notes.append(f"frames omitted: {target.suffix} holds rows only")
         return _Plan(source, table, form.has_frames, tuple(notes))
     if not ((source.signals and form.has_rows) or (has_frames and form.has_frames)):
         able = ", ".join(
@@ -108,16 +108,14 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
             for each, other in FORMATS.items()
             if (source.signals and other.has_rows) or (has_frames and other.has_frames)
         )
-        more = "" if source.signals else "; or `rig`, which decodes them into a table"
+        more = "" if source.signals else "; or `rig`, which decodes the frames into a table"
         raise ConfigError(
-            f"{target}: holds none of the {holds} of {source.path}; allowed: {able}{more}"
+            f"{target}: cannot hold the {holds} of {source.path}; allowed: {able}{more}"
         )
     if source.signals and not form.has_rows:
-        notes.append(
-            f"{len(source.signals)} columns are left out: {target.suffix} holds frames alone"
-        )
+        notes.append(f"{len(source.signals)} columns omitted: {target.suffix} holds frames only")
     if has_frames and not form.has_frames:
-        notes.append(f"the frames are left out: {target.suffix} holds rows alone")
+        notes.append(f"frames omitted: {target.suffix} holds rows only")
     own = source if source.signals and form.has_rows else None
     return _Plan(source, own, has_frames and form.has_frames, tuple(notes))
 
@@ -205,14 +203,14 @@ def _checked_frames(source: Recording, target: Path) -> Iterator[NDArray[np.void
                 _refuse(source, block[empty[0]], "a CAN FD frame without data", target)
         if target.suffix == ".mcap" and (block["time_ns"] < 0).any():
             early = int(np.flatnonzero(block["time_ns"] < 0)[0])
-            _refuse(source, block[early], "before the start", target)
+            _refuse(source, block[early], "a frame before the start", target)
         yield block
 
 
 def _refuse(source: Recording, frame: np.void, called: str, target: Path) -> None:
     whole = ".mf4, .mcap"
     raise ConfigError(
-        f"{source.path}: {called} at {frame['time_ns'] / 1e9:.6f} s, which {target.suffix} cannot hold as it is; "
+        f"{source.path}: {called} at {frame['time_ns'] / 1e9:.6f} s, which {target.suffix} cannot hold unchanged; "
         f"allowed: {whole}"
     )
 
@@ -223,10 +221,12 @@ def _check_rows(
     """Raise ConfigError if the target would lose something of a row. `whole` are the places of counts."""
     counts = rows[:, whole]
     if not (np.isnan(counts) | ((counts == np.round(counts)) & (np.abs(counts) < _MOST))).all():
-        raise ConfigError(f"{source.path}: a count that is no whole number; allowed: a recording")
+        raise ConfigError(
+            f"{source.path}: a count that is not an integer; allowed: integers below 2^53"
+        )
     if target.suffix == ".mcap":
         times = rows[:, 0]
         if not ((times >= 0.0) & (times < 1e9)).all():
-            raise ConfigError(f"{source.path}: a time below 0; allowed: from 0 on, in .mcap")
+            raise ConfigError(f"{source.path}: a time that .mcap cannot hold; allowed: 0 to 1e9 s")
         if np.isinf(rows).any():
-            raise ConfigError(f"{source.path}: an infinite value; allowed: finite ones, in .mcap")
+            raise ConfigError(f"{source.path}: an infinite value; allowed: finite values, in .mcap")

@@ -118,7 +118,7 @@ class Decoder:
             at = int(np.flatnonzero(steps < 0)[0])
             raise ConfigError(
                 f"{self._source}: the frame at {times[at] / 1e9:.6f} s comes after a later one; "
-                "allowed: in the order of time"
+                "allowed: frames in order of time"
             )
         self._last_ns = int(times[-1])
         stamps, row_of = np.unique(times, return_inverse=True)

@@ -130,7 +130,7 @@ def two_pictures(
             difference = differences_of(first[name][here], second[name][there])
             _draw_difference(beside, times, difference)
         grid[0, 0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-        grid[0, 1].set_title(f"{clean(titles[1], 40)} less {clean(titles[0], 40)}", loc="left")
+        grid[0, 1].set_title(f"{clean(titles[1], 40)} minus {clean(titles[0], 40)}", loc="left")
         for axis in grid[-1]:
             axis.set_xlabel("time [s]")
         _finish(figure)

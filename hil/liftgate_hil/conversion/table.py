@@ -69,7 +69,9 @@ class DecodedTable:
 def decoded(source: Recording, rig: str) -> DecodedTable:
     """Decode the frames of a recording by a rig or a database. Raises ConfigError."""
     if source.channel is None:
-        raise ConfigError(f"`rig` {rig}: allowed with a recording that holds frames; this has rows")
+        raise ConfigError(
+            f"`rig` {rig}: allowed with a recording that holds frames; this one has rows"
+        )
     messages = tuple(seen_in(source.frames(), messages_of(rig)))
     if not messages:
         raise ConfigError(f"`rig` {rig}: no frame of its messages is in {source.path}")
@@ -95,7 +97,7 @@ def open_table(path: Path, rig: str | None = None) -> Table:
     if rig is not None:
         return decoded(source, rig)
     if not source.signals:
-        raise ConfigError(f"{path}: holds frames alone; allowed: with `rig`, which decodes them")
+        raise ConfigError(f"{path}: holds only frames; allowed: with `rig`, which decodes them")
     return source
 
 
@@ -136,7 +138,7 @@ def columns_in(table: Table, names: Sequence[str], window: Window) -> dict[str, 
     blocks = list(window.of(table.rows(wanted)))
     if not blocks:
         raise ConfigError(
-            f"{table.path}: no rows there; allowed: a recording with rows in that time"
+            f"{table.path}: no rows in the time window; allowed: a window that holds rows"
         )
     rows = np.concatenate(blocks)
     return {name: np.ascontiguousarray(rows[:, k]) for k, name in enumerate(wanted)}

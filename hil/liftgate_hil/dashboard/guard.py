@@ -60,7 +60,7 @@ class Guard:
         if bearer.startswith("Bearer "):
             given = bearer.removeprefix("Bearer ")
         if not secrets.compare_digest(given.encode(), self._token):
-            return 401, "no token, or another one; allowed: that of the address that was printed"
+            return 401, "missing or wrong token; allowed: the token in the printed address"
         return 0, ""
 
 

@@ -1,4 +1,4 @@
-"""A run that this process is attached to, as a page's source: what its memory shows, and what it reports."""
+"""Data source of a page for a run that this process is attached to: its memory, and what it reports."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ class Live:
 
     @property
     def last_line(self) -> int:
-        """Number of the last line of the log."""
+        """Number of the latest line of the run's log that has been received; 0: none."""
         return int(self._lines[-1][0]) if self._lines else 0
 
     def lines(self, after: int) -> list[list[Any]]:

@@ -30,9 +30,11 @@ class Recording:
         self._every = max(1, -(-_count(table) // _MOST_ROWS))
         self._last, self._low, self._high = self._thinned(table)
         if not len(self._last):
-            raise ConfigError(f"{path}: no rows; allowed: a recording with some")
+            raise ConfigError(f"{path}: no rows; allowed: a recording with rows")
         if not (np.diff(self._last[:, 0]) >= 0.0).all() or not np.isfinite(self._last[:, 0]).all():
-            raise ConfigError(f"{path}: time_s does not go up; allowed: a recording whose times do")
+            raise ConfigError(
+                f"{path}: time_s: falls or is not finite; allowed: finite times in order"
+            )
 
     def _thinned(self, table: Table) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the last row of each `every` rows, and the lowest and highest values in these."""

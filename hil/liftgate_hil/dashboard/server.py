@@ -132,7 +132,7 @@ class Page:
         if when is not None and not math.isfinite(when):
             return _refused(422, [f"time {given!r}; allowed: a number [s]"])
         if when is not None and isinstance(self._source, Live):
-            return _refused(422, ["time: allowed with a recording"])
+            return _refused(422, ["time: allowed only with a recording"])
         if isinstance(self._source, Live) and not self._viewers:  # else it is 33 ms old at most
             await self._look()
         return _json(self._source.state(when))
@@ -142,18 +142,18 @@ class Page:
 
     async def _command(self, request: Request) -> Response:
         if not isinstance(self._source, Live):
-            return _refused(403, ["a recording: allowed with a run"])
+            return _refused(403, ["this page shows a recording; allowed: commands to a run"])
         if self._is_read_only:
             return _refused(403, ["this page is read-only; allowed without --read-only"])
         said = b""
         async for part in request.stream():
             said += part
             if len(said) > _LARGEST:
-                return _refused(413, [f"more than {_LARGEST} bytes; allowed: a command"])
+                return _refused(413, [f"command too long; allowed: up to {_LARGEST} bytes"])
         try:
             command = orjson.loads(said)
         except orjson.JSONDecodeError as error:
-            return _refused(422, [f"not JSON: {error}; allowed: a command"])
+            return _refused(422, [f"not JSON: {error}; allowed: a command as JSON"])
         try:
             running = asyncio.get_running_loop()
             done = await running.run_in_executor(self._commands, self._source.command, command)
@@ -163,7 +163,7 @@ class Page:
             return _refused(410, [str(error)])
         if not done:
             said_so = (
-                "the run stands still, for example as no command comes: it obeys when it goes on"
+                "the run is waiting, for example for the ECU: it executes this when it continues"
             )
             return _json({"waits": said_so}, 202)
         return _json(done)

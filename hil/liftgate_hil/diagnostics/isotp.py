@@ -69,7 +69,7 @@ LINK = np.dtype(
 
 
 class Link(NamedTuple):
-    """State of one endpoint of an ISO-TP connection; written in place."""
+    """State of one endpoint of an ISO-TP connection. Its array is written in place."""
 
     head: Any  # (1,) LINK
 

@@ -65,7 +65,7 @@ class Diagnostics:
 
 
 class Tester(NamedTuple):
-    """State of the tester; written in place."""
+    """State of the bench's tester: requests, link and frames. Its arrays are written in place."""
 
     head: Any  # (1,) TESTER
     link: Link

@@ -36,7 +36,7 @@ print("\\n" + json.dumps([[str(each["interface"]), str(each["channel"])] for eac
 def open_can() -> None:
     """Try to create a CAN socket. Raises OSError."""
     if not hasattr(socket, "AF_CAN"):
-        raise OSError("Python was built without it")
+        raise OSError("Python was built without SocketCAN")
     socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
 
 
@@ -48,10 +48,10 @@ def socketcan(attempt: Callable[[], None] = open_can) -> Check:
         return Check(
             "SocketCAN",
             "warning",
-            f"not in this kernel ({error.strerror or error}): no socketcan: buses",
-            "sudo modprobe can_raw; where there is no such module, boot a kernel with CONFIG_CAN",
+            f"not available ({error.strerror or error}): --bus socketcan: cannot be used",
+            "sudo modprobe can_raw; if there is no such module, boot a kernel with CONFIG_CAN",
         )
-    return Check("SocketCAN", "ok", "the kernel has it")
+    return Check("SocketCAN", "ok", "available")
 
 
 def interfaces(root: Path, details: Callable[[str], str]) -> list[Check]:
@@ -86,7 +86,7 @@ def _interface(root: Path, name: str, link: dict[str, Any]) -> Check:
     is_real = link.get("kind", "vcan" if name.startswith("vcan") else "can") == "can"
     is_up = bool(int(read(folder, "flags") or "0", 16) & _UP)
     queue = number(read(folder, "tx_queue_len"), 0)
-    words = ["" if is_real else "virtual", "up" if is_up else "is down"]
+    words = ["" if is_real else "virtual", "up" if is_up else "down"]
     if link.get("bitrate"):
         words.append(f"{link['bitrate']} bit/s")
     if link.get("state"):
@@ -186,7 +186,7 @@ def serial_ports(ports: Sequence[Any], user: str) -> Check:
         plugged = port.vid is not None
         words.append(f"{port.device} ({port.description})" if plugged else port.device)
         if not os.access(port.device, os.R_OK | os.W_OK):
-            words[-1] += " shut to this user"
+            words[-1] += " not accessible to this user"
             if plugged:
                 shut.append(port.device)
     group = _group_of(shut[0]) if shut else ""

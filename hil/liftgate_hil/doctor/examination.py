@@ -86,12 +86,14 @@ class Examination:
     def _measure(self) -> None:
         may = limits.may_have_fifo(ROOT)
         times = "twice" if may or self.realtime else "once"
-        self.say(f"measuring how late timers are, {times} {self.duration:g} s …")
+        self.say(f"measuring timer lateness, {times} {self.duration:g} s …")
         before = timing.steal(ROOT)
         plain = timing.measure(self.rate, self.duration)
         self._modes["without --realtime"] = plain
         mend = (
-            "run with --realtime" if may else "get a FIFO priority as said above, then --realtime"
+            "run with --realtime"
+            if may
+            else "allow the FIFO priority as advised above, then run with --realtime"
         )
         self._add(timing.lateness("lateness", plain, self.rate, mend))
         fifo = self._measure_fifo() if may or self.realtime else None

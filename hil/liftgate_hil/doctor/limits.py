@@ -53,7 +53,7 @@ def may_lock_memory(root: Path) -> bool:
 def priority(root: Path, user: str) -> Check:
     """Check whether this user may use FIFO scheduling at the loop's priority."""
     if may_have_fifo(root):
-        return Check("FIFO priority", "ok", f"--realtime may have its {PRIORITY}")
+        return Check("FIFO priority", "ok", f"--realtime may use priority {PRIORITY}")
     limit = _limit(root, "Max realtime priority")
     return Check(
         "FIFO priority",
@@ -66,12 +66,12 @@ def priority(root: Path, user: str) -> Check:
 def memory(root: Path, user: str) -> Check:
     """Check whether this user may lock enough memory."""
     if may_lock_memory(root):
-        return Check("locked memory", "ok", "--realtime may lock what it needs")
+        return Check("locked memory", "ok", "--realtime may lock its memory")
     limit = _limit(root, "Max locked memory") / 2**20
     return Check(
         "locked memory",
         "warning",
-        f"this user may lock {limit:.0f} MiB, --realtime needs all: a page fault can hold up the loop",
+        f"this user may lock {limit:.0f} MiB, --realtime locks all: a page fault can hold up the loop",
         _allow(user, "memlock", "unlimited", "LimitMEMLOCK").replace("=unlimited", "=infinity"),
     )
 
@@ -83,17 +83,17 @@ def sleep_states(root: Path) -> Check:
         return Check(
             "CPU sleep states",
             "warning",
-            "no /dev/cpu_dma_latency: --realtime cannot keep the CPUs from deep sleep",
+            "no /dev/cpu_dma_latency: --realtime cannot keep the CPUs out of deep sleep states",
             "give the container the device (docker --device /dev/cpu_dma_latency), or boot with "
             "processor.max_cstate=1 idle=poll",
         )
     if os.access(path, os.W_OK):
-        return Check("CPU sleep states", "ok", "--realtime may forbid deep ones")
+        return Check("CPU sleep states", "ok", "--realtime may disable deep states")
     return Check(
         "CPU sleep states",
         "warning",
-        "this user may not write /dev/cpu_dma_latency: waking from a deep one takes up to 200 µs",
-        'sudo chmod o+w /dev/cpu_dma_latency; for good: echo \'KERNEL=="cpu_dma_latency", '
+        "this user may not write /dev/cpu_dma_latency: waking from a deep state takes up to 200 µs",
+        'sudo chmod o+w /dev/cpu_dma_latency; permanently: echo \'KERNEL=="cpu_dma_latency", '
         'MODE="0666"\' | sudo tee /etc/udev/rules.d/90-liftgate.rules',
     )
 
@@ -106,9 +106,12 @@ def swap(root: Path, locked: bool) -> Check:
         return Check("swap", "ok", "none")
     found = f"{used:.0f} MiB in use"
     if used == 0.0 or locked:
-        return Check("swap", "ok", f"{found}{', but memory gets locked' if used else ''}")
+        return Check("swap", "ok", f"{found}{', but --realtime locks memory' if used else ''}")
     return Check(
-        "swap", "warning", f"{found}, and memory is not locked", "--realtime, or sudo swapoff -a"
+        "swap",
+        "warning",
+        f"{found}, and memory is not locked",
+        "run with --realtime, or sudo swapoff -a",
     )
 
 
@@ -131,8 +134,8 @@ def rivals(root: Path) -> Check:
     return Check(
         "other FIFO tasks",
         "warning",
-        f"{', '.join(found)}: can hold up the loop's {PRIORITY}",
-        f"give them less (sudo chrt -f -p {PRIORITY - 10} PID), or end them",
+        f"{', '.join(found)}: can delay the loop at priority {PRIORITY}",
+        f"lower their priority (sudo chrt -f -p {PRIORITY - 10} PID), or stop them",
     )
 
 
@@ -140,11 +143,11 @@ def receive_buffer(root: Path) -> Check:
     """Check whether a CAN socket gets the receive buffer that it requests."""
     allowed = number(read(root, "proc/sys/net/core/rmem_max"), 0)
     if has_capability(root, _CAP_NET_ADMIN) or allowed >= RECEIVE_BUFFER:
-        return Check("receive buffer", "ok", f"CAN sockets get their {RECEIVE_BUFFER >> 20} MiB")
+        return Check("receive buffer", "ok", f"CAN sockets get {RECEIVE_BUFFER >> 20} MiB")
     return Check(
         "receive buffer",
         "warning",
         f"CAN sockets get {allowed >> 10} KiB, not {RECEIVE_BUFFER >> 20} MiB: frames are lost if the loop stalls",
-        f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER}; for good: a line "
+        f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER}; permanently: a line "
         f"net.core.rmem_max={RECEIVE_BUFFER} in /etc/sysctl.d/90-liftgate.conf",
     )

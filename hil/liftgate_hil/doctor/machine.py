@@ -40,7 +40,7 @@ def kernel(root: Path) -> Check:
         found += (
             f", preempt={chosen}"
             if chosen
-            else ", mode not told (sudo cat /sys/kernel/debug/sched/preempt tells)"
+            else ", mode unknown (sudo cat /sys/kernel/debug/sched/preempt shows it)"
         )
         if chosen == "full":
             return Check("kernel", "ok", found)
@@ -71,12 +71,12 @@ def cpus(root: Path, allowed: AbstractSet[int]) -> Check:
     info = read(root, "proc/cpuinfo")
     names = re.search(r"^(?:model name|Model|Hardware)\s*:\s*(.+)$", info, re.MULTILINE)
     online = set(cpus_of(read(root, f"{_CPU}/online"))) or set(allowed)
-    found = f"{names[1].strip() if names else 'model not told'}, {_counted(len(online))}"
+    found = f"{names[1].strip() if names else 'unknown model'}, {_counted(len(online))}"
     if len(allowed) < len(online):
         found += f", this process may use {ranges(list(allowed))}"
     mend = ""
     if len(allowed) < 2:
-        mend = "give this process two CPUs (taskset, docker --cpuset-cpus): one is the loop's alone"
+        mend = "give this process two CPUs (taskset, docker --cpuset-cpus): one for the loop alone"
     return judged("CPUs", found, mend)
 
 
@@ -101,7 +101,7 @@ def isolated(root: Path, allowed: AbstractSet[int], wanted: int | None) -> Check
         return Check(
             "loop's CPU",
             "warning",
-            f"--realtime takes CPU {cpu}, but isolated are {ranges(list(alone))}",
+            f"--realtime takes CPU {cpu}, but the isolated ones are {ranges(list(alone))}",
             f"--cpu {max(alone)}, and let this process use it (taskset, docker --cpuset-cpus)",
         )
     return Check(
@@ -121,7 +121,7 @@ def quota(root: Path) -> Check:
     return Check(
         "CPU quota",
         "warning",
-        f"this group of processes may use {min(limits):g} CPUs' time, then it is halted",
+        f"the cgroup of this process may use {min(limits):g} CPUs, beyond that it is throttled",
         "start the container without --cpus, the service without CPUQuota=",
     )
 
@@ -179,7 +179,7 @@ def throttling(root: Path) -> Check:
     runtime = number(read(root, "proc/sys/kernel/sched_rt_runtime_us"), -2)
     period = max(number(read(root, "proc/sys/kernel/sched_rt_period_us"), 1_000_000), 1)
     if runtime == -2:
-        return Check("FIFO share", "ok", "not told by this kernel")
+        return Check("FIFO share", "ok", "not reported by this kernel")
     if runtime == -1:
         return Check("FIFO share", "ok", "unlimited")
     share = runtime / period
@@ -194,7 +194,7 @@ def clock(root: Path) -> Check:
     """Check the clock source from which the kernel reads the time."""
     current = read(root, f"{_CLOCK}/current_clocksource")
     if not current:
-        return Check("clock source", "ok", "not told by this kernel")
+        return Check("clock source", "ok", "not reported by this kernel")
     others = [
         name
         for name in read(root, f"{_CLOCK}/available_clocksource").split()
@@ -202,7 +202,7 @@ def clock(root: Path) -> Check:
     ]
     if current not in _SLOW_CLOCKS:
         return Check("clock source", "ok", current)
-    mend = "boot with tsc=reliable, if the processor's counter is (dmesg | grep -i tsc tells)"
+    mend = "boot with tsc=reliable if the TSC is reliable (see dmesg | grep -i tsc)"
     if others:
         mend = f"echo {others[0]} | sudo tee /{_CLOCK}/current_clocksource"
     return Check("clock source", "warning", f"{current}, slow or coarse to read", mend)

@@ -35,7 +35,10 @@ def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
 
 
 def model(enabled: bool, cached: bool, folder: Path) -> Check:
-    """Check whether the model's machine code is ready."""
+    """Return the check that the model's machine code is stored in `folder`, so that a start need not compile it.
+
+    `enabled`: the compiler is switched on; `cached`: the machine code is there.
+    """
     if not enabled:
         return Check(
             "compiled model",
@@ -49,13 +52,13 @@ def model(enabled: bool, cached: bool, folder: Path) -> Check:
         return Check(
             "compiled model",
             "warning",
-            f"cannot be kept, {folder} cannot be written: every start compiles it, 15 to 30 s",
+            f"cannot be cached, {folder} is not writable: every start compiles it, 15 to 30 s",
             "set XDG_CACHE_HOME to a folder that this user may write",
         )
     return Check(
         "compiled model",
         "warning",
-        "not there yet: the first start compiles it, 15 to 30 s",
+        "not compiled yet: the first start compiles it, 15 to 30 s",
         f"{WARM} (once for this version, machine and user)",
     )
 

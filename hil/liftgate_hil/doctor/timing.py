@@ -104,7 +104,7 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
 
 
 def steal(root: Path) -> dict[str, tuple[int, int]]:
-    """Return the (stolen, total) time of each CPU since the machine booted, in its own ticks."""
+    """Return the (stolen, total) time of each CPU since the machine booted, in the kernel's clock ticks."""
     found = {}
     for line in read(root, "proc/stat").splitlines():
         name, *fields = line.split()
@@ -129,11 +129,11 @@ def stolen(shares: dict[str, float]) -> Check:
     """Check whether the host took CPU time away."""
     worst = max(shares, key=lambda name: shares[name], default="")
     if not worst or shares[worst] <= 0.0:
-        return Check("stolen time", "ok", "none while it was measured")
+        return Check("stolen time", "ok", "none during the measurement")
     return Check(
         "stolen time",
         "warning",
-        f"the host took {shares[worst]:.1f} % of {worst.upper()}'s time while it was measured",
+        f"the host took {shares[worst]:.1f} % of {worst.upper()}'s time during the measurement",
         "give this virtual machine CPUs of its own, or use a real machine",
     )
 
@@ -167,7 +167,7 @@ def lateness(name: str, wakeups: Wakeups, rate: float, mend: str) -> Check:
 def given(refused: Sequence[str], asked: bool) -> Check:
     """Check what --realtime was refused, which is reported in full only where it was requested."""
     if not refused:
-        return Check("--realtime", "ok", "is given all that it asks for")
+        return Check("--realtime", "ok", "gets everything that it requests")
     parts = [text.partition("; ") for text in refused]
     return Check(
         "--realtime",
@@ -188,7 +188,7 @@ def tick_cost(tick: Distribution | None, rate: float) -> Check:
         "ok" if fits else "warning",
         f"takes p50 {tick.p50_us:.1f} µs, p99 {tick.p99_us:.1f} µs without a bus: {share:.1f} % of a "
         f"period at {rate:g} Hz",
-        "" if fits else "a lower --rate, or a faster machine",
+        "" if fits else "use a lower --rate, or a faster machine",
     )
 
 
@@ -202,7 +202,7 @@ def verdict(
     from liftgate_hil.loop.statistics import force_of
 
     if not modes:
-        return Check("verdict", "problem", "not fit for real time", "mend the problems above")
+        return Check("verdict", "problem", "not fit for real time", "fix the problems above")
     rates = {mode: recommended(each.lateness, tick) for mode, each in modes.items()}
     # At equal rates the mode with fewer missed periods is the better one.
     best = max(modes, key=lambda mode: (rates[mode], -modes[mode].missed))
@@ -216,22 +216,22 @@ def verdict(
     force = (
         f"p99 lateness {late:.0f} µs is {force_of(late):.2f} N of pinch force on the 10 N/mm rod"
     )
-    quieter = "end other programs, isolate a CPU, take the advice above"
+    quieter = "end other programs, isolate a CPU, follow the advice above"
     missed, percent = modes[best].missed_share, 100.0 * modes[best].missed_share
     level: Level = "ok"
     said, advice = f"fit {found}, and for tests in real time", ""
     if not rates[best]:
         level, said, advice = "problem", "not fit, even 200 Hz would skip ticks", quieter
     elif missed > MANY:
-        said = f"not fit: {percent:.1f} % of the periods at {rate:g} Hz missed {best}"
+        said = f"not fit: {percent:.1f} % of the periods at {rate:g} Hz were missed {best}"
         level, advice = "problem", quieter
     elif problems:
-        level, said, advice = "problem", f"fit {found}, but for the above", "mend that"
+        level, said, advice = "problem", f"fit {found}, except for the problems above", "fix these"
     elif rates[best] < rate:
-        level, said = "warning", f"fit {found}, not {rate:g} Hz"
-        advice = f"--rate {rates[best]}, or {quieter}"
+        level, said = "warning", f"fit {found}, but not {rate:g} Hz"
+        advice = f"use --rate {rates[best]}, or {quieter}"
     elif missed > FEW:
-        said = f"fit {found}, but {percent:.2f} % of periods missed at {rate:g} Hz"
+        said = f"fit {found}, but {percent:.2f} % of periods were missed at {rate:g} Hz"
         level, advice = "warning", quieter
     elif modes[best].direct_share < DIRECT:
         why = _untimely(modes[best])
@@ -239,19 +239,22 @@ def verdict(
         level = "warning"
         advice = f"test with --clock free or lockstep, or --retry-inconclusive 2; {quieter}"
     elif modes[best].duration < LONG_LOOK:
-        unknown = f"whether for tests in real time, too, takes --duration {LONG_LOOK:g} to tell"
+        unknown = f"for tests in real time, check with --duration {LONG_LOOK:g}"
         said = f"fit {found}; {unknown}"
     return Check("verdict", level, f"{said}; {force}", advice)
 
 
 def _untimely(wakeups: Wakeups) -> str:
-    """Return a text on the share of expectations for which the gate would be stepped again."""
+    """Return a text on long wake-ups: their number, and in what share of windows a verdict needs a second look.
+
+    The windows are those of `Wakeups.direct_share`; there the gate would be stepped again for a verdict.
+    """
     from liftgate_hil.loop.wakeups import LONG_NS
 
     percent = 100.0 * (1.0 - wakeups.direct_share)
     return (
-        f"it was late by more than {1e-6 * LONG_NS:g} ms {wakeups.long} times in {wakeups.duration:g} s, so in "
-        f"about {percent:.0f} % of windows of {MOTION:g} s the gate would be stepped again for a verdict"
+        f"the loop was late by more than {1e-6 * LONG_NS:g} ms {wakeups.long} times in {wakeups.duration:g} s, so "
+        f"about {percent:.0f} % of {MOTION:g} s windows would need a replay for their verdict"
     )
 
 

@@ -20,7 +20,7 @@ _IN_THIS_MOTION = 0x100  # beside the byte: failed since the motion began
 
 
 def new_statuses(count: int) -> NDArray[np.int64]:
-    """Return the statuses of `count` events, none of which has happened."""
+    """Return the status bytes (count,) of trouble codes as after clearing: no test has been run since."""
     return np.full(count, CLEARED, dtype=np.int64)
 
 

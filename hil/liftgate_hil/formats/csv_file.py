@@ -114,7 +114,7 @@ class CsvRecording(WithoutFrames):
                 yield self._cells(rest, number, places)
 
     def _cells(self, text: bytes, number: int, places: Sequence[int]) -> Floats:
-        """Return these columns (n, len(places)) of lines (n,); `number` is the number of the first row."""
+        """Return these columns (n, len(places)) of n lines of text; `number` is that of the first row."""
         if _FEW * len(places) >= len(self.names):
             return self._parsed(text, number)[:, places]
         text = text.replace(b"\r", b"")
@@ -147,7 +147,10 @@ class CsvRecording(WithoutFrames):
         return round(start * 1e6) * 1000 if 0.0 < start < _LATEST_START else 0
 
     def _parsed(self, text: bytes, number: int) -> Floats:
-        """Return lines (n,) as rows; `number` is the number of the first one."""
+        """Return all columns (n, columns) of n lines of text as numbers; an empty cell is NaN. Raises ConfigError.
+
+        `number` is that of the first row in the file, for the error message.
+        """
         text = text.replace(b"\r", b"").replace(self.delimiter, b",")
         width = len(self.names)
         if not text.translate(None, _JSON) and b",," not in text:
@@ -192,7 +195,7 @@ def open_csv_recording(path: Path) -> CsvRecording:
     names = [name.strip() for name in next(csv.reader([text], delimiter=delimiter), [])]
     if names[:1] != ["time_s"]:
         raise ConfigError(
-            f"{path}: time_s: missing; allowed: a recording, whose first column it is"
+            f"{path}: time_s: missing; allowed: a recording whose first column is time_s"
         )
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)

@@ -1,4 +1,4 @@
-"""A writer whose errors do not end the run."""
+"""Writer of a recording whose errors are kept and reported, and do not end the run."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class McapWriter:
 
     @property
     def written(self) -> int:
-        """Bytes written so far, including those not compressed yet."""
+        """Bytes written to the file so far, plus the uncompressed size of the chunks still in memory."""
         return self._stream.tell() + self._writer.held
 
     def begin(self, epoch_ns: int) -> None:
@@ -199,7 +199,7 @@ class McapFile:
         """Read these columns; one with a value that is not finite is left out and added to `issues`."""
         blocks = list(self.rows(wanted)) if wanted else []
         if not blocks:
-            issues.append(f"{self.path}: no rows; allowed: rows")
+            issues.append(f"{self.path}: no rows; allowed: a recording with rows")
             return {}
         rows, result = np.concatenate(blocks), {}
         for name, values in zip(wanted, rows.T, strict=True):
@@ -237,7 +237,7 @@ class McapFile:
                 yield self._joined([rows[:count] for rows in waiting.values()])[:, places]
                 waiting = {channel: rows[count:] for channel, rows in waiting.items()}
         if any(waiting.values()):
-            raise ConfigError(f"{self.path}: cannot be read: topics with unlike numbers of rows")
+            raise ConfigError(f"{self.path}: cannot be read: topics with different numbers of rows")
 
     def frames(self) -> Iterator[NDArray[np.void]]:
         """Yield the frames (n,) LOGGED, one block at a time. Raises ConfigError."""
@@ -248,14 +248,19 @@ class McapFile:
             yield rows
 
     def _joined(self, parts: Sequence[list[list[Any]]]) -> Floats:
-        """Join the topics' columns of the same rows, which all begin with the time; null is NaN."""
+        """Return the columns of several topics side by side, the time once; null is NaN.
+
+        `parts` are the rows of each topic, which begin with the time. Raises ConfigError if times differ.
+        """
         try:
             tables = [np.array(rows, dtype=np.float64) for rows in parts]
         except (TypeError, ValueError) as error:
-            raise ConfigError(f"{self.path}: cannot be read: a field that is no number") from error
+            raise ConfigError(
+                f"{self.path}: cannot be read: a field that is not a number"
+            ) from error
         for table in tables[1:]:
             if not np.array_equal(table[:, 0], tables[0][:, 0], equal_nan=True):
-                raise ConfigError(f"{self.path}: cannot be read: topics with unlike times")
+                raise ConfigError(f"{self.path}: cannot be read: topics with different times")
         return np.hstack([tables[0], *(table[:, 1:] for table in tables[1:])])
 
     def _frame(self, message: Message) -> tuple[Any, ...]:
@@ -272,7 +277,7 @@ class McapFile:
             is_sent = told["direction"] == "Tx"
             return message.log_time, identifier, int(told["length"]), is_sent, content
         except (KeyError, TypeError, ValueError) as error:
-            said = f"a frame of another form: {error!r}"
+            said = f"a malformed frame: {error!r}"
             raise ConfigError(f"{self.path}: cannot be read: {said}") from error
 
     def _told(self, message: Message) -> dict[str, Any]:
@@ -280,9 +285,11 @@ class McapFile:
         try:
             told = orjson.loads(message.data)
         except ValueError as error:
-            raise ConfigError(f"{self.path}: cannot be read: a message: {error}") from error
+            raise ConfigError(
+                f"{self.path}: cannot be read: a message is not JSON: {error}"
+            ) from error
         if not isinstance(told, dict):
-            raise ConfigError(f"{self.path}: cannot be read: a message that is no object")
+            raise ConfigError(f"{self.path}: cannot be read: a message that is not a JSON object")
         return told
 
     def _messages(self, channels: Collection[int]) -> Iterator[list[Message]]:
@@ -332,7 +339,7 @@ def open_mcap(path: Path) -> McapFile:
                 "",
             )
     if summary is None or layout.RECORD not in records:
-        raise ConfigError(f"{path}: no recording of this program; allowed: one that it wrote")
+        raise ConfigError(f"{path}: not written by liftgate-hil; allowed: its own recordings")
     with foreign_reader(path, "MCAP", "mcap"):
         signals, topics = _topics(summary)
     start = records[layout.RECORD].get(layout.START, "")
@@ -366,7 +373,7 @@ def _topics(summary: Summary) -> tuple[dict[str, Signal], list[RowTopic]]:
 def _check_ends(path: Path, stream: Any) -> None:
     """Raise ConfigError if a file does not begin and end as MCAP does."""
     if stream.read(len(_MAGIC)) != _MAGIC:
-        raise ConfigError(f"{path}: cannot be read: no MCAP")
+        raise ConfigError(f"{path}: cannot be read: not an MCAP file")
     size = stream.seek(0, 2)
     stream.seek(-len(_MAGIC), 2)
     if size < 2 * len(_MAGIC) or stream.read() != _MAGIC:

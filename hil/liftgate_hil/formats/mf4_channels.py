@@ -43,7 +43,9 @@ class Mf4File:
                     signal = measurement.get(name, raw=True).validate()
                 samples = np.asarray(signal.samples)
                 if samples.dtype.kind not in "fiub" or samples.ndim != 1:
-                    issues.append(f"{self.path}: {name}: no numbers; allowed: one number a sample")
+                    issues.append(
+                        f"{self.path}: {name}: not numeric; allowed: one number per sample"
+                    )
                     continue
                 times = np.asarray(signal.timestamps, dtype=np.float64)
                 values = samples.astype(np.float64)
@@ -68,8 +70,8 @@ def _is_sound(path: Path, name: str, times: Floats, values: Floats, issues: list
     late = np.flatnonzero(~(np.diff(times) > 0.0))
     if len(late):
         issues.append(
-            f"{path}: {name}: its time {times[late[0] + 1]:.9g} s in sample {late[0] + 2} does not "
-            "come after the one before; allowed: finite and rising"
+            f"{path}: {name}: time {times[late[0] + 1]:.9g} s in sample {late[0] + 2} is not "
+            "later than the one before; allowed: finite and rising"
         )
         return False
     return True

@@ -208,7 +208,7 @@ class Mf4Recording:
 
     def _numbers(self, name: str, samples: NDArray[Any]) -> Floats:
         if samples.ndim != 1 or samples.dtype.kind not in "fiub":
-            raise ConfigError(f"{self.path}: {name}: no numbers; allowed: one number a sample")
+            raise ConfigError(f"{self.path}: {name}: not numeric; allowed: one number per sample")
         return samples.astype(np.float64)
 
     def frames(self) -> Iterator[NDArray[np.void]]:
@@ -227,10 +227,12 @@ class Mf4Recording:
             for flag in ("BRS", "ESI"):
                 if np.any(_field(signal.samples, kind, flag)):
                     raise ConfigError(
-                        f"{self.path}: a frame has {flag} set; allowed: recordings, in which none has"
+                        f"{self.path}: a frame has {flag} set; allowed: frames without {flag}"
                     )
             if np.any(_field(signal.samples, kind, "BusChannel") != self.bus_number):
-                raise ConfigError(f"{self.path}: frames of several buses; allowed: of one")
+                raise ConfigError(
+                    f"{self.path}: frames of several buses; allowed: frames of one bus"
+                )
             yield _logged(signal.samples, kind, signal.timestamps)
 
 
@@ -336,7 +338,7 @@ def open_mf4_recording(path: Path) -> Mf4Recording:
                 columns[channel.name] = group, place
                 signals[channel.name] = column_signal(channel.name, channel.unit or "")
     if len({group for group, _ in columns.values()}) > 1:
-        raise ConfigError(f"{path}: columns in several groups; allowed: a recording, which has one")
+        raise ConfigError(f"{path}: columns in several groups; allowed: a recording with one group")
     if columns:
         signals = {"time_s": TIME, **signals}
     start_ns = max(0, round(start.timestamp() * 1e6)) * 1000

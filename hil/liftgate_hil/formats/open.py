@@ -110,7 +110,9 @@ def open_recording(path: Path) -> Recording:
     """Open the recording in a file, whose suffix selects the format. Raises ConfigError."""
     found = _opened(path)
     if not found.signals and found.channel is None:
-        raise ConfigError(f"{path}: neither rows nor frames; allowed: a recording with some")
+        raise ConfigError(
+            f"{path}: neither rows nor frames; allowed: a recording with rows or frames"
+        )
     return found
 
 
@@ -160,7 +162,7 @@ def check_file(argument: str, name: str, allowed: tuple[str, ...] = WRITTEN) -> 
     form = FORMATS[path.suffix]
     try:
         if not path.parent.is_dir():
-            raise ConfigError(f"{what}: no folder {path.parent}; allowed: one that exists")
+            raise ConfigError(f"{what}: no folder {path.parent}; allowed: an existing folder")
         if is_special(path) and not form.is_text:
             raise ConfigError(f"{what}: a pipe or a device; allowed: a file")
     except OSError as error:

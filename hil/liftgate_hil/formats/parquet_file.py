@@ -123,9 +123,7 @@ class ParquetRecording(WithoutFrames):
         """Return a column's numbers; null is NaN."""
         values = column.to_numpy(zero_copy_only=False)
         if values.dtype.kind in "iu" and len(values) and not (np.abs(values) <= _EXACT).all():
-            raise ConfigError(
-                f"{self.path}: {name}: whole numbers beyond 2^53; allowed: up to there"
-            )
+            raise ConfigError(f"{self.path}: {name}: integers beyond 2^53; allowed: up to 2^53")
         return np.asarray(values, dtype=np.float64)
 
 
@@ -145,7 +143,7 @@ def open_parquet_recording(path: Path) -> ParquetRecording:
         }
     if next(iter(signals), "") != "time_s":
         raise ConfigError(
-            f"{path}: time_s: missing; allowed: a recording, whose first column it is"
+            f"{path}: time_s: missing; allowed: a recording whose first column is time_s"
         )
     about = (schema.metadata or {}).get(ABOUT_PARQUET.encode(), b"").decode(errors="replace")
     start = told.get(START_PARQUET.encode(), b"").decode(errors="replace")
@@ -197,7 +195,7 @@ class ParquetFile:
 
 
 def open_parquet(path: Path) -> ParquetFile:
-    """Open the columns of a Parquet file. Raises ConfigError if it cannot be read."""
+    """Open the columns of a Parquet file. Raises ConfigError if it cannot be read, or has two of the same name."""
     with foreign_reader(path, "Parquet", "pyarrow"):
         from pyarrow import parquet
 

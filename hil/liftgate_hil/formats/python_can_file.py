@@ -143,24 +143,20 @@ class LogRecording:
         where = f"{self.path}: the frame at {message.timestamp:.6f} s"
         if (name := _bus_of(self.path, message)) != self.channel:
             raise ConfigError(
-                f"{where} is of another bus, {name}; allowed: frames of one, {self.channel}"
+                f"{where} is from another bus, {name}; allowed: frames from one bus, {self.channel}"
             )
         if message.bitrate_switch or message.error_state_indicator:
-            raise ConfigError(
-                f"{where} has BRS or ESI set; allowed: recordings, which have neither"
-            )
+            raise ConfigError(f"{where} has BRS or ESI set; allowed: frames without them")
         try:
             fields = fields_of(message)
         except NotAFrameError as error:
             raise ConfigError(f"{where}: {error}") from error
         if message.dlc != fields.length and not message.is_error_frame:
-            raise ConfigError(
-                f"{where} has {fields.length} bytes; allowed: {message.dlc}, as it says"
-            )
+            raise ConfigError(f"{where} has {fields.length} bytes; allowed: {message.dlc}, its DLC")
         # Loggers have timestamps in microseconds; a float of seconds since 1970 is no more precise.
         time_us = round(message.timestamp * 1e6) - self.before_us
         if not abs(time_us) < _LONGEST_S * 1e6:
-            raise ConfigError(f"{where}: a time that is none")
+            raise ConfigError(f"{where}: an invalid time")
         identifier = fields.identifier | (FD if message.is_fd else 0)
         content = np.frombuffer(fields.data.ljust(MAX_BYTES, b"\0"), dtype=np.uint8)
         return time_us * 1000, identifier, fields.length, not message.is_rx, content
@@ -236,7 +232,7 @@ def _reading(path: Path) -> Iterator[Any]:
         if kind == ".blf":
             reader: Any = can.BLFReader(stream)
             if reader.file_size > os.fstat(stream.fileno()).st_size:
-                raise ValueError("it is cut off")
+                raise ValueError("it is truncated")
         else:
             reader = readers[kind](_WholeLines(stream, encoding="utf-8", errors="replace"))
         yield reader

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from liftgate_hil.errors import ConfigError
 
-CUT = "its last line is cut off, and left out"
+CUT = "its last line is truncated and ignored"
 _MOST_SAID = 200  # characters of a warning of python-can
 
 

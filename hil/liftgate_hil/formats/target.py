@@ -14,7 +14,7 @@ from typing import BinaryIO
 from liftgate_hil.errors import ConfigError
 
 _WORDS = {
-    errno.ENXIO: "a pipe that nobody reads",
+    errno.ENXIO: "a pipe without a reader",
     errno.EISDIR: "is a folder",
 }
 
@@ -54,14 +54,17 @@ def open_target(path: Path) -> BinaryIO:
 
 
 def open_salvage(path: Path) -> BinaryIO:
-    """Create the text file that a kill shall leave. An existing one is not touched. Raises ConfigError."""
+    """Create the text file beside a recording that keeps the content if the program is killed; see `salvage`.
+
+    It is locked against other recorders. Raises ConfigError, also if the file exists: it is not overwritten.
+    """
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
     except FileExistsError as error:
         _check_free(path)
         raise ConfigError(
-            f"{path}: is there already, the rest of a recording that was not completed; "
-            "allowed: once it is moved away or deleted"
+            f"{path}: already exists, left by a recording that was not completed; "
+            "allowed: after it is moved or deleted"
         ) from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {why(error)}") from error
@@ -70,7 +73,7 @@ def open_salvage(path: Path) -> BinaryIO:
 
 
 def _named(descriptor: int, path: Path) -> BinaryIO:
-    """Return a stream that knows its file's name."""
+    """Return a stream for a descriptor that has the path as its name."""
     return open(path, "wb", opener=lambda *_: descriptor)  # Path.open has no opener
 
 
@@ -101,7 +104,7 @@ def _lock(descriptor: int, path: Path) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         raise ConfigError(
-            f"{path}: somebody else is recording to it; allowed: a file of one's own"
+            f"{path}: another recording is being written to it; allowed: a different file"
         ) from error
     except OSError:
         pass

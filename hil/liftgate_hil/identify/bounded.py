@@ -1,4 +1,4 @@
-"""Minimum of a quadratic form within bounds."""
+"""Minimum of a quadratic function with bounds on its variables."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ Floats = NDArray[np.float64]
 
 
 def within(matrix: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
-    """Return the minimiser of ½ xᵀ M x − gᵀ x with low ≤ x ≤ high, by an active set, from 0 on."""
+    """Return the x (n,) with low ≤ x ≤ high at which ½ xᵀ M x − gᵀ x is smallest.
+
+    M is the `matrix` (n, n), symmetric and positive definite, g the `gradient` (n,). The active-set method starts
+    at x = 0, which must lie within the bounds.
+    """
     scale = 1.0 / np.sqrt(np.diag(matrix))
     matrix, gradient = matrix * np.outer(scale, scale), gradient * scale
     low, high = low / scale, high / scale

@@ -123,11 +123,13 @@ def descend(
         elif slopes.away > 0.0:
             slopes = _fresh(problem, place, moved)
         elif damping > _MOST or not math.isfinite(promised):
-            return Descent(place, tuple(history), "no step makes the loss smaller", slopes.values)
+            return Descent(place, tuple(history), "no step reduces the loss", slopes.values)
         else:
             damping = max(_FACTOR * damping, _FIRST)
     if moved >= STILL:
-        return Descent(place, tuple(history), f"no end after {rounds} iterations", slopes.values)
+        return Descent(
+            place, tuple(history), f"not converged after {rounds} iterations", slopes.values
+        )
     last, _, _ = _step(problem, place, slopes.values, free, 0.0)
     other = place_at(problem, place.point + last, given_std)
     if other.deviance < place.deviance:

@@ -47,15 +47,15 @@ def estimates_of(
             quantity = Quantity("", _unit_of(unknown.name), -math.inf, math.inf, "")
         remark = ""
         if k in known.silent:
-            remark = "has no effect on what was measured"
+            remark = "has no effect on the measured outputs"
         elif k in apart:
-            remark = "cannot be told apart from others"
+            remark = "cannot be separated from others"
         elif min(value - low[k], high[k] - value) <= _AT_BOUND * problem.sizes[k]:
             remark = (
                 f"at its bound {float(low[k] if value - low[k] < high[k] - value else high[k]):g}"
             )
         elif k in limits and len(limits) == 1:
-            remark = f"at a limit of what a vehicle may be: {limits[k]}"
+            remark = f"at a limit for valid vehicles: {limits[k]}"
         elif k < len(problem.sought) and std > _largest_std(float(value), quantity):
             times = std / max(abs(value), 1e-300)
             remark = f"too uncertain: its standard deviation is {times:.2g} times its value"
@@ -99,7 +99,7 @@ def _limits_at(problem: Problem, point: Floats, covariance: Floats) -> dict[int,
 
 def _along(limit: str) -> str:
     """Return the remark on an estimate held with others by a limit, along which the data determine it."""
-    return f"held with others by a limit of what a vehicle may be: {limit}" if limit else ""
+    return f"held with others at a limit for valid vehicles: {limit}" if limit else ""
 
 
 def _unit_of(name: str) -> str:

@@ -167,7 +167,7 @@ def _score_series(problem: Problem, slopes: Floats, errors: Floats, root: Floats
 
 
 def _scatter(jitter: float) -> str:
-    return f"; the inputs' stamps scatter by {1e3 * jitter:.2g} ms" if jitter > 0.0 else ""
+    return f"; the inputs' timestamps scatter by {1e3 * jitter:.2g} ms" if jitter > 0.0 else ""
 
 
 def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | None) -> Found:
@@ -270,8 +270,8 @@ def _check_followed(problem: Problem, errors: Floats) -> None:
     ]
     if off:
         raise NothingToTellError(
-            f"the simulation does not follow {', '.join(off)}; allowed: a vehicle, inputs and a beginning that "
-            "are those of the measurement, units that are those of the columns, and currents of the right sign"
+            f"the simulation does not follow {', '.join(off)}; allowed: a vehicle, inputs and an initial "
+            "condition that match the measurement, units that match the columns, and currents of the right sign"
         )
 
 
@@ -281,7 +281,7 @@ def _check_excited(problem: Problem) -> None:
     there = np.isfinite(problem.measured)[:, :, None]
     if not np.any(there & np.isfinite(slopes) & (slopes != 0.0)):
         raise NothingToTellError(
-            "nothing that was measured depends on what is sought: the input excites nothing"
+            "no measured output depends on the estimated parameters: the input does not excite them"
         )
 
 
@@ -318,5 +318,5 @@ def _check_sound(times: Floats, states: Floats, name: str) -> None:
     off = np.flatnonzero(~np.all(np.abs(states) <= limits, axis=1))
     if len(off):
         raise PlantDivergedError(
-            f"{name}: the model diverged at {times[off[0]]:.6g} s; allowed: a shorter `step`, a saner vehicle"
+            f"{name}: the model diverged at {times[off[0]]:.6g} s; allowed: a shorter `step`, a plausible vehicle"
         )

@@ -41,7 +41,7 @@ _CUT = 0.1  # s, a file whose first timestamp is later than this was cut
 
 @dataclass(frozen=True)
 class Unknown:
-    """A quantity of an experiment's initial condition that is estimated along with the parameters."""
+    """A quantity that is estimated along with the parameters: of an initial condition, or the input delay."""
 
     experiment: int
     name: str  # a field of Start, or left_offset, right_offset: zero of a counter [rev]; or input_delay [s]
@@ -211,9 +211,10 @@ def _latched(data: Data, angle_deg: float) -> float:
 
 
 def _offsets(data: Data, experiment: int, place: float, quantum: float) -> list[Unknown]:
-    """Return the zeros of the position counters that do not show the gate's position, as unknowns.
+    """Return the zeros [rev] of position counters as unknowns, where they are not known from the gate's position.
 
-    A count (`quantum` rev) shows the position to half of that at best: an edge may be anywhere.
+    That is so where the first sample is not near `place` [rev], the position at the gate's angle; and, with half a
+    `quantum` [rev] as standard deviation, where the position is a Hall count, which shows it only to its edges.
     """
     unknowns = []
     for side in ("left", "right"):
@@ -257,8 +258,8 @@ def _midway(
     plant = plant_of(vehicle)
     if not moves and _is_stalled(vehicle, data):
         raise ValueError(
-            "begins with drives that their voltage stalls, and how far friction holds them is not known; allowed: "
-            "`from` before they stop, or from where the voltage is off"
+            "begins with drives stalled under voltage, so that their friction force is unknown; allowed: `from` "
+            "before they stop, or after the voltage is off"
         )
     speed = _first_speed(plant, data) if moves else 0.0
     known = first_sample(data.outputs.get("gate_angle_deg")) if angle_deg is None else angle_deg
@@ -272,8 +273,8 @@ def _midway(
         place = 0.0
     if math.isnan(place) or math.isnan(speed):
         raise ValueError(
-            "begins in motion, and neither position nor angle say where; allowed: data that begin at rest, "
-            "a position or an angle, or `initial`"
+            "begins in motion at an unknown position; allowed: data that begin at rest, "
+            "a measured position or angle, or `initial`"
         )
     latched = 0.0 if moves else _latched(data, _angle_at(plant, place))
     start = REST._replace(balanced=1.0, speed=speed, left_position=place, latched=latched)

@@ -1,4 +1,7 @@
-"""The prediction error as a function of the unknowns: parameters first, then initial conditions."""
+"""The prediction of measured data as a function of a point of the search.
+
+A point holds the values of the sought parameters, then those of the unknowns: initial conditions and input delay.
+"""
 
 from __future__ import annotations
 
@@ -93,7 +96,7 @@ class Problem:
                 angles = [angles] * len(self.data)
             if len(angles) != len(self.data):
                 raise ValueError(
-                    f"{len(angles)} angles for {len(self.data)} experiments; allowed: one each"
+                    f"{len(angles)} angles for {len(self.data)} experiments; allowed: one per experiment"
                 )
             self.beginnings = [
                 beginning_of(self.vehicle, data, number, angle, full)
@@ -128,7 +131,7 @@ class Problem:
         return kept
 
     def _compare_edges(self, column: int) -> None:
-        """Compare a position that is a count at its edges only.
+        """Restrict the comparison of a position that is a Hall count to its edges.
 
         Between two samples that differ the position is, on average, half-way between the counts, while a constant
         count says little, and repeats it with every sample.
@@ -152,19 +155,19 @@ class Problem:
 
     @property
     def initial(self) -> Floats:
-        """The point at which the search begins: parameters, then unknowns."""
+        """Point at which the search begins: initial values (p,) of the parameters, then of the unknowns."""
         return np.array([s.initial for s in self.sought] + [u.value for u in self.unknowns])
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
-        """Lowest and highest values of parameters and unknowns."""
+        """Lowest and highest values (p,) of the parameters, then of the unknowns."""
         low = [s.low for s in self.sought] + [u.low for u in self.unknowns]
         high = [s.high for s in self.sought] + [u.high for u in self.unknowns]
         return np.array(low), np.array(high)
 
     @property
     def sizes(self) -> Floats:
-        """Sizes of a typical change of each parameter and unknown, by which both are scaled."""
+        """Sizes (p,) of a typical change of each parameter, then of each unknown, by which both are scaled."""
         by_range = [1e-2 * min(s.high - s.low, 1.0) for s in self.sought]
         own = [abs(s.initial) or size for s, size in zip(self.sought, by_range, strict=True)]
         default = {"angle": 0.01, "rate": 0.1, "input_delay": 0.01}
@@ -172,7 +175,7 @@ class Problem:
         return np.array(own + [default.get(u.name, max(1.0, abs(u.value))) for u in self.unknowns])
 
     def priors(self) -> tuple[Floats, Floats]:
-        """Return (mean, 1/std) of the priors; 0 where there is none."""
+        """Return (mean, 1/std) (p,) each of the priors of a point's values; 0 where there is none."""
         mean = [s.prior for s in self.sought] + [u.value for u in self.unknowns]
         std = [s.prior_std for s in self.sought] + [u.std for u in self.unknowns]
         weight = 1.0 / np.array(std)
@@ -198,9 +201,10 @@ class Problem:
     def on_all_cpus(
         self, simulate: Callable[[Item], Result], items: Sequence[Item]
     ) -> list[Result]:
-        """Return what `simulate`, which calls `prediction`, returns for each item.
+        """Return `simulate` of each item, in their order, computed by threads on all CPUs.
 
-        Missing machine code is compiled beforehand, in the calling thread, where an interrupt ends it.
+        `simulate` calls `prediction`. Machine code that is missing is compiled beforehand, in the calling thread,
+        where an interrupt (Ctrl-C) ends the compilation.
         """
         if not self._is_ready:
             data, plant, base = self.data[0], plant_of(self.vehicle), load_of(self.vehicle)
@@ -210,7 +214,7 @@ class Problem:
         return on_all_cpus(simulate, items, sum(len(data.rows) for data in self.data))
 
     def prediction(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
-        """Return what `predicted` does, for use within `on_all_cpus`."""
+        """Return what `predicted` does, for functions that `on_all_cpus` calls; evaluations are not counted."""
         vehicle = self.vehicle_at(point)
         plant = plant_of(vehicle)
         parts = []
@@ -285,7 +289,7 @@ class Problem:
         return out
 
     def slopes(self, point: Floats, predicted: Floats) -> Floats:
-        """Return slopes (rows, outputs, unknowns) by one-sided differences from `predicted` at the point.
+        """Return slopes (rows, outputs, p) by one-sided differences from `predicted`, the prediction at the point.
 
         They take half the simulations of `derivative`, and are accurate to about 1e-5.
         """
@@ -299,10 +303,10 @@ class Problem:
         return self._slopes(slope, len(point))
 
     def derivative(self, point: Floats, widths: Floats | None = None) -> Floats:
-        """Return slopes (rows, outputs, unknowns) by central differences of `predicted`, one-sided at a bound.
+        """Return slopes (rows, outputs, p) by central differences of `predicted`, one-sided at a bound.
 
-        Differences span half the `widths` (unknowns,) to either side where these are given and wider. A simulation
-        costs half a microsecond a row and is smooth to 1e-12, so differences are accurate to about 1e-8.
+        Differences span half the `widths` (p,) to either side where these are given and wider. A simulation costs
+        half a microsecond a row and is smooth to 1e-12, so differences are accurate to about 1e-8.
         """
         narrow = 2.0 * _DIFFERENCE * np.maximum(np.abs(point), self.sizes)
         widths = narrow if widths is None else np.maximum(widths, narrow)
@@ -317,7 +321,7 @@ class Problem:
         return self._slopes(slope, len(point))
 
     def _difference(self, above: Floats, below: Floats, k: int, predicted: Floats) -> Floats:
-        """Return the slope (rows, outputs) between points that differ in unknown k; `predicted` is of `below`."""
+        """Return the slope (rows, outputs) between points that differ in value k; `predicted` is at `below`."""
         slope = self.prediction(above)
         with np.errstate(invalid="ignore"):  # predictions may have diverged
             slope -= predicted
@@ -325,7 +329,7 @@ class Problem:
         return slope
 
     def _slopes(self, slope: Callable[[int], Floats], count: int) -> Floats:
-        """Return slopes (rows, outputs, unknowns) from each unknown's (rows, outputs), on all CPUs."""
+        """Return slopes (rows, outputs, count) from those of each value of a point, computed on all CPUs."""
         self.evaluations += count
         # An unknown's slopes are contiguous in memory, because they are filled and summed in that order.
         slopes = np.empty((count, *self.measured.shape))

@@ -337,7 +337,7 @@ def correlation_of(covariance: Floats) -> Floats:
 def named(groups: Sequence[Sequence[int]], names: Sequence[str]) -> list[str]:
     """Return a sentence for each group that cannot be separated; single unknowns are reported elsewhere."""
     return [
-        f"{', '.join(names[k] for k in group[:-1])} and {names[group[-1]]} cannot be told apart"
+        f"{', '.join(names[k] for k in group[:-1])} and {names[group[-1]]} cannot be separated"
         for group in groups
         if len(group) > 1
     ]

@@ -35,7 +35,7 @@ class Weighting:
 
     @property
     def loss(self) -> float:
-        """Determinant of Λ."""
+        """Determinant of the noise covariance Λ: the value of the determinant criterion."""
         return float(np.exp(self.log_determinant))
 
 
@@ -51,7 +51,7 @@ def sampled_rows(measured: Floats) -> int:
 
 
 def errors_of(measured: Floats, predicted: Floats) -> Floats:
-    """Return the errors ε = y − ŷ, 0 where there is no sample."""
+    """Return the errors ε = y − ŷ (rows, outputs), 0 where there is no sample; a diverged ŷ counts as _HUGE."""
     predicted = np.where(
         np.abs(predicted) < _HUGE, predicted, _HUGE
     )  # NaN is not less, so it is replaced too
@@ -75,9 +75,10 @@ def weighting_of(measured: Floats, errors: Floats, given: Floats | None) -> Weig
 
 
 def log_likelihood_deviance(measured: Floats, errors: Floats, weighting: Weighting) -> float:
-    """Return −2 log L without N (log 2π + 1): N log det Λ + Σ εᵀ Λ⁻¹ ε − N.
+    """Return −2 log L without M (log 2π + 1), for M samples: N log det Λ + Σ εᵀ Λ⁻¹ ε − M over N rows.
 
-    The last two terms cancel at the maximum over Λ.
+    The last two terms cancel at the maximum over Λ. Where the outputs are not all sampled together, the first one
+    is the sum of N_k log Λ_kk over the outputs k, with N_k samples each.
     """
     counts = np.sum(np.isfinite(measured), axis=0)
     excess = float(np.sum((errors @ weighting.root) ** 2) - np.sum(counts))
@@ -89,9 +90,10 @@ def log_likelihood_deviance(measured: Floats, errors: Floats, weighting: Weighti
 def loss_of(
     measured: Floats, weighting: Weighting, errors: Floats, given_std: Floats | None
 ) -> float:
-    """Return the loss of prediction errors.
+    """Return the loss of prediction errors (rows, outputs).
 
-    It is the determinant of their covariance, or the mean of their weighted squares where the noise is given.
+    It is the determinant of their covariance or, if the standard deviations of the noise are given, the sum of
+    their weighted squares over the outputs, as the mean over the rows.
     """
     if given_std is None:
         return weighting.loss

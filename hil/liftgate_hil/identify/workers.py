@@ -28,9 +28,10 @@ class UnwantedError(Exception):
 def on_all_cpus(
     function: Callable[[Item], Result], items: Sequence[Item], rows: int
 ) -> list[Result]:
-    """Return `function` of each item, in their order; `rows` of a simulation limit how many run at a time.
+    """Return `function` of each item, in their order, computed by threads on all CPUs.
 
-    An exception of `function`, or an interrupt of the caller, ends all of them.
+    `rows` is the number of rows of one simulation, which limits how many run at a time. An exception of
+    `function`, or an interrupt of the caller, ends all of them.
     """
     count = min(len(items), _cpus(), max(1, _MOST_ROWS // max(rows, 1)))
     if count <= 1:
@@ -46,7 +47,7 @@ def on_all_cpus(
 
 
 def check_wanted() -> None:
-    """Raise UnwantedError in a worker whose caller has given up."""
+    """Raise UnwantedError if the calling thread is a worker of `on_all_cpus` whose result is no longer needed."""
     is_over: threading.Event | None = getattr(_this_thread, "is_over", None)
     if is_over is not None and is_over.is_set():
         raise UnwantedError

@@ -1,4 +1,4 @@
-"""Expectations with their conditions, fitted to a rig and a gate, and as tables for the evaluator."""
+"""Expectations with their conditions, checked against a rig and a gate, and as tables for the evaluator."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Expected:
-    """Expectations with their conditions, fitted to a rig's database and to a gate's drives."""
+    """Expectations with their conditions, checked against a rig's database and a gate's drives."""
 
     expectations: tuple[Expectation, ...]
     conditions: tuple[Condition, ...]  # each expectation's own, then the existing openers
@@ -67,11 +67,12 @@ def expected_of(
     diagnostics: Diagnostics | None = None,
     faults: Sequence[TimedFault] = (),
 ) -> Expected:
-    """Fit expectations to a database and to a gate.
+    """Return expectations with their conditions parsed, and checked against a database and a gate.
 
-    Raises ConfigError with all issues; `source` is the file. `awaited` are conditions that stimuli wait for, as
-    expectations: if one never comes, nothing passes. `diagnostics` is how the ECU is asked for trouble codes;
-    None: it cannot be. `faults` are the scenario's.
+    `parameters` are those of the scenario, `messages` the database's by name, `drives` is the gate's number of
+    drives, `source` the file that issues name. `awaited` are conditions that stimuli wait for, as expectations: if
+    one never comes, nothing passes. `diagnostics` is how the ECU is asked for trouble codes; None: it cannot be.
+    `faults` are the scenario's. Raises ConfigError with all issues.
     """
     expectations = [*expectations, *awaited]
     issues = ConfigIssues(source)
@@ -148,7 +149,7 @@ def _reported(expectation: Expectation) -> Condition:
 
 
 def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations, Judged]:
-    """Return the tables of a judge before its first row; see Judge."""
+    """Return the tables of a judge before its first row, for rows at a `rate` [Hz] up to `end` [s]; see Judge."""
     count = len(expected.expectations)
     rows = np.zeros(count, dtype=EXPECTATION).view(np.recarray)
     progress = np.zeros(count, dtype=PROGRESS).view(np.recarray)

@@ -68,7 +68,7 @@ _TIME = COLUMN_PLACE["time_s"]
 
 
 class Expectations(NamedTuple):
-    """Expectations of a scenario as tables, with the bus signals that they refer to."""
+    """Expectations of a scenario as arrays for machine code, with their conditions and bus signals."""
 
     rows: Any  # (n,) EXPECTATION
     conditions: Conditions
@@ -158,7 +158,7 @@ def opened(
 
 @compilable
 def note_margin(progress: Any, kind: int, time: float, margin: float, decider: int) -> None:
-    """Keep the smallest margin of always, the largest of eventually."""
+    """Keep a margin if it is the smallest so far (kind ALWAYS) or the largest so far (kind EVENTUALLY)."""
     better = margin < progress.margin if kind == ALWAYS else margin > progress.margin
     if better or np.isnan(progress.margin):
         progress.margin, progress.margin_at, progress.decider = margin, time, decider

@@ -35,9 +35,9 @@ FRAMES = 16384
 
 
 class Episode:
-    """A closed loop about to run, as fast as possible. Raises ValueError.
+    """Closed loop of gate and ECU in this process, in machine code, which runs as fast as possible.
 
-    `memory` may be read by others; its ring of frames must have room for at least two ticks.
+    `memory` may be read by others. Raises ValueError if its ring of frames has no room for two ticks.
     """
 
     def __init__(

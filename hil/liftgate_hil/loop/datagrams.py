@@ -54,7 +54,7 @@ class Buffers(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Result of a read, besides its frames."""
+    """Result of reading frames from a socket: how many there were, and what went wrong."""
 
     count: int  # type: ignore[assignment]  # shadows tuple.count
     error: int  # errno of a failure, 0: none
@@ -64,7 +64,7 @@ class Reading(NamedTuple):
 
 
 class Writing(NamedTuple):
-    """Result of a write: what became of the frames."""
+    """Result of writing frames to a socket: how many were sent, and how many were not, by reason."""
 
     sent: int
     full: int  # not sent: the wire's queue was full

@@ -21,7 +21,11 @@ PRIORITY_BESIDE = 10  # above all threads without such scheduling
 
 
 class Realtime:
-    """Holds what the machine has granted for as long as the object lives."""
+    """Requests to the machine for real time: locked memory, no deep sleep, a CPU, and FIFO scheduling.
+
+    What the process gets holds until `release`; what is refused is listed in `refused`. `cpu` is the CPU for the
+    threads that `enter`; None: `best_cpu`.
+    """
 
     def __init__(self, cpu: int | None = None) -> None:
         self._cpu = cpu
@@ -30,14 +34,14 @@ class Realtime:
         self.refused: list[str] = []
 
     def prepare(self) -> None:
-        """Prepare the whole process, before the loop starts."""
+        """Freeze the garbage collector's objects, lock the process's memory, and keep the CPU from deep sleep."""
         gc.collect()
         gc.freeze()
         self._lock_memory()
         self._wake_fast()
 
     def enter(self) -> None:
-        """Give the calling thread a CPU, and FIFO scheduling that its children do not inherit."""
+        """Bind the calling thread to the CPU, with FIFO scheduling that its children do not inherit."""
         cpu = best_cpu() if self._cpu is None else self._cpu
         try:
             os.sched_setaffinity(0, {cpu})
@@ -73,7 +77,7 @@ class Realtime:
                     give_back(policy, parameters, thread)
 
     def release(self) -> None:
-        """Release what the process holds."""
+        """Undo what `prepare` has done."""
         gc.unfreeze()
         if self._is_locked:
             ctypes.CDLL(None).munlockall()

@@ -89,7 +89,7 @@ class LoopConfig(NamedTuple):
 
 
 class LoopState(NamedTuple):
-    """State of the loop."""
+    """State of the loop between two ticks: plant, sensors, reception, transmission and counts."""
 
     plant: State
     sensors: SensorState
@@ -168,7 +168,11 @@ def no_frames() -> Frames:
 
 @compilable
 def bridge_command(duty: float, direction: float, signed: int) -> DriveInput:
-    """Return the command to one motor [duty in %]; without a command it coasts."""
+    """Return the bridge's input for a commanded duty [%] and direction; if one that is needed is NaN, it coasts.
+
+    If `signed` is 1 the sign of the duty is the direction, 0 brakes, and `direction` is not used; else `direction`
+    is the bridge state (0 to 3: coast, open, close, brake), and only the size of the duty counts.
+    """
     if np.isnan(duty):
         return drive_input(COAST, 0.0)
     if signed:
@@ -228,7 +232,7 @@ def surroundings(
 def command(
     config: LoopConfig, values: NDArray[np.float64], stop: bool
 ) -> tuple[DriveInput, DriveInput]:
-    """Return the commands to both motors."""
+    """Return the inputs of the left and the right bridge for the commands received; after a stop they coast."""
     if stop:
         return drive_input(COAST, 0.0), drive_input(COAST, 0.0)
     return (

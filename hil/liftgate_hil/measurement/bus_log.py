@@ -68,10 +68,10 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
     log = read_frames(path, messages, rig)
     seconds, frames, cut = log.times, log.frames, log.notes
     if frames.count == 0:
-        raise ConfigError(f"{path}: no frame of ours; allowed: {_called(rig, messages)}")
+        raise ConfigError(f"{path}: no frame of the rig; allowed: {_called(rig, messages)}")
     if not np.all(np.abs(seconds - seconds[0]) <= _LONGEST_S):  # rejects NaN, too
         raise ConfigError(
-            f"{path}: times that are none; allowed: within {_LONGEST_S:g} s of the first frame"
+            f"{path}: invalid times; allowed: within {_LONGEST_S:g} s of the first frame"
         )
     # Loggers have timestamps in microseconds; a float of seconds since 1970 is no more precise.
     times = np.round((seconds - seconds[0]) * 1e6).astype(np.int64) * 1000
@@ -122,7 +122,7 @@ def _in_order(path: Path, times: NDArray[np.int64]) -> NDArray[np.int64]:
     if len(late):
         at = int(late[0])
         raise ConfigError(
-            f"{path}: time {times[at] / 1e9:.6f} s of frame {at + 1} of ours comes after "
+            f"{path}: time {times[at] / 1e9:.6f} s of frame {at + 1} of the rig comes after "
             f"{rising[at] / 1e9:.6f} s; allowed: rising"
         )
     return rising
@@ -165,15 +165,15 @@ def refusals_in(counts: Counts) -> list[str]:
     notes = []
     if told:
         refused = rejected(counts) + counts.unqualified
-        notes.append(f"{refused} frames of ours refused: {', '.join(told)}")
+        notes.append(f"{refused} frames of the rig refused: {', '.join(told)}")
     if counts.lost:
-        notes.append(f"{counts.lost} frames missing between two alive counters")
+        notes.append(f"{counts.lost} frames missing according to the alive counters")
     return notes
 
 
 def _late_panel(given: Mapping[str, Track], before: Mapping[str, float]) -> list[str]:
     return [
-        f"{column}: its first value is taken for the time before it, too"
+        f"{column}: its first value is also used for the time before it"
         for name, column in _PANEL.items()
         if name in given and column not in before and given[name].times[0] > 0
     ]
@@ -198,7 +198,7 @@ def _check_content(
             names = list(
                 dict.fromkeys(wire.message for wire in wires if wire.quantity not in _PANEL)
             )
-            issues.append(f"{path}: no sound {what} frame{why}; allowed: {_called(rig, names)}")
+            issues.append(f"{path}: no valid {what} frame{why}; allowed: {_called(rig, names)}")
     if issues:
         raise ConfigError(issues)
 

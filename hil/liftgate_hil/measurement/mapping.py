@@ -106,7 +106,7 @@ def _checked(
     ours: str, theirs: Theirs, issues: ConfigIssues, known: Mapping[str, Signal]
 ) -> ColumnMap:
     if ours not in known:
-        issues.add(ours, f"no such column of ours; allowed: {', '.join(known)}")
+        issues.add(ours, f"unknown column; allowed: {', '.join(known)}")
         return {}
     if theirs.unit is not None and conversion(ours, theirs.unit, known) is None:
         issues.add(ours, f"unit {show(theirs.unit)}; allowed: {allowed_units(ours, known)}")

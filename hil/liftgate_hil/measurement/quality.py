@@ -101,7 +101,10 @@ def outliers(
 
 
 def extremes(values: Floats, width: int) -> tuple[Floats, Floats]:
-    """Return the least and largest (n − width + 1,) of `width` values in a row, from those of half as many."""
+    """Return the running minimum and maximum (n − width + 1,) over windows of `width` of the `values` (n,).
+
+    They are combined from those of shorter windows, whose length doubles.
+    """
     low = high = values
     have = 1
     while have < width:
@@ -112,7 +115,7 @@ def extremes(values: Floats, width: int) -> tuple[Floats, Floats]:
 
 
 def explained(measurement: Measurement, side: str, values: Floats, known: Expected) -> Floats:
-    """Return by how much a motor current may jump in each row, given the changes of the motor's voltage nearby.
+    """Return by how much [A] a motor current may jump in each row, given the changes of its voltage nearby.
 
     Without this every change of the duty would look like an outlier.
     """

@@ -20,7 +20,7 @@ INPUT_KIND: Kinds = (("input", ("voltage_v", *INPUTS)),)
 _KINDS: Kinds = (*INPUT_KIND, ("output", tuple(OUTPUTS)))
 # Columns that only a recording of the emulator has; there the voltages follow from duty and supply.
 RECORDED = ("left_coast", "latched")
-RECORDED_NOTE = "a recording of the emulator: each input taken from the row after"
+RECORDED_NOTE = "a recording of the emulator: each input is taken from the next row"
 _VOLTAGES = ("voltage_v", "left_voltage_v", "right_voltage_v")
 # Columns that state what drives the motors.
 DRIVES = (
@@ -102,7 +102,9 @@ def _resolve(path: Path, file: Columns, mapping: ColumnMap, kinds: Kinds) -> Rea
     if not by_rows:
         names.pop("time_s", "")
     if "time_s" in mapping and not by_rows:
-        issues.append(f"{path}: time_s: mapped; allowed: no such map, MF4 channels have times")
+        issues.append(
+            f"{path}: time_s: mapped; allowed: not mapped, MF4 channels have their own times"
+        )
     if "time_s" not in (*names, *mapping) and by_rows:
         issues.append(f"{path}: time_s: missing; allowed: a column of seconds, or `map` time_s=...")
     for what, columns in kinds:
@@ -113,7 +115,7 @@ def _resolve(path: Path, file: Columns, mapping: ColumnMap, kinds: Kinds) -> Rea
     told = {*names, *mapping}
     if kinds is _KINDS and told.isdisjoint(DRIVES) and not told.isdisjoint(INPUTS):
         issues.append(
-            f"{path}: nothing says what drives the motors; allowed: {', '.join(DRIVES)} (0 where they are off), "
+            f"{path}: no column drives the motors; allowed: {', '.join(DRIVES)} (0 where they are off), "
             "others by `map`"
         )
     issues += _clashes(path, names)
@@ -157,7 +159,9 @@ def _other_units(
             continue
         ours, unit = meant
         if ours != "time_s" or file.sample == "row":
-            issues.append(f"{path}: {name}: not our unit; allowed: `map` '{ours}={name}[{unit}]'")
+            issues.append(
+                f"{path}: {name}: unexpected unit; allowed: `map` '{ours}={name}[{unit}]'"
+            )
             names[ours] = name
     return issues
 

@@ -103,7 +103,7 @@ class Played:
     def lines(self) -> list[str]:
         """Return the result as lines of text."""
         rounds = f", {self.rounds} rounds" if self.rounds > 1 else ""
-        which = "" if self.direction == "both" else f" of those {self.direction} in the recording"
+        which = "" if self.direction == "both" else f" (recorded as {self.direction})"
         lines = [
             f"frames sent {self.frames_sent}{which}, in {self.took_s:.3f} s{rounds}",
             f"lateness {told(self.lateness)}",
@@ -112,11 +112,11 @@ class Played:
             why = f": {self.link_error}" if self.link_error else ""
             lines.append(f"not sent: {self.frames_not_sent} frames{why}")
         if self.error_frames_left_out:
-            lines.append(f"left out: {self.error_frames_left_out} error frames")
+            lines.append(f"omitted: {self.error_frames_left_out} error frames")
         if self.clock_set_back:
             lines.append(f"the logger's clock was set back {self.clock_set_back} times")
         if self.ring_empty:
-            lines.append(f"read too slowly {self.ring_empty} times")
+            lines.append(f"recording read too slowly {self.ring_empty} times")
         faults = {name: count for name, count in self.link._asdict().items() if count}
         if faults:
             counts = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in faults.items())
@@ -176,7 +176,9 @@ class Player:
         self.played = Played()
         self._source = open_recording(replay.recording)
         if self._source.channel is None:
-            raise ConfigError(f"{self._source.path}: holds rows alone; allowed: one with frames")
+            raise ConfigError(
+                f"{self._source.path}: holds only rows; allowed: a recording with frames"
+            )
         self._replay = _directed(replay, self._source)
         self._course = Course(
             self._replay.speed, self._replay.selection.begin, self._replay.selection.end
@@ -223,8 +225,8 @@ class Player:
         chosen = self._replay.selection
         what = "no frame" if chosen.direction == "both" else f"no frame {chosen.direction}"
         if replace(chosen, direction="both") == Selection("both"):
-            return f"{what} is in it; allowed: a recording with some"
-        return f"{what} of what was asked for; allowed: a selection that holds some"
+            return f"{what} in the recording; allowed: a recording with such frames"
+        return f"{what} matches the selection; allowed: a selection that holds frames"
 
     def _all_blocks(self) -> Iterator[Block]:
         """Yield what shall be played, round after round; a recording that fits into the ring is read once."""

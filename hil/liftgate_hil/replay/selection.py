@@ -42,7 +42,7 @@ class Selection:
             raise ConfigError(f"`direction` {self.direction}: allowed: {allowed}")
         if not self.begin < self.end:
             raise ConfigError(
-                f"`from` {self.begin:g}: not before `to` {self.end:g}; allowed: before"
+                f"`from` {self.begin:g}: not before `to` {self.end:g}; allowed: before `to`"
             )
 
     def of(self, blocks: Blocks) -> Blocks:
@@ -151,7 +151,7 @@ class Course:
         if math.isfinite(self.end) and self._origin is not None:
             ended = max(ended, self._round + round((self.end * 1e9 - self._origin) / self.speed))
         if ended <= self._round:
-            raise ConfigError("all frames have one time; allowed: once, or with `to`")
+            raise ConfigError("all frames have the same time; allowed: one round, or with `to`")
         self._round = self._due = ended
         self._origin = None
 

@@ -87,7 +87,7 @@ def parameter_figure(result: Identification) -> Figure:
         axis.set_xlim(low, high)
         axis.set_ylim(len(shown) - 0.4, -0.6)
         labels = [
-            clean(each.name, 30) + ("" if known else " (not told)")
+            clean(each.name, 30) + ("" if known else " (not identifiable)")
             for each, known in zip(shown, told, strict=True)
         ]
         axis.set_yticks(range(len(shown)), labels)

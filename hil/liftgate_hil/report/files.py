@@ -15,7 +15,7 @@ def check_targets(targets: Mapping[str, str | None], sources: Sequence[str]) -> 
     No file may be written twice, and none may be one that is read (`sources`).
     """
     issues: list[str] = []
-    taken = {_place(each): "it is read" for each in sources}
+    taken = {_place(each): "is an input file" for each in sources}
     for flag, path in targets.items():
         if path is None:
             continue
@@ -25,7 +25,7 @@ def check_targets(targets: Mapping[str, str | None], sources: Sequence[str]) -> 
             issues += error.issues
             continue
         if _place(path) in taken:
-            issues.append(f"{flag} {path}: {taken[_place(path)]}; allowed: a file of its own")
+            issues.append(f"{flag} {path}: {taken[_place(path)]}; allowed: a separate file")
         taken.setdefault(_place(path), f"{flag} writes it")
     if issues:
         raise ConfigError(issues)
@@ -44,7 +44,9 @@ def check_target(path: str, flag: str) -> None:
         if not path or target.is_dir():
             raise ConfigError(f"{flag} {path}: is a folder; allowed: the name of a file")
         if not target.parent.is_dir():
-            raise ConfigError(f"{flag} {path}: no folder {target.parent}; allowed: one that exists")
+            raise ConfigError(
+                f"{flag} {path}: no folder {target.parent}; allowed: an existing folder"
+            )
         exists = target.exists()
     except OSError as error:  # for example a name that is too long
         raise ConfigError(f"{flag} {path}: {error.strerror}") from error

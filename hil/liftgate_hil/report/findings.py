@@ -43,7 +43,7 @@ def whiteness(series: Series) -> Whiteness:
 def warnings_of(result: Identification) -> list[str]:
     """Return the warnings, worst first: not identifiable, at a bound, residual not white or fit below 0 %."""
     untold = [
-        f"{clean(each.name)} cannot be told{_because(each.remark)}"
+        f"{clean(each.name)} is not identifiable{_because(each.remark)}"
         for each in result.parameters
         if not each.identifiable
     ]
@@ -53,7 +53,7 @@ def warnings_of(result: Identification) -> list[str]:
         if each.identifiable and each.remark
     ]
     states = [
-        f"initial state {clean(each.name)} cannot be told{_because(each.remark)}"
+        f"initial state {clean(each.name)} is not identifiable{_because(each.remark)}"
         for each in result.initial_states
         if not each.identifiable
     ]
@@ -66,7 +66,10 @@ def _because(remark: str) -> str:
 
 
 def experiment_warnings(result: Identification | Validation) -> list[str]:
-    """Return warnings of outputs that fit worse than a constant, and of residuals that are not white."""
+    """Return up to two warnings per experiment, with the names of the outputs that they concern.
+
+    One is for outputs that the model fits worse than their mean value does, one for residuals that are not white.
+    """
     found: list[str] = []
     for experiment in result.experiments:
         worse = [each.output for each in experiment.series if each.fit_percent < 0.0]
@@ -78,15 +81,15 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
             found.append(f"{name}: fit below 0 %, worse than the mean value: {_listed(worse)}")
         if coloured:
             found.append(
-                f"{name}: residuals are not white: {_listed(coloured)}. The model, or the file's stamps, leave "
-                "something unexplained; standard deviations allow for its correlation, not for what it shifts"
+                f"{name}: residuals are not white: {_listed(coloured)}. Model or timestamps leave "
+                "a part unexplained; the standard deviations account for its correlation, not for a bias"
             )
     return found
 
 
 EXCUSES = {
-    "rounding": "not white: the rounding of the data",
-    "slopes": "slopes of the position",
+    "rounding": "not white: rounding of the data",
+    "slopes": "not white: derived from the position",
 }
 
 
@@ -95,7 +98,7 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def strong_correlations(result: Identification) -> list[tuple[str, str, float]]:
-    """Return pairs of parameters that the data hardly separate, with their correlation, strongest first."""
+    """Return pairs of parameters whose correlation is at least _STRONG in size, with it, strongest first."""
     names = [each.name for each in result.parameters]
     pairs = [
         (names[i], names[k], float(result.correlation[i, k]))

@@ -94,7 +94,17 @@ def _parameters(estimates: Sequence[Estimate]) -> str:
         )
         for each in estimates
     ]
-    heads = ("parameter", "", "value", "std", "std %", "initial", "change %", "unit", "told")
+    heads = (
+        "parameter",
+        "",
+        "value",
+        "std",
+        "std %",
+        "initial",
+        "change %",
+        "unit",
+        "identifiable",
+    )
     return table(heads, rows, ("name", "soft", "r", "r", "r", "r", "r", "n", ""))
 
 
@@ -113,7 +123,7 @@ def _correlation(result: Identification) -> str:
     if len(result.parameters) < 2:
         return ""
     pairs = [
-        f"{one} and {other}: {r:+.3f}: hardly told apart"
+        f"{one} and {other}: {r:+.3f}: hard to separate"
         for one, other, r in strong_correlations(result)[:10]
     ]
     drawing = svg(figures_estimates.correlation_figure(result), "correlation", "Correlation")
@@ -130,8 +140,8 @@ def _profiles(result: Identification) -> str:
     rows = [(each.name, significant(each.low), significant(each.high)) for each in result.profiles]
     drawing = svg(figures_estimates.profile_figure(result), "profiles", "Profile likelihood")
     caption = (
-        "Twice the log-likelihood lost when a parameter is held and the others are estimated again; "
-        "shaded: the 95 % interval. A flat curve belongs to a parameter that cannot be told."
+        "Twice the loss in log-likelihood when a parameter is fixed and the others are estimated again; "
+        "shaded: the 95 % interval. A flat curve means a parameter that is not identifiable."
     )
     return figure(drawing, caption) + table(
         ("95 % interval", "from", "to"), rows, ("name", "r", "r")
@@ -151,7 +161,7 @@ def _states(estimates: Sequence[Estimate]) -> str:
         )
         for each in estimates
     ]
-    heads = ("state", "value", "std", "initial", "unit", "told", "")
+    heads = ("state", "value", "std", "initial", "unit", "identifiable", "")
     return table(heads, rows, ("name", "r", "r", "r", "n", "", "soft"))
 
 
@@ -204,8 +214,8 @@ def _residuals(experiments: Sequence[Experiment]) -> list[str]:
             figure(errors, "Prediction errors: ideally white noise around zero."),
             figure(
                 tests,
-                "Residuals against themselves and against the voltage; the band holds 99 % of the lags of "
-                "white residuals that don't depend on the input, lags outside it are coloured.",
+                "Autocorrelation of the residuals, and their correlation with the voltage; the band holds 99 % "
+                "of the lags of white residuals that don't depend on the input, lags outside it are coloured.",
             ),
         ]
     return parts

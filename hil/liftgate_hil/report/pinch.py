@@ -31,19 +31,19 @@ LIMITS = (
     Limit(100.0, 0.0, "UN R21 5.8, windows", False),
 )
 BORROWED = (
-    "No regulation that was at hand gives a force for power lift gates (QC/T 1148-2021 is for power tailgates; "
-    "its clause was not at hand): force limits here are borrowed from other doors, and judging by them proves no "
-    "conformity."
+    "No regulation that we know specifies a force for power lift gates (QC/T 1148-2021 covers power tailgates; "
+    "its text was not available): the force limits here are borrowed from other doors, and meeting them proves "
+    "no conformity."
 )
 # Explanation of the limits, by their force [N].
 ORIGINS: Mapping[float, str] = {
     100.0: "borrowed from UN R21 (1.5 and 5.8), which covers windows, roof panels and partitions: gaps of 4 to "
     '200 mm, reversal before 100 N at every closing attempt. FMVSS 118 "does not apply to power-operated '
     'liftgates" (NHTSA interpretation, 2001)',
-    150.0: "borrowed from EN 12453, building doors: what may remain after a peak of at most 0.75 s",
+    150.0: "borrowed from EN 12453, building doors: the force that may remain after a peak of at most 0.75 s",
     400.0: "borrowed from EN 12453, building doors: the peak, for at most 0.75 s, then 150 N",
 }
-OWN_LIMIT = "the scenario's own: of none of the rules that are known here (UN R21: 100 N; EN 12453: 400 and 150 N)"
+OWN_LIMIT = "set by the scenario, not by a rule known here (UN R21: 100 N; EN 12453: 400 and 150 N)"
 _MOVES = 0.5  # deg/s, speed from which on the gate moves back
 _STOPS = (
     0.1  # of its highest speed back, below which it coasts to a stop, or creeps on by its springs
@@ -88,7 +88,7 @@ class PinchEvent(NamedTuple):
         )
 
     def as_dict(self) -> dict[str, object]:
-        """Return the event for programs; the reversal is None where the gate did not turn."""
+        """Return the event as a dictionary for JSON; those of the reversal are None without one."""
         turned = bool(np.isfinite(self.turn_s))
         return {
             "peak_n": self.force_n,

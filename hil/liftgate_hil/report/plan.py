@@ -14,17 +14,17 @@ def plan_text(plan: Plan) -> str:
     """Return the candidates, best first, and the order in which to combine them, as text."""
     heads = ["experiment", "log10 det", *(f"{name} ±" for name in plan.names)]
     align = "l" + "r" * (len(heads) - 1)
-    lines = ["Experiments, the one that tells most first (expected standard deviations)", ""]
+    lines = ["Experiments, the most informative first (expected standard deviations)", ""]
     lines += table(heads, [_row(each) for each in plan.ranked], align)
-    lines += ["", "One after the other, each with all before it", ""]
+    lines += ["", "Best sequence, each experiment together with all before it", ""]
     lines += table(heads, [_row(each) for each in plan.order], align)
     return "\n".join(lines)
 
 
 def _row(each: Ranked) -> list[str]:
-    told = significant(each.log_det) if math.isfinite(each.log_det) else "not all told"
+    told = significant(each.log_det) if math.isfinite(each.log_det) else "not all identifiable"
     stds = [
-        "not told" if math.isinf(std) else f"{percent(100.0 * float(std))} %"
+        "not identifiable" if math.isinf(std) else f"{percent(100.0 * float(std))} %"
         for std in each.relative_std
     ]
     return [each.candidate.name, told, *stds]

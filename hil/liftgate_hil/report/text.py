@@ -37,7 +37,7 @@ def identification_text(result: Identification) -> str:
         _titled("Parameters", _parameters(result.parameters)),
         _titled("Strongly correlated", _pairs(result)),
         _titled("Initial states", _states(result.initial_states)),
-        _titled("Intervals of 95 %, by profile likelihood", _profiles(result)),
+        _titled("95 % intervals by profile likelihood", _profiles(result)),
         _titled("Noise variance (NoiseVar)", _noise(result)),
         _titled("Criteria", _criteria(result)),
         _titled("Fit", _fits(result.experiments, before=True)),
@@ -106,7 +106,7 @@ def _parameters(estimates: Sequence[Estimate]) -> list[str]:
         )
         for each in estimates
     ]
-    heads = ("", "value", "std", "std %", "initial", "change %", "unit", "told")
+    heads = ("", "value", "std", "std %", "initial", "change %", "unit", "identifiable")
     lines = table(heads, rows, "lrrrrrll")
     told = lines[:1]
     for line, each in zip(lines[1:], estimates, strict=True):
@@ -124,7 +124,7 @@ def _states(estimates: Sequence[Estimate]) -> list[str]:
             f"± {deviation(each.std)}",
             clean(each.unit, 12),
             f"initial {plain(each.initial)}",
-            "" if each.identifiable else "cannot be told",
+            "" if each.identifiable else "not identifiable",
         )
         for each in estimates
     ]

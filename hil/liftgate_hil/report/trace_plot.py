@@ -60,7 +60,7 @@ class Line(NamedTuple):
 
 
 class Level(NamedTuple):
-    """A number that a signal is compared with: a limit, or a trigger that opens the window."""
+    """Constant that a signal is compared with: a limit of the expectation, or a trigger that opens its window."""
 
     value: float
     label: str
@@ -68,7 +68,7 @@ class Level(NamedTuple):
 
 
 class Margin(NamedTuple):
-    """A margin from a limit to a value at a time [s]; `stretch` is its interval where one tick is not enough."""
+    """A margin between limit and value at a time [s]; `stretch`: its interval [s] where one tick is not enough."""
 
     time: float
     limit: float

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class BusRun:
-    """A run on a bus, about to begin; `state` moves on with what goes before the scenario's time 0."""
+    """Run on a bus that is about to begin; `prepare` moves its `state` on to the scenario's time 0."""
 
     execution: Execution
     way: Way
@@ -68,7 +68,7 @@ class BusRun:
 
     @property
     def is_real(self) -> bool:
-        """Whether others are on the bus: its controller stays on it."""
+        """Whether the bus is not a virtual one: others may be on it, and a `bus_off` fault cannot be made."""
         return not self.way.is_interface("virtual")
 
     def opened(self, open_wire: Callable[[Way], Wire], stack: contextlib.ExitStack) -> Wire:
@@ -108,7 +108,7 @@ class BusRun:
         )
 
     def prepare(self, begun: Callable[[Phase, bool], Going]) -> bool:
-        """Run the phases before time 0, which is where the last one ends; whether there were any.
+        """Run the phases before time 0, which is where the last one ends; return whether there were any.
 
         All are ready before the first one runs, so that the bus is silent for no longer than it takes to go on.
         `begun` begins one, and is told whether it is the first. Raises PreconditionError.
@@ -139,9 +139,9 @@ class BusRun:
 
 
 def bus_run_of(execution: Execution, stack: contextlib.ExitStack) -> BusRun:
-    """Return the run of a plan on its bus, or on one of this process alone; the stack ends what it has begun.
+    """Return the run of a plan on its bus or, where it has none, on a virtual bus of this process alone.
 
-    Raises ConfigError, TransportError, and as `Execution.start`.
+    The stack closes what is opened here. Raises ConfigError, TransportError, and what `Execution.start` raises.
     """
     plan, memory, stopped = execution.plan, execution.memory, execution.stopped
     job, options, rig = plan.job, plan.options, plan.rig

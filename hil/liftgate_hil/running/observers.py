@@ -75,9 +75,10 @@ def observers_of(
     restarts: Restarts | None,
     server: Server | None,
 ) -> Observers:
-    """Return the observers that a run's plan is open to; they act on its `stimuli`.
+    """Return the observers of a run; those for a test bench and an operator only where its plan has room for them.
 
-    `is_real`: the bus is not a virtual one; `peers` are ECUs in this process, to which an operator's requests go.
+    They change the run's `stimuli`. `is_real`: the bus is not a virtual one; `peers` are ECUs in this process, to
+    which an operator's requests go; `restarts` and `server` are among the observers if they are given.
     """
     setup, rig = plan.setup, plan.rig
     if not plan.opening.slots:

@@ -216,10 +216,10 @@ def phases_of(setup: Setup, rig: Rig, step: float) -> Iterator[Phase]:
 
 
 def _before(setup: Setup, action: str = "") -> Setup:
-    """Return the setup without the scenario's stimuli, faults and expectations.
+    """Return the setup of a phase before the scenario, without the scenario's stimuli, faults and expectations.
 
-    `action` is requested at time 0, where it is not empty. The restbus keeps the values that its signals have at
-    time 0.
+    Its only request is `action`, at the beginning ("": none). The restbus keeps the values that its signals have
+    at the scenario's time 0.
     """
     scenario = setup.scenario
     signals = [

@@ -67,7 +67,7 @@ class PythonDriver:
         self.begun = Begun.at(plan.config, run.state, run.stimuli)
 
     def _shown(self, channel: str, stack: contextlib.ExitStack) -> list[Sink]:
-        """The sink that shows clients what the loop does, where they may attach."""
+        """Return the sink that fills the memory which attached clients read; none where no client may attach."""
         from liftgate_hil.loop.realtime_run import memory_for
         from liftgate_hil.loop.rings import RingSink
 
@@ -84,7 +84,7 @@ class PythonDriver:
         return RealtimeClock(plan.config.step_ns, round(plan.options.overrun_limit * NS))
 
     def _phase_begun(self, transport: Transport, phase: Phase, is_first: bool) -> Going:
-        """Begin a phase before time 0: what goes on with it from a state."""
+        """Begin a phase before time 0, and return the function that runs it from a state until it is stopped."""
         before = Loop(
             self._run.plan.config,
             self._run.state,
@@ -106,7 +106,7 @@ class PythonDriver:
     def _clocked(
         self, loop: Loop, clock: RealtimeClock, ticks: int | None, stopped: Callable[[], bool]
     ) -> None:
-        """Run the loop on the clock that was asked for."""
+        """Run the loop on the clock of the options until `ticks` are done (None: no limit) or it is stopped."""
         options, rig = self._run.plan.options, self._run.plan.rig
         if options.clock == "realtime":
             run_clocked(loop, clock, ticks, stopped)
@@ -123,12 +123,12 @@ class PythonDriver:
             run_lockstep(loop, lockstep, ticks, stopped)
 
     def advance(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
-        """Run until so many ticks are done."""
+        """Run until so many ticks are done (None: without limit), or the run is stopped."""
         assert self._loop is not None
         self._clocked(self._loop, self._clock, ticks, stopped)
 
     def finish(self) -> None:
-        """Tick once more with the motors off."""
+        """Run one more tick with the motors off, and take the figures of the run."""
         loop, clock = self._loop, self._run.plan.options.clock
         assert loop is not None
         try:

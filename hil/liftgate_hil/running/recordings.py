@@ -1,4 +1,4 @@
-"""Recordings of a run in this process: opened, filled by a sink, and what became of them."""
+"""Recordings of a run that are written in its own process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ if TYPE_CHECKING:
 
 
 class Recordings:
-    """Files of a run, open until the stack is left. `sinks` fill them; there is none where nothing is recorded."""
+    """Files to which a run is recorded, open until the stack is left.
+
+    `sinks` write the run's rows and frames to them; there is none where nothing is recorded. `epoch_ns` is the
+    wall clock at the start of the run [ns since 1970]; 0: none applies.
+    """
 
     def __init__(
         self, plan: Plan, content: Content, say: Say, stack: contextlib.ExitStack, epoch_ns: int = 0

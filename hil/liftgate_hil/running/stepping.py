@@ -77,7 +77,7 @@ class CommandLog:
 
 
 def heard_by(rig: Rig, frames: Any, expected: Expected, stimuli: StimulusPlan) -> Any:
-    """Return, of frames (n,) LOGGED either way, those that a gate, its tester or expectations read.
+    """Return those of the `frames` (n,) LOGGED, sent and received, that the gate, its tester or expectations read.
 
     Of the messages that only expectations read, those that the bench itself sends are left out. The frames are in
     the order of their arrival, whose times are in whole microseconds, as in recordings.
@@ -151,7 +151,7 @@ class StepsAgain:
         return self._known[shift]
 
     def _stepped(self, shift: float) -> _Stepped | None:
-        """Return the verdicts with the commands later by a shift [s]; None: stopped, or another gate."""
+        """Return the verdicts with the commands later by a shift [s]; None: stopped, or another motion."""
         config, state = self.begun.config, copied(self.begun.state)
         stimuli = _without_received_faults(copied(self.begun.stimuli))
         judge = Judge(self.expected, self.rate, self.end)
@@ -173,7 +173,7 @@ class StepsAgain:
 
 
 class _Stepped(NamedTuple):
-    """Outcome of a gate that was stepped again."""
+    """Result of stepping the gate again once: verdicts, and trace summaries by the name of an expectation."""
 
     verdicts: Sequence[Verdict]
     trace_summaries: Mapping[str, TraceSummary]
@@ -186,7 +186,11 @@ def _without_received_faults(stimuli: StimulusPlan) -> StimulusPlan:
 
 
 class _CommandPlayer(Adapter):
-    """Adapter that sends the frames received by a gate, each for the tick by whose time it came."""
+    """Adapter that plays recorded frames to the gate in place of an ECU.
+
+    The first tick whose time is that of a frame or later, plus the `shift` [s], reads the frame: the `frames` (n,)
+    LOGGED are those that the gate received in the run.
+    """
 
     kind = PORT
 

@@ -10,7 +10,7 @@ from liftgate_plant.obstacle import Obstacle, depth
 
 
 class ObstacleArming(NamedTuple):
-    """The last obstacle, and whether the gate has been clear of it since it was put there."""
+    """The last obstacle; `clear` is 1.0 once the gate has been clear of it since it was put there, else 0.0."""
 
     obstacle: Obstacle
     clear: float

@@ -35,7 +35,7 @@ REQUEST = np.dtype(
 
 @dataclass(frozen=True)
 class Request:
-    """A request, one of REQUESTS, and when it is made."""
+    """A request to the ECU, one of REQUESTS, and when it is made."""
 
     when: Instant
     action: str

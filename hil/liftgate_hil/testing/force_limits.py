@@ -31,7 +31,7 @@ def limits_section(outcomes: Sequence[Outcome]) -> str:
     return section(
         "Force limits",
         f"<p>{text(BORROWED)}</p>",
-        table(("limit", "where it is from", "judged by it"), rows, ("n", "", "name")),
+        table(("limit", "source", "judged by it"), rows, ("n", "", "name")),
     )
 
 
@@ -47,7 +47,7 @@ def _limits_of(outcome: Outcome) -> Iterable[tuple[float, str]]:
         for comparison in comparisons_of(condition):
             limit = comparison.limit
             if _TIMED in (*comparison.left.names(), *comparison.right.names()):
-                yield plan.setup.vehicle.gate.pinch_limit, f"{each.name} (how long it is passed)"
+                yield plan.setup.vehicle.gate.pinch_limit, f"{each.name} (time over it)"
             if limit is None or limit[0].unit != "N":
                 continue
             if set(limit[0].names()) & {*_FORCES, *on_bus}:

@@ -89,7 +89,7 @@ class SuiteReport:
             f"{provenance.versions.get('liftgate-hil', '')}, {provenance.date}",
             [
                 _summary(outcomes, provenance),
-                section("What does not pass", _not_passed(outcomes)),
+                section("Not passed", _not_passed(outcomes)),
                 section("Requirements", _matrix(outcomes)),
                 limits_section(outcomes),
                 mutants_section(matrix) if matrix is not None else "",
@@ -109,7 +109,7 @@ class SuiteReport:
     def _note(self, outcomes: Sequence[Outcome]) -> str:
         ran = sum(len(each.expectations) for each in outcomes if each.result is not None)
         lacking = ran - len(self._figures)
-        note = "Pictures of what passes are folded: a click on the line opens them."
+        note = "Pictures of passed expectations are folded: click a line to open them."
         if lacking > 0 and min(self._left.values()) <= 0:
             most = (MOST_PASSED + MOST_OTHERS) / 1e6
             note += (
@@ -154,7 +154,7 @@ def _summary(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
         ("versions", ", ".join(f"{name} {each}" for name, each in provenance.versions.items())),
     ]
     stopped = [each for each in outcomes if each.reason.startswith("stopped")]
-    warning = f"Incomplete: it was stopped, and {_many(len(stopped), what)} did not end."
+    warning = f"Incomplete: stopped early, and {_many(len(stopped), what)} did not end."
     return alert([warning] if stopped else []) + pairs(rows)
 
 
@@ -182,14 +182,14 @@ def _timing(outcomes: Sequence[Outcome]) -> str:
         if each.result is not None and each.result.summary.clock == "realtime"
     ]
     if not summaries:
-        return "model time: there is no clock that the bench could have been late by"
+        return "model time: the bench cannot be late"
     missed = sum(each.overruns for each in summaries)
     dropped = sum(each.link.dropped for each in summaries)
     late = [each.timing.lateness.max_us for each in summaries if each.timing.lateness.count]
     said = f"{missed} ticks missed, {dropped} received frames dropped"
     if late:
         said += f", latest tick {max(late):.1f} µs late"
-    kept = "kept time" if not missed and not dropped else "was late: see the scenarios"
+    kept = "was on time" if not missed and not dropped else "was late: see the scenarios"
     return f"the bench {kept}; {said}"
 
 
@@ -281,6 +281,6 @@ def _origin(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
     features = f"processor features: {provenance.processor_features}"
     return (
         table(("source", "file", "SHA-256"), rows, ("n", "", ""))
-        + f'<details><summary class="soft">machine code was made for</summary>'
+        + f'<details><summary class="soft">machine code compiled for</summary>'
         f"<p>{text(features)}</p></details>"
     )

@@ -70,7 +70,7 @@ def _subject(outcome: Outcome) -> Path:
 
 
 def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
-    """Return the element of an outcome, with its number and class name."""
+    """Return the `testsuite` element of an outcome; `number` is its id, `name` the class of its test cases."""
     verdicts = [each.verdict for each in outcome.expectations]
     began = datetime.datetime.fromtimestamp(outcome.ended - outcome.wall_s, datetime.UTC)
     suite = ElementTree.Element(
@@ -95,7 +95,7 @@ def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
 
 
 def _case(verdict: Verdict, name: str, seconds: float) -> ElementTree.Element:
-    """Return the element of an expectation, with its class name."""
+    """Return the `testcase` element of an expectation; `name` is its class name, `seconds` its duration."""
     case = ElementTree.Element(
         "testcase", classname=name, name=_text(verdict.name), time=f"{seconds:.3f}"
     )

@@ -19,7 +19,7 @@ def mutants_section(matrix: Matrix) -> str:
     nothing = [f"{file}: {name}" for file, name in idle]
     parts = [
         f"<p>{killed} of {len(MUTANTS)} mutants of the reference ECU, each with one defect, fail an expectation "
-        "that the sound one passes.</p>",
+        "that the ECU without a defect passes.</p>",
         table(("mutant", "defect", "found by"), rows, ("", "", "")),
     ]
     if nothing:

@@ -51,7 +51,9 @@ def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
     sources = [opened(path) for path in paths]
     tables = [each for each in sources if each.ours is not None]
     if len(tables) > 1:
-        raise ConfigError(f"{tables[1].path}: a second table of a run; allowed: one, and a bus log")
+        raise ConfigError(
+            f"{tables[1].path}: a second table of a run; allowed: one table and a bus log"
+        )
     issues: list[str] = []
     places = _places(sources, asked, issues)
     for source in sources:
@@ -135,7 +137,9 @@ def _no_such(
     files = ", ".join(str(each.path) for each in sources)
     bus = f"{'or ' if there else ''}a signal of {rig.source}" if has_frames else ""
     allowed = "; ".join(filter(None, [", ".join(there), bus]))
-    return f"{files}: {ours}: no column {theirs.name!r}; allowed: {allowed or 'a file with some'}"
+    return (
+        f"{files}: {ours}: no column {theirs.name!r}; allowed: {allowed or 'a file with columns'}"
+    )
 
 
 def _messages(places: Places, sources: Sequence[Source], asked: Asked) -> list[str]:
@@ -162,10 +166,10 @@ def _set_clocks(sources: Sequence[Source]) -> None:
         return
     start_us = max((each.ours.start_ns // 1000 for each in sources if each.ours), default=0)
     if others and not start_us:
-        said = f"stamps of a wall clock, and {others[0].path} has none"
+        said = f"wall-clock timestamps, but none in {others[0].path}"
         raise ConfigError(
-            f"{by_wall[0].path}: {said}; allowed: the same clock in both, or a recording of ours that says "
-            "when it began, as those of runs in real time do"
+            f"{by_wall[0].path}: {said}; allowed: the same clock in both, or a recording of this program that "
+            "states its start, as those of runs in real time do"
         )
     first = min(each.span[0] for each in by_wall if each.span is not None)
     for each in by_wall:
@@ -330,7 +334,7 @@ def _by_raster(
     ]
     files = ", ".join(str(each.path) for each in sources)
     if not spans:
-        raise ConfigError(f"{files}: nothing of what is expected is in it")
+        raise ConfigError(f"{files}: no signal of the expectations in it")
     first_us, last_us = max(0, min(low for low, _ in spans)), max(high for _, high in spans)
     step_us = 1e6 / asked.rate
     first, last = math.ceil(first_us / step_us - 1e-6), math.ceil(last_us / step_us - 1e-6)

@@ -248,7 +248,7 @@ def _not_made(
     if run.lacks("stimuli_not_made"):
         return "not in the recording: stimuli_not_made"
     if end is not None and float(run.times[-1]) < end - 1.5 / run.rate:
-        return f"not in the recording: what the bench has made, to the end at {end:g} s"
+        return f"not in the recording: the stimuli up to the end at {end:g} s"
     return ""
 
 

@@ -57,7 +57,7 @@ class Source:
         blocks = list(recorded.rows(["time_s", *names]))
         rows = np.concatenate([np.empty((0, 1 + len(names))), *blocks])
         times = np.ascontiguousarray(rows[:, 0])
-        said = time_issue(times, "row") if len(times) else "missing; allowed: rows"
+        said = time_issue(times, "row") if len(times) else "no rows; allowed: one or more"
         if said:
             issues.append(f"{self.path}: time_s: {said}")
             return
@@ -83,7 +83,7 @@ class Source:
             shared = converted(
                 series[name].values, "time_s", theirs, series[name].unit, self.path, issues
             )
-            said = time_issue(shared, "row") if len(shared) else "no rows; allowed: some"
+            said = time_issue(shared, "row") if len(shared) else "no rows; allowed: one or more"
             if said:
                 issues.append(f"{self.path}: time_s: {said}")
                 return

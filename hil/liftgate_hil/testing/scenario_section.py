@@ -49,7 +49,7 @@ def figures_of(
         if view is trace_summary.near:
             notes.append("Around the margin.")
         elif verdict.window_s is None:
-            notes.append("All of the run: the window never opened.")
+            notes.append("The whole run: the window never opened.")
         if view is not None and view.ticks > 1:
             each = f"{1e3 * view.bin_s:g} ms"
             notes.append(f"Smallest and largest value of each {each}; extremes are exact.")

@@ -95,7 +95,7 @@ def scenario_files(paths: Sequence[str]) -> list[Path]:
     found: list[Path] = []
     for name in paths:
         if not name:
-            raise ConfigError("a path that is empty; allowed: files, folders, shipped names")
+            raise ConfigError("empty path; allowed: files, folders, shipped names")
         path = Path(name)
         if not is_there(path):
             path = shipped_folder("scenarios", name) or path
@@ -103,7 +103,7 @@ def scenario_files(paths: Sequence[str]) -> list[Path]:
             inside = sorted(each for each in path.rglob("*.toml") if may_be_scenario(each))
             if not inside:
                 raise ConfigError(
-                    f"{path}: no scenario with [[expect]]; allowed: a folder with some"
+                    f"{path}: no scenario with [[expect]]; allowed: a folder with scenarios"
                 )
             found += inside
         else:

@@ -20,7 +20,7 @@ def happenings(scenario: Scenario) -> list[str]:
     """Return a scenario's stimuli and faults, a sentence each."""
     before = scenario.precondition
     return [
-        *([f"before time 0: {', '.join(before)}, each gone through to its end"] if before else []),
+        *([f"before time 0: {', '.join(before)}, each completed"] if before else []),
         *(f"{_when(each.when)}: {_asked(each.action)}" for each in scenario.requests),
         *(_profile(name, each) for name, each in scenario.stimuli.profiles.items()),
         *(_obstacle(each) for each in scenario.stimuli.obstacles),
@@ -68,7 +68,7 @@ def _from(instant: Instant) -> str:
 
 
 def _asked(action: str) -> str:
-    return "the ECU is made anew" if action == "reset" else f"{action} is requested"
+    return "the ECU is reset" if action == "reset" else f"{action} is requested"
 
 
 def _profile(name: str, profile: Profile) -> str:
@@ -78,8 +78,8 @@ def _profile(name: str, profile: Profile) -> str:
         for time, value in profile.points[:_MOST_POINTS]
     ]
     rest = len(profile.points) - len(points)
-    more = f", and {rest} points more" if rest else ""
-    how = "in straight lines" if profile.is_linear else "held in between"
+    more = f", and {rest} more points" if rest else ""
+    how = "interpolated linearly" if profile.is_linear else "held until the next point"
     return f"profile of {name}: {', '.join(points)}{more}; {how}"
 
 

@@ -71,7 +71,7 @@ def read(path: Path) -> Stored | None:
 
 
 def keep(path: Path, stored: Stored) -> None:
-    """Store the contents, completely or not at all. Raises OSError."""
+    """Store machine code and the kind of its result in a file, completely or not at all. Raises OSError."""
     content = json.dumps(plain(stored.result)).encode() + b"\n" + stored.code
     draft = path.with_suffix(f".{os.getpid()}")
     try:

@@ -391,10 +391,10 @@ def test_no_file_is_overwritten_that_is_read_or_just_written(
     link = tmp_path / "link.json"
     link.symlink_to(opening)
     lines = complaint(capsys, "identify", opening, *estimate, "--result", link)
-    assert "it is read; allowed: a file of its own" in lines[0]
+    assert "is an input file; allowed: a separate file" in lines[0]
     same = tmp_path / "same"
     lines = complaint(capsys, "identify", opening, *estimate, "--result", same, "--html", same)
-    assert "--result writes it; allowed: a file of its own" in lines[0]
+    assert "--result writes it; allowed: a separate file" in lines[0]
     assert not same.exists()
     assert opening.read_bytes() == before
 
@@ -466,7 +466,7 @@ def _spoiled(columns: dict[str, Floats], how: str) -> dict[str, Floats]:
 @pytest.mark.parametrize(
     ("how", "said"),
     [
-        ("no input", "nothing says what drives the motors"),
+        ("no input", "no column drives the motors"),
         ("no output", "no output column"),
         ("no time", "time_s: missing"),
         ("time backwards", "time_s: row 1251"),
@@ -585,7 +585,7 @@ def test_a_model_without_end_stops_sees_the_travel_alone(
 def test_programs_see_the_warnings_too(opening: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = found(capsys, opening, "--estimate", "motor.resistance,spring.stop_stiffness")
     assert not result["identifiable"]["spring.stop_stiffness"]
-    assert any("spring.stop_stiffness cannot be told" in each for each in result["warnings"])
+    assert any("spring.stop_stiffness is not identifiable" in each for each in result["warnings"])
 
 
 @pytest.mark.filterwarnings("error")

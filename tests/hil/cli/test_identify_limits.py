@@ -36,7 +36,7 @@ def test_constants_that_would_make_energy_are_found_at_the_limit_and_can_be_used
     flags = ("--save-vehicle", saved, "--result", report)
     assert call("identify", weak, "--estimate", NAMES, *flags) == 0
     told = capsys.readouterr().out
-    assert "motor.torque_constant: held with others by a limit of what a vehicle may be: " in told
+    assert "motor.torque_constant: held with others at a limit for valid vehicles: " in told
     assert "makes energy" in told
     found = json.loads(report.read_text(encoding="utf-8"))["parameters"]
     values = {name: each["value"] for name, each in found.items()}
@@ -51,9 +51,7 @@ def test_a_constant_that_alone_would_make_energy_is_no_result(
 ) -> None:
     assert call("identify", weak, "--estimate", "motor.torque_constant", "--quiet") == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert (
-        "nothing to identify from: motor.torque_constant: at a limit of what a vehicle may" in line
-    )
+    assert "nothing to identify from: motor.torque_constant: at a limit for valid vehicles" in line
     assert "allowed: up to speed_constant/2π" in line
 
 

@@ -60,13 +60,13 @@ def test_json_has_the_distribution_and_where_it_is_from(
     ("more", "said"),
     [
         (["--only", "100"], "--only 100: allowed: 0x0 to 0x1FFFFFFF"),
-        (["--except", "0x100-0x101"], "no frame of what was asked for"),
+        (["--except", "0x100-0x101"], "no frame matches the selection"),
         (["--from", "2", "--to", "1"], "--from 2: not before --to 1"),
         (["--speed", "0"], "argument --speed: '0'; allowed: 0.001 to 1000"),
         (["--times", "2", "--loop"], "not allowed with argument --times"),
-        (["--direction", "sent"], "no frame sent is in it"),
+        (["--direction", "sent"], "no frame sent in the recording"),
         (["--cpu", "0"], "--cpu 0: allowed: together with --realtime"),
-        (["--loop", "--to", "0"], "all frames have one time"),
+        (["--loop", "--to", "0"], "all frames have the same time"),
     ],
 )
 def test_what_cannot_be_is_one_line(

@@ -173,4 +173,4 @@ def test_more_faults_than_anyone_reads_are_counted():
         issues.add(f"k{i}", "wrong")
     lines = issues_of(issues.raise_if_any)
     assert len(lines) == MOST + 1
-    assert lines[-1] == f"file: and {1000 - MOST} faults more"
+    assert lines[-1] == f"file: and {1000 - MOST} more issues"

@@ -99,8 +99,8 @@ def test_a_value_where_the_other_has_none_is_a_difference(tmp_path: Path) -> Non
 def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
     first = table(tmp_path / "a.csv", ROWS)
     for rows, head, said in (
-        ([(9.0, 1.0, 1.0)], HEAD, "no time is in both"),
-        ([(0.0, 1.0)], "time_s,theirs\n", "no column is in both"),
+        ([(9.0, 1.0, 1.0)], HEAD, "no time in common"),
+        ([(0.0, 1.0)], "time_s,theirs\n", "no column in common"),
         ([(0.0, 1.0, 1.0), (0.0, 1.0, 1.0)], HEAD, "the row at 0 s comes after a later one"),
     ):
         with pytest.raises(ConfigError, match=said):

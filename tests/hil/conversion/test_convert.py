@@ -152,10 +152,10 @@ def test_a_part_goes_into_a_format_that_holds_no_more_and_that_is_told(tmp_path:
     rows, frames = some_rows(100), some_frames(0, 100)
     path = recorded(tmp_path / "run.mf4", rows, frames)
     done = convert(path, tmp_path / "rows.csv")
-    assert done.notes == ("the frames are left out: .csv holds rows alone",)
+    assert done.notes == ("frames omitted: .csv holds rows only",)
     assert same_bits(rows_in(tmp_path / "rows.csv"), rows)
     done = convert(path, tmp_path / "bus.blf")
-    assert done.notes == (f"{len(columns_of(2))} columns are left out: .blf holds frames alone",)
+    assert done.notes == (f"{len(columns_of(2))} columns omitted: .blf holds frames only",)
     assert np.array_equal(frames_in(tmp_path / "bus.blf"), frames)
 
 
@@ -199,9 +199,9 @@ def test_a_value_that_would_be_lost_is_told(tmp_path: Path) -> None:
     head = "time_s,left_current_a,left_hall_count\n"
     path = tmp_path / "run.csv"
     for row, said in (
-        ("-1,0,0", "a time below 0"),
+        ("-1,0,0", "a time that .mcap cannot hold"),
         ("0,inf,0", "an infinite value"),
-        ("0,0,2.5", "a count that is no whole number"),
+        ("0,0,2.5", "a count that is not an integer"),
     ):
         path.write_text(f"{head}{row}\n")
         with pytest.raises(ConfigError, match=said):
@@ -212,7 +212,7 @@ def test_a_value_that_would_be_lost_is_told(tmp_path: Path) -> None:
 def test_what_python_can_leaves_out_is_told(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
     path.write_text("(0.5) can0 120#01 R\n(0.6) can1 120#01 R\n")
-    with pytest.raises(ConfigError, match=r"the frame at 0\.600000 s is of another bus, can1"):
+    with pytest.raises(ConfigError, match=r"the frame at 0\.600000 s is from another bus, can1"):
         convert(path, tmp_path / "out.blf")
     path.write_text("(0.5) can0 120##101 R\n")
     with pytest.raises(ConfigError, match="has BRS or ESI set"):
@@ -227,12 +227,12 @@ def test_a_text_that_is_cut_off_is_taken_without_its_last_line(tmp_path: Path) -
         text = path.read_bytes()
         path.write_bytes(text[: text.rindex(b" T", 0, len(text) - 30) + 2])
         done = convert(path, tmp_path / "out.mcap")
-        assert done.notes == ("its last line is cut off, and left out",)
+        assert done.notes == ("its last line is truncated and ignored",)
         assert 40 < done.frames < 50
     path = recorded(tmp_path / "run.csv", some_rows(10))
     path.write_bytes(path.read_bytes()[:-3])
     done = convert(path, tmp_path / "out.mcap")
-    assert (done.rows, done.notes) == (9, ("its last line is cut off, and left out",))
+    assert (done.rows, done.notes) == (9, ("its last line is truncated and ignored",))
 
 
 def messages_of(*arguments: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -315,15 +315,15 @@ def test_wrong_arguments_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[
     table = str(recorded(tmp_path / "run.csv", some_rows(5)))
     log = str(recorded(tmp_path / "run.log", frames=some_frames(0, 5)))
     for arguments, said in (
-        ((table, table), "it is read; allowed: another file"),
+        ((table, table), "is the input file; allowed: another file"),
         ((table, str(tmp_path / "x.xyz")), "format '.xyz'; allowed: .csv, .parquet"),
         ((str(tmp_path / "x.xyz"), table), "format '.xyz'; allowed: .csv, .parquet"),
         ((str(tmp_path), table), "format 'none'"),
-        ((table, str(tmp_path / "no" / "x.csv")), "allowed: one that exists"),
-        ((table, str(tmp_path / "x.blf")), "holds none of the rows of"),
-        ((log, str(tmp_path / "x.csv")), "; or --rig, which decodes them into a table"),
+        ((table, str(tmp_path / "no" / "x.csv")), "allowed: an existing folder"),
+        ((table, str(tmp_path / "x.blf")), "cannot hold the rows of"),
+        ((log, str(tmp_path / "x.csv")), "; or --rig, which decodes the frames into a table"),
         ((table, str(tmp_path / "x.mf4"), "--rig", "liftgate"), "--rig liftgate: allowed with a recording that"),
-        ((log, str(tmp_path / "x.blf"), "--rig", "liftgate"), "decodes frames into a table; allowed: OUT of .csv"),
+        ((log, str(tmp_path / "x.blf"), "--rig", "liftgate"), "decodes frames into a table; allowed: OUT as .csv"),
         ((log, str(tmp_path / "x.csv"), "--rig", "nosuch"), "nosuch"),
         ((log, str(tmp_path / "x.csv"), "--rig", str(tmp_path / "x.dbc")), "no such file"),
     ):  # fmt: skip
@@ -338,7 +338,7 @@ def test_what_was_written_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert main(["convert", str(path), str(tmp_path / "out.csv")]) == 0
     out, err = capsys.readouterr()
     assert out == f"{tmp_path / 'out.csv'}: 5 rows\n"
-    assert err == f"{path}: the frames are left out: .csv holds rows alone\n"
+    assert err == f"{path}: frames omitted: .csv holds rows only\n"
     assert main(["convert", str(path), str(tmp_path / "out.csv"), "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
 

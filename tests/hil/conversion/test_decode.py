@@ -132,7 +132,7 @@ def test_frames_out_of_turn_are_told() -> None:
 def test_a_run_s_bus_log_is_decoded_as_cantools_does(tmp_path: Path) -> None:
     lh.run("demo", duration=1.5, record=[tmp_path / "run.log"])
     done = convert(tmp_path / "run.log", tmp_path / "out.csv", str(DBC))
-    assert done.notes == ("the frames themselves are left out: a table holds none",)
+    assert done.notes == ("frames omitted: .csv holds rows only",)
     database = cantools.database.load_file(DBC)
     expected: dict[float, dict[str, float]] = {}
     held: dict[str, float] = {}
@@ -156,7 +156,7 @@ def test_a_run_s_bus_log_is_decoded_as_cantools_does(tmp_path: Path) -> None:
 def test_a_rig_s_name_stands_for_its_database(tmp_path: Path) -> None:
     lh.run("demo", duration=0.2, record=[tmp_path / "run.mf4"])
     done = convert(tmp_path / "run.mf4", tmp_path / "out.mcap", "liftgate")
-    said = f"{len(COLUMNS)} columns are left out: --rig has those of the bus instead"
+    said = f"{len(COLUMNS)} columns omitted: with --rig the table holds the bus signals instead"
     assert done.notes == (said,)
     assert done.frames > 100
     found = open_recording(tmp_path / "out.mcap")

@@ -82,7 +82,7 @@ def test_two_recordings_stand_over_each_other_with_their_difference(tmp_path: Pa
     assert len(difference) == 95  # at the times that both have
     assert np.flatnonzero(difference).tolist() == [55]
     assert beside.texts[0].get_text() == "largest 0.5000 at 0.060 s"
-    assert beside.get_title(loc="left") == "b less a"
+    assert beside.get_title(loc="left") == "b minus a"
     assert [each.get_text() for each in equal.texts] == ["equal"]
 
 
@@ -128,7 +128,7 @@ def test_a_bus_log_is_drawn_with_a_rig(tmp_path: Path, capsys: pytest.CaptureFix
     path = log(tmp_path / "a.log", [(0x220, bytes([k] * 8)) for k in range(50)], STAMPS)
     line = ["plot", str(path), "--output", str(tmp_path / "a.svg")]
     assert main(line) == 2
-    assert "holds frames alone; allowed: with --rig, which decodes them" in capsys.readouterr().err
+    assert "holds only frames; allowed: with --rig, which decodes them" in capsys.readouterr().err
     assert main([*line, "--rig", "liftgate", "--columns", "Gate.Angle,Gate.TerminalVoltage"]) == 0
     assert "Gate.Angle [deg]" in (tmp_path / "a.svg").read_text()
     theirs = log(tmp_path / "b.log", FRAMES, STAMPS)
@@ -147,7 +147,7 @@ def test_a_column_without_a_number_is_a_gap(tmp_path: Path) -> None:
         (["--output", "x"], "--output x: allowed: a file of .png, .svg, .html"),
         (["--output", "no/x.png"], "no folder no"),
         (["--columns", "nosuch"], "--columns nosuch: not in"),
-        (["--from", "5"], "no rows there"),
+        (["--from", "5"], "no rows in the time window"),
         (["--from", "x"], "--from"),
         (["--from", "0.2", "--to", "0.1"], "--from 0.2: after --to 0.1"),
     ],

@@ -150,7 +150,7 @@ def test_a_signal_of_the_restbus_is_sent_in_its_cycle_and_shown(client: Client) 
         (b"\xff\xfe", 422, "not JSON"),
         (b"[]", 422, "not a table of one key"),
         (b"", 422, "not JSON"),
-        (b" " * 70_000, 413, "more than 65536 bytes"),
+        (b" " * 70_000, 413, "command too long; allowed: up to 65536 bytes"),
     ],
 )
 def test_what_is_out_of_range_is_refused_with_what_is_allowed(

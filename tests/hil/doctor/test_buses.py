@@ -58,7 +58,7 @@ def test_each_interface_is_told_with_state_and_bit_rate(tmp_path: Path):
     assert [check.check for check in checks] == ["can0", "can1", "can2", "can3", "vcan0"]
     assert good.level == "ok"
     assert good.found == "up, 500000 bit/s, error-active, classic CAN, queue of 10 frames"
-    assert down.found.startswith("is down")
+    assert down.found.startswith("down")
     assert "CAN FD" in down.found
     assert down.advice == "sudo ip link set can1 up type can bitrate 500000"
     assert "bus-off" in off.found
@@ -121,7 +121,7 @@ def test_a_port_that_something_is_plugged_into_has_to_be_open_to_the_user(
     assert buses.serial_ports([soldered], "eva").level == "ok"
     check = buses.serial_ports([soldered, plugged], "eva")
     assert check.level == "warning"
-    assert "shut to this user" in check.found
+    assert "not accessible to this user" in check.found
     assert check.advice.startswith("sudo usermod -aG ")
     assert " eva, " in check.advice
 

@@ -60,7 +60,7 @@ def test_only_64_bit_little_endian_linux_is_fit():
         ("#1 SMP PREEMPT_RT Debian 6.1.76", {}, "ok", "PREEMPT_RT"),
         ("#1 SMP", {"sys/kernel/realtime": "1"}, "ok", "PREEMPT_RT"),
         ("#1 SMP PREEMPT Thu", {}, "ok", "PREEMPT"),
-        ("#1 SMP PREEMPT_DYNAMIC Thu", {}, "warning", "not told"),
+        ("#1 SMP PREEMPT_DYNAMIC Thu", {}, "warning", "mode unknown"),
         ("#1 SMP PREEMPT_DYNAMIC", {"proc/cmdline": "quiet preempt=full"}, "ok", "preempt=full"),
         ("#1 SMP PREEMPT_DYNAMIC", {"proc/cmdline": "preempt=none"}, "warning", "preempt=none"),
         (
@@ -174,7 +174,7 @@ def test_slow_clocks_are_told(make: Make):
         ("950000", "ok", "95 %"),
         ("100000", "warning", "sysctl"),
         ("0", "warning", "0 %"),
-        ("", "ok", "not told"),
+        ("", "ok", "not reported"),
     ],
 )
 def test_the_share_of_fifo_tasks(make: Make, runtime: str, level: str, words: str):

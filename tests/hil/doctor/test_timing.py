@@ -56,7 +56,7 @@ def test_a_rate_above_the_recommended_one_is_a_warning():
 def test_periods_missed_at_the_rate_asked_for_are_a_warning():
     check = timing.verdict(1000.0, {WITHOUT: wakeups(60.0, missed=25)}, CHEAP, 0)
     assert check.level == "warning"
-    assert "0.25 % of periods missed at 1000 Hz" in check.found
+    assert "0.25 % of periods were missed at 1000 Hz" in check.found
 
 
 def test_a_machine_on_which_most_verdicts_need_a_second_look_is_told_of():
@@ -65,8 +65,8 @@ def test_a_machine_on_which_most_verdicts_need_a_second_look_is_told_of():
     assert check.level == "warning"
     # At random: exp(-5 * 10 s / 60 s) = 0.435 of the windows have none.
     assert (
-        "not every test in real time would be conclusive: it was late by more than 5 ms 5 times in 60 s, so in "
-        "about 57 % of windows of 10 s the gate would be stepped again for a verdict"
+        "not every test in real time would be conclusive: the loop was late by more than 5 ms 5 times in 60 s, so "
+        "about 57 % of 10 s windows would need a replay for their verdict"
     ) in check.found
     assert "--clock free" in check.advice
     # Ticks that are missed within the tolerance leave a verdict as it is.
@@ -75,7 +75,7 @@ def test_a_machine_on_which_most_verdicts_need_a_second_look_is_told_of():
     # A short look without one does not tell.
     short = timing.verdict(1000.0, {WITHOUT: wakeups(60.0, duration=2.0)}, CHEAP, 0)
     assert short.level == "ok"
-    assert "whether for tests in real time, too, takes --duration 60 to tell" in short.found
+    assert "for tests in real time, check with --duration 60" in short.found
     # The mode that is recommended counts.
     seldom = wakeups(50.0, periods=60_000)
     assert timing.verdict(1000.0, {WITHOUT: often, WITH: seldom}, CHEAP, 0).level == "ok"
@@ -87,7 +87,7 @@ def test_a_machine_on_which_most_verdicts_need_a_second_look_is_told_of():
         ({}, 1, "not fit"),
         ({WITHOUT: wakeups(90_000.0)}, 0, "even 200 Hz"),
         ({WITHOUT: wakeups(100.0, missed=500)}, 0, "5.0 %"),
-        ({WITHOUT: wakeups(60.0)}, 1, "but for the above"),
+        ({WITHOUT: wakeups(60.0)}, 1, "except for the problems above"),
     ],
 )
 def test_what_makes_real_time_impossible_is_a_problem(

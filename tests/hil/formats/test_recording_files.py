@@ -81,7 +81,7 @@ def test_checking_a_csv_loads_nothing_heavy() -> None:
 def test_a_pipe_without_a_reader_is_told_and_holds_nothing_up(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"pipe{suffix}"
     os.mkfifo(path)
-    with pytest.raises(ConfigError, match="a pipe that nobody reads"):
+    with pytest.raises(ConfigError, match="a pipe without a reader"):
         open_writer(check_file("record", str(path)), BOTH)
 
 
@@ -117,7 +117,7 @@ def test_two_cannot_record_to_one_file(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     first = open_writer(path, BOTH)
     first.begin(0)
-    with pytest.raises(ConfigError, match=r"^`record` .*somebody else is recording to it"):
+    with pytest.raises(ConfigError, match=r"^`record` .*another recording is being written to it"):
         open_writer(path, BOTH)
     first.write_rows(rows_from(0, 3))
     first.write_frames(sent([(0x120, b"a")]))
@@ -134,7 +134,7 @@ def test_what_a_crash_has_left_is_never_overwritten(tmp_path: Path, suffix: str)
     for left in (".log" if FORMATS[suffix].has_frames else ".csv",):
         salvage = path.with_name(path.name + left)
         salvage.write_text("all that there is")
-        with pytest.raises(ConfigError, match=f"run{suffix}{left}: is there already, the rest of"):
+        with pytest.raises(ConfigError, match=f"run{suffix}{left}: already exists, left by"):
             open_writer(path, BOTH)
         assert salvage.read_text() == "all that there is"
     assert path.read_bytes() == b"before"
@@ -180,7 +180,7 @@ def test_a_file_that_cannot_be_completed_leaves_the_text(
     recorder.close()
     left = sorted(each.name for each in tmp_path.iterdir() if each.suffix != suffix)
     left = [name for name in left if name.startswith("run")]
-    assert "No space left on device; what there is of it is in" in recorder.failure
+    assert "No space left on device; the data recorded so far is in" in recorder.failure
     assert left
     assert all(str(tmp_path / name) in recorder.failure for name in left)
 

@@ -85,7 +85,7 @@ def test_two_cannot_record_to_one_row_of_files(tmp_path: Path) -> None:
     first = open_writer(path, BOTH, Limit(LIMIT, keep=2))
     for k in range(30):
         first.write_rows(rows_from(100 * k, 100))
-    with pytest.raises(ConfigError, match="somebody else is recording to it"):
+    with pytest.raises(ConfigError, match="another recording is being written to it"):
         open_writer(path, BOTH, Limit(LIMIT))
     first.close()
     assert all(Path(name).is_file() for name in first.files)

@@ -49,5 +49,5 @@ def test_it_never_goes_up() -> None:
 def test_rounds_that_do_not_suffice_are_told() -> None:
     one = problem([*TRUTH], [measured(true_vehicle(), seed=1)])
     end = descend(one, place_at(one, one.initial, None), range(5), None, 1)
-    assert end.stop_reason == "no end after 1 iterations"
+    assert end.stop_reason == "not converged after 1 iterations"
     assert len(end.history) == 2

@@ -183,9 +183,7 @@ def test_two_parameters_of_one_sum_are_named_together() -> None:
     vehicle = true_vehicle()
     names = ["motor.resistance", "motor.load_torque", "gear.friction_torque"]
     result = estimated(vehicle, "third-order", names, [measured(vehicle, seed=1)])
-    assert result.inseparable == (
-        "motor.load_torque and gear.friction_torque cannot be told apart",
-    )
+    assert result.inseparable == ("motor.load_torque and gear.friction_torque cannot be separated",)
     resistance, *both = result.parameters
     assert resistance.identifiable
     assert math.isfinite(resistance.std)
@@ -243,7 +241,7 @@ def test_an_input_that_excites_nothing_tells_nothing() -> None:
     times, volts = there_and_back(1.0)
     data = measured(vehicle, seed=1, drive=(times, 0.0 * volts))
     names = ["motor.resistance", "motor.rotor_inertia", "spring.preload"]
-    with pytest.raises(NothingToTellError, match="excites nothing"):
+    with pytest.raises(NothingToTellError, match="does not excite"):
         estimated(vehicle, "third-order", names, [data])
 
 

@@ -47,7 +47,7 @@ def test_noise_that_two_outputs_share_is_no_scatter() -> None:
 
 def test_the_scatter_is_told_with_the_covariance() -> None:
     result = with_delay([stamped(0.0015, 3)])
-    said = f"the inputs' stamps scatter by {1e3 * result.input_jitter:.2g} ms"
+    said = f"the inputs' timestamps scatter by {1e3 * result.input_jitter:.2g} ms"
     assert result.covariance_kind.endswith(said)
     assert "scatter" not in with_delay([stamped(0.0015, 3)], False).covariance_kind
 

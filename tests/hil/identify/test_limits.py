@@ -94,7 +94,7 @@ def test_the_motor_constants_that_are_found_make_no_energy() -> None:
     assert speed.value / torque.value == pytest.approx(ENERGY, rel=1e-5)
     for each in (torque, speed):
         assert each.identifiable
-        assert "held with others by a limit of what a vehicle may be" in each.remark
+        assert "held with others at a limit for valid vehicles" in each.remark
         assert "makes energy" in each.remark
     assert not resistance.remark
     found = vehicle
@@ -125,7 +125,7 @@ def test_a_single_constant_at_its_limit_is_not_told_by_the_data() -> None:
     problem = checked(vehicle, "third-order", sought(["motor.torque_constant"], vehicle), [data],
         [*data.outputs], 20.0,
     )  # fmt: skip
-    with pytest.raises(NothingToTellError, match=r"at a limit of what a vehicle may be: .* energy"):
+    with pytest.raises(NothingToTellError, match=r"at a limit for valid vehicles: .* energy"):
         identify(problem)
 
 

@@ -93,7 +93,7 @@ def test_a_sum_of_three_is_named_whole() -> None:
     slopes[:, 2] = slopes[:, 0] + slopes[:, 1]
     known = uncertainty(slopes.T @ slopes)
     assert known.apart == ((0, 1, 2),)
-    assert named(known.apart, "abcd") == ["a, b and c cannot be told apart"]
+    assert named(known.apart, "abcd") == ["a, b and c cannot be separated"]
 
 
 def test_a_nearly_collinear_pair_is_still_told_apart() -> None:

@@ -135,7 +135,7 @@ def test_the_panel_holds_from_its_frame_on(tmp_path: Path, rig: Rig) -> None:
     assert not any("first value" in note for note in m.notes)
     unknown = read_measurement(path, {}, rig)
     assert np.allclose(unknown.columns["supply_voltage_v"], 13.0)
-    assert "supply_voltage_v: its first value is taken for the time before it, too" in unknown.notes
+    assert "supply_voltage_v: its first value is also used for the time before it" in unknown.notes
 
 
 def test_without_a_panel_its_columns_are_not_there(tmp_path: Path, rig: Rig) -> None:
@@ -196,7 +196,7 @@ def test_what_the_emulator_would_refuse_is_refused_and_counted(tmp_path: Path, r
     for name, values in clean.columns.items():
         assert np.array_equal(m.columns[name], values, equal_nan=True), name
     assert any(
-        note == "6 frames of ours refused: 2 wrong length, 2 out of range, 1 checksum, 1 counter"
+        note == "6 frames of the rig refused: 2 wrong length, 2 out of range, 1 checksum, 1 counter"
         for note in m.notes
     ), m.notes
 
@@ -204,7 +204,7 @@ def test_what_the_emulator_would_refuse_is_refused_and_counted(tmp_path: Path, r
 def test_lost_frames_are_told(tmp_path: Path, rig: Rig) -> None:
     frames = [f for f in stimulus_plan(rig) if f[1] != LEFT_DRIVE or not 0.0201 < f[0] < 0.0251]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig)
-    assert "1 frames missing between two alive counters" in m.notes
+    assert "1 frames missing according to the alive counters" in m.notes
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
@@ -213,7 +213,7 @@ def test_a_log_without_frames_of_ours_is_a_fault(tmp_path: Path, rig: Rig, suffi
     with pytest.raises(ConfigError) as caught:
         read_measurement(path, {}, rig)
     assert caught.value.issues == [
-        f"{path}: no frame of ours; allowed: DriveCommand (0x120), LatchCommand (0x128), "
+        f"{path}: no frame of the rig; allowed: DriveCommand (0x120), LatchCommand (0x128), "
         "BenchControl (0x6E1), LeftDrive (0x210), RightDrive (0x211), Gate (0x220)"
     ]
 
@@ -223,9 +223,9 @@ def test_a_log_without_commands_or_sensors_is_a_fault(tmp_path: Path, rig: Rig) 
     with pytest.raises(ConfigError) as caught:
         read_measurement(path, {}, rig)
     assert caught.value.issues == [
-        f"{path}: no sound command frame (1 frames of ours refused: 1 checksum); "
+        f"{path}: no valid command frame (1 frames of the rig refused: 1 checksum); "
         "allowed: DriveCommand (0x120), LatchCommand (0x128)",
-        f"{path}: no sound sensor frame (1 frames of ours refused: 1 checksum); "
+        f"{path}: no valid sensor frame (1 frames of the rig refused: 1 checksum); "
         "allowed: LeftDrive (0x210), RightDrive (0x211), Gate (0x220)",
     ]
 
@@ -237,7 +237,7 @@ def test_a_clock_that_is_set_back_is_a_fault(tmp_path: Path, rig: Rig) -> None:
     with pytest.raises(ConfigError) as caught:
         read_measurement(path, {}, rig)
     assert caught.value.issues == [
-        f"{path}: time -1.000000 s of frame 2 of ours comes after 0.000000 s; allowed: rising"
+        f"{path}: time -1.000000 s of frame 2 of the rig comes after 0.000000 s; allowed: rising"
     ]
 
 
@@ -251,7 +251,7 @@ def test_a_log_that_ends_within_a_line_is_read_without_it(tmp_path: Path, rig: R
     for end in range(start + 1, len(text)):
         path.write_bytes(text[:end])
         cut = read_measurement(path, {}, rig)
-        assert cut.notes == ("its last line is cut off, and left out", *whole.notes)
+        assert cut.notes == ("its last line is truncated and ignored", *whole.notes)
         assert np.array_equal(cut.times, whole.times)
         for name, values in whole.columns.items():
             assert np.array_equal(cut.columns[name], values, equal_nan=True), name

@@ -80,7 +80,7 @@ def test_a_row_that_is_cut_off_is_left_out(tmp_path: Path) -> None:
     path.write_text("time_s,voltage_v,left_current_a\n0,1,2\n0.001,1,3\n0.002,1")
     m = read(path)
     assert m.times.tolist() == [0.0, 0.001]
-    assert m.notes == ("its last line is cut off, and left out",)
+    assert m.notes == ("its last line is truncated and ignored",)
     path.write_text("time_s,voltage_v,left_current_a\n0,1,2\n0.001,1,3")
     assert len(read(path).times) == 2
     path.write_text("time_s,voltage_v,left_current_a\n0,1,2\n0.001,1\n")
@@ -179,11 +179,13 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
         ),
         (
             "time_s,left_voltage_v,left_current_ma\n0,1,2\n",
-            ["left_current_ma: not our unit; allowed: `map` 'left_current_a=left_current_ma[mA]'"],
+            [
+                "left_current_ma: unexpected unit; allowed: `map` 'left_current_a=left_current_ma[mA]'"
+            ],
         ),
         (
             "time_ms,left_voltage_v,left_current_a\n0,1,2\n",
-            ["time_ms: not our unit; allowed: `map` 'time_s=time_ms[ms]'"],
+            ["time_ms: unexpected unit; allowed: `map` 'time_s=time_ms[ms]'"],
         ),
         (
             "time_s,left_voltage_v,voltage_v,left_duty,left_current_a\n0,1,1,0,2\n",

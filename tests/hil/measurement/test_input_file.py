@@ -175,7 +175,7 @@ def test_a_map_names_columns_and_units_and_leaves_outputs_alone(tmp_path: Path) 
     [
         ("time_s,voltage_v,left_duty\n0,1,1\n", "chosen by `map` left_duty=left_duty"),
         ("time_s,voltage_v\n0,1\n1,\n", "voltage_v: empty cell in row 2"),
-        ("time_s,left_voltage_mv\n0,1\n", "not our unit"),
+        ("time_s,left_voltage_mv\n0,1\n", "unexpected unit"),
     ],
 )
 def test_what_is_said_of_a_bad_input(tmp_path: Path, text: str, said: str) -> None:

@@ -129,9 +129,9 @@ def told(path: Path, content: bytes) -> str:
 
 def test_what_is_no_recording_of_ours_is_told(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
-    assert told(path, b"") == "cannot be read: no MCAP"
-    assert told(path, b"time_s,left_current_a\n0,1\n") == "cannot be read: no MCAP"
-    ours = "no recording of this program; allowed: one that it wrote"
+    assert told(path, b"") == "cannot be read: not an MCAP file"
+    assert told(path, b"time_s,left_current_a\n0,1\n") == "cannot be read: not an MCAP file"
+    ours = "not written by liftgate-hil; allowed: its own recordings"
     assert told(path, made(foreign)) == ours
     assert told(path, made(lambda _: None)) == ours
 

@@ -130,7 +130,7 @@ def test_what_is_no_number_is_a_fault_with_its_sample(tmp_path: Path) -> None:
     )
     assert faults_of(path) == [
         "left_current_a: nan in sample 5 (2 such samples); allowed: a finite number",
-        "left_speed_rps: no numbers; allowed: one number a sample",
+        "left_speed_rps: not numeric; allowed: one number per sample",
         "left_voltage_v: 5000 in sample 8; allowed: -1000 to 1000; is it mV? "
         "`map` 'left_voltage_v=left_voltage_v[mV]'",
     ]
@@ -140,7 +140,7 @@ def test_a_channel_in_two_groups_and_times_of_ones_own_are_faults(tmp_path: Path
     group = [("left_current_a", FINE, FINE, "A"), ("left_voltage_v", FINE, FINE, "V")]
     path = write(tmp_path / "m.mf4", group, group[:1])
     assert faults_of(path) == ["left_current_a: in 2 groups; allowed: in one"]
-    assert "time_s: mapped; allowed: no such map, MF4 channels have times" in faults_of(
+    assert "time_s: mapped; allowed: not mapped, MF4 channels have their own times" in faults_of(
         path, "time_s=left_current_a"
     )
 
@@ -154,7 +154,7 @@ def test_times_that_do_not_rise_are_a_fault(tmp_path: Path) -> None:
         [("left_voltage_v", late, FINE, "V")],
     )
     assert faults_of(path) == [
-        "left_voltage_v: its time 0.049 s in sample 51 does not come after the one before; "
+        "left_voltage_v: time 0.049 s in sample 51 is not later than the one before; "
         "allowed: finite and rising"
     ]
 

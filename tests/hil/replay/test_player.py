@@ -111,9 +111,9 @@ def test_what_cannot_be_played_is_told_before_a_bus_is_opened(tmp_path: Path) ->
     way = Way({"interface": "nobody", "channel": "x"}, None, False)
     (tmp_path / "rows.csv").write_text("time_s,left_current_a\n0,1\n")
     for replay, said in (
-        (Replay(path, Selection("received")), "no frame received is in it"),
-        (Replay(path, Selection(begin=9.0)), "no frame sent of what was asked for"),
-        (Replay(tmp_path / "rows.csv"), "holds rows alone; allowed: one with frames"),
+        (Replay(path, Selection("received")), "no frame received in the recording"),
+        (Replay(path, Selection(begin=9.0)), "no frame sent matches the selection"),
+        (Replay(tmp_path / "rows.csv"), "holds only rows; allowed: a recording with frames"),
         (Replay(path, speed=0.0), "`speed` 0: allowed: 0.001 to 1000"),
         (Replay(path, times=0), "`times` 0: allowed: 1 to"),
         (Replay(path, cpu=0), "`cpu` 0: allowed: together with `realtime`"),

@@ -74,7 +74,7 @@ def test_the_next_round_begins_where_this_one_ends() -> None:
 def test_a_round_that_takes_no_time_cannot_be_repeated() -> None:
     course = Course()
     course.due(recorded([1.0, 1.0]))
-    with pytest.raises(ConfigError, match="all frames have one time"):
+    with pytest.raises(ConfigError, match="all frames have the same time"):
         course.begin_again()
 
 

@@ -35,7 +35,7 @@ def test_names_from_files_are_text_only(pages):
 def test_warnings_come_first(pages):
     text = Page(pages["found"]).text
     order = [
-        "motor.inductance cannot be told: its standard deviation is 15 times its value", "only their product",
+        "motor.inductance is not identifiable: its standard deviation is 15 times its value", "only their product",
         "residuals are not white", "std %", "2.128", "before %", "Measured and simulated", "decimated from",
     ]  # fmt: skip
     places = [text.index(each) for each in order]
@@ -84,4 +84,4 @@ def test_a_failed_search_is_still_a_page(found):
         history=np.array([np.nan, np.inf]),
         condition_number=np.inf,
     )
-    assert "motor.resistance cannot be told" in Page(identification_html(lost)).text
+    assert "motor.resistance is not identifiable" in Page(identification_html(lost)).text

@@ -22,7 +22,7 @@ def test_a_parameter_is_told_in_a_line(found):
 def test_what_cannot_be_told_comes_first(found):
     text = identification_text(found)
     start = text.index("Parameters")
-    assert 0 < text.index("motor.inductance cannot be told: its standard") < start
+    assert 0 < text.index("motor.inductance is not identifiable: its standard") < start
     assert 0 < text.index("only their product is told") < start
     assert 0 < text.index("motor.load_torque: at its lower bound") < start
     assert 0 < text.index("residuals are not white") < start

@@ -144,9 +144,11 @@ def test_converting_keeps_it_or_tells_that_it_is_left_out(tmp_path: Path) -> Non
         done = convert(path, tmp_path / f"next{suffix}")
         path = tmp_path / f"next{suffix}"
         assert open_recording(path).about == about
-        assert not [note for note in done.notes if "its run" in note]
+        assert not [note for note in done.notes if "provenance" in note]
     done = convert(path, tmp_path / "out.csv")
-    assert done.notes == ("what it says of its run is left out: allowed in .parquet, .mf4, .mcap",)
+    assert done.notes == (
+        "provenance omitted: .csv cannot hold it; allowed: .parquet, .mf4, .mcap",
+    )
 
 
 def test_a_simulation_says_it_too(tmp_path: Path) -> None:
@@ -171,7 +173,7 @@ def test_what_is_damaged_is_told_and_not_carried_on(tmp_path: Path) -> None:
         table = table.replace_schema_metadata({b"liftgate-hil run": about})
         parquet.write_table(table, tmp_path / "hurt.parquet")
         with pytest.raises(
-            ConfigError, match=r"hurt\.parquet: cannot be read: what it says of its run"
+            ConfigError, match=r"hurt\.parquet: cannot be read: its provenance is damaged"
         ):
             convert(tmp_path / "hurt.parquet", tmp_path / "out.mcap")
 

@@ -98,7 +98,7 @@ def test_a_report_is_one_file_that_runs_nothing_and_fetches_nothing(page: Any) -
 
 
 def test_the_summary_says_how_it_went_and_where_it_is_from(page: Any) -> None:
-    head = page.text[: page.text.index("What does not pass")]
+    head = page.text[: page.text.index("Not passed")]
     for said in (
         "Test report: fail", "5: 3 pass, 1 fail, 1 inconclusive, 0 error", "20.0 % of the expectations",
         "2: 1 pass, 1 fail", "reference", "suv", "liftgate.toml", "free", "model time", "liftgate-hil test <x>",
@@ -131,7 +131,7 @@ def test_limits_say_that_they_are_borrowed(page: Any, tmp_path: Path) -> None:
     other = RESTS + '[[expect]]\nname = "bus"\nalways = "77 > BenchStatus.PinchForce"\n'
     (outcome,) = outcomes_of(tmp_path, other=other)
     told = Page(html_of([outcome])).text
-    assert "77 N the scenario's own" in told
+    assert "77 N set by the scenario" in told
     (outcome,) = outcomes_of(tmp_path, rests=RESTS)
     assert "Force limits" not in Page(html_of([outcome])).text
 
@@ -141,7 +141,7 @@ def test_a_limit_on_the_time_above_is_the_vehicle_s(tmp_path: Path) -> None:
     timed = "duration = 0.2\n" + timed.replace("gate_angle_deg < 1", "pinch_over_limit_s < 0.75")
     told = Page(html_of(outcomes_of(tmp_path, timed=timed))).text
     assert "150 N borrowed from EN 12453" in told
-    assert "timed.toml: rests (how long it is passed)" in told
+    assert "timed.toml: rests (time over it)" in told
 
 
 def test_included_files_are_sources_too(tmp_path: Path) -> None:
@@ -169,7 +169,7 @@ def test_a_scenario_is_told_in_words(page: Any) -> None:
     part = page.text[page.text.index("closing onto a rod") : page.text.index("What is expected")]
     for said in (
         "LG-12, LG-7", "most = 100", "starts at 50 deg, seed 0", "at 0.1 s: close is requested",
-        "profile of supply_voltage_v: 12.5 V at 0 s, 11 V at 2 s; in straight lines",
+        "profile of supply_voltage_v: 12.5 V at 0 s, 11 V at 2 s; interpolated linearly",
         "obstacle at 47 deg, 1 m from the hinge, 20000 N/m, met while closing; from gate_angle_deg < 49.9",
         "fault spring_weak, left, factor = 0.75: from 0.2 s until 2 s (the drive's spring has less force)",
     ):  # fmt: skip
@@ -193,7 +193,7 @@ def test_an_expectation_has_its_formula_its_numbers_and_its_pictures(
     assert "== 1 (open)" in text  # as the database calls it
     assert f"in the 0.05 s up to {reverses.margin_time_s:.6g} s" in text
     assert waits.verdict == "inconclusive"
-    assert "All of the run: the window never opened." in text
+    assert "The whole run: the window never opened." in text
 
 
 @pytest.mark.parametrize(("most", "verdict"), [(100.0, "fail"), (200.0, "pass")])
@@ -261,7 +261,7 @@ def test_texts_from_files_stay_texts(tmp_path: Path) -> None:
 def test_a_scenario_that_could_not_run_is_told(outcomes: list[Outcome]) -> None:
     lost = not_run(outcomes[1].case, "stopped before it began")
     text = Page(html_of([outcomes[0], lost])).text
-    assert "Incomplete: it was stopped, and 1 scenario did not end." in text
+    assert "Incomplete: stopped early, and 1 scenario did not end." in text
     assert "Test report: error" in text
 
 

@@ -191,7 +191,7 @@ def test_clocks_of_a_wall_count_from_the_first_stamp_and_must_be_in_all_files(
     other = table(
         tmp_path / "o.csv", "time_s,left_current_a", [(time, 1.0) for time in even(100, 1)]
     )
-    with pytest.raises(ConfigError, match=r"m\.log: stamps of a wall clock, and .*o\.csv has none"):
+    with pytest.raises(ConfigError, match=r"m\.log: wall-clock timestamps, but none in .*o\.csv"):
         lh.judge([other, log], own, rig=CAR / "theirs.dbc")
 
 
@@ -200,7 +200,7 @@ def test_clocks_of_a_wall_count_from_the_first_stamp_and_must_be_in_all_files(
     [
         (["gate_angle_deg=Nobody"], "gate_angle_deg: no column 'Nobody'; allowed: time_s, W"),
         (["gate_angle_deg=W[kg]"], r"gate_angle_deg: unit 'kg'; allowed: rev, deg"),
-        (["no_such=W"], "no_such: no such column of ours; allowed: time_s"),
+        (["no_such=W"], "no_such: unknown column; allowed: time_s"),
         (
             ["gate_angle_deg=HK_Status.HK_Winkel"],
             "no column 'HK_Status.HK_Winkel'; allowed: time_s, W",

@@ -157,7 +157,7 @@ within_s = 0.2
     (tmp_path / "cut.csv").write_text("".join(lines[:500]))
     cut = lh.judge([tmp_path / "cut.csv"], tmp_path / "s.toml")["soft"]
     assert (cut.verdict, cut.reason) == (
-        "inconclusive", "not in the recording: what the bench has made, to the end at 1 s",
+        "inconclusive", "not in the recording: the stimuli up to the end at 1 s",
     )  # fmt: skip
 
 
@@ -300,5 +300,5 @@ def test_what_cannot_be_judged_is_told(tmp_path: Path, content: str, said: str) 
 def test_stamps_of_a_wall_clock_are_refused(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, _ = run
     (tmp_path / "late.log").write_text("(1700000000.000000) can0 120#0000000000000000 R\n")
-    with pytest.raises(ConfigError, match="stamps of a wall clock"):
+    with pytest.raises(ConfigError, match="wall-clock timestamps"):
         lh.judge([folder / "run.csv", tmp_path / "late.log"], folder / "s.toml")

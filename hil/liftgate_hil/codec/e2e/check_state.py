@@ -40,10 +40,10 @@ def missing(last: int, counter: int, modulus: int) -> int:
 
 @compilable
 def place_of_simple(last: int, turn: int) -> int:
-    """Return the status in the sequence of a frame with a simple counter.
+    """Return the status of a frame with a simple counter: NEXT, FIRST, REPEATED or WRONG.
 
-    `turn` is that of its counter (-1: a value that the counter never has), `last` that of the frame before (-1:
-    none).
+    `turn` is the turn of its counter (-1: a value that the counter never has), `last` that of the frame before
+    (-1: none).
     """
     if turn < 0:
         return WRONG
@@ -56,11 +56,11 @@ def place_of_simple(last: int, turn: int) -> int:
 def place_in_sequence(
     modulus: int, profile: Any, memory: NDArray[np.int64], last: int, turn: int, late: int
 ) -> int:
-    """Return the status in the sequence of a profile's frame with a correct checksum.
+    """Return the status of a frame with an E2E profile and a correct checksum: any but BAD_SUM.
 
-    `turn` is that of its counter, which repeats after `modulus` turns, `last` that of the frame before (-1: none),
-    `late` the number of cycles in which no frame came. `profile` is the message's row of tables.END_TO_END,
-    `memory` its E2E check state.
+    `turn` is the turn of its counter, which repeats after `modulus` turns, `last` that of the frame before (-1:
+    none), `late` the number of cycles in which no frame came. `profile` is the message's row of tables.END_TO_END;
+    in `memory`, its E2E check state, the number of frames left in synchronisation is updated.
     """
     if last < 0:
         memory[SYNC] = 0

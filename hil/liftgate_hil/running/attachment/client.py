@@ -67,14 +67,14 @@ class Client:
             return told, Memory(told["rows"], told["frames"], os.dup(memory))
 
     def news(self, lines: int) -> Told:
-        """Return the progress of the run and its log after the first `lines` lines; empty: no reply in time.
+        """Return the progress of the run and its log after the first `lines` lines; {}: no reply in time.
 
         Raises RunGoneError.
         """
         return self._answer(self._ask({"lines": lines}))
 
     def command(self, command: object) -> Told:
-        """Send a command, and return `done` and `time_s`; empty: the run stands still, and executes it later.
+        """Send a command, and return `done` and `time_s`; {}: the run stands still, and executes it later.
 
         Raises ConfigError where it is refused, RunGoneError.
         """
@@ -102,7 +102,7 @@ class Client:
         return self._count
 
     def _answer(self, number: int) -> Told:
-        """Return the reply to a question; empty: none in time. The latest replies to others are kept."""
+        """Return the reply to a question; {}: none in time. The latest replies to others are kept."""
         end = time.monotonic() + _PATIENCE_S
         while time.monotonic() < end:
             for each in self._answers:

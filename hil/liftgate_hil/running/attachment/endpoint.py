@@ -50,7 +50,7 @@ def path_of(pid: int) -> Path:
 
 
 def runs() -> list[int]:
-    """Return the processes with runs that clients can attach to. Raises ConfigError."""
+    """Return the ids of the processes whose runs clients can attach to, in rising order. Raises ConfigError."""
     found = [path.stem for path in folder().glob(f"*{SUFFIX}")]
     return sorted(int(each) for each in found if each.isdecimal() and _is_heard(int(each)))
 
@@ -107,7 +107,10 @@ def listening(pid: int) -> Iterator[socket.socket]:
 
 
 def packed(message: Any) -> bytes:
-    """Return a message as it is sent. Raises ConfigError where it is too long, or too deep."""
+    """Return the bytes of a message: its length in four bytes, then the message as JSON.
+
+    Raises ConfigError where it is longer than LONGEST, nested too deeply, or nothing that JSON can represent.
+    """
     try:
         text = orjson.dumps(message)
     except TypeError as error:
@@ -118,7 +121,7 @@ def packed(message: Any) -> bytes:
 
 
 class Arrivals:
-    """Splits the bytes received on a connection into messages."""
+    """Buffer of the bytes received on a connection, which splits them into messages, see `packed`."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()

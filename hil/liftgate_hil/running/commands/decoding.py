@@ -1,4 +1,4 @@
-"""Decoding of a test bench's frames: their signals by the database, and the fault that an order names."""
+"""Decoding of a test bench's frames: their signals by the database, and the fault that they inject or end."""
 
 from __future__ import annotations
 
@@ -33,7 +33,11 @@ Which = tuple[str, str, str]
 
 
 def decoded(rig: Rig, name: str, payload: bytes) -> dict[str, Decoded]:
-    """Return the decoded signals of a frame by their names. Raises ConfigError."""
+    """Return the signals of the message `name`, decoded from a payload, by their names.
+
+    Raises ConfigError where the payload does not have the message's length, or holds what the database does not
+    define.
+    """
     import cantools
 
     message = rig.messages[name]
@@ -60,7 +64,10 @@ def _said(message: Any, key: str, value: float) -> Decoded:
 
 
 def which_ordered(rig: Rig, what: str, said: Mapping[str, Decoded]) -> Which:
-    """Return which fault an order refers to. Raises ConfigError."""
+    """Return which fault a test bench's frame refers to: its kind, place and direction. Raises ConfigError.
+
+    `what` is FAULT or BABBLING, `said` the decoded signals by their keys in inject.ORDERS.
+    """
     said = {"place": _UNSAID, "direction": _UNSAID, **said}
     direction = said["direction"].label
     if what == BABBLING:
@@ -77,7 +84,7 @@ def which_ordered(rig: Rig, what: str, said: Mapping[str, Decoded]) -> Which:
 
 
 def fault_ordered(which: Which, what: str, said: Mapping[str, Decoded]) -> Fault:
-    """Return the fault that an order begins. Raises ConfigError."""
+    """Return the fault that a test bench's frame begins, see `which_ordered`. Raises ConfigError."""
     name, place, direction = which
     if what == BABBLING:
         babbling = {"id": round(said["identifier"].number), "rate": said["rate"].number}
@@ -96,13 +103,16 @@ def fault_ordered(which: Which, what: str, said: Mapping[str, Decoded]) -> Fault
 
 
 def value_key(kind: str) -> str | None:
-    """Return the key of a kind that an order's value is for; None: it has none."""
+    """Return the name of a fault kind's key that the signal `value` of a frame sets; None: it has none."""
     own = FAULT_KINDS[kind].keys
     return next((key.name for key in own if isinstance(key.kind, Number | Level)), None)
 
 
 def _way_of(rig: Rig, place: str) -> str:
-    """Return whether the gate has a message sent or received. Raises ConfigError where none is named."""
+    """Return the direction of the message `place`, "sent" or "received", as seen from the gate.
+
+    Raises ConfigError where `place` names no message.
+    """
     if place == NOTHING:
         raise ConfigError("direction none; allowed: sent or received, where no message is named")
     return "received" if place in {each.message for each in rig.inputs} else "sent"

@@ -39,7 +39,7 @@ Which = tuple[Any, ...]  # see Fault.identity
 
 
 class Broken(NamedTuple):
-    """A fault that was ordered, and the command that ordered it."""
+    """A fault that an operator has injected, and the content of the command for it."""
 
     fault: Fault
     said: Mapping[str, Any]
@@ -84,7 +84,11 @@ class Operator:
         self._buttons.release(now)
 
     def obey(self, command: object, now: float) -> str:
-        """Execute a command at a time [s], from the next tick on; return it in words. Raises ConfigError."""
+        """Execute a command that was given at a time [s] of the scenario, and return in words what was done.
+
+        It takes effect with the next tick. Raises ConfigError for one that is invalid, or for which there is no
+        room yet.
+        """
         done = printable(self._obey(command, now))
         self.count += 1
         if self.count <= _MOST_TOLD:

@@ -10,15 +10,18 @@ from liftgate_hil.config.scenario_tables import Fault
 
 
 class Target(Protocol):
-    """Executes commands."""
+    """Interface of what executes commands on a run or a gate."""
 
     def hold(self, values: Mapping[str, float]) -> None:
-        """Hold values by their names (`held_values`) from the next tick on. Raises ConfigError where it cannot."""
+        """Hold values, by their names in held_values.NAMES, from the next tick on; NaN: hold it no longer.
+
+        Raises ConfigError where there is no room for so many, and changes nothing then.
+        """
 
     def inject(self, faults: Sequence[Fault]) -> None:
-        """Put these faults in force from the next tick on, in place of all ordered before; later ones go on top.
+        """Put these faults in force from the next tick on, in place of all that were injected before.
 
-        Raises ConfigError, and changes nothing then.
+        Where several act on the same thing, they act in their order. Raises ConfigError, and changes nothing then.
         """
 
     def set_signals(
