@@ -116,11 +116,7 @@ def wire_choice(args: argparse.Namespace) -> WireChoice:
 
 def run_options(args: argparse.Namespace) -> RunOptions:
     """Return the options from the flags of `add_options`. Raises ConfigError."""
-    from liftgate_hil.running import options
-
-    return options.run_options(
-        {name: value for name, value in vars(args).items() if name in OPTIONS}
-    )
+    return RunOptions.of({name: value for name, value in vars(args).items() if name in OPTIONS})
 
 
 def add_setup(parser: argparse.ArgumentParser) -> None:

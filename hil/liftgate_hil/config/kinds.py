@@ -180,39 +180,29 @@ class Label:
 
 @dataclass(frozen=True)
 class Text:
-    """Kind of value: any text that is not empty; `called` is what messages call it."""
+    """Kind of value: any text that is not empty; `allowed` is what messages call it."""
 
-    called: str = "a text"
-
-    @property
-    def allowed(self) -> str:
-        """A description of the text."""
-        return self.called
+    allowed: str = "a text"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
         """Return the text; "" and an issue if it is none."""
         if not isinstance(value, str) or not value.strip():
-            issues.add(key, f"{show(value)}; allowed: {self.called}")
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return ""
         return value
 
 
 @dataclass(frozen=True)
 class Texts:
-    """Kind of value: a list of texts, or a single text; `called` is what messages call it."""
+    """Kind of value: a list of texts, or a single text; `allowed` is what messages call it."""
 
-    called: str
-
-    @property
-    def allowed(self) -> str:
-        """A description of the texts."""
-        return self.called
+    allowed: str
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
         """Return the texts; an empty tuple and an issue if they are invalid."""
         given = [value] if isinstance(value, str) else value
         if not isinstance(given, list) or not all(isinstance(each, str) and each for each in given):
-            issues.add(key, f"{show(value)}; allowed: {self.called}")
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return ()
         return tuple(given)
 

@@ -155,6 +155,11 @@ class RunOptions:
         ),
     ] = None
 
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> RunOptions:
+        """Return the options of arguments by their names, each validated. Raises ConfigError."""
+        return cls(**{name: checked(name, value) for name, value in given.items()})
+
     def limit(self) -> Limit | None:
         """Return the size limit of a recording's files; None: no limit."""
         size = self.record_limit
@@ -196,8 +201,3 @@ def checked(name: str, value: object) -> Any:
     if value is None and getattr(RunOptions, name) is None:
         return None
     return value_of(name, value, OPTIONS[name].kind)
-
-
-def run_options(given: Mapping[str, Any]) -> RunOptions:
-    """Return the options of arguments by their names, each validated. Raises ConfigError."""
-    return RunOptions(**{name: checked(name, value) for name, value in given.items()})

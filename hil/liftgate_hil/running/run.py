@@ -20,7 +20,7 @@ from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu.find import check_ecu, is_library
 from liftgate_hil.errors import EcuError, LiftgateError, shown
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions, run_options
+from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import Plan, plan_of
 from liftgate_hil.running.result import Result, nothing_of
 from liftgate_hil.running.run_plan import run_plan
@@ -71,7 +71,7 @@ def run(
     Raises ConfigError for invalid arguments. What goes wrong in the run itself is the result's verdict.
     """
     bus = text_or_none("bus", bus)
-    options = run_options(
+    options = RunOptions.of(
         {
             "rate": rate,
             "clock": clock,

@@ -6,6 +6,7 @@ import operator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, MAX_BYTES, REMOTE, Frames
 from liftgate_hil.config.can_libraries import can as _can
@@ -74,17 +75,21 @@ def put(fields: Fields, frames: Frames, row: int) -> None:
 
 def message_of(frames: Frames, row: int) -> can.Message:
     """Return a row of `frames` as a message."""
-    identifier, length = int(frames.identifiers[row]), int(frames.lengths[row])
-    flags = _FD_FLAG if identifier & FD and not identifier & REMOTE else 0
-    return message_of_fields(identifier, length, flags, frames.data[row, :length].tobytes(), 0.0)
+    return _message(frames.identifiers[row], frames.lengths[row], frames.data[row], 0.0)
 
 
 def logged_message(row: Any) -> can.Message:
     """Return a row of LOGGED as a message with its time."""
-    identifier, length = int(row["identifier"]), int(row["length"])
+    return _message(row["identifier"], row["length"], row["payload"], row["time_ns"] * 1e-9)
+
+
+def _message(
+    identifier: int, length: int, payload: NDArray[np.uint8], time_s: float
+) -> can.Message:
+    """Return the message of an identifier with its flags and a padded payload."""
+    identifier, length = int(identifier), int(length)
     flags = _FD_FLAG if identifier & FD and not identifier & REMOTE else 0
-    data = row["payload"][:length].tobytes()
-    return message_of_fields(identifier, length, flags, data, row["time_ns"] * 1e-9)
+    return message_of_fields(identifier, length, flags, payload[:length].tobytes(), time_s)
 
 
 def message_of_fields(
