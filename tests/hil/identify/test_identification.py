@@ -262,8 +262,16 @@ def test_correlated_residuals_widen_the_others_beside_a_silent_parameter() -> No
     vehicle = true_vehicle()
     names = ["motor.resistance", "motor.speed_constant"]
     data = coloured(measured(vehicle, drive=there_and_back(2.0, 500.0)), 1, 0.9)
-    alone = estimated(vehicle, "third-order", names, [data])
-    beside = estimated(vehicle, "third-order", [*names, "environment.snow_distance"], [data])
+    estimate = estimated(vehicle, "third-order", names, [data])
+    # Both begin at the estimate, so that they end there alike, and not at unlike steps before it.
+    found = [
+        dataclasses.replace(each, initial=parameter.value)
+        for each, parameter in zip(sought(names), estimate.parameters, strict=True)
+    ]
+    alone, beside = (
+        identify(Problem(vehicle, "third-order", each, [data], list(data.outputs), 20.0))
+        for each in (found, [*found, *sought(["environment.snow_distance"])])
+    )
     assert beside.covariance_kind == alone.covariance_kind
     for one, other in zip(alone.parameters, beside.parameters[:2], strict=True):
         assert other.std == pytest.approx(one.std, rel=1e-6)
