@@ -196,7 +196,7 @@ def _ask_for_priority(args: argparse.Namespace) -> None:
         PRIORITY
     )  # the same as the gate's loop, so that this process never starves it
     if refused and not args.quiet:
-        print(f"not given: {refused}", file=sys.stderr, flush=True)
+        print(f"refused: {refused}", file=sys.stderr, flush=True)
 
 
 def _requests(given: list[str]) -> list[Request]:

@@ -172,7 +172,7 @@ def given(refused: Sequence[str], asked: bool) -> Check:
     return Check(
         "--realtime",
         "warning" if asked else "ok",
-        f"not given: {', '.join(what for what, _, _ in parts)}",
+        f"refused: {', '.join(what for what, _, _ in parts)}",
         "; ".join(how.removeprefix("to get it: ") for _, _, how in parts) if asked else "",
     )
 

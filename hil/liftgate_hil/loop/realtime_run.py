@@ -145,7 +145,7 @@ class RealtimeRun:
             if self.realtime is not None and self.is_last:
                 self._entered.wait()
                 for refused in self.realtime.refused:
-                    self.say(f"not given: {refused}")
+                    self.say(f"refused: {refused}")
             realtime = self.realtime
             with nullcontext() if realtime is None else realtime.beside(self.line.threads):
                 self._look_after(thread, stopped)

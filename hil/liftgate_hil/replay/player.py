@@ -282,7 +282,7 @@ class Player:
                 if realtime is not None:
                     realtime.enter()
                     for refused in realtime.refused:
-                        self._listener.say(f"not given: {refused}")
+                        self._listener.say(f"refused: {refused}")
                 self._code(schedule, params, memory.shared, room)
             except BaseException as error:  # raised by the thread that started this one
                 self._failure = error

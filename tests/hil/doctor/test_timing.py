@@ -110,7 +110,7 @@ def test_what_was_refused_is_told_in_full_only_where_it_was_asked_for():
     refused = ["FIFO scheduling: no; to get it: ulimit", "CPU 9: none; allowed: 0, 1"]
     asked = timing.given(refused, asked=True)
     assert (asked.level, asked.advice) == ("warning", "ulimit; allowed: 0, 1")
-    assert asked.found == "not given: FIFO scheduling: no, CPU 9: none"
+    assert asked.found == "refused: FIFO scheduling: no, CPU 9: none"
     assert timing.given(refused, asked=False).level == "ok"
     assert timing.given([], asked=True).level == "ok"
 

@@ -71,7 +71,7 @@ def test_a_run_that_is_refused_everything_goes_on():
         sys.exit(main([*arguments, "--overrun-limit", "3600"]))
     """)
     assert done.returncode == 0, done.stderr
-    refused = [line for line in done.stderr.splitlines() if line.startswith("not given: ")]
+    refused = [line for line in done.stderr.splitlines() if line.startswith("refused: ")]
     assert len(refused) == 3
     assert done.stdout.startswith("ticks 101, ")
 

@@ -953,7 +953,7 @@ def test_what_the_machine_refuses_is_told_even_when_it_takes_its_time(
     run = ready(say=said.append, realtime=asked)
     run.begin()
     run.run(5, never)
-    assert said == ["not given: locked memory", "not given: a CPU"]
+    assert said == ["refused: locked memory", "refused: a CPU"]
     assert asked.calls == ["prepare", "enter", "release"]
 
 
