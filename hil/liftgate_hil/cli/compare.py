@@ -22,7 +22,8 @@ from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
     from liftgate_hil.conversion.compare import Comparison
-    from liftgate_hil.conversion.table import Table, Window
+    from liftgate_hil.conversion.table import Window
+    from liftgate_hil.formats.recording import Recording
 
 _PICTURED = 6  # columns that are drawn where none are named
 
@@ -109,7 +110,7 @@ def _tolerances(given: Sequence[str]) -> tuple[float, dict[str, float]]:
 
 def _draw(
     target: Path,
-    tables: tuple[Table, Table],
+    tables: tuple[Recording, Recording],
     found: Comparison,
     columns: Sequence[str],
     window: Window,

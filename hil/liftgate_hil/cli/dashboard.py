@@ -23,7 +23,7 @@ from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
     from liftgate_hil.dashboard.live import Live
-    from liftgate_hil.dashboard.recorded import Recording
+    from liftgate_hil.dashboard.recorded import RecordingSource
 
 _MISSING = "not installed; allowed: with pip install 'liftgate-hil[dashboard]'"
 
@@ -72,17 +72,18 @@ def check_installed() -> None:
         raise ConfigError(f"dashboard: {', '.join(missing)}: {_MISSING}")
 
 
-def _source(args: argparse.Namespace) -> Live | Recording:
+def _source(args: argparse.Namespace) -> Live | RecordingSource:
     """Return the source of the page: a recording, or a client of a run. Raises ConfigError."""
     from pathlib import Path
 
     if args.recording is not None:
-        from liftgate_hil.dashboard.recorded import Recording
+        from liftgate_hil.dashboard.recorded import RecordingSource
 
-        return Recording(Path(args.recording), args.rig)
+        return RecordingSource(Path(args.recording), args.rig)
     if args.rig is not None:
         raise ConfigError(f"`rig` {args.rig}: allowed with `recording`")
     from liftgate_hil.dashboard.live import Live
+    from liftgate_hil.dashboard.recorded import RecordingSource
     from liftgate_hil.running.attachment.client import Client
 
     return Live(Client(_chosen() if args.attach is None else args.attach, args.patience))

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.conversion.compare_frames import FramesCompared
-from liftgate_hil.conversion.table import Floats, Table, Window, chosen
+from liftgate_hil.conversion.table import Floats, Window, chosen
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.recording import Recording
 
 _LONGEST_S = 1e9  # latest time in a recording
 
@@ -62,7 +63,7 @@ class _Pair(NamedTuple):
 
 
 def compare_tables(
-    tables: tuple[Table, Table],
+    tables: tuple[Recording, Recording],
     columns: Sequence[str] = (),
     tolerances: Mapping[str, float] | None = None,
     tolerance: float = 0.0,
@@ -147,7 +148,7 @@ def differences_of(first: Floats, second: Floats) -> Floats:
     return result
 
 
-def _pairs(tables: tuple[Table, Table], blocks: list[Iterator[Floats]]) -> Iterator[_Pair]:
+def _pairs(tables: tuple[Recording, Recording], blocks: list[Iterator[Floats]]) -> Iterator[_Pair]:
     """Yield the rows of both recordings as far as both are read."""
     first, second = (_Rising(table, each) for table, each in zip(tables, blocks, strict=True))
     while first.has_more or second.has_more:
@@ -168,7 +169,7 @@ def _ns(rows: Floats) -> NDArray[np.int64]:
 class _Rising:
     """Rows of a table in order of time, as many as are wanted."""
 
-    def __init__(self, table: Table, blocks: Iterator[Floats]) -> None:
+    def __init__(self, table: Recording, blocks: Iterator[Floats]) -> None:
         self._path, self._blocks = table.path, blocks
         self._before = -(2**62)
         self._rows: Floats | None = None

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE
-from liftgate_hil.conversion.table import Table, decoded
+from liftgate_hil.conversion.table import decoded
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.guarded import raise_failures
@@ -42,7 +42,7 @@ class _Plan:
     """Rows, frames and notes that a conversion takes from the source into the target."""
 
     source: Recording
-    table: Table | None  # source of the rows; None: no rows
+    table: Recording | None  # source of the rows; None: no rows
     has_frames: bool
     notes: tuple[str, ...]
 

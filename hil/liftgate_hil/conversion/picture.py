@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from liftgate_hil.conversion.compare import differences_of
-from liftgate_hil.conversion.table import Floats, Table
+from liftgate_hil.conversion.table import Floats
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.recording import Recording
 from liftgate_hil.report.drawing import (
     FINAL,
     GRID,
@@ -60,13 +61,13 @@ _DIFFERENCE = "#a8246e"
 _SIDES = re.compile(r"^sensed_|left_?|right_?", re.IGNORECASE)
 
 
-def usual_columns(table: Table) -> list[str]:
+def usual_columns(table: Recording) -> list[str]:
     """Return the columns that are plotted by default: those that matter for a gate, or the first few."""
     names = [name for name in _USUAL if name in table.signals]
     return names or [name for name in table.signals if name != "time_s"][:MOST]
 
 
-def panels_of(names: Sequence[str], table: Table) -> list[list[str]]:
+def panels_of(names: Sequence[str], table: Recording) -> list[list[str]]:
     """Group related columns: those of both drives, with their sensor values. Raises ConfigError."""
     panels: dict[tuple[str, str], list[str]] = {}
     for name in names:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,6 @@ from liftgate_hil.conversion.decode import Decoder, seen_in
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.open import open_recording
 from liftgate_hil.formats.recording import Recording
-from liftgate_plant.signals import Signal
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -26,37 +24,12 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-class Table(Protocol):
-    """Columns of a recording; each iteration opens the file anew."""
-
-    @property
-    def path(self) -> Path:
-        """Path of the file."""
-
-    @property
-    def signals(self) -> Mapping[str, Signal]:
-        """Columns, the time first."""
-
-    def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)) of these columns; NaN: no value."""
-
-
-@dataclass(frozen=True)
-class DecodedTable:
-    """Table decoded from frames: a row for each time at which a frame of these messages came."""
+@dataclass(frozen=True, kw_only=True)
+class DecodedRows(Recording):
+    """Rows decoded from frames: one for each time at which a frame of these messages came."""
 
     source: Recording
     messages: tuple[Message, ...]
-
-    @property
-    def path(self) -> Path:
-        """Path of the file."""
-        return self.source.path
-
-    @cached_property
-    def signals(self) -> Mapping[str, Signal]:
-        """Signals of the messages, the time first."""
-        return Decoder(self.messages).signals
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these signals; NaN: no value yet."""
@@ -66,7 +39,7 @@ class DecodedTable:
             yield rows[:, places]
 
 
-def decoded(source: Recording, rig: str) -> DecodedTable:
+def decoded(source: Recording, rig: str) -> DecodedRows:
     """Decode the frames of a recording by a rig or a database. Raises ConfigError."""
     if source.channel is None:
         raise ConfigError(
@@ -75,7 +48,8 @@ def decoded(source: Recording, rig: str) -> DecodedTable:
     messages = tuple(seen_in(source.frames(), messages_of(rig)))
     if not messages:
         raise ConfigError(f"`rig` {rig}: no frame of its messages is in {source.path}")
-    return DecodedTable(source, messages)
+    signals = Decoder(messages).signals
+    return DecodedRows(path=source.path, signals=signals, source=source, messages=messages)
 
 
 def messages_of(rig: str) -> Mapping[str, Message]:
@@ -91,7 +65,7 @@ def messages_of(rig: str) -> Mapping[str, Message]:
     return load_rig(find_config("rigs", rig)).messages
 
 
-def open_table(path: Path, rig: str | None = None) -> Table:
+def open_table(path: Path, rig: str | None = None) -> Recording:
     """Open the columns of a recording; with `rig` those decoded from its frames. Raises ConfigError."""
     source = open_recording(path)
     if rig is not None:
@@ -120,7 +94,7 @@ class Window(NamedTuple):
                 yield rows[inside]
 
 
-def chosen(table: Table, columns: Sequence[str]) -> list[str]:
+def chosen(table: Recording, columns: Sequence[str]) -> list[str]:
     """Return these columns of a table, once each. Raises ConfigError with those that it does not have."""
     issues = []
     for name in columns:
@@ -132,7 +106,7 @@ def chosen(table: Table, columns: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(columns))
 
 
-def columns_in(table: Table, names: Sequence[str], window: Window) -> dict[str, Floats]:
+def columns_in(table: Recording, names: Sequence[str], window: Window) -> dict[str, Floats]:
     """Return the times, as `time_s`, and columns as arrays. Raises ConfigError if the window holds no rows."""
     wanted = ["time_s", *names]
     blocks = list(window.of(table.rows(wanted)))

@@ -6,16 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from liftgate_hil.conversion.table import Table, open_table
+from liftgate_hil.conversion.table import open_table
 from liftgate_hil.dashboard.source import Told, split
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.recording import Recording
 from liftgate_hil.running.setup import rig_from
 from liftgate_hil.signals import OUTPUT_COLUMNS, Bench
 
 _MOST_ROWS = 20_000  # rows that are kept
 
 
-class Recording:
+class RecordingSource:
     """Data source of a page for a recording.
 
     Raises ConfigError where the file cannot be read, or holds no rows.
@@ -36,7 +37,7 @@ class Recording:
                 f"{path}: time_s: falls or is not finite; allowed: finite times in order"
             )
 
-    def _thinned(self, table: Table) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _thinned(self, table: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the last row of each `every` rows, and the lowest and highest values in these."""
         rest = np.zeros((0, len(self._names)))
         kept: list[list[np.ndarray]] = [[], [], []]
@@ -103,7 +104,7 @@ def _ours_in(rig: str, names: list[str]) -> dict[str, str]:
     return {ours: name for name in names if (ours := wired.get(name))}
 
 
-def _count(table: Table) -> int:
+def _count(table: Recording) -> int:
     return sum(len(rows) for rows in table.rows(["time_s"]))
 
 

@@ -32,7 +32,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from liftgate_hil.dashboard.guard import POLICY, Guard, hosts_of
 from liftgate_hil.dashboard.live import Live
-from liftgate_hil.dashboard.recorded import Recording
+from liftgate_hil.dashboard.recorded import RecordingSource
 from liftgate_hil.errors import ConfigError, RunGoneError
 
 PERIOD_S = 1.0 / 30.0
@@ -45,7 +45,7 @@ _PAGE = Path(__file__).parent / "page"
 class Page:
     """Web application for a run or a recording."""
 
-    def __init__(self, source: Live | Recording, is_read_only: bool) -> None:
+    def __init__(self, source: Live | RecordingSource, is_read_only: bool) -> None:
         self._source, self._is_read_only = source, is_read_only
         self._viewers: set[asyncio.Queue[bytes]] = set()
         # A thread each: a run that stands still keeps commands waiting, but not the view of it.
@@ -200,7 +200,7 @@ async def _left(wire: WebSocket) -> None:
             await wire.receive_text()
 
 
-async def _play(wire: WebSocket, source: Recording) -> None:
+async def _play(wire: WebSocket, source: RecordingSource) -> None:
     """Play a recording at the pace it was recorded with; a viewer sends {"time_s": 12.5} to go on from there."""
     about = source.about()
     offset, began = float(about["begin_s"]), time.monotonic()

@@ -7,13 +7,12 @@ time. Files of other tools may have semicolons or tabs, and empty cells (NaN).
 from __future__ import annotations
 
 import codecs
-import contextlib
 import csv
-import functools
 import math
+import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -22,14 +21,13 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from liftgate_hil.config.files import read_bytes
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.csv_text import CsvText
 from liftgate_hil.formats.mcap_layout import START_COLUMN
-from liftgate_hil.formats.reading import CUT, as_config_errors, is_cut
-from liftgate_hil.formats.recording import Floats, Series, WithoutFrames, column_signal
-from liftgate_plant.signals import TIME, Signal
+from liftgate_hil.formats.reading import CUT, as_config_errors
+from liftgate_hil.formats.recording import Floats, Recording, column_signal
+from liftgate_plant.signals import TIME
 
 
 class CsvWriter:
@@ -82,230 +80,190 @@ class CsvWriter:
 
 
 _FEW = 3  # if fewer than a third of the columns are wanted, only their cells are parsed
-_JSON = b"0123456789+-.eE,\n"  # characters of rows that may be parsed as JSON
+_DIGITS = (
+    b"0123456789+-.eE, \n"  # characters of rows in which each cell is a finite number, or empty
+)
+_EMPTY = b"9.87654321e300"  # stands for an empty cell while numbers are parsed
 _LATEST_START = 1e10  # latest plausible start of a run, s since 1970
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_BLANK = re.compile(rb"\s*[\r\n]")
+_LINE_OF = re.compile(rb"[^\r\n]*[\r\n]?")
+_LONGEST = 1 << 22  # longest header, and longest last line [bytes]
+_NOT_FINITE = ("nan", "inf", "-inf")  # as recordings have them of a plant that has diverged
+_BLOCK = 1 << 22  # bytes that are parsed at a time, so that an interrupt does not wait for long
 
 
-@dataclass(frozen=True)
-class CsvRecording(WithoutFrames):
-    """Recording read from a CSV file."""
+@dataclass(frozen=True, kw_only=True)
+class CsvFile(Recording):
+    """CSV file: a table of any program, or strictly a recording, whose values may be nan and inf."""
 
-    path: Path
-    signals: Mapping[str, Signal]
     delimiter: bytes
     head: int  # length of the header [bytes]
-    names: Sequence[str]  # names of all columns, including START_COLUMN
-    start_ns: int = 0
-    notes: Sequence[str] = ()
-    about: str = ""
+    last: bytes  # last line, if it does not end with a newline
+    is_strict: bool = False
 
-    def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)) of these columns, one block at a time; empty cells are NaN."""
-        places = [self.names.index(name) for name in wanted]
+    def as_recording(self) -> CsvFile:
+        """Return it as a recording: the time first, the last line whole. Raises ConfigError if it is none."""
+        if self.names[:1] != ["time_s"]:
+            raise ConfigError(
+                f"{self.path}: time_s: missing; allowed: a recording whose first column is time_s"
+            )
+        signals = {name: column_signal(name) for name in self.names if name != START_COLUMN}
+        notes = (CUT,) if self.last else ()  # even if it has all cells, the last one may be cut off
+        found = replace(self, signals=signals, notes=notes, is_strict=True)
+        if START_COLUMN not in self.names:
+            return found
         with as_config_errors(self.path), self.path.open("rb") as stream:
             stream.seek(self.head)
-            rest, number = b"", 1
-            while text := stream.read(_BLOCK):
-                lines, newline, rest = (rest + text).rpartition(b"\n")
-                if newline:
-                    yield self._cells(lines, number, places)
-                    number += lines.count(b"\n") + 1
-            if rest.strip() and not self.notes:
-                yield self._cells(rest, number, places)
+            first = stream.readline(_LONGEST)
+        if not first.endswith(b"\n"):
+            return found
+        start = found._table(first, 1, [self.names.index(START_COLUMN)])[0, 0]
+        return replace(
+            found, start_ns=round(start * 1e6) * 1000 if 0.0 < start < _LATEST_START else 0
+        )
 
-    def _cells(self, text: bytes, number: int, places: Sequence[int]) -> Floats:
-        """Return these columns (n, len(places)) of n lines of text; `number` is that of the first row."""
-        if _FEW * len(places) >= len(self.names):
-            return self._parsed(text, number)[:, places]
-        text = text.replace(b"\r", b"")
+    def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
+        """Yield rows (n, len(wanted)) of these columns, one block at a time; an empty cell is NaN."""
+        places = [self.names.index(name) for name in wanted]
+        number = 1
+        for text in self._lines():
+            table = self._table(text, number, places)
+            yield table
+            number += len(table)
+
+    def _lines(self) -> Iterator[bytes]:
+        """Yield the lines below the header, some MB at a time; each block ends with the end of a line."""
+        with as_config_errors(self.path), self.path.open("rb") as stream:
+            at, rest = stream.seek(self.head), b""
+            while block := stream.read(_BLOCK):
+                lines, newline, rest = (rest + block).rpartition(b"\n")
+                text = _with_newlines(_checked(self.path, lines, at))
+                at += len(lines + newline)
+                if text.strip():
+                    yield text
+            text = _with_newlines(_checked(self.path, rest, at))
+            if self.notes:  # the last line is ignored
+                text = text[: text.rfind(b"\n") + 1]
+            if text.strip():
+                yield text
+
+    def _table(self, text: bytes, number: int, places: Sequence[int]) -> Floats:
+        """Return these columns (n, len(places)) of n lines of text; an empty cell is NaN. Raises ConfigError.
+
+        `number` is that of the first row in the file.
+        """
+        text = text.strip(b"\n")
+        table = None
+        is_plain = self.delimiter == b"," or b"," not in text
+        if is_plain and b'"' not in text and b"\n\n" not in text:
+            if _FEW * len(places) >= len(self.names):
+                table = self._whole(text, places)
+            if table is None:
+                table = self._cells(text, places)
+        return self._by_cell(text, number, places) if table is None else table
+
+    def _whole(self, text: bytes, places: Sequence[int]) -> Floats | None:
+        """Return the columns by parsing all cells as JSON; None if that is not possible."""
+        text = text.replace(self.delimiter, b",")
+        if text.translate(None, _DIGITS):
+            return None
+        try:
+            rows = orjson.loads(b"[[" + text.replace(b"\n", b"],[") + b"]]")
+            table = np.array(rows, dtype=np.float64)
+        except ValueError:  # .5, 007, an empty cell, rows of different lengths
+            return None
+        if table.shape[1:] != (len(self.names),) or not np.isfinite(table).all():
+            return None
+        return table[:, places]
+
+    def _cells(self, text: bytes, places: Sequence[int]) -> Floats | None:
+        """Return the columns by parsing their cells only; None if a row is malformed, or a cell is no number."""
         letters = np.frombuffer(text, dtype=np.uint8)
         ends = np.append(np.flatnonzero(letters == ord("\n")), len(text))
+        begins = np.append(0, ends[:-1] + 1)
         marks = np.flatnonzero(letters == self.delimiter[0])
-        if len(marks) == len(ends) * (len(self.names) - 1):
-            lines = marks.reshape(len(ends), -1)
-            begins = np.append(0, ends[:-1] + 1)
-            # Each line must have its own delimiters.
-            if (lines[:, 0] >= begins).all() and (lines[:, -1] < ends).all():
-                inner = len(self.names) - 1
-                first = np.column_stack(
-                    [lines[:, place - 1] + 1 if place else begins for place in places]
-                )
-                last = np.column_stack(
-                    [lines[:, place] if place < inner else ends for place in places]
-                )
-                spans = zip(first.ravel().tolist(), last.ravel().tolist(), strict=True)
-                cells = b",".join([text[begin:end] for begin, end in spans])
-                with contextlib.suppress(ValueError):  # no JSON: .5, 007, an empty cell
-                    if not cells.translate(None, _JSON):
-                        found = np.array(orjson.loads(b"[" + cells + b"]"), dtype=np.float64)
-                        return found.reshape(len(ends), len(places))
-        return self._parsed(text, number)[:, places]
-
-    def start_in(self, line: bytes) -> int:
-        """Return the wall clock [ns] at the start of the run from a row; 0 if the value is not plausible."""
-        start = self._parsed(line.rstrip(b"\n"), 1)[0, self.names.index(START_COLUMN)]
-        return round(start * 1e6) * 1000 if 0.0 < start < _LATEST_START else 0
-
-    def _parsed(self, text: bytes, number: int) -> Floats:
-        """Return all columns (n, columns) of n lines of text as numbers; an empty cell is NaN. Raises ConfigError.
-
-        `number` is that of the first row in the file, for the error message.
-        """
-        text = text.replace(b"\r", b"").replace(self.delimiter, b",")
-        width = len(self.names)
-        if not text.translate(None, _JSON) and b",," not in text:
-            try:
-                rows = orjson.loads(b"[[" + text.replace(b"\n", b"],[") + b"]]")
-                table = np.array(rows, dtype=np.float64)
-                if table.shape[1] == width:
-                    return table
-            except (ValueError, IndexError):  # .5, 007, an empty cell, rows of different lengths
-                pass
-        return np.array(
-            [self._row(line, number + k) for k, line in enumerate(text.decode().split("\n"))]
-        )
-
-    def _row(self, line: str, number: int) -> list[float]:
-        """Return the numbers in a line; an empty cell is NaN. Raises ConfigError."""
-        cells = line.split(",")
-        if len(cells) != len(self.names):
-            raise ConfigError(
-                f"{self.path}: row {number}: {len(cells)} cells; "
-                f"allowed: {len(self.names)}, as in the header"
-            )
-        values = []
-        for name, cell in zip(self.names, cells, strict=True):
-            try:
-                values.append(float(cell) if cell.strip() else np.nan)
-            except ValueError as error:
-                said = f"{name}: {cell[:40]!r} in row {number}; allowed: a number"
-                raise ConfigError(f"{self.path}: {said}") from error
-        return values
-
-
-def open_csv_recording(path: Path) -> CsvRecording:
-    """Open a CSV recording: a header, and rows of numbers. Raises ConfigError."""
-    with as_config_errors(path), path.open("rb") as stream:
-        line = stream.readline(1 << 20)
-        head, first = stream.tell(), stream.readline(1 << 20)
-        text = line.decode("utf-8-sig").strip()
-        if "\0" in text or not line.endswith(b"\n"):
-            raise ConfigError(f"{path}: cannot be read: no header and rows below it")
-    delimiter = max(",;\t", key=text.count)
-    names = [name.strip() for name in next(csv.reader([text], delimiter=delimiter), [])]
-    if names[:1] != ["time_s"]:
-        raise ConfigError(
-            f"{path}: time_s: missing; allowed: a recording whose first column is time_s"
-        )
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ConfigError(f"{path}: {twice}: twice in the header; allowed: once")
-    notes = (CUT,) if is_cut(path) else ()
-    signals = {name: column_signal(name) for name in names if name != START_COLUMN}
-    found = CsvRecording(path, signals, delimiter.encode(), head, names, notes=notes)
-    if START_COLUMN in names and first.endswith(b"\n"):
-        with as_config_errors(path):
-            return replace(found, start_ns=found.start_in(first))
-    return found
-
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-
-
-_BLANK = re.compile(rb"\s*\n")
-_BLOCK = 1 << 22  # bytes that are parsed at a time, so that an interrupt does not wait for long
-_EMPTY = 9.87654321e300  # stands for an empty cell while numpy parses
-
-
-@dataclass(frozen=True)
-class CsvFile:
-    """Columns of a CSV file."""
-
-    path: Path
-    names: Sequence[str]
-    delimiter: str
-    body: bytes  # UTF-8, without the header and blank lines before it
-    sample: str = "row"
-    notes: Sequence[str] = ()
-
-    @functools.cached_property
-    def _places(self) -> dict[str, int]:
-        return {name: place for place, name in enumerate(self.names)}
-
-    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
-        """Read these columns; one with a cell that is neither empty nor finite is left out, with an issue."""
-        if not self.body.strip():
-            issues.append(f"{self.path}: no rows; allowed: rows below the header")
-            return {}
-        columns = self._fast(wanted)
-        if columns is None:
-            columns = self._slow(wanted, issues)
-        return {name: Series(values) for name, values in columns.items()}
-
-    def _fast(self, wanted: Sequence[str]) -> dict[str, Floats] | None:
-        """Parse with numpy; None if a row is malformed, or a cell is neither empty nor finite."""
-        if b'"' in self.body:
+        if len(marks) != len(ends) * (len(self.names) - 1):
             return None
-        places = [self._places[name] for name in wanted]
-        parts = []
-        first = 0
-        while first < len(self.body):
-            last = self.body.find(b"\n", first + _BLOCK) + 1 or len(self.body)
-            part = _parsed(self.body[first:last], self.delimiter, len(self.names), places)
-            if part is None:
-                return None
-            parts.append(part)
-            first = last
-        return {
-            name: np.concatenate([each[:, k] for each in parts]) for k, name in enumerate(wanted)
-        }
-
-    def _slow(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Floats]:
-        """Parse cell by cell, so that issues can name the row and the cell."""
-        lines = [line for line in self.body.decode().splitlines() if line.strip()]
+        inner = marks.reshape(len(ends), -1)
+        # Each line must have its own delimiters.
+        if inner.size and ((inner[:, 0] < begins).any() or (inner[:, -1] > ends).any()):
+            return None
+        bounds = np.column_stack([begins - 1, inner, ends])
+        first = bounds[:, places].ravel() + 1
+        last = bounds[:, [place + 1 for place in places]].ravel()
+        spans = zip(first.tolist(), last.tolist(), strict=True)
+        cells = [text[begin:end] or _EMPTY for begin, end in spans]
+        joined = b",".join(cells)
+        if joined.translate(None, _DIGITS):
+            return None
         try:
-            rows = list(csv.reader(lines, delimiter=self.delimiter))
+            try:
+                values = np.array(orjson.loads(b"[" + joined + b"]"), dtype=np.float64)
+            except ValueError:  # .5, 007
+                values = np.array(cells).astype(np.float64)
+        except ValueError:  # a blank cell, or no number
+            return None
+        if not np.isfinite(values).all():
+            return None
+        values[values == float(_EMPTY)] = np.nan
+        return values.reshape(len(ends), len(places))
+
+    def _by_cell(self, text: bytes, number: int, places: Sequence[int]) -> Floats:
+        """Return the columns by parsing cell by cell, so that ConfigError can name the row and the cell."""
+        lines = [line for line in text.decode().split("\n") if line.strip()]
+        try:
+            rows = list(csv.reader(lines, delimiter=self.delimiter.decode()))
         except csv.Error as error:
-            issues.append(f"{self.path}: cannot be read: {error}")
-            return {}
+            raise ConfigError(f"{self.path}: cannot be read: {error}") from error
         width = len(self.names)
-        for number, row in enumerate(rows):
-            if len(row) < width or any(cell.strip() for cell in row[width:]):
-                comma = "" if self.delimiter != "," else " (is it a decimal comma?)"
-                issues.append(
-                    f"{self.path}: row {number + 1}: {len(row)} cells{comma}; "
+        for row, cells in enumerate(rows):
+            if len(cells) < width or any(cell.strip() for cell in cells[width:]):
+                comma = "" if self.delimiter != b"," else " (is it a decimal comma?)"
+                raise ConfigError(
+                    f"{self.path}: row {number + row}: {len(cells)} cells{comma}; "
                     f"allowed: {width}, as in the header"
                 )
-                return {}
-        result = {}
-        for name in wanted:
-            place = self._places[name]
-            values = np.array([_number(row[place]) for row in rows])
-            bad = np.flatnonzero(np.isinf(values))
-            if len(bad):
-                issues.append(_fault(self.path, name, rows[bad[0]][place].strip(), bad))
-            else:
-                result[name] = values
-        return result
+        table, issues = np.empty((len(rows), len(places))), []
+        for column, place in enumerate(places):
+            bad = []
+            for row, cells in enumerate(rows):
+                value = self._number(cells[place].strip())
+                if value is None:
+                    bad.append(row)
+                else:
+                    table[row, column] = value
+            if bad:
+                cell = rows[bad[0]][place].strip()
+                issues.append(f"{self.names[place]}: {_refusal_of(cell, number, bad)}")
+        if issues:
+            raise ConfigError([f"{self.path}: {issue}" for issue in issues])
+        return table
+
+    def _number(self, cell: str) -> float | None:
+        """Return a cell's value, NaN for an empty one; None if it is not allowed."""
+        if not cell:
+            return math.nan
+        if self.is_strict and cell in _NOT_FINITE:
+            return float(cell)
+        value = float(cell) if _NUMBER.fullmatch(cell) else math.inf
+        return value if math.isfinite(value) else None
 
 
 def open_csv(path: Path) -> CsvFile:
     """Open a CSV file: its header and rows. Raises ConfigError if it cannot be read."""
-    try:
-        text = read_bytes(path).removeprefix(codecs.BOM_UTF8)
-        if not text.isascii():
-            text.decode()
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: cannot be read: not UTF-8 at byte {error.start}") from error
-    if b"\0" in text:
-        raise ConfigError(f"{path}: cannot be read: binary; allowed: a CSV text")
-    if b"\r" in text:
-        text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    blank = _BLANK.match(text)
-    begin = blank.end() if blank else 0
-    end = text.find(b"\n", begin) + 1 or len(text)
-    header = text[begin:end].decode().rstrip("\n")
-    if not header.strip():
+    with as_config_errors(path), path.open("rb") as stream:
+        head = stream.read(_LONGEST)
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(max(0, size - _LONGEST))
+        _, newline, last = _with_newlines(stream.read()).rpartition(b"\n")
+    begin = len(codecs.BOM_UTF8) if head.startswith(codecs.BOM_UTF8) else 0
+    while blank := _BLANK.match(head, begin):
+        begin = blank.end()
+    line = _LINE_OF.match(head, begin)
+    assert line is not None
+    header, end = _checked(path, line[0], begin).decode().strip(), line.end()
+    if not header:
         raise ConfigError(f"{path}: empty; allowed: a header and rows")
     delimiter = max(",;\t", key=header.count)
     names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter))]
@@ -314,60 +272,41 @@ def open_csv(path: Path) -> CsvFile:
     twice = sorted(name for name, count in Counter(names).items() if name and count > 1)
     if twice:
         raise ConfigError(f"{path}: {twice[0]}: twice in the header; allowed: once")
-    body = text[end:]
-    start = body.rfind(b"\n") + 1  # start of the last line
-    if start and body[start:].strip() and body[start:].count(delimiter.encode()) < len(names) - 1:
-        # The last line is cut off, as by a full disk or a kill.
-        return CsvFile(path, names, delimiter, body[:start].rstrip(b"\n"), notes=(CUT,))
-    return CsvFile(path, names, delimiter, body.rstrip(b"\n"))
-
-
-def _parsed(block: bytes, delimiter: str, width: int, places: Sequence[int]) -> Floats | None:
-    """Return the cells (rows, places) of these columns, NaN if empty; None if numpy cannot parse them."""
-    own = np.frombuffer(block, dtype=np.uint8)
-    ends = np.flatnonzero(own == ord("\n"))
-    if not block.endswith(b"\n"):
-        ends = np.append(ends, len(block))
-    marks = np.flatnonzero(own == ord(delimiter))
-    if len(marks) != len(ends) * (width - 1):
-        return None
-    if width > 1:  # each row must have its own delimiters
-        of_rows = marks.reshape(-1, width - 1)
-        if np.any(of_rows[:, -1] > ends) or np.any(of_rows[1:, 0] < ends[:-1]):
-            return None
-    lines = _with_empty_ones(block, delimiter).decode().split("\n")[: len(ends)]
-    try:
-        numbers = np.loadtxt(lines, delimiter=delimiter, comments=None, usecols=places, ndmin=2)
-    except ValueError:
-        return None
-    if len(numbers) != len(ends) or not np.all(np.isfinite(numbers)):
-        return None
-    numbers[numbers == _EMPTY] = math.nan
-    return numbers
-
-
-def _with_empty_ones(block: bytes, delimiter: str) -> bytes:
-    """Return the same rows with the placeholder _EMPTY in each empty cell."""
-    mark, number = delimiter.encode(), repr(_EMPTY).encode()
-    for _ in range(2):  # the first pass finds only every other one in a row
-        block = block.replace(mark + mark, mark + number + mark)
-    block = block.replace(b"\n" + mark, b"\n" + number + mark).replace(
-        mark + b"\n", mark + number + b"\n"
+    last = last if newline and end < size else b""
+    # A last line that is short was cut off, as by a full disk or a kill.
+    is_short = bool(last.strip()) and last.count(delimiter.encode()) < len(names) - 1
+    notes = (CUT,) if is_short and size - len(last) > end else ()
+    return CsvFile(
+        path=path,
+        names=names,
+        notes=notes,
+        delimiter=delimiter.encode(),
+        head=end,
+        last=last,
     )
-    first = number if block.startswith(mark) else b""
-    last = number if block.endswith(mark) else b""
-    return first + block + last
 
 
-def _number(cell: str) -> float:
-    """Return the cell's value; NaN for an empty cell, inf for anything but a finite number."""
-    cell = cell.strip()
-    if not cell:
-        return math.nan
-    return float(cell) if _NUMBER.fullmatch(cell) else math.inf
+def _checked(path: Path, text: bytes, at: int) -> bytes:
+    """Return a part of a file that begins at byte `at`. Raises ConfigError if it is no text."""
+    if b"\0" in text:
+        raise ConfigError(f"{path}: cannot be read: binary; allowed: a CSV text")
+    try:
+        if not text.isascii():
+            text.decode()
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"{path}: cannot be read: not UTF-8 at byte {at + error.start}"
+        ) from error
+    return text
 
 
-def _fault(path: Path, name: str, cell: str, bad: NDArray[np.int64]) -> str:
+def _with_newlines(text: bytes) -> bytes:
+    """Return the text with a newline at the end of each line, and maybe a blank line between two blocks."""
+    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
+
+
+def _refusal_of(cell: str, number: int, bad: Sequence[int]) -> str:
+    """Return why a cell is refused, the first of those in rows `bad` of a block that begins at row `number`."""
     try:
         said = "a finite number" if not math.isfinite(float(cell)) else "a number"
         shown = cell
@@ -376,4 +315,4 @@ def _fault(path: Path, name: str, cell: str, bad: NDArray[np.int64]) -> str:
         if "," in cell and _NUMBER.fullmatch(cell.replace(",", ".", 1)):
             said = "a number with a decimal point"
     more = f" ({len(bad)} such rows)" if len(bad) > 1 else ""
-    return f"{path}: {name}: {shown} in row {int(bad[0]) + 1}{more}; allowed: {said}"
+    return f"{shown} in row {number + bad[0]}{more}; allowed: {said}"

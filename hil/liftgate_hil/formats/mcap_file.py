@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
@@ -27,7 +27,7 @@ from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.mcap_chunks import HEAD, LENGTH_BEFORE, MESSAGE, Block, ChunkWriter
 from liftgate_hil.formats.mcap_text import RowMessages, Topic, frame_texts, plain_name
 from liftgate_hil.formats.reading import foreign_reader
-from liftgate_hil.formats.recording import FRAME, Floats, Series, column_signal
+from liftgate_hil.formats.recording import FRAME, Floats, Recording, column_signal, nanoseconds_of
 from liftgate_hil.version import version
 from liftgate_plant.signals import TIME, Signal
 
@@ -171,45 +171,12 @@ class RowTopic(NamedTuple):
     fields: Mapping[str, str]  # field names by column
 
 
-@dataclass(frozen=True)
-class McapFile:
-    """Columns and recording in an MCAP file; one that holds frames only has no columns."""
+@dataclass(frozen=True, kw_only=True)
+class McapFile(Recording):
+    """Recording in an MCAP file."""
 
-    path: Path
-    signals: Mapping[str, Signal]  # the columns, the time first
     topics: Sequence[RowTopic]
-    frame_channels: Mapping[int, str]  # channels of frames, with the name of the bus
-    start_ns: int = 0  # wall clock at the start of the run; 0: none applies
-    records: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # metadata, by name
-    about: str = ""
-    sample: str = "row"
-    notes: Sequence[str] = ()
-
-    @property
-    def names(self) -> Sequence[str]:
-        """Names of the columns, and FRAME if there are frames."""
-        return [*self.signals, *([FRAME] if self.frame_channels else ())]
-
-    @property
-    def channel(self) -> str | None:
-        """Name of the frames' bus; None if there are no frames."""
-        return next(iter(self.frame_channels.values()), None)
-
-    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
-        """Read these columns; one with a value that is not finite is left out and added to `issues`."""
-        blocks = list(self.rows(wanted)) if wanted else []
-        if not blocks:
-            issues.append(f"{self.path}: no rows; allowed: a recording with rows")
-            return {}
-        rows, result = np.concatenate(blocks), {}
-        for name, values in zip(wanted, rows.T, strict=True):
-            bad = np.flatnonzero(~np.isfinite(values))
-            if len(bad):
-                told = f"null in row {bad[0] + 1}; allowed: a finite number"
-                issues.append(f"{self.path}: {name}: {told}")
-            else:
-                result[name] = Series(np.ascontiguousarray(values))
-        return result
+    frame_channels: Collection[int]
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these columns, one block at a time. Raises ConfigError."""
@@ -348,8 +315,18 @@ def open_mcap(path: Path) -> McapFile:
         for each in summary.channels.values()
         if each.metadata.get(layout.CONTENT) == layout.BUS
     }
-    start_ns = int(start) if start.isdecimal() and len(start) < 20 else 0
-    return McapFile(path, signals, topics, buses, start_ns, records, about)
+    names = [*signals, *([FRAME] if buses else ())]
+    bus = next(iter(buses.values()), None)
+    return McapFile(
+        path=path,
+        signals=signals,
+        names=names,
+        channel=bus,
+        start_ns=nanoseconds_of(start),
+        about=about,
+        topics=topics,
+        frame_channels=list(buses),
+    )
 
 
 def _topics(summary: Summary) -> tuple[dict[str, Signal], list[RowTopic]]:

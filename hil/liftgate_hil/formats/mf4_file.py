@@ -21,8 +21,8 @@ from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, LENGTHS, LOGGED, MAX_
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Batch, Content
 from liftgate_hil.formats.mcap_layout import ABOUT
-from liftgate_hil.formats.mf4_channels import opened_mf4
-from liftgate_hil.formats.recording import FRAME, Floats, column_signal
+from liftgate_hil.formats.mf4_reader import opened_mf4
+from liftgate_hil.formats.recording import FRAME, Floats, Recording, Series, column_signal
 from liftgate_plant.signals import TIME, Signal
 
 _TOLD = "the run: versions, seed, clock, rate, files, the vehicle"
@@ -173,26 +173,37 @@ def _samples(name: str, frames: Any, channel: int) -> NDArray[Any]:
 
 
 _BLOCK = 20_000  # rows or frames that are read at a time
+_NOT_NUMERIC = "not numeric; allowed: one number per sample"
 
 
-@dataclass(frozen=True)
-class Mf4Recording:
-    """Recording read from an MF4 file."""
+@dataclass(frozen=True, kw_only=True)
+class Mf4File(Recording):
+    """MF4 file: channels of any program, each with its own times, or a recording of this one."""
 
-    path: Path
-    signals: Mapping[str, Signal]
     columns: Mapping[str, tuple[int, int]]  # group of each column and its place in the group
     # Groups of frames: their kind, and the channel that holds whole frames.
     buses: Mapping[int, tuple[str, int]]
     bus_number: int
-    start_ns: int
-    about: str = ""
-    notes: Sequence[str] = ()
+    refusal: str  # why the columns are no rows of a recording; "": they are
+    sample: str = "sample"
 
-    @property
-    def channel(self) -> str | None:
-        """Name of the frames' bus, made from its number; None if there are no frames."""
-        return f"can{self.bus_number}" if self.buses else None
+    def as_recording(self) -> Mf4File:
+        """Return it as a recording: one group of plain numbers. Raises ConfigError if it is none."""
+        if self.refusal:
+            raise ConfigError(f"{self.path}: {self.refusal}")
+        return self
+
+    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
+        """Read these channels; one without finite numbers at rising times is left out and added to `issues`."""
+        result = {}
+        with opened_mf4(self.path) as measurement:
+            for name in wanted:
+                found = _series_of(measurement, name)
+                if isinstance(found, str):
+                    issues.append(f"{self.path}: {name}: {found}")
+                else:
+                    result[name] = found
+        return result
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these columns, one block at a time."""
@@ -208,7 +219,7 @@ class Mf4Recording:
 
     def _numbers(self, name: str, samples: NDArray[Any]) -> Floats:
         if samples.ndim != 1 or samples.dtype.kind not in "fiub":
-            raise ConfigError(f"{self.path}: {name}: not numeric; allowed: one number per sample")
+            raise ConfigError(f"{self.path}: {name}: {_NOT_NUMERIC}")
         return samples.astype(np.float64)
 
     def frames(self) -> Iterator[NDArray[np.void]]:
@@ -234,6 +245,32 @@ class Mf4Recording:
                     f"{self.path}: frames of several buses; allowed: frames of one bus"
                 )
             yield _logged(signal.samples, kind, signal.timestamps)
+
+
+def _series_of(measurement: Any, name: str) -> Series | str:
+    """Return a channel's samples with their times, or why it has none."""
+    where = measurement.channels_db[name]
+    if len(where) > 1:
+        return f"in {len(where)} groups; allowed: in one"
+    signal = measurement.get(name).validate()
+    if np.asarray(signal.samples).dtype.kind not in "fiub":  # a conversion to text
+        signal = measurement.get(name, raw=True).validate()
+    samples = np.asarray(signal.samples)
+    if samples.dtype.kind not in "fiub" or samples.ndim != 1:
+        return _NOT_NUMERIC
+    times = np.asarray(signal.timestamps, dtype=np.float64)
+    values = samples.astype(np.float64)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        more = f" ({len(bad)} such samples)" if len(bad) > 1 else ""
+        return f"{values[bad[0]]} in sample {bad[0] + 1}{more}; allowed: a finite number"
+    late = np.flatnonzero(~(np.diff(times) > 0.0))
+    if len(late):
+        return (
+            f"time {times[late[0] + 1]:.9g} s in sample {late[0] + 2} is not "
+            "later than the one before; allowed: finite and rising"
+        )
+    return Series(values, times, signal.unit or None)
 
 
 def data_frames_in(path: Path) -> Iterator[NDArray[np.void]]:
@@ -298,48 +335,60 @@ def _blocks(measured: Any, asked: Sequence[tuple[None, int, int]]) -> Iterator[l
         )
 
 
-def open_mf4_recording(path: Path) -> Mf4Recording:
-    """Open an MF4 recording. Raises ConfigError if the file holds more than a recording."""
+def open_mf4(path: Path) -> Mf4File:
+    """Open an MF4 file. Raises ConfigError if it cannot be read."""
     columns: dict[str, tuple[int, int]] = {}
     signals: dict[str, Signal] = {}
     buses: dict[int, tuple[str, int]] = {}
-    number = 0
+    number, refusal = 0, ""
     with opened_mf4(path, in_blocks=True) as measured:
         start = measured.header.start_time
-        about = next(
-            (
-                bytes(measured.extract_attachment(index=k)[0]).decode(errors="replace")
-                for k, each in enumerate(measured.attachments)
-                if each.file_name == ABOUT
-            ),
-            "",
-        )
+        names = list(measured.channels_db)
+        about = _about_in(measured)
         for group, content in enumerate(measured.groups):
-            master = measured.masters_db.get(group)
-            kind = next((each.name for each in content.channels if each.name in _KINDS), "")
             if not content.channel_group.cycles_nr:
                 continue
+            kind = next((each.name for each in content.channels if each.name in _KINDS), "")
             if kind:
                 place = next(k for k, each in enumerate(content.channels) if each.name == kind)
                 buses[group] = kind, place
                 first = measured.select([(None, group, place)], record_count=1, raw=True)[0].samples
-                name = f"{kind}.BusChannel"
-                number = int(first[name][0]) if name in (first.dtype.names or ()) else 0
+                number = int(_field(first, kind, "BusChannel", [0])[0])
                 continue
+            master = measured.masters_db.get(group)
             for place, channel in enumerate(content.channels):
                 if place == master:
                     continue
+                name = channel.name
                 if channel.conversion is not None:
-                    raise ConfigError(
-                        f"{path}: {channel.name}: has a conversion; allowed: plain numbers"
-                    )
-                if channel.name in columns:
-                    raise ConfigError(f"{path}: {channel.name}: in several groups; allowed: in one")
-                columns[channel.name] = group, place
-                signals[channel.name] = column_signal(channel.name, channel.unit or "")
+                    refusal = refusal or f"{name}: has a conversion; allowed: plain numbers"
+                if name in columns:
+                    refusal = refusal or f"{name}: in several groups; allowed: in one"
+                columns[name] = group, place
+                signals[name] = column_signal(name, channel.unit or "")
     if len({group for group, _ in columns.values()}) > 1:
-        raise ConfigError(f"{path}: columns in several groups; allowed: a recording with one group")
+        refusal = refusal or "columns in several groups; allowed: a recording with one group"
     if columns:
         signals = {"time_s": TIME, **signals}
     start_ns = max(0, round(start.timestamp() * 1e6)) * 1000
-    return Mf4Recording(path, signals, columns, buses, number, start_ns, about)
+    bus = f"can{number}" if buses else None
+    return Mf4File(
+        path=path,
+        names=names,
+        signals=signals,
+        channel=bus,
+        start_ns=start_ns,
+        about=about,
+        columns=columns,
+        buses=buses,
+        bus_number=number,
+        refusal=refusal,
+    )
+
+
+def _about_in(measured: Any) -> str:
+    """Return the provenance that is attached to a recording; "": none."""
+    for place, each in enumerate(measured.attachments):
+        if each.file_name == ABOUT:
+            return bytes(measured.extract_attachment(index=place)[0]).decode(errors="replace")
+    return ""

@@ -16,7 +16,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.guarded import GuardedWriter, Say, silent
 from liftgate_hil.formats.limit import Limit
-from liftgate_hil.formats.recording import Columns, Recording
+from liftgate_hil.formats.recording import Recording
 from liftgate_hil.formats.rotation import Part, Parts
 from liftgate_hil.formats.salvage import SalvagedWriter
 from liftgate_hil.formats.target import is_special, open_salvage, open_target, why
@@ -27,9 +27,8 @@ from liftgate_hil.formats.writer import Writer
 class Format:
     """Format that a suffix stands for: how a file is written, and how it is read."""
 
+    read: Callable[[Path], Recording]
     write: Callable[[BinaryIO, Content], Writer] | None = None
-    read: Callable[[Path], Recording] | None = None  # opens it as a recording
-    read_columns: Callable[[Path], Columns] | None = None  # opens it as columns, whoever wrote it
     has_rows: bool = False
     has_frames: bool = False
     holds_about: bool = False  # the provenance of the run, in full
@@ -47,31 +46,22 @@ def _lazily(module: str, name: str, *more: object) -> Callable[..., Any]:
     return call
 
 
-_CSV_COLUMNS = _lazily("csv_file", "open_csv")
-_BUS_LOG = _lazily("python_can_file", "open_log_recording")
+_CSV, _LOG = _lazily("csv_file", "open_csv"), _lazily("python_can_file", "open_log")
 FORMATS: Mapping[str, Format] = {
-    ".csv": Format(
-        write=_lazily("csv_file", "CsvWriter"),
-        read=_lazily("csv_file", "open_csv_recording"),
-        read_columns=_CSV_COLUMNS,
-        has_rows=True,
-        is_text=True,
-    ),
-    ".tsv": Format(read_columns=_CSV_COLUMNS),
-    ".txt": Format(read_columns=_CSV_COLUMNS),
+    ".csv": Format(_CSV, _lazily("csv_file", "CsvWriter"), has_rows=True, is_text=True),
+    ".tsv": Format(_CSV, has_rows=True),
+    ".txt": Format(_CSV, has_rows=True),
     ".parquet": Format(
-        write=_lazily("parquet_file", "ParquetTableWriter"),
-        read=_lazily("parquet_file", "open_parquet_recording"),
-        read_columns=_lazily("parquet_file", "open_parquet"),
+        _lazily("parquet_file", "open_parquet"),
+        _lazily("parquet_file", "ParquetTableWriter"),
         has_rows=True,
         holds_about=True,
         module="pyarrow",
         extra="parquet",
     ),
     ".mf4": Format(
-        write=_lazily("mf4_file", "Mf4Writer"),
-        read=_lazily("mf4_file", "open_mf4_recording"),
-        read_columns=_lazily("mf4_channels", "open_mf4"),
+        _lazily("mf4_file", "open_mf4"),
+        _lazily("mf4_file", "Mf4Writer"),
         has_rows=True,
         has_frames=True,
         holds_about=True,
@@ -79,31 +69,24 @@ FORMATS: Mapping[str, Format] = {
         extra="mf4",
     ),
     ".mcap": Format(
-        write=_lazily("mcap_file", "McapWriter"),
-        read=_lazily("mcap_file", "open_mcap"),
-        read_columns=_lazily("mcap_file", "open_mcap"),
+        _lazily("mcap_file", "open_mcap"),
+        _lazily("mcap_file", "McapWriter"),
         has_rows=True,
         has_frames=True,
         holds_about=True,
         module="mcap",
         extra="mcap",
     ),
-    ".log": Format(
-        write=_lazily("candump_file", "CandumpWriter"), read=_BUS_LOG, has_frames=True, is_text=True
-    ),
+    ".log": Format(_LOG, _lazily("candump_file", "CandumpWriter"), has_frames=True, is_text=True),
     **{
-        suffix: Format(
-            write=_lazily("python_can_file", "PythonCanWriter", suffix),
-            read=_BUS_LOG,
-            has_frames=True,
-        )
+        suffix: Format(_LOG, _lazily("python_can_file", "PythonCanWriter", suffix), has_frames=True)
         for suffix in (".asc", ".blf", ".trc")
     },
 }
-WRITTEN = tuple(suffix for suffix, each in FORMATS.items() if each.write)
-TABLES = tuple(suffix for suffix in WRITTEN if FORMATS[suffix].has_rows)
-READ = tuple(suffix for suffix, each in FORMATS.items() if each.read)
-MEASURED = tuple(suffix for suffix, each in FORMATS.items() if each.read_columns)
+RECORDED = tuple(suffix for suffix, each in FORMATS.items() if each.write)
+TABLES = tuple(suffix for suffix in RECORDED if FORMATS[suffix].has_rows)
+WITH_ROWS = tuple(suffix for suffix, each in FORMATS.items() if each.has_rows)
+BUS_LOGS = tuple(suffix for suffix in FORMATS if suffix not in WITH_ROWS)
 
 
 def open_recording(path: Path) -> Recording:
@@ -125,31 +108,23 @@ def holds_nothing(path: Path) -> bool:
 
 
 def _opened(path: Path) -> Recording:
-    read = _format_of(path, READ, READ).read
-    assert read is not None
-    check_readable(path)
-    if path.stat().st_size == 0:
-        raise ConfigError(f"{path}: empty; allowed: a recording")
-    return read(path)
+    if path.suffix.lower() in RECORDED:
+        check_readable(path)
+        if path.stat().st_size == 0:
+            raise ConfigError(f"{path}: empty; allowed: a recording")
+    return open_file(path, RECORDED).as_recording()
 
 
-def open_columns(path: Path, allowed: Sequence[str] = MEASURED) -> Columns:
-    """Open a file of columns. Raises ConfigError, which names the `allowed` formats, if it cannot be read."""
-    check_readable(path)
-    read = _format_of(path, MEASURED, allowed).read_columns
-    assert read is not None
-    return read(path)
-
-
-def _format_of(path: Path, kinds: Sequence[str], allowed: Sequence[str]) -> Format:
-    """Return the format of a suffix among these kinds. Raises ConfigError, which names the `allowed` ones."""
+def open_file(path: Path, allowed: Sequence[str] = tuple(FORMATS)) -> Recording:
+    """Open a file of any program. Raises ConfigError, also for a format that is not `allowed`."""
     kind = path.suffix.lower()
-    if kind not in kinds:
-        raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(allowed)}")
-    return FORMATS[kind]
+    if kind in allowed:
+        check_readable(path)
+        return FORMATS[kind].read(path)
+    raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(allowed)}")
 
 
-def check_file(argument: str, name: str, allowed: tuple[str, ...] = WRITTEN) -> Path:
+def check_file(argument: str, name: str, allowed: tuple[str, ...] = RECORDED) -> Path:
     """Return the path of a file to write that an argument names. Raises ConfigError."""
     path, what = Path(name), f"`{argument}` {name}"
     with contextlib.suppress(OSError, ValueError):  # reported below

@@ -14,8 +14,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Batch, Content
 from liftgate_hil.formats.mcap_layout import ABOUT_PARQUET, START_PARQUET
 from liftgate_hil.formats.reading import foreign_reader
-from liftgate_hil.formats.recording import Floats, Series, WithoutFrames, column_signal
-from liftgate_plant.signals import Signal
+from liftgate_hil.formats.recording import Floats, Recording, column_signal, nanoseconds_of
 
 _GROUP = 65_536  # rows in a row group
 
@@ -99,18 +98,24 @@ _ROWS = 1 << 16
 _EXACT = 2**53  # integers up to this are exact as floats
 
 
-@dataclass(frozen=True)
-class ParquetRecording(WithoutFrames):
-    """Recording read from a Parquet file."""
+@dataclass(frozen=True, kw_only=True)
+class ParquetFile(Recording):
+    """Parquet file: a table of any program, or a recording of this one."""
 
-    path: Path
-    signals: Mapping[str, Signal]
-    about: str = ""
-    start_ns: int = 0
-    notes: Sequence[str] = ()
+    others: Mapping[str, str]  # the columns of anything but numbers, with their types
+
+    def as_recording(self) -> ParquetFile:
+        """Return it as a recording: columns of numbers, the time first. Raises ConfigError if it is none."""
+        self._check(self.names)
+        if self.names[:1] != ["time_s"]:
+            raise ConfigError(
+                f"{self.path}: time_s: missing; allowed: a recording whose first column is time_s"
+            )
+        return self
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)) of these columns, one batch at a time."""
+        """Yield rows (n, len(wanted)) of these columns, one batch at a time; null is NaN."""
+        self._check(wanted)
         with foreign_reader(self.path, "Parquet", "pyarrow"):
             from pyarrow import parquet
 
@@ -119,88 +124,52 @@ class ParquetRecording(WithoutFrames):
                     values = [self._column(batch[name], name) for name in wanted]
                     yield np.column_stack(values)
 
+    def _check(self, wanted: Sequence[str]) -> None:
+        """Raise ConfigError if one of these columns does not hold numbers."""
+        issues = [f"{name}: {self.others[name]}" for name in wanted if name in self.others]
+        if issues:
+            raise ConfigError([f"{self.path}: {each}; allowed: numbers" for each in issues])
+
     def _column(self, column: Any, name: str) -> Floats:
-        """Return a column's numbers; null is NaN."""
         values = column.to_numpy(zero_copy_only=False)
         if values.dtype.kind in "iu" and len(values) and not (np.abs(values) <= _EXACT).all():
             raise ConfigError(f"{self.path}: {name}: integers beyond 2^53; allowed: up to 2^53")
         return np.asarray(values, dtype=np.float64)
 
 
-def open_parquet_recording(path: Path) -> ParquetRecording:
-    """Open a Parquet recording: columns of numbers, the time first. Raises ConfigError."""
+def open_parquet(path: Path) -> ParquetFile:
+    """Open a Parquet file. Raises ConfigError if it cannot be read, or has two columns of the same name."""
     with foreign_reader(path, "Parquet", "pyarrow"):
         from pyarrow import parquet, types
 
         with parquet.ParquetFile(path) as file:
             schema, told = file.schema_arrow, file.metadata.metadata or {}
-        for each in schema:
-            if not _is_number(each.type):
-                raise ConfigError(f"{path}: {each.name}: {each.type}; allowed: numbers")
-        signals = {
-            each.name: column_signal(each.name, _unit_of(each), types.is_integer(each.type))
+        whole = {each.name for each in schema if types.is_integer(each.type)}
+        others = {
+            each.name: str(each.type)
             for each in schema
+            if each.name not in whole
+            and not types.is_floating(each.type)
+            and not types.is_boolean(each.type)
         }
-    if next(iter(signals), "") != "time_s":
-        raise ConfigError(
-            f"{path}: time_s: missing; allowed: a recording whose first column is time_s"
-        )
-    about = (schema.metadata or {}).get(ABOUT_PARQUET.encode(), b"").decode(errors="replace")
-    start = told.get(START_PARQUET.encode(), b"").decode(errors="replace")
-    is_time = start.isascii() and start.isdecimal() and len(start) < 20
-    return ParquetRecording(path, signals, about, int(start) if is_time else 0)
-
-
-def _is_number(kind: Any) -> bool:
-    """Whether a column of this type of Arrow's holds numbers."""
-    from pyarrow import types
-
-    return bool(types.is_floating(kind) or types.is_integer(kind) or types.is_boolean(kind))
-
-
-def _unit_of(field: Any) -> str:
-    """Return the unit of a column, from its field in an Arrow schema; "": none is given."""
-    return ((field.metadata or {}).get(b"unit") or b"").decode()
-
-
-@dataclass(frozen=True)
-class ParquetFile:
-    """Columns of a Parquet file."""
-
-    path: Path
-    names: Sequence[str]
-    sample: str = "row"
-    notes: Sequence[str] = ()
-
-    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
-        """Read these columns; one with anything but finite numbers or null is left out and added to `issues`."""
-        result = {}
-        with foreign_reader(self.path, "Parquet", "pyarrow"):
-            from pyarrow import parquet
-
-            table = parquet.read_table(self.path, columns=list(wanted))
-            for name in wanted:
-                field = table.schema.field(name)
-                if not _is_number(field.type):
-                    issues.append(f"{self.path}: {name}: {field.type}; allowed: numbers")
-                    continue
-                values = np.array(table[name].to_numpy(), dtype=np.float64)
-                bad = np.flatnonzero(np.isinf(values))
-                if len(bad):
-                    told = f"{values[bad[0]]} in row {bad[0] + 1}; allowed: a finite number"
-                    issues.append(f"{self.path}: {name}: {told}")
-                    continue
-                result[name] = Series(values, unit=_unit_of(field) or None)
-        return result
-
-
-def open_parquet(path: Path) -> ParquetFile:
-    """Open the columns of a Parquet file. Raises ConfigError if it cannot be read, or has two of the same name."""
-    with foreign_reader(path, "Parquet", "pyarrow"):
-        from pyarrow import parquet
-
-        names = list(parquet.read_schema(path).names)
+    names = list(schema.names)
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise ConfigError(f"{path}: {twice}: twice; allowed: once")
-    return ParquetFile(path, names)
+    units = {each.name: ((each.metadata or {}).get(b"unit") or b"").decode() for each in schema}
+    signals = {
+        name: column_signal(name, units[name], name in whole)
+        for name in names
+        if name not in others
+    }
+    about = (schema.metadata or {}).get(ABOUT_PARQUET.encode(), b"").decode(errors="replace")
+    start = told.get(START_PARQUET.encode(), b"").decode(errors="replace")
+    return ParquetFile(
+        path=path,
+        names=names,
+        units=units,
+        signals=signals,
+        others=others,
+        about=about,
+        start_ns=nanoseconds_of(start),
+    )

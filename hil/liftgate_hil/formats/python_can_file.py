@@ -6,9 +6,9 @@ import io
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -20,8 +20,7 @@ from liftgate_hil.codec.frames import ERROR, FD, LOGGED, MAX_BYTES, REMOTE, Fram
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.reading import CUT, all_understood, as_config_errors, is_cut
-from liftgate_hil.formats.recording import Floats
-from liftgate_plant.signals import Signal
+from liftgate_hil.formats.recording import Recording
 
 _CONTAINER = 128 * 1024  # bytes that BLF compresses together
 _MARKS = {".asc": "//", ".trc": ";"}  # prefixes of comment lines
@@ -105,30 +104,15 @@ _LATEST_S = 1e6  # latest time within a run; a later timestamp is a wall clock's
 _LONGEST_S = 1e9  # latest time in any log
 
 
-@dataclass(frozen=True)
-class LogRecording:
-    """Recording read from a bus log."""
+@dataclass(frozen=True, kw_only=True)
+class LogFile(Recording):
+    """Bus log of any program."""
 
-    path: Path
-    channel: str | None
-    start_us: int  # wall clock where its times begin
-    before_us: int  # by how much the reader's timestamps exceed its times
-    notes: Sequence[str] = ()
-    signals: Mapping[str, Signal] = field(default_factory=dict)
-    about: str = ""
-
-    @property
-    def start_ns(self) -> int:
-        """Wall clock where the times begin [ns since 1970]; 0: none applies."""
-        return self.start_us * 1000
-
-    def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Return no rows: bus logs hold frames only."""
-        return iter(())
+    before_us: int = 0  # by how much the reader's timestamps exceed its times
 
     def frames(self) -> Iterator[NDArray[np.void]]:
         """Yield the frames (n,) LOGGED, one block at a time."""
-        with _reading(self.path) as reader:
+        with reader_of(self.path) as reader:
             messages = iter(reader)
             while block := list(islice(messages, _BLOCK)):
                 rows = np.zeros(len(block), dtype=LOGGED)
@@ -162,16 +146,22 @@ class LogRecording:
         return time_us * 1000, identifier, fields.length, not message.is_rx, content
 
 
-def open_log_recording(path: Path) -> LogRecording:
-    """Open a bus log as a recording. Raises ConfigError."""
+def open_log(path: Path) -> LogFile:
+    """Open a bus log. Raises ConfigError."""
     notes = (CUT,) if path.suffix.lower() != ".blf" and is_cut(path) else ()
-    with _reading(path) as reader:
+    with reader_of(path) as reader:
         first = next(iter(reader), None)
         if first is None:
-            return LogRecording(path, None, 0, 0, notes)
+            return LogFile(path=path, notes=notes)
         start_us = round(_start_of(path, reader, first) * 1e6)
     before_us = 0 if path.suffix.lower() == ".asc" else start_us
-    return LogRecording(path, _bus_of(path, first), start_us, before_us, notes)
+    return LogFile(
+        path=path,
+        channel=_bus_of(path, first),
+        start_ns=start_us * 1000,
+        notes=notes,
+        before_us=before_us,
+    )
 
 
 def _start_of(path: Path, reader: Any, first: Any) -> float:
@@ -218,8 +208,11 @@ class _WholeLines(io.TextIOWrapper):
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[Any]:
-    """Open a reader of a log; errors in the context are raised as ConfigError."""
+def reader_of(path: Path, is_whole: bool = True) -> Iterator[Any]:
+    """Open python-can's reader of a bus log, without a last line that is cut off.
+
+    A truncated BLF file is refused if it shall be `is_whole`. Errors in the context are raised as ConfigError.
+    """
     from liftgate_hil.config.can_libraries import can
 
     readers = {
@@ -231,7 +224,7 @@ def _reading(path: Path) -> Iterator[Any]:
     with as_config_errors(path), all_understood(), path.open("rb") as stream:
         if kind == ".blf":
             reader: Any = can.BLFReader(stream)
-            if reader.file_size > os.fstat(stream.fileno()).st_size:
+            if is_whole and reader.file_size > os.fstat(stream.fileno()).st_size:
                 raise ValueError("it is truncated")
         else:
             reader = readers[kind](_WholeLines(stream, encoding="utf-8", errors="replace"))

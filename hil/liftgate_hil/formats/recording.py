@@ -1,15 +1,15 @@
-"""Protocols of the readers of files: a recording's rows and frames, or the samples of its columns."""
+"""Recording: the base class of all readers of files, with rows, frames and columns."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.signals import COLUMNS
 from liftgate_plant.signals import Signal
 
@@ -17,50 +17,6 @@ Floats = NDArray[np.float64]
 
 FRAME = "CAN_DataFrame"  # of ASAM MDF bus logging; among a file's names if it holds frames
 _ALL = float("inf")
-
-
-class Recording(Protocol):
-    """A recording. Its iterators open the file anew, and raise ConfigError if it cannot be read."""
-
-    @property
-    def path(self) -> Path:
-        """Path of the file."""
-
-    @property
-    def signals(self) -> Mapping[str, Signal]:
-        """Columns, the time first; empty if it holds frames only."""
-
-    @property
-    def channel(self) -> str | None:
-        """Name of the frames' bus; None if it holds no frames."""
-
-    @property
-    def start_ns(self) -> int:
-        """Wall clock where the times begin [ns since 1970]; 0: none applies."""
-
-    @property
-    def about(self) -> str:
-        """Provenance of the run, as JSON; empty if unknown."""
-
-    @property
-    def notes(self) -> Sequence[str]:
-        """Remarks on what was noticed and left out."""
-
-    def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)) of these columns; NaN: no value."""
-
-    def frames(self) -> Iterator[NDArray[np.void]]:
-        """Yield frames (n,) LOGGED in file order; times count from `start_ns`."""
-
-
-class WithoutFrames:
-    """Base class of recordings that hold rows only."""
-
-    channel: str | None = None
-
-    def frames(self) -> Iterator[NDArray[np.void]]:
-        """Return no frames."""
-        return iter(())
 
 
 @dataclass(frozen=True)
@@ -72,23 +28,68 @@ class Series:
     unit: str | None = None  # None: the file does not state it
 
 
-class Columns(Protocol):
-    """An opened file of columns."""
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """File of rows, frames or both: a recording of this program, or another program's table or bus log.
 
-    @property
-    def names(self) -> Sequence[str]:
-        """Names of the columns in the file."""
+    Its methods open the file anew, and raise ConfigError if it cannot be read.
+    """
 
-    @property
-    def sample(self) -> str:
-        """Word for one sample: "row", or "sample" if each column has its own times."""
+    path: Path
+    # Columns of rows, the time first; none if the file holds frames only.
+    signals: Mapping[str, Signal] = field(default_factory=dict)
+    names: Sequence[str] = ()  # of all columns in the file, and FRAME if it holds frames
+    units: Mapping[str, str] = field(default_factory=dict)  # of columns, if the file states them
+    sample: str = "row"  # word for one sample: "sample" if each column has its own times
+    channel: str | None = None  # name of the frames' bus; None: no frames
+    start_ns: int = 0  # wall clock where the times begin [ns since 1970]; 0: none applies
+    about: str = ""  # provenance of the run, as JSON; "": unknown
+    notes: Sequence[str] = ()  # remarks on what was noticed and left out
 
-    @property
-    def notes(self) -> Sequence[str]:
-        """Remarks on what was noticed when the file was opened."""
+    def as_recording(self) -> Recording:
+        """Return it as a recording, with exact rows. Raises ConfigError if its columns are no rows of one."""
+        return self
+
+    def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
+        """Yield rows (n, len(wanted)) of these columns, one block at a time; NaN: no value."""
+        return iter(())
+
+    def frames(self) -> Iterator[NDArray[np.void]]:
+        """Yield frames (n,) LOGGED in file order, one block at a time; times count from `start_ns`."""
+        return iter(())
 
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
-        """Read these columns; one with anything but finite numbers is left out and added to `issues`."""
+        """Read these columns; what is anything but finite numbers, or unreadable, is added to `issues`."""
+        return self._series(self.rows(wanted), wanted, issues)
+
+    def _series(
+        self, blocks: Iterator[Floats], wanted: Sequence[str], issues: list[str]
+    ) -> dict[str, Series]:
+        """Return blocks of rows as one series for each column; NaN is an empty cell."""
+        try:
+            found = list(blocks) if wanted else []
+        except ConfigError as error:
+            issues += error.issues
+            return {}
+        if not found:
+            issues.append(f"{self.path}: no rows; allowed: one or more")
+            return {}
+        result = {}
+        for name, values in zip(wanted, np.concatenate(found).T, strict=True):
+            bad = np.flatnonzero(np.isinf(values))
+            if len(bad):
+                told = f"{values[bad[0]]} in row {bad[0] + 1}; allowed: a finite number"
+                issues.append(f"{self.path}: {name}: {told}")
+            else:
+                result[name] = Series(
+                    np.ascontiguousarray(values), unit=self.units.get(name) or None
+                )
+        return result
+
+
+def nanoseconds_of(text: str) -> int:
+    """Return the start of a run as a file states it [ns since 1970]; 0 for anything but a time."""
+    return int(text) if text.isascii() and text.isdecimal() and len(text) < 20 else 0
 
 
 def column_signal(name: str, unit: str = "", is_whole: bool = False) -> Signal:

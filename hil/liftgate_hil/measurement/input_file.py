@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.open import open_columns
+from liftgate_hil.formats.open import WITH_ROWS, open_file
 from liftgate_hil.measurement.mapping import ColumnMap
 from liftgate_hil.measurement.table import (
     INPUT_KIND,
@@ -25,7 +25,7 @@ def read_samples(path: Path, mapping: ColumnMap) -> tuple[Samples, tuple[str, ..
 
     Raises ConfigError with all issues.
     """
-    reading, series, shared = read_series(path, open_columns(path), mapping, INPUT_KIND)
+    reading, series, shared = read_series(path, open_file(path, WITH_ROWS), mapping, INPUT_KIND)
     issues = [
         f"{path}: {name}: empty cell in row {int(np.argmax(np.isnan(each.values))) + 1}; allowed: a number"
         for name, each in series.items()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import re
 from collections.abc import Collection
@@ -15,7 +14,8 @@ from liftgate_hil.codec.frames import EXTENDED, FD, REMOTE, Frames, empty_frames
 from liftgate_hil.config.files import check_file
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.formats.open import open_recording
-from liftgate_hil.formats.reading import CUT, all_understood, as_config_errors, is_cut
+from liftgate_hil.formats.python_can_file import reader_of
+from liftgate_hil.formats.reading import CUT, as_config_errors, is_cut
 from liftgate_hil.measurement.measurement import Floats
 
 _MOST_BYTES = 64  # in a frame
@@ -58,15 +58,6 @@ def read_frames(
     return LogFrames(times[ours], own, (), span, silences)
 
 
-def _opened(can: Any, path: Path, is_cut: bool) -> Any:
-    """Open a reader of the log, or of its whole lines if it is cut off."""
-    if not is_cut:
-        return can.LogReader(path)
-    readers = {".log": can.CanutilsLogReader, ".asc": can.ASCReader, ".trc": can.TRCReader}
-    text = path.read_text(encoding="utf-8", errors="replace")
-    return readers[path.suffix.lower()](io.StringIO(text[: text.rfind("\n") + 1]))
-
-
 def _by_python_can(path: Path, wanted: Collection[int]) -> LogFrames:
     from liftgate_hil.config.can_libraries import can
 
@@ -77,7 +68,7 @@ def _by_python_can(path: Path, wanted: Collection[int]) -> LogFrames:
         if path.suffix.lower() == ".log":
             found = _by_lines(path, wanted)
         if found is None:
-            with all_understood(), _opened(can, path, has_rest) as reader:
+            with reader_of(path, is_whole=False) as reader:
                 found = _by_messages(can, reader, wanted)
     times, rows, watch = found
     frames = empty_frames(len(rows))

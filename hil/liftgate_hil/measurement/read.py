@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.formats.open import FORMATS, MEASURED, open_columns
+from liftgate_hil.formats.open import BUS_LOGS, FORMATS, open_file
 from liftgate_hil.formats.recording import FRAME
 from liftgate_hil.measurement.mapping import ColumnMap
 from liftgate_hil.measurement.measurement import Measurement
@@ -15,11 +15,6 @@ from liftgate_hil.measurement.units import KNOWN
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
-
-BUS_LOGS = tuple(
-    suffix for suffix, each in FORMATS.items() if each.has_frames and not each.read_columns
-)
-SUFFIXES = (*MEASURED, *BUS_LOGS)
 
 
 def read_measurement(
@@ -37,7 +32,7 @@ def read_measurement(
         from liftgate_hil.measurement.bus_log import read_bus_log
 
         return read_bus_log(path, rig() if callable(rig) else rig, before or {})
-    return read_table(path, open_columns(path, SUFFIXES), mapping)
+    return read_table(path, open_file(path), mapping)
 
 
 def needs_rig(path: Path, mapping: ColumnMap) -> bool:
@@ -50,6 +45,6 @@ def needs_rig(path: Path, mapping: ColumnMap) -> bool:
 
 def is_bus_log(path: Path, mapping: ColumnMap) -> bool:
     """Whether an MF4 or MCAP file holds frames, and no column that is ours."""
-    names = open_columns(path).names
+    names = open_file(path).names
     ours = {*KNOWN, *(theirs.name for theirs in mapping.values())}
     return FRAME in names and not ours.intersection(names)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.recording import Columns, Series
+from liftgate_hil.formats.recording import Recording, Series
 from liftgate_hil.measurement.mapping import ColumnMap
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, near_miss
@@ -36,13 +36,13 @@ class Reading:
     """Intermediate state while one file is read as a measurement."""
 
     path: Path
-    file: Columns
+    file: Recording
     names: dict[str, str]  # our name: name in the file
     recorded: bool
     issues: list[str]
 
 
-def read_table(path: Path, file: Columns, mapping: ColumnMap) -> Measurement:
+def read_table(path: Path, file: Recording, mapping: ColumnMap) -> Measurement:
     """Read the measurement in a file of columns. Raises ConfigError with all issues."""
     reading, series, shared = read_series(path, file, mapping, _KINDS)
     own = {name: _own_samples(each, shared) for name, each in series.items()}
@@ -56,7 +56,7 @@ def read_table(path: Path, file: Columns, mapping: ColumnMap) -> Measurement:
 
 
 def read_series(
-    path: Path, file: Columns, mapping: ColumnMap, kinds: Kinds
+    path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds
 ) -> tuple[Reading, dict[str, Series], Floats | None]:
     """Return the columns of these kinds in our units, and the times of the file's rows.
 
@@ -80,7 +80,7 @@ def read_series(
     return reading, series, shared
 
 
-def _resolve(path: Path, file: Columns, mapping: ColumnMap, kinds: Kinds) -> Reading:
+def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> Reading:
     """Resolve which column of the file is which of ours."""
     known = ("time_s", *(name for _, columns in kinds for name in columns))
     mapping = {ours: theirs for ours, theirs in mapping.items() if ours in known}
@@ -146,7 +146,7 @@ def _driving(side: str) -> tuple[str, ...]:
 
 
 def _other_units(
-    file: Columns, names: dict[str, str], path: Path, known: tuple[str, ...]
+    file: Recording, names: dict[str, str], path: Path, known: tuple[str, ...]
 ) -> list[str]:
     """Return issues for headers like left_current_ma.
 

@@ -22,7 +22,7 @@ from liftgate_hil.measurement.log_frames import SILENT_S, read_frames
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
 from liftgate_hil.signals import BUS_OUTPUTS, OUTPUT_COLUMNS, Bench
 from liftgate_hil.testing.recorded_run import RecordedRun, Track, rounded_to_us
-from liftgate_hil.testing.run_source import Source, converted, opened
+from liftgate_hil.testing.run_file import RunFile, converted, opened
 
 Floats = NDArray[np.float64]
 
@@ -48,123 +48,117 @@ class Asked:
 
 def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
     """Read the recordings of one run. Raises ConfigError with all issues."""
-    sources = [opened(path) for path in paths]
-    tables = [each for each in sources if each.ours is not None]
+    files = [opened(path) for path in paths]
+    tables = [each for each in files if each.is_ours]
     if len(tables) > 1:
         raise ConfigError(
             f"{tables[1].path}: a second table of a run; allowed: one table and a bus log"
         )
     issues: list[str] = []
-    places = _places(sources, asked, issues)
-    for source in sources:
-        names = [name for each, name in places.values() if each is source and name != "time_s"]
-        source.read(list(dict.fromkeys(names)), asked.mapping, issues)
+    places = _places(files, asked, issues)
+    for file in files:
+        names = [name for each, name in places.values() if each is file and name != "time_s"]
+        file.read(list(dict.fromkeys(names)), asked.mapping, issues)
     if issues:
         raise ConfigError(issues)
-    needed = _messages(places, sources, asked)
-    for source in sources:
-        if source.has_frames and (needed or asked.others or not tables):
-            source.log = read_frames(source.path, needed, asked.rig, asked.others)
-            ends = [each for each in (source.span, source.log.span) if each is not None]
+    needed = _messages(places, files, asked)
+    for file in files:
+        if file.has_frames and (needed or asked.others or not tables):
+            file.log = read_frames(file.path, needed, asked.rig, asked.others)
+            ends = [each for each in (file.span, file.log.span) if each is not None]
             if ends:
-                source.span = min(low for low, _ in ends), max(high for _, high in ends)
-    _set_clocks(sources)
-    frames = _frames(sources)
-    notes = [
-        f"{each.path}: {note}"
-        for each in sources
-        for note in (
-            *(each.ours.notes if each.ours is not None else ()),
-            *(each.file.notes if each.file is not None else ()),
-            *(each.log.notes if each.log is not None else ()),
-        )
-    ]
-    tracks = _tracks(sources, places, frames, asked, notes, issues)
+                file.span = min(low for low, _ in ends), max(high for _, high in ends)
+    _set_clocks(files)
+    frames = _frames(files)
+    notes = [note for each in files for note in each.notes]
+    tracks = _tracks(files, places, frames, asked, notes, issues)
     if issues:
         raise ConfigError(issues)
-    has_frames = any(each.has_frames for each in sources)
+    has_frames = any(each.has_frames for each in files)
     if tables:
         run = _by_rows(tables[0], tracks, frames, has_frames, notes)
-        own = {name for name, (source, _) in places.items() if source is tables[0]}
+        own = {name for name, (file, _) in places.items() if file is tables[0]}
         run.gaps += _holes(run.times, {name: tracks[name] for name in own & {*tracks}})
     else:
-        run = _by_raster(sources, tracks, frames, has_frames, notes, asked)
+        run = _by_raster(files, tracks, frames, has_frames, notes, asked)
     run.gaps += _until_heard([each for each in run.gaps if not each.names], frames, asked)
-    run.gaps += _silences(sources, asked)
-    run.gaps += _cut_off(sources, asked, float(run.times[-1]))
+    run.gaps += _silences(files, asked)
+    run.gaps += _cut_off(files, asked, float(run.times[-1]))
     return run
 
 
 Places = Mapping[
-    str, tuple[Source | None, str]
+    str, tuple[RunFile | None, str]
 ]  # by our columns: the file (None: the bus), and the name there
 
 
-def _places(sources: Sequence[Source], asked: Asked, issues: list[str]) -> Places:
+def _places(files: Sequence[RunFile], asked: Asked, issues: list[str]) -> Places:
     """Return where each requested column is: as the map says, else in a table under our name."""
-    found: dict[str, tuple[Source | None, str]] = {}
-    has_frames = any(each.has_frames for each in sources)
+    found: dict[str, tuple[RunFile | None, str]] = {}
+    has_frames = any(each.has_frames for each in files)
     for ours, theirs in asked.mapping.items():
-        source, name = _place_of(sources, theirs)
-        if source is not None:
-            found[ours] = source, name
+        file, name = _place_of(files, theirs)
+        if file is not None:
+            found[ours] = file, name
         elif has_frames and signal_unit(asked.rig.messages, theirs.name) is not None:
             found[ours] = None, theirs.name
         else:
-            issues.append(_no_such(sources, asked.rig, ours, theirs, has_frames))
+            issues.append(_no_such(files, asked.rig, ours, theirs, has_frames))
     wanted = set(asked.columns)
-    if any(each.ours is not None for each in sources):
+    if any(each.is_ours for each in files):
         wanted |= {*Bench._fields, "pinch_force_n"}
     for ours in sorted(wanted - {"time_s"} - {*found}):
-        source, name = _place_of(sources, Theirs(ours))
-        if source is not None:
-            found[ours] = source, name
+        file, name = _place_of(files, Theirs(ours))
+        if file is not None:
+            found[ours] = file, name
     return found
 
 
-def _place_of(sources: Sequence[Source], theirs: Theirs) -> tuple[Source | None, str]:
-    for source in sources:
-        name = theirs.found_in(source.names)
+def _place_of(files: Sequence[RunFile], theirs: Theirs) -> tuple[RunFile | None, str]:
+    for file in files:
+        name = theirs.found_in(file.names)
         if name is not None:
-            return source, name
+            return file, name
     return None, ""
 
 
 def _no_such(
-    sources: Sequence[Source], rig: Rig, ours: str, theirs: Theirs, has_frames: bool
+    files: Sequence[RunFile], rig: Rig, ours: str, theirs: Theirs, has_frames: bool
 ) -> str:
-    there = [name for source in sources for name in source.names if name][:_SHOWN]
-    files = ", ".join(str(each.path) for each in sources)
+    there = [name for file in files for name in file.names if name][:_SHOWN]
+    paths = ", ".join(str(each.path) for each in files)
     bus = f"{'or ' if there else ''}a signal of {rig.source}" if has_frames else ""
     allowed = "; ".join(filter(None, [", ".join(there), bus]))
     return (
-        f"{files}: {ours}: no column {theirs.name!r}; allowed: {allowed or 'a file with columns'}"
+        f"{paths}: {ours}: no column {theirs.name!r}; allowed: {allowed or 'a file with columns'}"
     )
 
 
-def _messages(places: Places, sources: Sequence[Source], asked: Asked) -> list[str]:
+def _messages(places: Places, files: Sequence[RunFile], asked: Asked) -> list[str]:
     """Return the messages whose frames are needed."""
-    names = [name for source, name in places.values() if source is None]
+    names = [name for file, name in places.values() if file is None]
     found = [name.partition(".")[0] for name in (*asked.signals, *names)]
-    found += [wire.message for wire in _wires(places, sources, asked)]
+    found += [wire.message for wire in _wires(places, files, asked)]
     return list(dict.fromkeys(found))
 
 
-def _wires(places: Places, sources: Sequence[Source], asked: Asked) -> list[Any]:
+def _wires(places: Places, files: Sequence[RunFile], asked: Asked) -> list[Any]:
     """Return the rig's outputs that stand for columns, where no table of ours was recorded."""
-    if any(each.ours is not None for each in sources):
+    if any(each.is_ours for each in files):
         return []
     wanted = asked.columns - {*places}
     return [wire for wire in asked.rig.outputs if OUTPUT_COLUMNS.get(wire.quantity) in wanted]
 
 
-def _set_clocks(sources: Sequence[Source]) -> None:
+def _set_clocks(files: Sequence[RunFile]) -> None:
     """Set where each file's times begin, so that all count from the same moment. Raises ConfigError."""
-    by_wall = [each for each in sources if each.span is not None and each.span[1] > _LATEST_S]
-    others = [each for each in sources if each.span is not None and each not in by_wall]
+    by_wall = [each for each in files if each.span is not None and each.span[1] > _LATEST_S]
+    others = [each for each in files if each.span is not None and each not in by_wall]
     if not by_wall:
         return
-    start_us = max((each.ours.start_ns // 1000 for each in sources if each.ours), default=0)
+    start_us = max(
+        (each.table.start_ns // 1000 for each in files if each.is_ours and each.table), default=0
+    )
     if others and not start_us:
         said = f"wall-clock timestamps, but none in {others[0].path}"
         raise ConfigError(
@@ -176,16 +170,16 @@ def _set_clocks(sources: Sequence[Source]) -> None:
         each.zero_us = start_us or math.floor(first * 1e6)
 
 
-def _frames(sources: Iterable[Source]) -> Any:
+def _frames(files: Iterable[RunFile]) -> Any:
     """Return all frames, in the order of time."""
     parts = [no_logged()]
-    for source in sources:
-        if source.log is None:
+    for file in files:
+        if file.log is None:
             continue
-        times, own = source.log.times, source.log.frames
+        times, own = file.log.times, file.log.frames
         rows = np.zeros(len(times), dtype=LOGGED)
-        if source.zero_us:  # seconds since 1970 are precise to microseconds only
-            rows["time_ns"] = (rounded_to_us(times) - source.zero_us) * 1000
+        if file.zero_us:  # seconds since 1970 are precise to microseconds only
+            rows["time_ns"] = (rounded_to_us(times) - file.zero_us) * 1000
         else:
             rows["time_ns"] = np.round(times * 1e9).astype(np.int64)
         rows["identifier"] = own.identifiers[: len(times)]
@@ -197,7 +191,7 @@ def _frames(sources: Iterable[Source]) -> Any:
 
 
 def _tracks(
-    sources: Sequence[Source],
+    files: Sequence[RunFile],
     places: Places,
     frames: Any,
     asked: Asked,
@@ -206,21 +200,21 @@ def _tracks(
 ) -> dict[str, Track]:
     """Return the samples of all columns found."""
     tracks: dict[str, Track] = {}
-    logs = [each.path for each in sources if each.has_frames]
-    for ours, (source, name) in places.items():
+    logs = [each.path for each in files if each.has_frames]
+    for ours, (file, name) in places.items():
         if ours == "time_s":
             continue
         theirs = asked.mapping.get(ours, Theirs(ours))
-        if source is None:
+        if file is None:
             times_us, values = _on_bus(frames, asked.rig, name)
             unit, path = signal_unit(asked.rig.messages, name), logs[0]
         else:
-            if name not in source.samples:
+            if name not in file.samples:
                 continue
-            times, values, unit = source.samples[name]
-            times_us, path = rounded_to_us(times) - source.zero_us, source.path
+            times, values, unit = file.samples[name]
+            times_us, path = rounded_to_us(times) - file.zero_us, file.path
         tracks[ours] = Track(times_us, converted(values, ours, theirs, unit, path, issues))
-    return tracks | _by_rig(_wires(places, sources, asked), frames, asked.rig, notes)
+    return tracks | _by_rig(_wires(places, files, asked), frames, asked.rig, notes)
 
 
 def _on_bus(frames: Any, rig: Rig, name: str) -> tuple[NDArray[np.int64], Floats]:
@@ -253,11 +247,11 @@ def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> di
     return tracks
 
 
-def _cut_off(sources: Sequence[Source], asked: Asked, end: float) -> Iterable[Gap]:
+def _cut_off(files: Sequence[RunFile], asked: Asked, end: float) -> Iterable[Gap]:
     """Yield a gap of signals where logs end long before the rows: a log that was cut off."""
     ends = [
         each.log.span[1] - 1e-6 * each.zero_us
-        for each in sources
+        for each in files
         if each.log is not None and each.log.span is not None
     ]
     longest = SILENT_S if asked.longest_gap is None else asked.longest_gap
@@ -278,24 +272,24 @@ def _until_heard(gaps: Iterable[Gap], frames: Any, asked: Asked) -> Iterable[Gap
             yield Gap(gap.begin, max(back, gap.end), frozenset((name,)))
 
 
-def _silences(sources: Sequence[Source], asked: Asked) -> Iterable[Gap]:
+def _silences(files: Sequence[RunFile], asked: Asked) -> Iterable[Gap]:
     """Yield gaps of signals where a log alone holds no frame at all for much longer than any message's cycle.
 
     It is not known whether there was none, or none was recorded.
     """
-    if asked.may_be_silent or any(each.ours is not None for each in sources):
+    if asked.may_be_silent or any(each.is_ours for each in files):
         return
     cycles = [asked.rig.cycle_ms(wire.message) for wire in asked.rig.outputs]
     least = max(SILENT_S, _CYCLES * 1e-3 * max(cycles, default=0.0))
-    for source in sources:
-        for begin, end in source.log.silences if source.log is not None else ():
+    for file in files:
+        for begin, end in file.log.silences if file.log is not None else ():
             if asked.signals and end - begin > least:
-                zero = 1e-6 * source.zero_us
+                zero = 1e-6 * file.zero_us
                 yield Gap(begin - zero, end - zero, frozenset(asked.signals))
 
 
 def _by_rows(
-    table: Source, tracks: dict[str, Track], frames: Any, has_frames: bool, notes: list[str]
+    table: RunFile, tracks: dict[str, Track], frames: Any, has_frames: bool, notes: list[str]
 ) -> RecordedRun:
     """Return the run with the rows of a recording of ours, as they are."""
     times = table.samples["time_s"][0]
@@ -319,7 +313,7 @@ def _holes(times: Floats, tracks: Mapping[str, Track]) -> Iterable[Gap]:
 
 
 def _by_raster(
-    sources: Sequence[Source],
+    files: Sequence[RunFile],
     tracks: dict[str, Track],
     frames: Any,
     has_frames: bool,
@@ -329,18 +323,18 @@ def _by_raster(
     """Return the run in ticks of an even raster, from the first sample to the last one of all files."""
     spans = [
         [round(1e6 * end) - each.zero_us for end in each.span]
-        for each in sources
+        for each in files
         if each.span is not None
     ]
-    files = ", ".join(str(each.path) for each in sources)
+    paths = ", ".join(str(each.path) for each in files)
     if not spans:
-        raise ConfigError(f"{files}: no signal of the expectations in it")
+        raise ConfigError(f"{paths}: no signal of the expectations in it")
     first_us, last_us = max(0, min(low for low, _ in spans)), max(high for _, high in spans)
     step_us = 1e6 / asked.rate
     first, last = math.ceil(first_us / step_us - 1e-6), math.ceil(last_us / step_us - 1e-6)
     if not 0 <= last - first < _MOST_ROWS:
         raise ConfigError(
-            f"{files}: {last - first + 1} ticks of {step_us:g} µs; allowed: up to {_MOST_ROWS}, at a lower `rate`"
+            f"{paths}: {last - first + 1} ticks of {step_us:g} µs; allowed: up to {_MOST_ROWS}, at a lower `rate`"
         )
     times = np.arange(first, last + 1) / asked.rate
     gaps = [

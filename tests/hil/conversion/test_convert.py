@@ -20,7 +20,7 @@ from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, logged, no_lo
 from liftgate_hil.conversion.convert import convert
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.open import FORMATS, READ, TABLES, open_recording, open_writer
+from liftgate_hil.formats.open import FORMATS, RECORDED, TABLES, open_recording, open_writer
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, columns_of
 
 pytest.importorskip("asammdf")
@@ -246,7 +246,7 @@ def messages_of(*arguments: str, capsys: pytest.CaptureFixture[str]) -> list[str
     return lines
 
 
-@pytest.mark.parametrize("suffix", READ)
+@pytest.mark.parametrize("suffix", RECORDED)
 def test_a_file_that_is_none_is_told_in_a_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
 ) -> None:
@@ -282,7 +282,7 @@ def test_a_binary_file_that_is_cut_off_is_told_in_a_line(
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("suffix", READ)
+@pytest.mark.parametrize("suffix", RECORDED)
 def test_whatever_a_file_holds_it_is_converted_or_told_in_a_line(
     tmp_path: Path, suffix: str
 ) -> None:

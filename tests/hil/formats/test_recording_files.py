@@ -11,9 +11,9 @@ import pytest
 from recording_support import BOTH, messages_in, read_csv, rows_from, sent, table_in
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.open import FORMATS, TABLES, WRITTEN, check_file, open_writer
+from liftgate_hil.formats.open import FORMATS, RECORDED, TABLES, check_file, open_writer
 
-SPOILT = [suffix for suffix in WRITTEN if not FORMATS[suffix].is_text]
+SPOILT = [suffix for suffix in RECORDED if not FORMATS[suffix].is_text]
 FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 
 
@@ -39,7 +39,7 @@ def test_a_file_that_cannot_be_is_told_before_the_run(
         check_file("record", name)
 
 
-@pytest.mark.parametrize("suffix", WRITTEN)
+@pytest.mark.parametrize("suffix", RECORDED)
 def test_a_folder_in_the_place_of_the_file_is_told_before_the_run(
     tmp_path: Path, suffix: str
 ) -> None:
@@ -49,7 +49,7 @@ def test_a_folder_in_the_place_of_the_file_is_told_before_the_run(
         check_file("record", str(path))
 
 
-@pytest.mark.parametrize("suffix", WRITTEN)
+@pytest.mark.parametrize("suffix", RECORDED)
 def test_a_link_to_itself_is_told_before_the_run(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"loop{suffix}"
     path.symlink_to(path)
@@ -111,7 +111,7 @@ def test_what_is_no_file_cannot_take_a_format_that_is_completed_at_the_end(
 # Somebody else's.
 
 
-@pytest.mark.parametrize("suffix", WRITTEN)
+@pytest.mark.parametrize("suffix", RECORDED)
 @pytest.mark.filterwarnings("ignore")
 def test_two_cannot_record_to_one_file(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -59,19 +60,25 @@ def test_quoted_cells_and_blanks_are_read(tmp_path: Path) -> None:
     st.booleans(),
 )
 def test_fast_and_careful_reading_agree_to_the_last_bit(table: np.ndarray, quoted: bool) -> None:
-    from tempfile import TemporaryDirectory
-
     with TemporaryDirectory() as folder:
         path = Path(folder) / "m.csv"
         path.write_text("a,b,c\n" + "\n".join(",".join(map(repr, r)) for r in table.tolist()))
-        file = open_csv(path)
-        issues: list[str] = []
-        fast, slow = file._fast(["a", "c"]), file._slow(["a", "c"], issues)
-        assert fast is not None
-        assert issues == []
-        for i, name in ((0, "a"), (2, "c")):
-            assert np.array_equal(fast[name], slow[name])
-            assert np.array_equal(fast[name], table[:, i])
+        for names in (["a", "c"], ["b"], ["c", "a", "b"]):
+            fast, slow = values_in(path, names), carefully(path, names)
+            assert np.array_equal(fast, slow)
+            assert np.array_equal(fast, table[:, ["abc".index(name) for name in names]])
+
+
+def values_in(path: Path, names: list[str]) -> np.ndarray:
+    return np.concatenate(list(open_csv(path).rows(names)))
+
+
+def carefully(path: Path, names: list[str]) -> np.ndarray:
+    """The values by the reader that takes cell by cell."""
+    with pytest.MonkeyPatch.context() as patch:
+        for fast in ("_whole", "_cells"):
+            patch.setattr(csv_file.CsvFile, fast, lambda *_: None)
+        return values_in(path, names)
 
 
 def test_a_row_that_is_cut_off_is_left_out(tmp_path: Path) -> None:
@@ -134,7 +141,7 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("", ["empty; allowed: a header and rows"]),
-        (HEAD, ["no rows; allowed: rows below the header"]),
+        (HEAD, ["no rows; allowed: one or more"]),
         ("0,1,2\n1,1,2\n", ["no header; allowed: the columns' names in the first row"]),
         ("time_s,time_s\n0,1\n", ["time_s: twice in the header; allowed: once"]),
         (
@@ -267,27 +274,35 @@ def test_blocks_of_any_size_say_what_the_careful_reader_does(
     rows: list[tuple[str, str, str]], is_ended: bool, block: int
 ) -> None:
     body = "\n".join(",".join(row) for row in rows) + "\n" * is_ended
-    file = csv_file.CsvFile(Path("m.csv"), ["a", "b", "c"], ",", body.rstrip("\n").encode())
-    issues: list[str] = []
-    careful = file._slow(["c", "a"], issues)
-    with pytest.MonkeyPatch.context() as patch:
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        path = Path(folder) / "m.csv"
+        path.write_text(f"a,b,c\n{body}")
+        try:
+            careful = carefully(path, ["c", "a"])
+        except ConfigError:
+            careful = None
         patch.setattr(csv_file, "_BLOCK", block)
-        fast = file._fast(["c", "a"])
-    if fast is not None:
-        assert not issues
-        for name, values in fast.items():
-            assert np.array_equal(values, careful[name], equal_nan=True)
+        if careful is None:
+            with pytest.raises(ConfigError, match=r"allowed: a (finite )?number"):
+                values_in(path, ["c", "a"])
+        else:
+            assert np.array_equal(values_in(path, ["c", "a"]), careful, equal_nan=True)
 
 
-def test_empty_cells_do_not_make_reading_slow() -> None:
-    body = b"0,,\n1,2,\n,3,4\n,,\n5,6,7"
-    file = csv_file.CsvFile(Path("m.csv"), ["a", "b", "c"], ",", body)
-    fast = file._fast(["a", "c"])
-    assert fast is not None
-    assert np.array_equal(fast["a"], [0.0, 1.0, np.nan, np.nan, 5.0], equal_nan=True)
-    assert np.array_equal(fast["c"], [np.nan, np.nan, 4.0, np.nan, 7.0], equal_nan=True)
+def test_empty_cells_do_not_make_reading_slow(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text("a,b,c\n0,,\n1,2,\n,3,4\n,,\n5,6,.7")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delattr(csv_file.CsvFile, "_by_cell")
+        values = values_in(path, ["a", "c"])
+    expected = [[0.0, np.nan], [1.0, np.nan], [np.nan, 4.0], [np.nan, np.nan], [5.0, 0.7]]
+    assert np.array_equal(values, expected, equal_nan=True)
 
 
-def test_rows_of_unlike_width_are_not_taken_for_each_other() -> None:
-    for body in (b"1,2\n3,4,5,6", b"1,2,3,4\n5,6", b"1\n2,3,4,5,6"):
-        assert csv_file.CsvFile(Path("m.csv"), ["a", "b", "c"], ",", body)._fast(["a"]) is None
+def test_rows_of_unlike_width_are_not_taken_for_each_other(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    for body in ("1,2\n3,4,5,6", "1,2,3,4\n5,6,7", "1\n2,3,4,5,6"):
+        path.write_text(f"a,b,c\n{body}")
+        for names in (["a"], ["a", "b", "c"]):
+            with pytest.raises(ConfigError, match=r"row 1: \d cells"):
+                values_in(path, names)

@@ -1,4 +1,4 @@
-"""MF4 files by asammdf: channels, each with its own times and unit."""
+"""Opens an MF4 file by asammdf, whose errors are raised as ConfigError."""
 
 from __future__ import annotations
 
@@ -7,74 +7,13 @@ import io
 import logging
 import struct
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.recording import Floats, Series
-
-
-@dataclass(frozen=True)
-class Mf4File:
-    """Columns of an MF4 file: its channels."""
-
-    path: Path
-    names: Sequence[str]
-    sample: str = "sample"
-    notes: Sequence[str] = ()
-
-    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
-        """Read these channels; one without finite numbers at rising times is left out and added to `issues`."""
-        result = {}
-        with opened_mf4(self.path) as measurement:
-            for name in wanted:
-                where = measurement.channels_db[name]
-                if len(where) > 1:
-                    issues.append(f"{self.path}: {name}: in {len(where)} groups; allowed: in one")
-                    continue
-                signal = measurement.get(name).validate()
-                if np.asarray(signal.samples).dtype.kind not in "fiub":  # a conversion to text
-                    signal = measurement.get(name, raw=True).validate()
-                samples = np.asarray(signal.samples)
-                if samples.dtype.kind not in "fiub" or samples.ndim != 1:
-                    issues.append(
-                        f"{self.path}: {name}: not numeric; allowed: one number per sample"
-                    )
-                    continue
-                times = np.asarray(signal.timestamps, dtype=np.float64)
-                values = samples.astype(np.float64)
-                if _is_sound(self.path, name, times, values, issues):
-                    result[name] = Series(values, times, signal.unit or None)
-        return result
-
-
-def open_mf4(path: Path) -> Mf4File:
-    """Open the channels of an MF4 file. Raises ConfigError if it cannot be read."""
-    with opened_mf4(path) as measurement:
-        return Mf4File(path, list(measurement.channels_db))
-
-
-def _is_sound(path: Path, name: str, times: Floats, values: Floats, issues: list[str]) -> bool:
-    bad = np.flatnonzero(~np.isfinite(values))
-    if len(bad):
-        more = f" ({len(bad)} such samples)" if len(bad) > 1 else ""
-        said = f"{values[bad[0]]} in sample {bad[0] + 1}{more}"
-        issues.append(f"{path}: {name}: {said}; allowed: a finite number")
-        return False
-    late = np.flatnonzero(~(np.diff(times) > 0.0))
-    if len(late):
-        issues.append(
-            f"{path}: {name}: time {times[late[0] + 1]:.9g} s in sample {late[0] + 2} is not "
-            "later than the one before; allowed: finite and rising"
-        )
-        return False
-    return True
 
 
 @contextmanager

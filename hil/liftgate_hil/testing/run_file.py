@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,12 +12,10 @@ from numpy.typing import NDArray
 
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.open import READ as RECORDED
-from liftgate_hil.formats.open import open_columns, open_recording
-from liftgate_hil.formats.recording import FRAME, Columns, Recording, Series
+from liftgate_hil.formats.open import BUS_LOGS, open_file
+from liftgate_hil.formats.recording import FRAME, Recording, Series
 from liftgate_hil.measurement.log_frames import LogFrames
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
-from liftgate_hil.measurement.read import BUS_LOGS, SUFFIXES
 from liftgate_hil.measurement.table import time_issue
 from liftgate_hil.measurement.units import allowed_units, conversion
 from liftgate_hil.signals import COLUMNS, Bench
@@ -25,12 +24,12 @@ Floats = NDArray[np.float64]
 
 
 @dataclass
-class Source:
-    """A recording file as it is read: its columns by their names in the file, and its frames."""
+class RunFile:
+    """A file of a run as it is read: its columns by their names in the file, and its frames."""
 
     path: Path
-    ours: Recording | None = None  # a recording of this program with a row per tick
-    file: Columns | None = None  # a table of another program
+    table: Recording | None = None  # None: a bus log
+    is_ours: bool = False  # whether the table is a recording of this program with a row per tick
     has_frames: bool = False
     log: LogFrames | None = None
     samples: dict[str, tuple[Floats, Floats, str]] = field(
@@ -42,32 +41,52 @@ class Source:
     @property
     def names(self) -> Sequence[str]:
         """Names of the file's columns."""
-        if self.ours is not None:
-            return list(self.ours.signals)
-        return [] if self.file is None else [each for each in self.file.names if each != FRAME]
+        if self.table is None:
+            return []
+        return (
+            list(self.table.signals)
+            if self.is_ours
+            else [each for each in self.table.names if each != FRAME]
+        )
+
+    @property
+    def notes(self) -> list[str]:
+        """Remarks on what was noticed in the file, which they name."""
+        own = () if self.table is None else self.table.notes
+        return [
+            f"{self.path}: {note}" for note in (*own, *(() if self.log is None else self.log.notes))
+        ]
 
     def read(self, names: Sequence[str], mapping: ColumnMap, issues: list[str]) -> None:
         """Read these columns, by the file's own names, with their times; issues are added to `issues`."""
-        if self.ours is not None:
-            self._read_ours(self.ours, names, issues)
-        elif self.file is not None and (names or not self.has_frames):
-            self._read_theirs(self.file, names, mapping, issues)
+        if self.table is None:
+            return
+        if self.is_ours:
+            self._read_ours(self.table, names, issues)
+        elif names or not self.has_frames:
+            self._read_theirs(self.table, names, mapping, issues)
 
-    def _read_ours(self, recorded: Recording, names: Sequence[str], issues: list[str]) -> None:
-        blocks = list(recorded.rows(["time_s", *names]))
+    def _read_ours(self, table: Recording, names: Sequence[str], issues: list[str]) -> None:
+        blocks = list(table.rows(["time_s", *names]))
         rows = np.concatenate([np.empty((0, 1 + len(names))), *blocks])
         times = np.ascontiguousarray(rows[:, 0])
-        said = time_issue(times, "row") if len(times) else "no rows; allowed: one or more"
-        if said:
-            issues.append(f"{self.path}: time_s: {said}")
+        if not self._is_sound(times, issues):
             return
-        self.span = float(times[0]), float(times[-1])
         for place, name in enumerate(names, 1):
             self.samples[name] = times, np.ascontiguousarray(rows[:, place]), ""
         self.samples["time_s"] = times, times, ""
 
+    def _is_sound(self, times: Floats, issues: list[str]) -> bool:
+        """Whether the times of the rows are sound; then they are the file's span."""
+        said = time_issue(times, "row") if len(times) else "no rows; allowed: one or more"
+        if said:
+            issues.append(f"{self.path}: time_s: {said}")
+            return False
+        self.span = float(times[0]), float(times[-1])
+        return True
+
     def _read_theirs(
-        self, file: Columns, names: Sequence[str], mapping: ColumnMap, issues: list[str]
+        self, file: Recording, names: Sequence[str], mapping: ColumnMap, issues: list[str]
     ) -> None:
         shared = None
         if file.sample == "row":
@@ -83,11 +102,8 @@ class Source:
             shared = converted(
                 series[name].values, "time_s", theirs, series[name].unit, self.path, issues
             )
-            said = time_issue(shared, "row") if len(shared) else "no rows; allowed: one or more"
-            if said:
-                issues.append(f"{self.path}: time_s: {said}")
+            if not self._is_sound(shared, issues):
                 return
-            self.span = float(shared[0]), float(shared[-1])
         else:
             series = dict(file.read(names, issues) if names else _any_of(file))
         for name, each in series.items():
@@ -100,24 +116,20 @@ class Source:
             self.span = float(min(low for low, _ in ends)), float(max(high for _, high in ends))
 
 
-def opened(path: Path) -> Source:
+def opened(path: Path) -> RunFile:
     """Open a file, ours or not. Raises ConfigError."""
     check_file(path)
-    kind = path.suffix.lower()
-    if kind in BUS_LOGS:
-        return Source(path, has_frames=True)
-    if kind in RECORDED:
-        try:
-            recorded = open_recording(path)
-        except ConfigError:  # not ours, or broken: then it is reported below
-            recorded = None
-        if recorded is not None and {*Bench._fields, "time_s"} <= {*recorded.signals}:
-            return Source(path, ours=recorded, has_frames=recorded.channel is not None)
-    file = open_columns(path, SUFFIXES)
-    return Source(path, file=file, has_frames=FRAME in file.names)
+    if path.suffix.lower() in BUS_LOGS:
+        return RunFile(path, has_frames=True)
+    table = open_file(path)
+    with contextlib.suppress(ConfigError):  # a table of another program
+        recording = table.as_recording()
+        if {*Bench._fields, "time_s"} <= {*recording.signals}:
+            return RunFile(path, recording, True, recording.channel is not None)
+    return RunFile(path, table, has_frames=FRAME in table.names)
 
 
-def _any_of(file: Columns) -> Mapping[str, Series]:
+def _any_of(file: Recording) -> Mapping[str, Series]:
     """Return the first column that can be read, for a file of which none is requested: its length counts."""
     for name in file.names:
         if name != FRAME and (series := file.read([name], [])):
