@@ -160,7 +160,7 @@ class ConfigIssues:
                 self.lines.append(line)
 
     def settle(self, key: str) -> None:
-        """Report no more issues of a key, because those of its value are reported elsewhere."""
+        """Suppress further issues of a key, because those of its value are reported elsewhere."""
         self._settled.add(key)
 
     def originate(self, key: str, called: str) -> None:

@@ -1,9 +1,10 @@
 """The whole plant on one page: its state, its inputs, and its equations of motion.
 
-For each drive d, with the travel per motor revolution ρ = s_rev/r and x_d = p_d ρ − l_S(φ):
+For each drive d, with the travel per motor revolution ρ = s_rev/r and x_d = p_d ρ − s_d − l_S(φ), where s_d is the
+slip of its clutch:
 
     L di/dt    = u − R i − c2Φ n                                           motor, bridge, supply
-    2πJ_d dn/dt = c1Φ i − τ_friction(n) − F_d ρ/2π                          transmission, friction
+    2πJ_d dn/dt = c1Φ i − τ_friction(n, F_d) − F_d ρ/2π                     transmission, friction
     F_d        = mechanism_force(x_d, dx_d/dt)                             transmission: play, stiffness
     J_L φ̈      = Σ_d (F_d + F_F,d − F_open,d + F_closed,d) r_AP(φ)          spring, gate
                  − M_W(φ) + M_2(l_S) + M_claw(φ) + M_hook(φ, φ̇)            gate, seal, latch
@@ -11,12 +12,14 @@ For each drive d, with the travel per motor revolution ρ = s_rev/r and x_d = p_
     J_t ψ̈      = M_left − M_right + Σ_j (y_j/w) M_j − d_t ψ̇ − k_t ψ         torsion: where the gate twists
 
 A drive acts on the gate at φ ± ψ, anything at the lateral position y at φ + ψ y/w; M_left and M_right are the
-drives' terms of the sum, M_j those of obstacle, hand and snow.
+drives' terms of the sum, M_j those of obstacle, hand and snow. F_open,d and F_closed,d are the drive's end stops,
+F_F,d is its spring. τ_friction includes load friction, temperature and position along the travel.
 
 Departure: (4.13) as printed mixes its units. Here drive and gate are separate bodies; rigidly joined they have the
 inertia 2πJ_d + (J_L/4π)(ρ/r_AP)² per drive, referred to the motor.
 
-`integrate.step` solves them over a fixed step.
+`integrate.step` solves them over a fixed step. `torque_at` is the torque at an instant, for outputs and balances;
+the solver uses means over a step, of `gate_step` and `drive_step`.
 """
 
 from __future__ import annotations

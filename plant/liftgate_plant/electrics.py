@@ -88,9 +88,9 @@ def winding_of(
 ) -> tuple[Winding, Coasting, Switching]:
     """Return the winding of (4.1) with what is applied to it, how it coasts, and how it is switched.
 
-    The switching covers a bridge that is taken as the mean of its PWM. `resistance` is that of the winding [Ω],
-    `terminal` the voltage at the step's start, `rise` its change over the step by source and other motor, and
-    `free_rise` the change of the back-EMF without current.
+    The switching covers a bridge that is taken as the mean of its PWM. `resistance` [Ω] is that of the whole line:
+    winding, cut-out and contacts. `terminal` is the voltage at the step's start, `rise` its change over the step
+    by source and other motor, and `free_rise` the change of the back-EMF without current.
     """
     motor, by_speed = drive.motor, emf_constant(drive, state)
     if drive.active == 0.0:  # no winding there, so nothing that could load the source

@@ -145,8 +145,5 @@ def inertia(gate: Gate, link: Linkage) -> float:
 
 @compilable
 def weight_torque(moment: float, link: Linkage, angle: float, slope: float) -> float:
-    """Return M_W [N m], the magnitude of (3.24): (3.26) with (3.21).
-
-    `moment` is m g r_GP0, `slope` the road's slope γ, positive with the rear raised.
-    """
+    """Return the magnitude of the gate's weight torque M_W [N m] (3.24), by (3.26) with (3.21)."""
     return moment * math.cos(angle + link.gravity_angle + slope)

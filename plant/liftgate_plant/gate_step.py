@@ -95,7 +95,10 @@ def gate_contact(
 def stop_contacts(
     drive: Drive, middle: Midpoint, stroke: float, side: Motion, step: float
 ) -> LinearizedForce:
-    """Return the mean torque of one drive's two end stops."""
+    """Return the mean torque [N m] of one drive's two end stops on the gate over a step.
+
+    It is linear in the gate's rate at the end of the step, as in `gate_contact`.
+    """
     if drive.active == 0.0:
         return LinearizedForce(0.0, 0.0)
     k, c, r = drive.spring.stop_stiffness, drive.spring.stop_damping, middle.lever

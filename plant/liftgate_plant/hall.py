@@ -399,7 +399,10 @@ def read_hall(
 
 
 def initial_halls(encoder: Encoder, left: Shaft, right: Shaft) -> Any:
-    """Return Hall sensors (2,) HALL before the first tick; the decoders have counted from position 0."""
+    """Return the initial Hall sensors (2,) HALL, with the counts that match the shafts' positions.
+
+    A count is that of a decoder that was 0 at position 0.
+    """
     halls = np.zeros(2, dtype=HALL).view(np.recarray)
     for drive, (hall, shaft) in enumerate(zip(halls, (left, right), strict=True)):
         count = _first_step(encoder, shaft.position, drive)

@@ -216,7 +216,7 @@ def new_speeds(
 def slipped_in(
     plant: Plant, state: State, load: Load, new: Speeds, slips: Slips, step: float
 ) -> tuple[float, float]:
-    """Return how far [m] both clutches slip in a step with these new speeds."""
+    """Return the slip distances [m] of the left and right clutches in a step that ends at the speeds `new`."""
     if slips.left == 0.0 and slips.right == 0.0:
         return 0.0, 0.0
     inertia = dynamics.total_inertia(plant, load)

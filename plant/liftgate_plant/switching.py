@@ -75,9 +75,10 @@ def branch_of(fed: Fed, period: float) -> Branch:
 
 @compilable
 def with_sums(branch: Branch, sums: Sums, terminal: float) -> Course:
-    """Return the waveform of a branch with these integrals over its period.
+    """Return the current waveform of a branch from its integrals `sums` over one PWM period.
 
-    The sensitivities of its mean are those of a bridge on the mean terminal voltage, without source resistance.
+    `terminal` is the mean terminal voltage [V] at which the mean's sensitivities are taken, without source
+    resistance.
     """
     period, duty, resistance = branch.chopper.period, branch.duty, branch.chopper.resistance
     mean = sums.charge / period

@@ -152,7 +152,7 @@ def test_without_an_answer_nothing_can_be_said(
     ecu = Answering(answers)
     result = lh.run(short(duration=1.45), ecu=ecu)
     assert {each.verdict for each in result.expectations.values()} == {"inconclusive"}
-    reason = f"no response to reading the trouble codes in its window, 0 to 1.45 s{said}"
+    reason = f"no response to reading the trouble codes in its window, 0 s to 1.45 s{said}"
     assert {each.reason for each in result.expectations.values()} == {reason}
     assert [request for _, request in ecu.requests] == requests
 

@@ -118,7 +118,10 @@ def _shown(args: argparse.Namespace, stopped: StopSignals, has_wire: bool) -> Re
 def _present(
     args: argparse.Namespace, shown: Result, stopped: StopSignals, folder: Path, mark: str
 ) -> None:
-    """Draw and report the result; `mark` is put into the picture's title."""
+    """Write the pictures of the result `shown` and print it; `mark` is put into the pictures' title.
+
+    --no-record, --quiet and --json each leave out a part. `stopped` is for the report only.
+    """
     event = event_of(shown)
     if not args.no_record and len(shown.trace["time_s"]) > 1:  # not stopped before it began
         _draw(options.setup_of(args), shown, event, folder, mark)

@@ -229,7 +229,7 @@ def identified(args: argparse.Namespace) -> Identification:
 
 
 def _noise(args: argparse.Namespace, columns: Sequence[str]) -> NDArray[np.float64] | None:
-    """Return the standard deviations of the outputs' noise, or None. Raises ConfigError."""
+    """Return the outputs' noise standard deviations given by --noise; None without it. Raises ConfigError."""
     import numpy as np
 
     if not args.noise:

@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command and return the exit code."""
+    """Run the action `check` or `draft` and return the exit code."""
     return _draft(args) if args.action == "draft" else _check(args)
 
 

@@ -110,9 +110,9 @@ def physical_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -
 
 @compilable
 def quantity_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> float:
-    """Return a signal's value in the quantity's unit, from a frame as in `physical_of`; NaN if it is not allowed.
+    """Return a signal's value in our quantity's unit; NaN outside the ranges of database, rig or quantity.
 
-    Allowed are values in the ranges of database, rig and quantity; with named values, only these.
+    A signal with named values allows only those. Arguments as in `physical_of`.
     """
     signal = bus.signals[row]
     physical = physical_of(bus, row, data, frame)

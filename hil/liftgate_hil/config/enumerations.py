@@ -74,7 +74,10 @@ def missing_values(mapping: SignalMapping) -> list[str]:
 def _physical(
     issues: ConfigIssues, key: str, label: str, value: float | str, theirs: DatabaseSignal
 ) -> float:
-    """Return the physical value of a label or a number; NaN if there is none."""
+    """Return the physical value of a number, or of a label by the signal's value table; NaN for anything else.
+
+    An unknown label is also noted as an issue. `theirs` is the signal of the database.
+    """
     if not isinstance(value, str):
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         return float(value) if is_number and abs(value) <= 1e15 else math.nan

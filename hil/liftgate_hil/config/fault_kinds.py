@@ -31,7 +31,7 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class FaultKind:
-    """A kind of fault: its meaning, its own keys, and its edits of one drive (`side`) or of the gate ("")."""
+    """A kind of fault: meaning, keys, and edits as a function of the values and the side ("": the whole gate)."""
 
     name: str
     meaning: str

@@ -118,7 +118,11 @@ def _labels(
     taken: Sequence[str],
     issues: ConfigIssues,
 ) -> tuple[str, ...]:
-    """Return the labels that select what is ordered; issues are noted."""
+    """Return the labels of the signal that selects what an order message acts on, without `none`.
+
+    They are those of the signal's value table. A missing table and labels that are not allowed are noted as
+    issues.
+    """
     name, known = {
         FAULT: ("kind", []),  # checked in rig_fit
         REQUEST: ("action", list(REQUESTS)),

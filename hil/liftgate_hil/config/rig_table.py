@@ -80,7 +80,7 @@ def asked_by(rig: Rig) -> dict[str, str]:
 
 
 def injected_by(rig: Rig) -> dict[str, str]:
-    """Return by kind, a key of inject.ORDERS, the message and signals by which a test bench injects it."""
+    """Return by order (a key of inject.ORDERS) a text with the test bench's message and signals for it."""
     return {
         each.what: f"{each.message} 0x{each.identifier & ~EXTENDED:X}: "
         + ", ".join(f"{key} {signal}" for key, signal in each.signals.items())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,8 +70,3 @@ def read_table(
         else:
             found[key.name] = key.default
     return found
-
-
-def keys_by_name(keys: Sequence[Key]) -> Mapping[str, Key]:
-    """Return the keys by their names."""
-    return {key.name: key for key in keys}

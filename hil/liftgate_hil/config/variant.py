@@ -63,7 +63,7 @@ AS_FILED = Variant()
 def settings_for(
     raw: Table, variant: Variant, settings: Sequence[Setting], source: str
 ) -> list[Setting]:
-    """Return the values of a variant and then `settings`, to override the content `raw`. Raises ConfigError."""
+    """Return the settings that turn the content `raw` into a variant, then `settings`. Raises ConfigError."""
     variant.check()
     if variant.is_ideal:
         own = _ideal(raw)

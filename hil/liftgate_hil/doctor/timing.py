@@ -40,9 +40,9 @@ class Wakeups(NamedTuple):
 
     @property
     def direct_share(self) -> float:
-        """Share of windows as long as a motion, 0 to 1, without a wake-up late by more than LONG_NS.
+        """Estimated share, 0 to 1, of MOTION-long windows without a wake-up late by more than LONG_NS.
 
-        Such wake-ups are assumed to come at random. In the other windows the gate is stepped again for a verdict.
+        Late wake-ups are assumed to be a Poisson process. In a window with one, a verdict needs the replay.
         """
         return math.exp(-self.long * MOTION / self.duration) if self.long else 1.0
 

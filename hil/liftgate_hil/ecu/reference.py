@@ -340,5 +340,5 @@ def controlled(config: EcuConfig, state: EcuState, now_ns: int) -> Frames:
 
 @compilable
 def last_frames(config: EcuConfig, state: EcuState) -> Frames:
-    """Return the command frames with the motors off."""
+    """Return the frames that the ECU sends last: all pages of a command with the motors off."""
     return command_frames(config, state, COASTING, True)

@@ -39,7 +39,7 @@ class GuardedWriter:
         return self._parts.written
 
     def begin(self, epoch_ns: int) -> None:
-        """Begin with the wall clock at the start of the run [ns since 1970]; 0: none applies."""
+        """Begin the recording; `epoch_ns`: wall clock at the start of the run [ns since 1970], 0: unknown."""
         self._try(self._parts.begin, epoch_ns)
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:

@@ -1,4 +1,4 @@
-"""Search for the input delay, over which the loss may have many minima."""
+"""Search for the input delay at neighbouring values, as the loss may have several local minima in it."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def _edges(data: Data) -> list[tuple[int, int]]:
 
 
 def _zero(problem: Problem, number: int, name: str) -> float:
-    """Return the reading of a position counter at the closed gate, as far as the first samples show it."""
+    """Return a position counter's reading at the closed gate by the first samples; 0 if it is not estimated."""
     wanted = name.replace("_position_rev", "_offset")
     for unknown in problem.beginnings[number].unknowns:
         if unknown.name == wanted:

@@ -228,7 +228,7 @@ class Problem:
         return whole
 
     def states(self, point: Floats, number: int) -> Floats:
-        """Return the simulated trajectory.OUTPUTS (rows, 7) of one experiment."""
+        """Return one experiment's simulated trajectory.OUTPUTS (rows, 7) at a point of the search."""
         vehicle = self.vehicle_at(point)
 
         def samples(each: int) -> Floats:

@@ -1,4 +1,7 @@
-"""Results of an identification and of a validation; all values are in the units of the vehicle file."""
+"""Results of an identification and of a validation.
+
+Parameters are in the units of the vehicle file, initial states in rad, rad/s, rev, rev/s, K and s.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +58,7 @@ class Experiment:
     """Measurement and its simulation by the identified model."""
 
     name: str
-    times: Floats  # (m,), timestamps of the input
+    times: Floats  # (m,) s, timestamps of the samples; inputs are held from each
     voltage: Floats  # (m,) V, motor voltage of the left drive
     series: tuple[Series, ...]
 

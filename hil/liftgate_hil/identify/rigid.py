@@ -10,7 +10,7 @@
 with ρ = s_rev/r, κ = ρ/2π, ω = ρ n/r_AP, l_S(φ) = ρ p, and T(φ) the torque of springs, weight and surroundings.
 As in the thesis, seal, end stops, play and obstacles are left out: cut them out of the data.
 
-Departures: J_tot has one unit (plant-model: gate); the term in r' = dr_AP/dφ, which (4.7) drops, is kept;
+Departures: J_tot has one unit; the term in r' = dr_AP/dφ, which (4.7) drops, is kept;
 friction is set-valued and follows the direction, so that closing is described too; each drive has a current of
 its own.
 """
@@ -34,10 +34,7 @@ PASSES = 2  # fixed-point iterations for the middle of the step
 
 @compilable
 def bend(link: Linkage, angle: float) -> float:
-    """Return the derivative of the lever, r' = dr_AP/dφ [m/rad].
-
-    From l r = s r_0 sin(φ + θ) follows l r' + r² = s r_0 cos(φ + θ).
-    """
+    """Return the derivative of the lever arm, r' = dr_AP/dφ [m/rad]."""
     s, r = link.body_radius, link.gate_radius
     arm = gate.lever(link, angle)
     along = s * r * math.cos(angle + link.offset) - arm * arm

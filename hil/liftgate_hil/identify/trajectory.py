@@ -75,7 +75,7 @@ REST = Start(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @compilable
 def moving_state(claw: Claw, start: Start, angle: float, rate: float, ambient: float) -> State:
-    """Return the state of a gate that moves with its drives."""
+    """Return the initial state of a gate that moves in step with its drives (no slip, twist 0)."""
     winding, housing = ambient + start.warmth, ambient + start.housing_warmth
     left, right = start.left_position, start.left_position + start.right_ahead
     return State(

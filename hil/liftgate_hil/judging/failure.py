@@ -49,9 +49,9 @@ def _of_a_code(expectation: Expectation, progress: Any, last: float) -> str:
     """Return why an expectation of a trouble code failed."""
     code = expectation.condition
     if expectation.is_always:
-        return f"{code}: reported at {progress.decided_at:g} s"
+        return f"{code}: reported at {shown_time(progress.decided_at)}"
     within = f" within {expectation.within:g} s" if math.isfinite(expectation.within) else ""
-    found = f"{code}: not reported from {progress.begin:g} s{within}, in {progress.counted} answers"
+    found = f"{code}: not reported from {shown_time(progress.begin)}{within}, in {progress.counted} answers"
     if math.isnan(progress.late_at):
         return found
     return f"{found}; reported at {shown_time(progress.late_at)}, allowed until {shown_time(last)}"

@@ -15,7 +15,7 @@ from liftgate_hil.diagnostics.answers import Answers
 from liftgate_hil.judging.comparisons import comparisons_of
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.expected import Expected, tables_of
-from liftgate_hil.judging.failure import failure_of
+from liftgate_hil.judging.failure import failure_of, shown_time
 from liftgate_hil.judging.fault_times import brief_faults
 from liftgate_hil.judging.stepped_again import LONGEST, StepAgain, stepped_again
 from liftgate_hil.judging.table import (
@@ -250,7 +250,7 @@ class Judge:
             if gap.end > begin + SLACK and not gap.begin > progress.end + SLACK:
                 what = f"there is no sample of {', '.join(sorted(hit))}"
                 what = what if hit else "rows are missing"
-                reason = f"{what} from {gap.begin:g} to {gap.end:g} s"
+                reason = f"{what} from {shown_time(gap.begin)} to {shown_time(gap.end)}"
                 return Verdict(verdict.name, INCONCLUSIVE, reason=reason)
         return verdict
 
@@ -262,14 +262,15 @@ class Judge:
         if progress.is_decided:
             return ""
         end = min(float(progress.end), self.end)
+        begins, ends, ended = map(shown_time, (progress.begin, end, self._last))
         if progress.begin > self._last + SLACK:
-            return f"its window begins at {progress.begin:g} s, the run ended at {self._last:g} s"
+            return f"its window begins at {begins}, the run ended at {ended}"
         if progress.end > self.end + SLACK and math.isfinite(expectation.within):
-            return f"its window, to {progress.end:g} s, was cut off by the end at {self.end:g} s"
+            return f"its window, to {shown_time(progress.end)}, was cut off by the end at {ends}"
         if math.isfinite(end) and self._last < end - SLACK:
-            return f"its window, to {end:g} s, was cut off where the run ended, at {self._last:g} s"
+            return f"its window, to {ends}, was cut off where the run ended, at {ended}"
         if progress.ticks == 0:
-            return f"no tick lies in its window, {progress.begin:g} to {end:g} s"
+            return f"no tick lies in its window, {begins} to {ends}"
         if self._answers is not None and expectation.kind == "dtc":
             return self._unanswered(self._answers, progress, expectation, min(end, self._last))
         if progress.counted == 0:
@@ -281,12 +282,16 @@ class Judge:
     @staticmethod
     def _unanswered(answers: Answers, progress: Any, expectation: Expectation, end: float) -> str:
         """Return why there is no verdict on a trouble code in a window up to a time [s]; "": there is one."""
+        begins, ends = shown_time(progress.begin), shown_time(end)
         if progress.counted == 0:
             why = f"; the ECU refused {answers.refused}" if answers.refused else ""
-            return f"no response to reading the trouble codes in its window, {progress.begin:g} to {end:g} s{why}"
+            return (
+                f"no response to reading the trouble codes in its window, {begins} to {ends}{why}"
+            )
         last = answers.last_before(end + SLACK)
         if expectation.is_always and end - last > answers.longest_wait + SLACK:
-            return f"the last answer to reading the trouble codes came at {last:g} s, its window ends at {end:g} s"
+            came = shown_time(last)
+            return f"the last answer to reading the trouble codes came at {came}, its window ends at {ends}"
         return ""
 
     def _told(self, place: int, verdict: str) -> str:

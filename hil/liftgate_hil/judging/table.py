@@ -142,7 +142,11 @@ def signals_in(
 def opened(
     expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]
 ) -> None:
-    """Open a window in this block if its time or its condition comes."""
+    """Set when the window of expectation `which` begins and ends.
+
+    With an opening condition it begins at the first row of this block in which the condition is true, and stays
+    unset (NaN) if there is none. Without one it begins at the configured time, which may be after this block.
+    """
     own, progress = expectations.rows[which], judged.progress[which]
     if own.opener < 0:
         progress.begin = own.after

@@ -24,7 +24,7 @@ _ROWS = 512  # rows that are processed together
 
 
 class Lateness(NamedTuple):
-    """The longest that anything waited because of the bench; infinite: unknown."""
+    """The longest wait that the bench caused, and its description; `seconds` is infinite if unknown."""
 
     seconds: float
     told: str  # description: what it was, and when
@@ -52,7 +52,7 @@ class _Late:
 
 @dataclass
 class _Second:
-    """Lateness of the bench, and speed of the pinch force, within one second of the run."""
+    """Largest lateness of the bench and largest rate of change of the pinch force, in one second of the run."""
 
     delay: float = 0.0  # s, the longest that a frame waited, up to the tolerance
     force_rate: float = 0.0  # N/s, the fastest that the pinch force changed
@@ -67,15 +67,8 @@ class Timeliness:
         self._seconds: dict[int, _Second] = {}
         self._last = np.zeros(len(_PLACES))
         self._waiting: list[NDArray[np.float64]] = []
-        self._is_told = False
         self._is_missing = False  # whether the last row was of a missed tick
         self._contacts: list[tuple[float, float]] = []  # s, from when to when something was pinched
-
-    @property
-    def is_told(self) -> bool:
-        """Whether any row reports timing."""
-        self._look()
-        return self._is_told
 
     def take(self, rows: NDArray[np.float64]) -> None:
         """Process rows (n, ROW_WIDTH); those without these columns (NaN) are ignored."""
@@ -132,7 +125,6 @@ class Timeliness:
         own = own[~np.isnan(own[:, 1:4]).any(axis=1)]
         if not len(own):
             return
-        self._is_told = True
         steps = np.diff(np.concatenate([self._last[np.newaxis], own]), axis=0)
         self._last = own[-1].copy()
         self._note_contacts(own[:, 0], own[:, 4])
@@ -155,7 +147,7 @@ class Timeliness:
             second.force_rate = max(second.force_rate, float(rate[place]))
 
     def _note_missed(self, times: NDArray[np.float64], missed: NDArray[np.float64]) -> None:
-        """Note missed ticks; those one after the other are one gap."""
+        """Note missed ticks; consecutive ones form one gap."""
         for row in np.flatnonzero(missed).tolist():
             time, count = float(times[row]), int(missed[row])
             goes_on = self._is_missing if row == 0 else missed[row - 1] > 0

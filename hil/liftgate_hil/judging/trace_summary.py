@@ -51,7 +51,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class View:
-    """The signals of an expectation in a part of the run."""
+    """Envelopes (minimum and maximum per bin) of an expectation's signals over a part of the run."""
 
     times: Floats  # s, (n,) when each bin begins
     ticks: int  # ticks per bin; 1: nothing was left out
@@ -242,7 +242,7 @@ class _Bus:
 
 
 def _with_parts(sides: list[Side], expected: Expected) -> list[Side]:
-    """Return the sides, and the columns and signals in those that are calculated."""
+    """Return the sides, plus each column and signal that a calculated side uses, as a side of its own."""
     found = {side.text: side for side in sides}
     for side in sides:
         for code, what in side.ops if len(side.ops) > 1 else ():

@@ -45,4 +45,4 @@ class Listener:
         """
 
     def compiled(self, name: str, seconds: float) -> None:
-        """Called when compilation has ended."""
+        """Called when the compilation of `name` has ended, after `seconds`."""

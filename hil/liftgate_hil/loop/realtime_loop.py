@@ -257,9 +257,10 @@ def wait_for_ticks(
 def frames_for_tick(
     config: LoopConfig, state: LoopState, params: RunParams, shared: Shared, room: Room
 ) -> Frames:
-    """Return the frames for the tick that is due next, as the faults on the bus leave them.
+    """Return the frames for the next tick to be computed, after the bus faults have been applied.
 
-    Notes when that tick was due, and how long one of the frames, or an ECU in this process, has waited at most.
+    Stores in `room.pace` the tick's reference time (when it was due, if it is caught up, else now), and the
+    longest time that one of its frames, or an ECU in this process, has waited.
     """
     pace, stimuli, control = room.pace[0], params.stimuli, shared.control[0]
     pace.due_ns = pace.woken_ns

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import Frames, empty_frames
+from liftgate_hil.codec.frames import Frames
 from liftgate_hil.codec.receive import (
     NO_COUNTS,
     Counts,
@@ -159,11 +159,6 @@ def copied(state: Tree) -> Tree:
     if isinstance(state, tuple):
         return type(state)(*map(copied, state))
     return state
-
-
-def no_frames() -> Frames:
-    """Return the frames of a tick in which nothing has come."""
-    return empty_frames(0)
 
 
 @compilable

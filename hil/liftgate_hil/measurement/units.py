@@ -1,4 +1,4 @@
-"""Units in which a column of a measured file may be, besides its own, which its name ends in."""
+"""Units that a column of a measured file may use instead of the one that its name ends in."""
 
 from __future__ import annotations
 

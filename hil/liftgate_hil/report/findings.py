@@ -110,7 +110,7 @@ def strong_correlations(result: Identification) -> list[tuple[str, str, float]]:
 
 
 def columns_of(experiments: Sequence[Experiment]) -> list[str]:
-    """Return the outputs of all experiments, in order of appearance."""
+    """Return the names of all experiments' outputs, each once, in order of appearance."""
     return list(dict.fromkeys(each.output for one in experiments for each in one.series))
 
 

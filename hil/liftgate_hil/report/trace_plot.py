@@ -231,7 +231,10 @@ def _margin(margin: Margin, x: Axis, y: Axis) -> list[str]:
 
 
 def _window(picture: Picture, x: Axis, top: float, bottom: float) -> list[str]:
-    """Return the window's shade and its two ends with their times, with an arrow for an end off the picture."""
+    """Return the SVG of the evaluation window: a shaded area, and its edges with their times.
+
+    An arrow marks an edge outside the axis.
+    """
     if picture.window is None:
         return []
     begin, end = picture.window

@@ -45,7 +45,7 @@ class CyclicCommand:
         return self._values is not None
 
     def silence(self) -> None:
-        """Send nothing from now on."""
+        """Stop sending until the next `change`."""
         self._values = None
 
     def change(self, quantities: Mapping[str, float | str | bool]) -> None:

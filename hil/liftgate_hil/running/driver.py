@@ -33,7 +33,7 @@ class Driver(Protocol):
         """The figures of the run; those of recordings are whole once the stack is closed."""
 
     def recording_failures(self) -> list[str]:
-        """Why recordings are not complete."""
+        """Return why recordings are incomplete, one text each."""
 
 
 def drive(driver: Driver, ticks: int | None, stopped: Callable[[], bool]) -> None:

@@ -40,7 +40,7 @@ class Observers:
 
     @property
     def injected(self) -> set[str]:
-        """Kinds of the faults that were injected while the run went on."""
+        """Kinds of faults injected during the run by the test bench or an attached client."""
         return {kind for each in (self.orders, self.operator) if each for kind in each.kinds}
 
     def let_in(

@@ -83,7 +83,10 @@ def _is_prepared_alike(job: Job, other: Job) -> bool:
 
 
 def plan_of(job: Job) -> Plan:
-    """Return the plan of a job; what the job leaves open is the scenario's. Raises ConfigError with all issues."""
+    """Return the plan of a job; the scenario supplies what the job leaves open.
+
+    Raises ConfigError with all issues.
+    """
     setup = setup_of(
         job.scenario,
         parameters=job.parameters,
@@ -130,7 +133,7 @@ def planned(
 
 
 def _opening_of(job: Job, rig: Rig) -> Opening:
-    """Return what may be injected while the run goes on; nothing with an ECU in this process on the free clock."""
+    """Return what may be injected into a running job; CLOSED for one that runs in machine code (`is_episode`)."""
     if job.is_episode:
         return CLOSED
     return opening_of(rig, job.attachable_as is not None)

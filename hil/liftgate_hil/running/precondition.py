@@ -68,7 +68,7 @@ class End:
         return "not finished"
 
     def close(self) -> None:
-        """Stop what the phase has started; here nothing, as only a program has to be stopped."""
+        """Stop what the phase has started. The base class does nothing; only `_Program` has something to stop."""
 
 
 @dataclass(frozen=True)

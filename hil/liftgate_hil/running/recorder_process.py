@@ -157,7 +157,7 @@ class RecorderProcess:
         return f"`record` {self._names}: the recording process was ended from outside"
 
     def _read(self, heard: int) -> None:
-        """Read its replies until it ends."""
+        """Read the recorder process's replies from the descriptor `heard` until the process ends."""
         is_complete = False
         try:
             with os.fdopen(heard, encoding="utf-8", errors="replace") as stream:

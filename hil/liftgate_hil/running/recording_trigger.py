@@ -176,7 +176,11 @@ class Triggered:
     def kept(
         self, rows: NDArray[np.float64], frames: Any, come: Any
     ) -> tuple[NDArray[np.float64], Any]:
-        """Return the rows and frames in a window; others are kept in case a condition comes true later."""
+        """Return the rows and frames to write: those in a window, earlier buffered ones included.
+
+        `frames` are in the order of time and due to be written; `come` are those just logged, in which the
+        conditions are evaluated. The rest is buffered, as a condition may come true later.
+        """
         self._pending += len(come) - len(frames)
         last = frames["time_ns"][-1] * _NS if len(frames) else math.inf
         if self._extend(self._true_at(rows, come)):

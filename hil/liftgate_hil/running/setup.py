@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.codec.transmit import message_of
 from liftgate_hil.config.arguments import numbers_of, seed_of
 from liftgate_hil.config.rig import Rig, load_rig
@@ -21,7 +22,7 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.config.variant import AS_FILED, Variant
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, no_frames
+from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop
 from liftgate_hil.running.options import NS
 from liftgate_hil.signals import OUT
 from liftgate_plant.faults import SOUND
@@ -233,7 +234,7 @@ def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopCo
         step=1.0 / rate,
         step_ns=round(NS / rate),
         seed=seed,
-        nothing=no_frames(),
+        nothing=empty_frames(0),
     )
 
 

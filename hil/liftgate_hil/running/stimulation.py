@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.conditions.condition import Condition
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config.bus_fault import bus_faults_in
@@ -30,7 +31,6 @@ from liftgate_hil.diagnostics.tester import (
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.judging.expected import codes_of
 from liftgate_hil.loop.simulation import Offline
-from liftgate_hil.loop.tick import no_frames
 from liftgate_hil.signals import ROW_WIDTH
 from liftgate_hil.stimuli.command_queue import CLOSED, SLOTS, Opening
 from liftgate_hil.stimuli.faults import ADD, SET, Edit, Injection
@@ -65,9 +65,9 @@ def planned_stimuli(
 ) -> StimulusPlan:
     """Return the stimulus plan of a run before its first tick.
 
-    `opening` is the room for what is injected while it runs. An ECU on a bus gets its requests by the rig's
-    buttons; requests in `awaited` are made to no ECU. Raises ConfigError with all that does not fit vehicle or
-    rig.
+    `opening` reserves space for faults that are injected during the run. With an ECU on a bus, the scenario's
+    requests are sent as button presses of the rig; of requests in `awaited` only the moment is watched, and
+    nothing is sent. Raises ConfigError with every mismatch with vehicle or rig.
     """
     asked, presses, reset = setup.scenario.requests, [], b""
     if is_on_bus:
@@ -170,7 +170,7 @@ def offline_of(setup: Setup, step: float) -> Offline:
         stimuli=stimuli,
         friction=friction_profile(setup.vehicle, constants.plant, setup.seed),
         row=np.full((1, ROW_WIDTH), math.nan),
-        nothing=no_frames(),
+        nothing=empty_frames(0),
         step=step,
         seed=setup.seed,
     )

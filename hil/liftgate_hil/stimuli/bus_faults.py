@@ -133,7 +133,7 @@ def forget_what_is_over(faults: BusFaults, shares: NDArray[np.float64]) -> None:
 
 @outlined
 def keep_all(faults: BusFaults, bus: BusConfig, frames: Frames, direction: int) -> None:
-    """Keep the frames of a tick in which no fault is in force."""
+    """Store the frames of a tick in which no fault is in force, for faults that may hold them later."""
     for i in range(frames.count):
         message = message_in(bus, frames, i)
         if message < 0:
@@ -268,9 +268,10 @@ def left_of(
 
 @compilable
 def next_in_chain(faults: BusFaults, shares: NDArray[np.float64], row: int) -> int:
-    """Return the row of the fault that is applied to a frame after that of `row` (-1: the first one).
+    """Return the row of the next fault that acts on a frame, after `row` (-1: the first); -1: no more.
 
-    Faults of the scenario come first, then injected ones that are in force, by their rank; -1: there is none.
+    The scenario's faults come first, in force or not, in their order; then injected ones with a share above 0, by
+    rank.
     """
     rows = faults.rows
     rank = rows[row].rank if row >= 0 else 0

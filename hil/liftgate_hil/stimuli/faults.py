@@ -1,8 +1,4 @@
-"""Faults as tables: from when to when each fault changes which of the gate's constants, and the row in force.
-
-Row and tables are data of the loop, so that no fault is compiled in. The row changes only where a fault begins,
-ends or ramps; in between, the loop keeps what it has derived from it.
-"""
+"""Faults as tables (which constants each changes, and when), and the current row of the gate's constants."""
 
 from __future__ import annotations
 

@@ -85,11 +85,6 @@ def timeline_of(
     )
 
 
-def no_timeline() -> Timeline:
-    """Return a timeline without profiles and obstacles."""
-    return timeline_of({})
-
-
 @compilable
 def value_at(timeline: Timeline, place: int, time: float) -> float:
     """Return a profile's value; NaN before its first knot, after its last knot the last value."""

@@ -36,7 +36,7 @@ def limits_section(outcomes: Sequence[Outcome]) -> str:
 
 
 def _limits_of(outcome: Outcome) -> Iterable[tuple[float, str]]:
-    """Yield the limits that a scenario's expectations compare pinch forces with, and the expectations' names."""
+    """Yield (limit [N], name of the expectation) for each limit that a pinch force is compared with."""
     plan = outcome.case.plan
     rig, scenario = plan.rig, plan.setup.scenario
     on_bus = {f"{wire.message}.{wire.signal}" for wire in rig.outputs if wire.quantity in _ON_BUS}

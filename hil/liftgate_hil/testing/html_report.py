@@ -56,7 +56,7 @@ class SuiteReport:
         self._left = {True: MOST_PASSED, False: MOST_OTHERS}
 
     def take(self, outcome: Outcome) -> Outcome:
-        """Draw the pictures of an outcome; return the outcome without its trace summaries."""
+        """Draw and keep an outcome's pictures, within a size limit; return it without its trace summaries."""
         result = outcome.result
         if result is None:
             return outcome

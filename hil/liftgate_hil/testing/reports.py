@@ -74,7 +74,7 @@ def expectation_json(verdict: Verdict) -> dict[str, Any]:
 
 
 def line_of(verdict: Verdict) -> str:
-    """Return an expectation's verdict on one line; the times of a failure are in its reason."""
+    """Return an expectation's verdict as one line; for a failure with a reason, the reason states the times."""
     parts = [verdict.verdict]
     if verdict.margin is not None:
         unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""

@@ -88,9 +88,9 @@ class Outcome:
 
 
 def scenario_files(paths: Sequence[str]) -> list[Path]:
-    """Return the scenario files of paths and shipped names (`pack` is a folder of them).
+    """Return the scenario files that paths and shipped names (such as the shipped folder `pack`) stand for.
 
-    A folder stands for all scenarios in it and below that expect something. Raises ConfigError.
+    A folder stands for all scenarios with [[expect]] in it and below. Raises ConfigError.
     """
     found: list[Path] = []
     for name in paths:

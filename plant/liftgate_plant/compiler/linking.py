@@ -162,7 +162,7 @@ class _WithoutAddresses:
         return getattr(self._whole, name)
 
     def set_env(self, name: str, environment: Any) -> None:
-        """Do nothing, as nothing has an address yet (see HelperLibrary)."""
+        """Ignore a function's environment: a helper library has no machine code, so no addresses."""
 
 
 def _link(library: Any, module: Any) -> None:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.simulation import Offline, simulate
-from liftgate_hil.loop.tick import no_frames
 from liftgate_hil.measurement.input_file import read_samples
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.running.setup import vehicle_from
@@ -101,7 +101,7 @@ def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> No
             stimuli=stimulus_plan_of(constants),
             friction=friction_profile(vehicle, plant, 0),
             row=np.full((1, ROW_WIDTH), np.nan),
-            nothing=no_frames(),
+            nothing=empty_frames(0),
             step=0.001,
             seed=0,
         )

@@ -250,7 +250,7 @@ def test_what_it_does_not_cover_is_inconclusive(runs: Path, tmp_path: Path, suff
         "all": "inconclusive", "bus": "inconclusive",
         "in": decided[has_rows], "in bus": decided[has_frames],
     }  # fmt: skip
-    said = "rows are missing from 0 to " if has_rows else "its window, to 2 s, was cut off"
+    said = "rows are missing from 0 s to " if has_rows else "its window, to 2 s, was cut off"
     assert found["all" if has_rows else "bus"].reason.startswith(said)
     empty = lh.judge([runs / f"none.{suffix}"], tmp_path / "s.toml")
     assert {each.reason for each in empty.values()} == {"nothing was recorded"}

@@ -167,7 +167,7 @@ def test_a_gap_counts_for_the_column_that_has_it_and_what_ends_early_has_one(
     assert {name: each.verdict for name, each in found.items()} == {
         "a": "inconclusive", "b": "pass", "first": "pass", "opened": "inconclusive"
     }  # fmt: skip
-    assert found["a"].reason == "there is no sample of gate_angle_deg from 1 to 2 s"
+    assert found["a"].reason == "there is no sample of gate_angle_deg from 1 s to 2 s"
 
 
 def test_clocks_of_a_wall_count_from_the_first_stamp_and_must_be_in_all_files(

@@ -97,10 +97,10 @@ def test_what_was_not_recorded_or_was_cut_is_inconclusive(
     assert "the run ended" in cut["soft"].reason
     (tmp_path / "gap.csv").write_text("".join(lines[:500] + lines[900:]))
     gap = lh.judge([tmp_path / "gap.csv"], folder / "s.toml")
-    assert gap["soft"].reason == "rows are missing from 0.499 to 0.9 s"
+    assert gap["soft"].reason == "rows are missing from 0.499 s to 0.9 s"
     (tmp_path / "part.csv").write_text("".join([lines[0], *lines[500:]]))
     part = lh.judge([tmp_path / "part.csv"], folder / "s.toml")
-    assert part["soft"].reason == "rows are missing from 0 to 0.5 s"
+    assert part["soft"].reason == "rows are missing from 0 s to 0.5 s"
     (tmp_path / "thin.csv").write_text("".join([lines[0], *lines[1::10]]))
     assert lh.judge([tmp_path / "thin.csv"], folder / "s.toml")["soft"].verdict == "fail"
 
@@ -116,7 +116,7 @@ def test_a_value_that_was_taken_out_is_missing_like_a_row(
     (tmp_path / "holes.csv").write_text("\n".join([head, *map(",".join, rows)]) + "\n")
     found = lh.judge([tmp_path / "holes.csv", folder / "run.log"], folder / "s.toml")
     assert found["soft"].verdict == "inconclusive"
-    assert found["soft"].reason == "there is no sample of pinch_force_n from 0.5 to 0.901 s"
+    assert found["soft"].reason == "there is no sample of pinch_force_n from 0.5 s to 0.901 s"
     assert found["sends"] == result.expectations["sends"]
 
 
@@ -132,7 +132,7 @@ def test_a_stimulus_whose_condition_was_not_recorded_says_so(
     (tmp_path / "r.csv").write_text(f"{head.replace('gate_angle_deg', 'winkel', 1)}\n{rest}")
     found = lh.judge([tmp_path / "r.csv"], tmp_path / "s.toml")["dry"]
     assert found.verdict == "inconclusive"
-    said = "request[0].time: there is no sample of gate_angle_deg from 0 to 4.001 s"
+    said = "request[0].time: there is no sample of gate_angle_deg from 0 s to 4.001 s"
     assert found.reason == said
 
 

@@ -40,10 +40,9 @@ def missing(last: int, counter: int, modulus: int) -> int:
 
 @compilable
 def place_of_simple(last: int, turn: int) -> int:
-    """Return the status of a frame with a simple counter: NEXT, FIRST, REPEATED or WRONG.
+    """Return the status of a frame with a simple alive counter: NEXT, FIRST, REPEATED or WRONG.
 
-    `turn` is the turn of its counter (-1: a value that the counter never has), `last` that of the frame before
-    (-1: none).
+    `turn` is the counter's index in its sequence (-1: no valid value), `last` that of the frame before (-1: none).
     """
     if turn < 0:
         return WRONG

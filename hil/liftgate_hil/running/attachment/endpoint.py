@@ -1,4 +1,4 @@
-"""Sockets by which clients attach to the runs of this user: one per run, named by the process that was started."""
+"""Sockets through which clients attach to a user's runs: one per run, named after the process id."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import math
 from liftgate_hil.config.restbus import Press
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.commands.target import Target
+from liftgate_hil.running.commands.loop_target import Target
 
 
 class Buttons:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.commands.target import Target
 from liftgate_hil.running.setup import Setup
 from liftgate_hil.running.stimulation import injections_of
 from liftgate_hil.stimuli.command_queue import (
@@ -66,7 +65,7 @@ class LoopTarget:
 
     def layer(self, place: int) -> Target:
         """Return the target for commands in a layer, BENCH or OPERATOR; later layers override those before."""
-        return _Layer(self, place)
+        return Target(self, place)
 
     def hold(self, values: Mapping[str, float]) -> None:
         """Hold values, as `Target.hold`. Raises ConfigError, and changes nothing then."""
@@ -138,26 +137,36 @@ class LoopTarget:
             )
 
 
-class _Layer:
-    """Target for commands in one layer."""
+class Target:
+    """Target of the commands of one layer, on a running loop or a gate."""
 
-    def __init__(self, target: LoopTarget, place: int) -> None:
-        self._target, self._place = target, place
+    def __init__(self, loop: LoopTarget, place: int) -> None:
+        self._loop, self._place = loop, place
 
     def hold(self, values: Mapping[str, float]) -> None:
-        """Hold values from the next tick on, whichever layer set them last."""
-        self._target.hold(values)
+        """Hold values, by their names in held_values.NAMES, from the next tick on; NaN: hold it no longer.
+
+        Raises ConfigError where there is no room for so many, and changes nothing then.
+        """
+        self._loop.hold(values)
 
     def inject(self, faults: Sequence[Fault]) -> None:
-        """Set the faults of this layer."""
-        self._target.inject(self._place, faults)
+        """Put these faults in force from the next tick on, in place of all that were injected before.
+
+        Where several act on the same thing, they act in their order. Raises ConfigError, and changes nothing then.
+        """
+        self._loop.inject(self._place, faults)
 
     def set_signals(
         self, values: Mapping[str, float], instead_of: float = math.nan, rest: float = math.nan
     ) -> None:
-        """Set signals in this layer."""
-        self._target.set_signals(self._place, values, instead_of, rest)
+        """Set signals [the database's unit], but only those with the value `instead_of` (NaN: any).
+
+        The value NaN clears a signal, which then has the scenario's value, else `rest`. Raises ConfigError, and
+        changes nothing then.
+        """
+        self._loop.set_signals(self._place, values, instead_of, rest)
 
     def reset(self) -> None:
-        """Reset the ECU."""
-        self._target.reset()
+        """Reset the ECU in the rig's way other than a signal. Raises ConfigError where that is not possible."""
+        self._loop.reset()

@@ -24,7 +24,7 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError, ConfigIssues, printable
 from liftgate_hil.running.commands.buttons import Buttons
 from liftgate_hil.running.commands.by_hand import held_obstacle, obstacle_in, surroundings_in
-from liftgate_hil.running.commands.target import Target
+from liftgate_hil.running.commands.loop_target import Target
 from liftgate_hil.stimuli.command_queue import LENGTH, SLOTS
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import REQUESTS

@@ -26,7 +26,7 @@ from liftgate_hil.running.commands.decoding import (
     value_key,
     which_ordered,
 )
-from liftgate_hil.running.commands.target import Target
+from liftgate_hil.running.commands.loop_target import Target
 from liftgate_hil.stimuli.moments import Instant
 
 _MOST_TOLD = 1000  # orders of a run that are reported; more are executed, or refused and counted
