@@ -33,13 +33,7 @@ from typing import Any, TypeVar, get_type_hints
 Value = TypeVar("Value")
 
 VARIABLE = "LAST_BITS"
-PARTS = (
-    "reference",
-    "plant",
-    "hil/identify",
-    "tools/test_identification_tools.py",
-    "tools/last_bits_canary.py",
-)
+PARTS = ("reference", "plant", "hil/identify", "tools/test_identification_tools.py", "tools/last_bits_canary.py")
 OFF = 1e-13  # relative
 TOLERANCES = (0.3, 2.0)  # a solver's tolerance, by that of the test
 SHORTER = (0.7, 1.0)  # its longest step
@@ -118,10 +112,7 @@ def _off(value: Any, name: str) -> Any:
 def _is_end(kind: type, key: str, value: Any) -> bool:
     """Whether a parameter of the plant lies at an end of its range."""
     quantity = _quantities(kind).get(key)
-    return quantity is not None and value in (
-        quantity.low * quantity.scale,
-        quantity.high * quantity.scale,
-    )
+    return quantity is not None and value in (quantity.low * quantity.scale, quantity.high * quantity.scale)
 
 
 @functools.cache

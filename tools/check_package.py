@@ -31,9 +31,7 @@ PARTS = {  # in the checkout → in the wheel
 }
 
 
-def run(
-    *command: str | Path, cwd: Path = ROOT, env: Mapping[str, str] | None = None, code: int = 0
-) -> str:
+def run(*command: str | Path, cwd: Path = ROOT, env: Mapping[str, str] | None = None, code: int = 0) -> str:
     """Run a command and return its output; exit this program if the command's exit code is not `code`."""
     started = time.monotonic()
     done = subprocess.run(
@@ -80,9 +78,7 @@ def sources() -> dict[str, bytes]:
     for name in map(PurePosixPath, listed.splitlines()):
         part = next(each for each in PARTS if name.is_relative_to(each))
         if (ROOT / name).is_file():  # git lists deleted files, too
-            held[str(PurePosixPath(PARTS[part], name.relative_to(part)))] = (
-                ROOT / name
-            ).read_bytes()
+            held[str(PurePosixPath(PARTS[part], name.relative_to(part)))] = (ROOT / name).read_bytes()
     return held
 
 

@@ -15,9 +15,7 @@ from pathlib import Path
 def has_ensurepip() -> bool:
     """Return whether `venv` can put pip into an environment."""
     return (
-        subprocess.run(
-            [sys.executable, "-c", "import ensurepip"], check=False, capture_output=True
-        ).returncode
+        subprocess.run([sys.executable, "-c", "import ensurepip"], check=False, capture_output=True).returncode
         == 0
     )
 

@@ -14,9 +14,7 @@ CAR = {"vehicle": HERE / "vehicle.toml", "rig": HERE / "rig.toml"}
 def test_the_ecu_opens_the_gate_and_reverses_on_a_rod(liftgate):
     """The rod has 10 N/mm: a force of 200 N is a way of 20 mm."""
     result = liftgate.run(HERE / "scenario.toml", **CAR)
-    assert result.verdict == "pass", (
-        result.reason
-    )  # nothing crashed, and all that the scenario expects came
+    assert result.verdict == "pass", result.reason  # nothing crashed, and all that the scenario expects came
     assert result.maxima["gate_angle_deg"] > 78.0
     assert 0.0 < result.maxima["pinch_force_n"] < 200.0
 

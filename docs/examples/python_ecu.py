@@ -32,8 +32,7 @@ class Ecu:
         database = cantools.database.load_file(DATABASE)
         self._command = database.get_message_by_name("DriveCommand")
         self._drives = {
-            message.frame_id: message
-            for message in map(database.get_message_by_name, ("LeftDrive", "RightDrive"))
+            message.frame_id: message for message in map(database.get_message_by_name, ("LeftDrive", "RightDrive"))
         }
         self._heard: dict[str, dict[str, float]] = {}  # message: values
         self._direction = "coast"

@@ -15,11 +15,7 @@ def main() -> None:
     for rod in RODS:
         forces = []
         for slope in SLOPES:
-            result = lh.run(
-                scenario,
-                parameters={"rod": rod},
-                settings=[f"environment.road_slope_deg={slope}"],
-            )
+            result = lh.run(scenario, parameters={"rod": rod}, settings=[f"environment.road_slope_deg={slope}"])
             assert result.verdict == "pass", result.reason
             forces.append(result.maxima["pinch_force_n"])
         print(f"{rod / 1000:8g}" + "".join(f"{force:9.0f} N" for force in forces))

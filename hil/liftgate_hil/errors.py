@@ -28,9 +28,7 @@ def printable(text: str) -> str:
     """Return the text with control characters, line breaks and lone surrogates escaped as in Python."""
     if text.isprintable():
         return text
-    return "".join(
-        each if each.isprintable() else each.encode("unicode_escape").decode() for each in text
-    )
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
 
 
 class LiftgateError(Exception):

@@ -45,10 +45,7 @@ class Command(NamedTuple):
     right_direction: Annotated[float, _DIRECTION]
     latch_release: Annotated[float, Signal("", 0.0, 1.0, "drives the latch open", LATCH_COMMANDS)]
     latch_cinch: Annotated[
-        float,
-        Signal(
-            "", 0.0, 1.0, "drives the cinching motor of a latch with `[latch] half`", CINCH_COMMANDS
-        ),
+        float, Signal("", 0.0, 1.0, "drives the cinching motor of a latch with `[latch] half`", CINCH_COMMANDS)
     ]
 
 
@@ -58,9 +55,7 @@ class Rod(NamedTuple):
     obstacle_angle: Annotated[
         float, Signal("deg", -10.0, 180.0, "gate angle at which the gate meets the obstacle")
     ]
-    obstacle_rate: Annotated[
-        float, Signal("N/mm", 0.0, 1e4, "spring rate of the obstacle; 0: no obstacle")
-    ]
+    obstacle_rate: Annotated[float, Signal("N/mm", 0.0, 1e4, "spring rate of the obstacle; 0: no obstacle")]
 
 
 # An obstacle as scenarios and programs describe it.
@@ -69,18 +64,12 @@ OBSTACLE: dict[str, Signal] = {
     "distance": Signal("m", 0.01, 10.0, "distance from the hinge"),
     "stiffness": Signal("N/m", 1.0, 1e7, "stiffness of its spring"),
     "damping": Signal("N s/m", 0.0, 1e6, "damping parallel to the spring"),
-    "lateral": Signal(
-        "m", -5.0, 5.0, "lateral position from the gate's middle, positive to the left"
-    ),
-    "gap": Signal(
-        "m", -1.0, 1.0, "further travel along the arc from that angle until the gate touches it"
-    ),
+    "lateral": Signal("m", -5.0, 5.0, "lateral position from the gate's middle, positive to the left"),
+    "gap": Signal("m", -1.0, 1.0, "further travel along the arc from that angle until the gate touches it"),
 }
 
 
-_NUMBER = Signal(
-    "", 0.0, EDGE_NUMBERS - 1.0, "number of Hall edges so far, modulo 256", is_whole=True
-)
+_NUMBER = Signal("", 0.0, EDGE_NUMBERS - 1.0, "number of Hall edges so far, modulo 256", is_whole=True)
 _AGES = [
     EDGE_AGE._replace(meaning=f"time since the last Hall edge{which}; before it, since the start")
     for which in ("", " but one", " but two", " but three")
@@ -105,12 +94,8 @@ class EdgeTimes(NamedTuple):
 class Status(NamedTuple):
     """Status of the emulator."""
 
-    tick_overruns: Annotated[
-        float, Signal("", 0.0, 1e18, "number of skipped tick periods", is_whole=True)
-    ]
-    command_timeouts: Annotated[
-        float, Signal("", 0.0, 1e18, "number of time-outs of the command", is_whole=True)
-    ]
+    tick_overruns: Annotated[float, Signal("", 0.0, 1e18, "number of skipped tick periods", is_whole=True)]
+    command_timeouts: Annotated[float, Signal("", 0.0, 1e18, "number of time-outs of the command", is_whole=True)]
     rejected_frames: Annotated[
         float, Signal("", 0.0, 1e18, "number of rejected frames of mapped messages", is_whole=True)
     ]
@@ -124,21 +109,13 @@ class Timing(NamedTuple):
     """Timing of the loop; NaN on a clock that is not real time."""
 
     lateness_p50: Annotated[float, _TIME._replace(meaning="median lateness of a tick")]
-    lateness_p99: Annotated[
-        float, _TIME._replace(meaning="lateness that 99 % of the ticks do not exceed")
-    ]
-    lateness_p999: Annotated[
-        float, _TIME._replace(meaning="lateness that 99.9 % of the ticks do not exceed")
-    ]
+    lateness_p99: Annotated[float, _TIME._replace(meaning="lateness that 99 % of the ticks do not exceed")]
+    lateness_p999: Annotated[float, _TIME._replace(meaning="lateness that 99.9 % of the ticks do not exceed")]
     lateness_max: Annotated[float, _TIME._replace(meaning="largest lateness of a tick")]
     execution_p50: Annotated[float, _TIME._replace(meaning="median execution time of a tick")]
     execution_max: Annotated[float, _TIME._replace(meaning="longest execution time of a tick")]
-    command_delay_p50: Annotated[
-        float, _TIME._replace(meaning="median delay from command to feedback")
-    ]
-    command_delay_max: Annotated[
-        float, _TIME._replace(meaning="longest delay from command to feedback")
-    ]
+    command_delay_p50: Annotated[float, _TIME._replace(meaning="median delay from command to feedback")]
+    command_delay_max: Annotated[float, _TIME._replace(meaning="longest delay from command to feedback")]
     command_delay_force: Annotated[
         float, Signal("N", 0.0, 1e9, "pinch force that the longest delay adds on the 10 N/mm rod")
     ]
@@ -148,14 +125,10 @@ class Bench(NamedTuple):
     """Timeliness of the bench itself in each tick; zeros on the free clock."""
 
     ticks_missed: Annotated[
-        float,
-        Signal("", 0.0, 1e18, "ticks so far that the loop missed and made up for", is_whole=True),
+        float, Signal("", 0.0, 1e18, "ticks so far that the loop missed and made up for", is_whole=True)
     ]
     frames_dropped: Annotated[
-        float,
-        Signal(
-            "", 0.0, 1e18, "frames so far that were lost before the gate read them", is_whole=True
-        ),
+        float, Signal("", 0.0, 1e18, "frames so far that were lost before the gate read them", is_whole=True)
     ]
     command_delay_s: Annotated[
         float,
@@ -261,9 +234,7 @@ OUTPUT_COUNT = len(BUS_OUTPUTS)
 
 # Index of each signal, for compiled code: `values[IN.left_duty]`; of outputs also where each part begins.
 IN: Any = _places("InputPlaces", BUS_INPUTS)
-IN_SURROUNDINGS = Surroundings(
-    **{name: getattr(IN, bus_name(name, signal)) for name, signal in PROFILES.items()}
-)
+IN_SURROUNDINGS = Surroundings(**{name: getattr(IN, bus_name(name, signal)) for name, signal in PROFILES.items()})
 OUT: Any = _places("OutputPlaces", BUS_OUTPUTS)
 OUT_ROWS: Any = _starts("OutputRows", _OUTPUTS)
 

@@ -27,9 +27,9 @@ CUT = 2.0  # value of `DriveInput.coast`: not even the diodes have a circuit
 class Bridge(NamedTuple):
     """Table `[bridge]` of the vehicle file."""
 
-    diode_drop: Annotated[
-        float, Quantity("U_diode", "V", 0.0, 5.0, "forward drop of one freewheeling diode")
-    ] = 0.7
+    diode_drop: Annotated[float, Quantity("U_diode", "V", 0.0, 5.0, "forward drop of one freewheeling diode")] = (
+        0.7
+    )
     pwm_frequency: Annotated[
         float,
         Quantity(
@@ -41,9 +41,7 @@ class Bridge(NamedTuple):
             least=1e3,
         ),
     ] = 0.0
-    freewheeling: Annotated[
-        str, choice(FREEWHEELING, "path of the current while the PWM is off")
-    ] = "slow"
+    freewheeling: Annotated[str, choice(FREEWHEELING, "path of the current while the PWM is off")] = "slow"
 
 
 class DriveInput(NamedTuple):
@@ -85,13 +83,7 @@ class Coasting(NamedTuple):
 
 @compilable
 def coasting(
-    current: float,
-    emf: float,
-    resistance: float,
-    inductance: float,
-    limit: float,
-    growth: float,
-    step: float,
+    current: float, emf: float, resistance: float, inductance: float, limit: float, growth: float, step: float
 ) -> Coasting:
     """Return how a winding with all switches off behaves in a step.
 

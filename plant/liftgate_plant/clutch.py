@@ -23,10 +23,7 @@ class Clutch(NamedTuple):
     """Table `[clutch]` of the vehicle file."""
 
     torque: Annotated[
-        float,
-        Quantity(
-            "T_c", "N m", 0.0, 1e3, "torque on the spindle at which the clutch slips; 0: none"
-        ),
+        float, Quantity("T_c", "N m", 0.0, 1e3, "torque on the spindle at which the clutch slips; 0: none")
     ] = 0.0
 
 
@@ -86,9 +83,7 @@ def way(
 def settled(force: float, stiffness: float, damping: float, bent: float, step: float) -> float:
     """Return how far [m] a mechanism is deflected after a step under a force [N]."""
     if stiffness == 0.0:
-        return (
-            bent + step * force / damping
-        )  # not 0: without stiffness and damping there is no force
+        return bent + step * force / damping  # not 0: without stiffness and damping there is no force
     final = force / stiffness
     if damping == 0.0:
         return final

@@ -14,8 +14,7 @@ class Coding(NamedTuple):
         float, Quantity("", "1", 0.2, 2.0, "factor on the reference ECU's calibrated closing speed")
     ] = 1.0
     anti_trap_limits: Annotated[
-        float,
-        Quantity("", "1", 0.2, 5.0, "factor on the reference ECU's calibrated anti-trap limits"),
+        float, Quantity("", "1", 0.2, 5.0, "factor on the reference ECU's calibrated anti-trap limits")
     ] = 1.0
 
 

@@ -55,13 +55,7 @@ def is_stiff(stiffness: float, damping: float, mobility: float, step: float) -> 
 
 @compilable
 def window(
-    stiffness: float,
-    damping: float,
-    depth: float,
-    rate: float,
-    rate_end: float,
-    mobility: float,
-    step: float,
+    stiffness: float, damping: float, depth: float, rate: float, rate_end: float, mobility: float, step: float
 ) -> Window:
     """Return when during a step of `step` seconds the contact pushes.
 
@@ -76,22 +70,14 @@ def window(
         return Window(0.0, 1.0 if pushes else 0.0)
     depth_end = depth + 0.5 * step * (rate + rate_end)
     a, b = positive_part(depth, depth_end)
-    c, d = positive_part(
-        stiffness * depth + damping * rate, stiffness * depth_end + damping * rate_end
-    )
+    c, d = positive_part(stiffness * depth + damping * rate, stiffness * depth_end + damping * rate_end)
     a = max(a, c)
     return Window(a, max(a, min(b, d)))
 
 
 @compilable
 def push(
-    stiffness: float,
-    damping: float,
-    depth: float,
-    rate: float,
-    mobility: float,
-    step: float,
-    when: Window,
+    stiffness: float, damping: float, depth: float, rate: float, mobility: float, step: float, when: Window
 ) -> LinearizedForce:
     """Return the mean force over the step, pushing during `when`, as a function of the rate v1 at the end.
 

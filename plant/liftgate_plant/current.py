@@ -80,12 +80,7 @@ def scaled(path: CurrentPath, factor: float) -> CurrentPath:
 def shifted(path: CurrentPath, current: float) -> CurrentPath:
     """Return a current plus another one [A] that does not change."""
     return CurrentPath(
-        path.start + current,
-        path.end + current,
-        path.mean + current,
-        path.amplitude,
-        path.decay,
-        path.switching,
+        path.start + current, path.end + current, path.mean + current, path.amplitude, path.decay, path.switching
     )
 
 

@@ -24,23 +24,15 @@ class Cutout(NamedTuple):
     """Table `[cutout]` of the vehicle file."""
 
     resistance: Annotated[
-        float,
-        Quantity("R_0", "Ω", 0.0, 10.0, "resistance of the PTC thermistor when cold; 0: none"),
+        float, Quantity("R_0", "Ω", 0.0, 10.0, "resistance of the PTC thermistor when cold; 0: none")
     ] = 0.0
     thermal_resistance: Annotated[
         float, Quantity("R_th", "K/W", 0.1, 1e4, "thermal resistance to the surroundings")
     ] = 39.0
-    capacity: Annotated[
-        float, Quantity("C", "J/K", 1e-2, 1e4, "heat capacity of the PTC thermistor")
-    ] = 0.75
-    temperature: Annotated[
-        float, Quantity("T_c", "°C", 40.0, 300.0, "temperature at which it trips")
-    ] = 125.0
+    capacity: Annotated[float, Quantity("C", "J/K", 1e-2, 1e4, "heat capacity of the PTC thermistor")] = 0.75
+    temperature: Annotated[float, Quantity("T_c", "°C", 40.0, 300.0, "temperature at which it trips")] = 125.0
     width: Annotated[
-        float,
-        Quantity(
-            "w", "K", 1.0, 50.0, "rise above that in which its resistance grows by a factor of e"
-        ),
+        float, Quantity("w", "K", 1.0, 50.0, "rise above that in which its resistance grows by a factor of e")
     ] = 5.0
 
 

@@ -80,9 +80,7 @@ def slowed(drive: Drive, state: DriveState, place: Place, nominal: float, step: 
 def shafts_at(plant: Plant, state: State, frictions: Frictions, step: float) -> tuple[Shaft, Shaft]:
     """Return both shafts at a step's start, `slowed` where they stop early in it."""
     left, right = state.left, state.right
-    if goes_on(plant.left, left, frictions.left, step) and goes_on(
-        plant.right, right, frictions.right, step
-    ):
+    if goes_on(plant.left, left, frictions.left, step) and goes_on(plant.right, right, frictions.right, step):
         return Shaft(left.speed, left.position), Shaft(right.speed, right.position)
     places = dynamics.places_of(plant, state)
     return (
@@ -159,13 +157,7 @@ def balance(
         if friction.turns(limit, inertia * state.speed, momentum):
             constant -= friction.turning_bias(limit, inertia * state.speed, momentum)
             limit = 0.0
-    return MomentumEquation(
-        own,
-        constant,
-        kappa * push.slope * lever,
-        limit,
-        lever * push.slope * rho,
-    )
+    return MomentumEquation(own, constant, kappa * push.slope * lever, limit, lever * push.slope * rho)
 
 
 @compilable
@@ -178,9 +170,7 @@ def sliding(drive: MomentumEquation, rate: float) -> float:
 
 
 @compilable
-def stretch_in(
-    drive: Drive, state: DriveState, middle: Midpoint, side: Motion, speed: float
-) -> Stretch:
+def stretch_in(drive: Drive, state: DriveState, middle: Midpoint, side: Motion, speed: float) -> Stretch:
     """Return how the mechanism's extension changes in a step at whose end the motor has `speed`.
 
     The gate's side moves along the actuator with dl_S/dt = r_AP ω (3.42).
@@ -214,13 +204,7 @@ def drive_push(
 
 @compilable
 def slip_way(
-    drive: Drive,
-    state: DriveState,
-    middle: Midpoint,
-    side: Motion,
-    speed: float,
-    slipping: float,
-    step: float,
+    drive: Drive, state: DriveState, middle: Midpoint, side: Motion, speed: float, slipping: float, step: float
 ) -> float:
     """Return how far [m] the drive's clutch slips in a step at whose end the motor has `speed`."""
     stretch = stretch_in(drive, state, middle, side, speed)
@@ -236,9 +220,7 @@ def slip_way(
 
 
 @compilable
-def would_slip(
-    drive: Drive, grip: LinearizedForce, speed: float, middle: Midpoint, rate: float
-) -> float:
+def would_slip(drive: Drive, grip: LinearizedForce, speed: float, middle: Midpoint, rate: float) -> float:
     """Return the force that a slipping clutch passes at these new speeds of motor and gate; 0: it grips."""
     if drive.clutch_force == 0.0:
         return 0.0
@@ -248,13 +230,7 @@ def would_slip(
 
 @compilable
 def path_in(
-    drive: Drive,
-    electric: Electric,
-    state: DriveState,
-    coast: float,
-    speed: float,
-    other: float,
-    step: float,
+    drive: Drive, electric: Electric, state: DriveState, coast: float, speed: float, other: float, step: float
 ) -> CurrentPath:
     """Return the course of one drive's current in the step, for its own and the other's final speed [rev/s]."""
     if drive.active == 0.0:
@@ -284,9 +260,7 @@ def next_drive(
     way = 0.5 * step * (state.speed + speed)
     if way != 0.0:  # a held shaft stays exactly where it is
         way += step * electric.transient.drift
-    return DriveState(
-        path.end, speed, state.position + way, winding, housing, fuse, state.slip + slipped
-    )
+    return DriveState(path.end, speed, state.position + way, winding, housing, fuse, state.slip + slipped)
 
 
 @compilable

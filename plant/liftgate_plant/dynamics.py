@@ -138,9 +138,7 @@ class Load(NamedTuple):
     """Effects of the surroundings during a step, as means over it, in SI units; temperature in °C."""
 
     supply_voltage: float
-    supply_rise: (
-        float  # V, from the step's start to its end; the winding follows within microseconds
-    )
+    supply_rise: float  # V, from the step's start to its end; the winding follows within microseconds
     road_slope: float
     ambient_temperature: float
     wind_pressure: float
@@ -347,9 +345,7 @@ def twisting_torque(plant: Plant, load: Load, angle: float, twist: float) -> flo
     around = plant.environment
     snow = share_at(plant.torsion, around.snow_lateral)
     hand = share_at(plant.torsion, around.hand_lateral)
-    weight = environment.snow_torque(
-        around, load.snow_mass, plant.link, angle + twist * snow, load.road_slope
-    )
+    weight = environment.snow_torque(around, load.snow_mass, plant.link, angle + twist * snow, load.road_slope)
     return hand * load.hand_force * around.hand_distance - snow * weight
 
 
@@ -379,9 +375,7 @@ def stop_torque(drive: Drive, link: Linkage, place: Place) -> float:
 
 
 @compilable
-def side_torque(
-    drive: Drive, link: Linkage, state: DriveState, place: Place, ambient: float
-) -> float:
+def side_torque(drive: Drive, link: Linkage, state: DriveState, place: Place, ambient: float) -> float:
     """Return the torque [N m] of one drive (3.16), its spring (3.31) and its stops on its side of the gate."""
     force = drive_force(drive, state, place)
     force += spring_force(drive, link, place.extension, ambient)
@@ -423,9 +417,7 @@ def torque_at(plant: Plant, state: State, load: Load, places: Places) -> float:
         + side_torque(plant.right, plant.link, state.right, places.right, ambient)
         + body_torque(plant, load, state.gate_angle, state.twist)
         + plant.seal.arm * contact.force(plant.seal.stiffness, 0.0, rubber, 0.0)
-        + latch.torque(
-            plant.latch, state.latch, state.gate_angle, state.gate_rate, load.latch_cinched
-        )
+        + latch.torque(plant.latch, state.latch, state.gate_angle, state.gate_rate, load.latch_cinched)
         + load.obstacle.direction * load.obstacle.distance * pinch_of(plant, state, load)
     )
 
@@ -440,9 +432,7 @@ def is_chopped(drive: Drive, given: DriveInput) -> bool:
 @compilable
 def winding_resistance(drive: Drive, state: DriveState) -> float:
     """Return R [Ω] at the winding's present temperature."""
-    return drive.motor.resistance * thermal.resistance_factor(
-        drive.thermal, state.winding_temperature
-    )
+    return drive.motor.resistance * thermal.resistance_factor(drive.thermal, state.winding_temperature)
 
 
 @compilable
@@ -470,25 +460,20 @@ def resistances_soon(drive: Drive, state: DriveState, ahead: float) -> tuple[flo
     )
     return (
         drive.motor.resistance * thermal.resistance_factor(drive.thermal, winding),
-        cutout.soon(drive.cutout, state.cutout_temperature, state.current, ahead)
-        + drive.line.resistance,
+        cutout.soon(drive.cutout, state.cutout_temperature, state.current, ahead) + drive.line.resistance,
     )
 
 
 @compilable
 def emf_constant(drive: Drive, state: DriveState) -> float:
     """Return c2Φ [V/rps] at the housing's present temperature."""
-    return drive.motor.speed_constant * thermal.flux_factor(
-        drive.thermal, state.housing_temperature
-    )
+    return drive.motor.speed_constant * thermal.flux_factor(drive.thermal, state.housing_temperature)
 
 
 @compilable
 def torque_constant(drive: Drive, state: DriveState) -> float:
     """Return c1Φ [N m/A] at the housing's present temperature."""
-    return drive.motor.torque_constant * thermal.flux_factor(
-        drive.thermal, state.housing_temperature
-    )
+    return drive.motor.torque_constant * thermal.flux_factor(drive.thermal, state.housing_temperature)
 
 
 @compilable
@@ -503,13 +488,7 @@ def shaft_mobility(drive: Drive) -> float:
 @compilable
 def chopper_of(drive: Drive, resistance: float) -> Chopper:
     """Return a drive's switching bridge with its winding of that resistance [Ω]."""
-    return Chopper(
-        drive.freewheeling,
-        drive.pwm_period,
-        drive.diode_drop,
-        resistance,
-        drive.motor.inductance,
-    )
+    return Chopper(drive.freewheeling, drive.pwm_period, drive.diode_drop, resistance, drive.motor.inductance)
 
 
 @compilable
@@ -626,18 +605,12 @@ def outputs(plant: Plant, state: State, given: Inputs) -> Outputs:
     return Outputs(
         drive_force(plant.left, state.left, places.left),
         drive_force(plant.right, state.right, places.right),
-        motor_voltage(
-            plant.left, state.left, inputs.left, terminal, plant.source_resistance, now_l
-        ),
-        motor_voltage(
-            plant.right, state.right, inputs.right, terminal, plant.source_resistance, now_r
-        ),
+        motor_voltage(plant.left, state.left, inputs.left, terminal, plant.source_resistance, now_l),
+        motor_voltage(plant.right, state.right, inputs.right, terminal, plant.source_resistance, now_r),
         pinch_of(plant, state, inputs.load),
         terminal,
         acceleration,
-        latch.hook_force(
-            plant.latch, state.latch, state.gate_angle, rate, inputs.load.latch_cinched
-        ),
+        latch.hook_force(plant.latch, state.latch, state.gate_angle, rate, inputs.load.latch_cinched),
     )
 
 

@@ -101,9 +101,7 @@ def winding_of(
         return winding, Coasting(0.0, 0.0, 0.0, step), NO_SWITCHING
     if drive_input.coast == 0.0:
         duty = drive_input.duty
-        winding = Winding(
-            resistance, motor.inductance, by_speed, duty, drive_input.voltage, duty * rise
-        )
+        winding = Winding(resistance, motor.inductance, by_speed, duty, drive_input.voltage, duty * rise)
         return winding, Coasting(1.0, 0.0, 0.0, step), directly_on(drive_input)
     limit = terminal + 2.0 * drive.diode_drop
     emf = by_speed * state.speed
@@ -116,9 +114,7 @@ def winding_of(
 
 
 @compilable
-def emf_rise(
-    drive: Drive, state: DriveState, place: Place, friction: float, current: float, step: float
-) -> float:
+def emf_rise(drive: Drive, state: DriveState, place: Place, friction: float, current: float, step: float) -> float:
     """Return the rise [V] of a motor's back-EMF over a step with a given current, by the forces at its start.
 
     Returns 0 where these forces do not last for a step, as with a very stiff mechanism.
@@ -127,9 +123,7 @@ def emf_rise(
     if dynamics.shaft_mobility(drive) * yielding * step > _LASTING:
         return 0.0
     force = dynamics.drive_force(drive, state, place)
-    loss = friction * (
-        level(drive.friction, state.speed) + drive.friction.viscous * abs(state.speed)
-    )
+    loss = friction * (level(drive.friction, state.speed) + drive.friction.viscous * abs(state.speed))
     loss += drive.load_friction * drive.torque_per_force * abs(force)
     torque = dynamics.torque_constant(drive, state) * current - drive.torque_per_force * force
     if state.speed == 0.0 and abs(torque) <= loss:
@@ -175,13 +169,7 @@ def drop_beside(
 
 @compilable
 def around(
-    plant: Plant,
-    state: State,
-    inputs: Inputs,
-    source: float,
-    now_l: Course,
-    now_r: Course,
-    step: float,
+    plant: Plant, state: State, inputs: Inputs, source: float, now_l: Course, now_r: Course, step: float
 ) -> tuple[Around, Around]:
     """Return the voltages around the left and the right motor; all are 0 if neither of them coasts."""
     if inputs.left.coast == 0.0 and inputs.right.coast == 0.0:
@@ -252,13 +240,7 @@ def on_source(drive: Drive, drive_input: DriveInput) -> float:
 
 @compilable
 def followed(
-    drive: Drive,
-    winding: Winding,
-    drive_input: DriveInput,
-    speed: float,
-    now: Course,
-    load: Load,
-    sag: float,
+    drive: Drive, winding: Winding, drive_input: DriveInput, speed: float, now: Course, load: Load, sag: float
 ) -> Winding:
     """Return a winding whose current tends to its periodic waveform instead of what a mean voltage drives.
 
@@ -336,9 +318,7 @@ def electric_of(
             idle = restarted(winding, coast.mean, coast.restart, state.speed, step)
         return Electric(idle, NO_TRANSIENT, torque_constant, coast.voltage, switching)
     fall = state.current - end_current(response, state.speed, other.speed)
-    fall += (
-        winding.rise / winding.resistance
-    )  # the part due to the voltage's rise does not die away
+    fall += winding.rise / winding.resistance  # the part due to the voltage's rise does not die away
     per_inertia = torque_constant / (2.0 * math.pi * drive.inertia)
     transient = transient_of(per_inertia, winding, phi, fall, step)
     lagging = Response(
@@ -353,9 +333,7 @@ def electric_of(
 
 
 @compilable
-def electrics_of(
-    plant: Plant, state: State, inputs: Inputs, step: float
-) -> tuple[Electric, Electric]:
+def electrics_of(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[Electric, Electric]:
     """Return both drives' electrical sides during a step of `step` seconds."""
     load = inputs.load
     rise = load.supply_rise
@@ -381,13 +359,9 @@ def electrics_of(
     if switches_l or switches_r:
         sag, shared = shared_sag(plant, inputs, now_l, now_r), plant.source_resistance
         if follows(plant.left, inputs.left, shared):
-            winding_l = followed(
-                plant.left, winding_l, inputs.left, state.left.speed, now_l, load, sag
-            )
+            winding_l = followed(plant.left, winding_l, inputs.left, state.left.speed, now_l, load, sag)
         if follows(plant.right, inputs.right, shared):
-            winding_r = followed(
-                plant.right, winding_r, inputs.right, state.right.speed, now_r, load, sag
-            )
+            winding_r = followed(plant.right, winding_r, inputs.right, state.right.speed, now_r, load, sag)
     if switches_l:
         switching_l = switching_of(plant.left, inputs.left.duty, now_l)
     if switches_r:
@@ -407,9 +381,7 @@ def electrics_of(
 
 
 @compilable
-def path_of(
-    electric: Electric, begin: float, end: float, own: float, other: float, step: float
-) -> CurrentPath:
+def path_of(electric: Electric, begin: float, end: float, own: float, other: float, step: float) -> CurrentPath:
     """Return the course of a current from `begin` to `end` [A] over a step, for the final speeds [rev/s]."""
     mean = mean_current(electric.response, own, other)
     amplitude, decay = electric.transient.amplitude, electric.transient.decay

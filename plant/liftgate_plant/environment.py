@@ -19,20 +19,14 @@ class Environment(NamedTuple):
     road_slope: Annotated[float, signals.ROAD_SLOPE.parameter("γ")] = 0.0
     ambient_temperature: Annotated[float, signals.AMBIENT_TEMPERATURE.parameter("T")] = 20.0
     wind_pressure: Annotated[float, signals.WIND_PRESSURE.parameter("q")] = 0.0
-    wind_area: Annotated[float, Quantity("A", "m²", 0.0, 20.0, "area of the gate in the wind")] = (
-        1.0
-    )
+    wind_area: Annotated[float, Quantity("A", "m²", 0.0, 20.0, "area of the gate in the wind")] = 1.0
     wind_lever: Annotated[
         float, Quantity("", "m", 0.0, 10.0, "distance from the hinge to the centre of the area")
     ] = 0.5
     snow_mass: Annotated[float, signals.SNOW_MASS.parameter("m_s")] = 0.0
-    snow_distance: Annotated[
-        float, Quantity("r_s", "m", 0.0, 10.0, "distance of the snow from the hinge")
-    ] = 0.5
+    snow_distance: Annotated[float, Quantity("r_s", "m", 0.0, 10.0, "distance of the snow from the hinge")] = 0.5
     hand_force: Annotated[float, signals.HAND_FORCE.parameter("F_h")] = 0.0
-    hand_distance: Annotated[
-        float, Quantity("r_h", "m", 0.0, 10.0, "distance of the hand from the hinge")
-    ] = 0.9
+    hand_distance: Annotated[float, Quantity("r_h", "m", 0.0, 10.0, "distance of the hand from the hinge")] = 0.9
     hand_lateral: Annotated[
         float, Quantity("y_h", "m", -5.0, 5.0, "lateral position of the hand, positive to the left")
     ] = 0.0
@@ -42,9 +36,7 @@ class Environment(NamedTuple):
 
 
 @compilable
-def steady_torque(
-    environment: Environment, wind_pressure: float, hand_force: float, measured: float
-) -> float:
+def steady_torque(environment: Environment, wind_pressure: float, hand_force: float, measured: float) -> float:
     """Return the torque [N m] on the gate that does not depend on its angle; positive opens."""
     return (
         wind_pressure * environment.wind_area * environment.wind_lever
@@ -54,9 +46,7 @@ def steady_torque(
 
 
 @compilable
-def snow_torque(
-    environment: Environment, snow_mass: float, link: Linkage, angle: float, slope: float
-) -> float:
+def snow_torque(environment: Environment, snow_mass: float, link: Linkage, angle: float, slope: float) -> float:
     """Return the closing torque [N m] of the snow's weight.
 
     The snow lies on the line from hinge to GP.

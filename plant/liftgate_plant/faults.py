@@ -32,17 +32,13 @@ class CurrentFault(NamedTuple):
     gain: float  # in addition to that of the vehicle file
     offset: float  # A, in addition to that of the vehicle file
     frozen: float  # 1.0: the last reading is held
-    shorted: (
-        float  # 1.0: the bridge drives a short circuit, whose current exceeds the converter's range
-    )
+    shorted: float  # 1.0: the bridge drives a short circuit, whose current exceeds the converter's range
 
 
 class DriveFaults(NamedTuple):
     """Faults of one drive's bridge and sensors."""
 
-    bridge: (
-        float  # state in which it is stuck, one of those in `bridge`; NaN: it follows its commands
-    )
+    bridge: float  # state in which it is stuck, one of those in `bridge`; NaN: it follows its commands
     hall: HallFault
     current: CurrentFault
 

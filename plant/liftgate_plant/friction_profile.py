@@ -115,9 +115,7 @@ def _spacing(tables: DriveTables, travel: float) -> float:
 
 def _life(own: Friction) -> float:
     """Return the friction factor due to the cycles that the drive has done."""
-    return (
-        1.0 + own.run_in * math.exp(-own.cycles / own.run_in_cycles) + own.wear * own.cycles / 1000
-    )
+    return 1.0 + own.run_in * math.exp(-own.cycles / own.run_in_cycles) + own.wear * own.cycles / 1000
 
 
 def _over_travel(
@@ -132,9 +130,7 @@ def _over_travel(
         turned = 2.0 * math.pi * (places / tables.spindle.lead + uniform(number, -1, drive))
         result = result + own.eccentricity * np.cos(turned)
     if own.position_deviation > 0.0:
-        result = result + own.position_deviation * _random(
-            places / own.position_length, number, drive
-        )
+        result = result + own.position_deviation * _random(places / own.position_length, number, drive)
     return result
 
 

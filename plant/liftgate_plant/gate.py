@@ -33,36 +33,22 @@ class Gate(NamedTuple):
     gate_point: Annotated[Point, _METRES]
     body_point: Annotated[Point, _METRES]
     gravity_point: Annotated[Point, _METRES]
-    hinge_friction: Annotated[
-        float, Quantity("τ_h", "N m", 0.0, 1e4, "dry friction of the hinge")
-    ] = 0.0
+    hinge_friction: Annotated[float, Quantity("τ_h", "N m", 0.0, 1e4, "dry friction of the hinge")] = 0.0
     inertia: Annotated[
-        float,
-        Quantity(
-            "J_L", "kg m²", 0.0, 1e4, "inertia about the hinge; 0: from mass and plate (3.18)"
-        ),
+        float, Quantity("J_L", "kg m²", 0.0, 1e4, "inertia about the hinge; 0: from mass and plate (3.18)")
     ] = 0.0
     torsional_stiffness: Annotated[
-        float,
-        Quantity("k_t", "N m/rad", 0.0, 1e9, "stiffness of the twist between the drives; 0: rigid"),
+        float, Quantity("k_t", "N m/rad", 0.0, 1e9, "stiffness of the twist between the drives; 0: rigid")
     ] = 0.0
-    torsional_damping: Annotated[
-        float, Quantity("d_t", "N m s/rad", 0.0, 1e6, "damping of the twist")
-    ] = 0.0
+    torsional_damping: Annotated[float, Quantity("d_t", "N m s/rad", 0.0, 1e6, "damping of the twist")] = 0.0
     torsional_inertia: Annotated[
-        float,
-        Quantity(
-            "J_t", "kg m²", 0.0, 1e4, "inertia of the twist; 0: J_L/3, mass spread over the width"
-        ),
+        float, Quantity("J_t", "kg m²", 0.0, 1e4, "inertia of the twist; 0: J_L/3, mass spread over the width")
     ] = 0.0
     half_width: Annotated[
         float, Quantity("w", "m", 0.05, 5.0, "distance from the gate's middle to its drives")
     ] = 0.5
     pinch_limit: Annotated[
-        float,
-        Quantity(
-            "", "N", 0.0, 1e4, "limit above which pinch forces are timed; UN R21 5.8, of windows"
-        ),
+        float, Quantity("", "N", 0.0, 1e4, "limit above which pinch forces are timed; UN R21 5.8, of windows")
     ] = 100.0
 
 

@@ -47,15 +47,11 @@ def halfway(start: float, rate: float, rate_end: float, step: float) -> float:
 def middle_of(link: Linkage, motion: Motion, step: float) -> Midpoint:
     """Return lever and extensions along the path."""
     middle = halfway(motion.angle, motion.rate, motion.rate_end, step)
-    return Midpoint(
-        gate.lever(link, middle), gate.extension(link, middle), gate.extension(link, motion.angle)
-    )
+    return Midpoint(gate.lever(link, middle), gate.extension(link, middle), gate.extension(link, motion.angle))
 
 
 @compilable
-def at_side(
-    own: Motion, state: State, twist_rate_end: float, torsion: Torsion, share: float
-) -> Motion:
+def at_side(own: Motion, state: State, twist_rate_end: float, torsion: Torsion, share: float) -> Motion:
     """Return the gate's motion at the lateral position y, `share` = y/w.
 
     The twist reduces the effective inertia there. The twist's rate [rad/s] at the end is a guess.
@@ -70,13 +66,7 @@ def at_side(
 
 @compilable
 def gate_contact(
-    stiffness: float,
-    damping: float,
-    depth: float,
-    lever: float,
-    arm: float,
-    motion: Motion,
-    step: float,
+    stiffness: float, damping: float, depth: float, lever: float, arm: float, motion: Motion, step: float
 ) -> LinearizedForce:
     """Return the mean torque of a contact on the gate, linear in ω1.
 
@@ -92,9 +82,7 @@ def gate_contact(
 
 
 @compilable
-def stop_contacts(
-    drive: Drive, middle: Midpoint, stroke: float, side: Motion, step: float
-) -> LinearizedForce:
+def stop_contacts(drive: Drive, middle: Midpoint, stroke: float, side: Motion, step: float) -> LinearizedForce:
     """Return the mean torque [N m] of one drive's two end stops on the gate over a step.
 
     It is linear in the gate's rate at the end of the step, as in `gate_contact`.
@@ -131,9 +119,7 @@ def home_contacts(
 
 
 @compilable
-def hook_contact(
-    claw: Claw, caught: LatchState, own: Motion, cinched: float, step: float
-) -> LinearizedForce:
+def hook_contact(claw: Claw, caught: LatchState, own: Motion, cinched: float, step: float) -> LinearizedForce:
     """Return the mean torque of the latch's hook.
 
     While the cinching motor pulls, neither stalled nor without load, motor and hook are one body that yields;
@@ -166,12 +152,7 @@ def pinch_contact(body: Obstacle, place: Motion, step: float) -> LinearizedForce
 
 @compilable
 def side_torque(
-    drive: Drive,
-    link: Linkage,
-    middle: Midpoint,
-    push: LinearizedForce,
-    stops: LinearizedForce,
-    ambient: float,
+    drive: Drive, link: Linkage, middle: Midpoint, push: LinearizedForce, stops: LinearizedForce, ambient: float
 ) -> LinearizedForce:
     """Return the mean torque of drive, spring and stops on one side of the gate (3.32, 3.34).
 

@@ -145,9 +145,7 @@ def displacement(encoder: Encoder, edge: int, way: int, drive: int, seed: int, e
         moved += encoder.pitch * gaussian(encoder.wheel, boundary % poles, _PITCH + drive)
     if channel == B:
         moved += encoder.phase
-    moved += (
-        0.5 * encoder.high if boundary % 2 == 1 else -0.5 * encoder.high
-    )  # rises earlier, falls later
+    moved += 0.5 * encoder.high if boundary % 2 == 1 else -0.5 * encoder.high  # rises earlier, falls later
     moved += 0.5 * encoder.hysteresis * way
     if encoder.jitter > 0.0:
         moved += encoder.jitter * gaussian(seed, edges, _JITTER + drive)
@@ -215,9 +213,7 @@ def wiring_of(fault: HallFault) -> int:
 
 
 @outlined
-def see(
-    hall: Any, counts: float, channel: int, a: int, b: int, time: float, drive: int, ring: EdgeRing
-) -> None:
+def see(hall: Any, counts: float, channel: int, a: int, b: int, time: float, drive: int, ring: EdgeRing) -> None:
     """Process an edge on a wire at `time` [s], after which the levels are `a` and `b`, in decoder and timer.
 
     Where both levels have changed since the last edge, the decoder counts none.
@@ -235,9 +231,7 @@ def see(
 
 
 @outlined
-def extra_edges(
-    fault: HallFault, hall: Any, counts: float, tick: Tick, drive: int, ring: EdgeRing
-) -> None:
+def extra_edges(fault: HallFault, hall: Any, counts: float, tick: Tick, drive: int, ring: EdgeRing) -> None:
     """Generate spurious edges, whose mean rate is that of the fault."""
     count = fault.extra * tick.length
     drawn = uniform(tick.seed ^ int(fault.seed), hall.drawn, _EXTRA + drive)
@@ -289,14 +283,7 @@ def crossing(path: Path, leg: Leg, place: float) -> float:
 
 @compilable
 def along(
-    encoder: Encoder,
-    fault: HallFault,
-    hall: Any,
-    path: Path,
-    leg: Leg,
-    tick: Tick,
-    drive: int,
-    ring: EdgeRing,
+    encoder: Encoder, fault: HallFault, hall: Any, path: Path, leg: Leg, tick: Tick, drive: int, ring: EdgeRing
 ) -> None:
     """Advance the Hall sensors to the end of a leg; decoder and timer process its edges one after the other."""
     way = 1 if leg.end > leg.start else -1
@@ -325,26 +312,14 @@ def along(
 
 @compilable
 def move(
-    encoder: Encoder,
-    fault: HallFault,
-    hall: Any,
-    now: Shaft,
-    tick: Tick,
-    drive: int,
-    ring: EdgeRing,
+    encoder: Encoder, fault: HallFault, hall: Any, now: Shaft, tick: Tick, drive: int, ring: EdgeRing
 ) -> None:
     """Advance the Hall sensors along the shaft's motion over a tick, which may reverse once."""
     end = now.position * encoder.counts + 0.5
-    if (
-        encoder.is_ideal
-        and hall.step <= end < hall.step + 1.0
-        and hall.motor_speed * now.speed >= 0.0
-    ):
+    if encoder.is_ideal and hall.step <= end < hall.step + 1.0 and hall.motor_speed * now.speed >= 0.0:
         return
     path = path_of(encoder, Shaft(hall.position, hall.motor_speed), now, tick.length)
-    if (
-        abs(end - path.start) > MOST_EDGES
-    ):  # too far for a motor: the state was set, or has diverged
+    if abs(end - path.start) > MOST_EDGES:  # too far for a motor: the state was set, or has diverged
         step = math.floor(end)
         hall.count += step - hall.step
         hall.edges += abs(step - hall.step)
@@ -368,13 +343,7 @@ def move(
 
 @compilable
 def read_hall(
-    encoder: Encoder,
-    fault: HallFault,
-    halls: Any,
-    now: Shaft,
-    tick: Tick,
-    drive: int,
-    ring: EdgeRing,
+    encoder: Encoder, fault: HallFault, halls: Any, now: Shaft, tick: Tick, drive: int, ring: EdgeRing
 ) -> None:
     """Advance the Hall sensors of one drive, out of (2,) HALL, to the end of a tick.
 

@@ -7,9 +7,7 @@ from liftgate_plant.compiler import compilable
 from liftgate_plant.dynamics import DriveState, Load, Plant, State, gate_torque
 from liftgate_plant.latch import at_first
 
-_REACH = (
-    0.02  # m, margin beyond the full position in which the equilibrium of hook and seal is searched
-)
+_REACH = 0.02  # m, margin beyond the full position in which the equilibrium of hook and seal is searched
 
 
 @compilable

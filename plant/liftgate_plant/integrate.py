@@ -246,18 +246,10 @@ def next_drives(
     electric_l, electric_r = windings
     ambient = inputs.load.ambient_temperature
     slipped_l, slipped_r = slipped_in(plant, state, inputs.load, new, slips, step)
-    path_l = path_in(
-        plant.left, electric_l, state.left, inputs.left.coast, new.left, new.right, step
-    )
-    path_r = path_in(
-        plant.right, electric_r, state.right, inputs.right.coast, new.right, new.left, step
-    )
-    left = next_drive(
-        plant.left, state.left, electric_l, path_l, new.left, slipped_l, ambient, step
-    )
-    right = next_drive(
-        plant.right, state.right, electric_r, path_r, new.right, slipped_r, ambient, step
-    )
+    path_l = path_in(plant.left, electric_l, state.left, inputs.left.coast, new.left, new.right, step)
+    path_r = path_in(plant.right, electric_r, state.right, inputs.right.coast, new.right, new.left, step)
+    left = next_drive(plant.left, state.left, electric_l, path_l, new.left, slipped_l, ambient, step)
+    right = next_drive(plant.right, state.right, electric_r, path_r, new.right, slipped_r, ambient, step)
     return left, right, Flow(path_l, path_r)
 
 
@@ -293,9 +285,7 @@ def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[St
     if not latched:
         rate = new.rate
         angle = state.gate_angle + 0.5 * step * (state.gate_rate + rate)
-        if is_simple and latch.takes_up(
-            angle, load.latch_released
-        ):  # it was not above home at the start
+        if is_simple and latch.takes_up(angle, load.latch_released):  # it was not above home at the start
             angle, rate, latched = 0.0, 0.0, True
     elif held:
         angle = state.gate_angle

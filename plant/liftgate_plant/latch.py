@@ -44,25 +44,16 @@ class Latch(NamedTuple):
         float,
         Quantity("s_half", "m", 0.0, 0.1, "striker's distance from home in the half position; 0: no positions"),
     ] = 0.0  # fmt: skip
-    full: Annotated[float, Quantity("s_full", "m", 0.0, 0.05, "the same in the full position")] = (
-        0.0005
+    full: Annotated[float, Quantity("s_full", "m", 0.0, 0.05, "the same in the full position")] = 0.0005
+    entry: Annotated[float, Quantity("s_entry", "m", 1e-3, 0.2, "the same where the striker meets the claw")] = (
+        0.020
     )
-    entry: Annotated[
-        float, Quantity("s_entry", "m", 1e-3, 0.2, "the same where the striker meets the claw")
-    ] = 0.020
-    distance: Annotated[
-        float, Quantity("r_l", "m", 0.05, 10.0, "distance of the striker from the hinge")
-    ] = 1.0
+    distance: Annotated[float, Quantity("r_l", "m", 0.05, 10.0, "distance of the striker from the hinge")] = 1.0
     claw_force: Annotated[
-        float,
-        Quantity("F_claw", "N", 0.0, 1e4, "force of the claw's spring with the striker at home"),
+        float, Quantity("F_claw", "N", 0.0, 1e4, "force of the claw's spring with the striker at home")
     ] = 40.0
-    stiffness: Annotated[
-        float, Quantity("k_l", "N/m", 1e5, 1e9, "stiffness of hook and striker")
-    ] = 2e6
-    damping: Annotated[float, Quantity("c_l", "N s/m", 0.0, 1e6, "damping of hook and striker")] = (
-        3e3
-    )
+    stiffness: Annotated[float, Quantity("k_l", "N/m", 1e5, 1e9, "stiffness of hook and striker")] = 2e6
+    damping: Annotated[float, Quantity("c_l", "N s/m", 0.0, 1e6, "damping of hook and striker")] = 3e3
     release_time: Annotated[
         float, Quantity("", "s", 0.0, 5.0, "time from the release until the pawl is lifted")
     ] = 0.05
@@ -73,14 +64,10 @@ class Latch(NamedTuple):
         str, choice(CINCHES, "how a half closed latch is drawn home; commanded: by `latch_cinch`")
     ] = "none"
     cinch_speed: Annotated[
-        float,
-        Quantity(
-            "v_c", "m/s", 1e-4, 1.0, "speed of the striker without load, while it is drawn home"
-        ),
+        float, Quantity("v_c", "m/s", 1e-4, 1.0, "speed of the striker without load, while it is drawn home")
     ] = 0.012
     cinch_force: Annotated[
-        float,
-        Quantity("F_c", "N", 1.0, 1e5, "force at the striker at which the cinching motor stalls"),
+        float, Quantity("F_c", "N", 1.0, 1e5, "force at the striker at which the cinching motor stalls")
     ] = 1200.0
 
 
@@ -219,13 +206,7 @@ def hook_speed(claw: Claw, state: LatchState, angle: float, cinched: float) -> f
 
 @compilable
 def mean_pull(
-    claw: Claw,
-    state: LatchState,
-    angle: float,
-    rate: float,
-    rate_end: float,
-    cinched: float,
-    step: float,
+    claw: Claw, state: LatchState, angle: float, rate: float, rate_end: float, cinched: float, step: float
 ) -> float:
     """Return the mean of dp/dt [m/s] over a step from an angle [rad], whose rate [rad/s] changes linearly.
 
@@ -300,9 +281,7 @@ def torque(claw: Claw, state: LatchState, angle: float, rate: float, cinched: fl
 
 
 @compilable
-def drawn_since(
-    claw: Claw, state: LatchState, before: float, place: float, cinched: float, step: float
-) -> float:
+def drawn_since(claw: Claw, state: LatchState, before: float, place: float, cinched: float, step: float) -> float:
     """Return how far [m] the cinching motor draws a claw from its catch within a step to the step's end.
 
     The striker moves linearly from `before` to `place` [m], without touching the hook: there is no load.
@@ -342,9 +321,7 @@ def next_latch(
         held = OPEN
     elif place <= 0.0:
         held = FULL
-    elif (
-        held == OPEN and place <= claw.half - pull
-    ):  # a striker outside a hook that is drawn home is not caught
+    elif held == OPEN and place <= claw.half - pull:  # a striker outside a hook that is drawn home is not caught
         held = HALF
         drawn = drawn_since(claw, state, claw.distance * before, place, cinched, step)
         pull = min(pull + drawn, claw.entry)

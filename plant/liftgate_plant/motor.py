@@ -17,9 +17,7 @@ from liftgate_plant.quantity import Quantity
 class Motor(NamedTuple):
     """Table `[motor]` of the vehicle file."""
 
-    resistance: Annotated[
-        float, Quantity("R", "Ω", 1e-3, 1e3, "resistance of winding and leads at 20 °C")
-    ]
+    resistance: Annotated[float, Quantity("R", "Ω", 1e-3, 1e3, "resistance of winding and leads at 20 °C")]
     inductance: Annotated[float, Quantity("L", "H", 1e-7, 1.0, "inductance of the winding")]
     rotor_inertia: Annotated[float, Quantity("J", "kg m²", 1e-9, 1.0, "inertia of the rotor")]
     torque_constant: Annotated[float, Quantity("c1Φ", "N m/A", 1e-5, 10.0, "torque per current")]
@@ -98,9 +96,7 @@ def phi_functions(z: float) -> Phi:
 
 
 @compilable
-def modes(
-    left: Winding, right: Winding, source_resistance: float
-) -> tuple[float, float, float, float]:
+def modes(left: Winding, right: Winding, source_resistance: float) -> tuple[float, float, float, float]:
     """Return the decay rates [1/s] and the rotation (cos, sin) of the two windings' modes in √L i."""
     return rotation(
         (left.resistance + source_resistance * left.duty * left.duty) / left.inductance,
@@ -229,9 +225,7 @@ class Transient(NamedTuple):
 
 
 @compilable
-def transient_of(
-    torque_per_inertia: float, winding: Winding, phi: Phi, fall: float, step: float
-) -> Transient:
+def transient_of(torque_per_inertia: float, winding: Winding, phi: Phi, fall: float, step: float) -> Transient:
     """Return the transient in a step whose current would fall by `fall` = D (1 − e^(−a h)) at constant speed.
 
     While it decays (a = R/L) the speed leaves its straight line by δn = c1Φ D/(2πJ a) (1 − e^(−a t) − (1 − e^(−a

@@ -42,9 +42,4 @@ def rate(obstacle: Obstacle, gate_rate: float) -> float:
 @compilable
 def pinch_force(obstacle: Obstacle, angle: float, gate_rate: float) -> float:
     """Return the pinch force F_o [N]."""
-    return contact.force(
-        obstacle.stiffness,
-        obstacle.damping,
-        depth(obstacle, angle),
-        rate(obstacle, gate_rate),
-    )
+    return contact.force(obstacle.stiffness, obstacle.damping, depth(obstacle, angle), rate(obstacle, gate_rate))

@@ -76,9 +76,7 @@ def pinched(
 
 
 @compilable
-def pressed(
-    last: Pinch, begin: float, end: float, speed: float, length: float, limit: float
-) -> Pinch:
+def pressed(last: Pinch, begin: float, end: float, speed: float, length: float, limit: float) -> Pinch:
     """Return a contact that continues for `length` [s] with a force from `begin` to `end` [N]."""
     return Pinch(
         force=end,

@@ -97,9 +97,7 @@ def course(chopper: Chopper, duty: float, supply: float, emf: float) -> Course:
         drawn = charge_on + charge_off
     ripple = max(square / period - mean * mean, 0.0)
     on_mean = charge_on / on
-    return Course(
-        mean, by_emf, by_supply, ripple, max(high, low), min(high, low), drawn / period, on_mean
-    )
+    return Course(mean, by_emf, by_supply, ripple, max(high, low), min(high, low), drawn / period, on_mean)
 
 
 @outlined

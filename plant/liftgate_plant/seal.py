@@ -12,9 +12,7 @@ class Seal(NamedTuple):
     """Table `[seal]` of the vehicle file."""
 
     force: Annotated[float, Quantity("F_20", "N", 0.0, 1e5, "force when closed")]
-    stiffness: Annotated[
-        float, Quantity("k_2", "N/m", 0.0, 1e9, "stiffness over the spindle's stroke")
-    ]
+    stiffness: Annotated[float, Quantity("k_2", "N/m", 0.0, 1e9, "stiffness over the spindle's stroke")]
     arm: Annotated[float, Quantity("r_F2", "m", 0.0, 10.0, "distance from the hinge")]
 
 

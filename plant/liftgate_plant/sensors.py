@@ -59,83 +59,46 @@ _LEAST_FILTER = 1e-9  # s; a shorter time constant means no low-pass
 class Sensors(NamedTuple):
     """Table `[sensors]` of the vehicle file; noise is a standard deviation, resolution 0: not quantised."""
 
-    hall_counts: Annotated[
-        float, Quantity("", "1/rev", 1.0, 1e4, "counts per motor revolution")
-    ] = 4.0
-    hall_sample_period: Annotated[
-        float, Quantity("", "s", 1e-4, 1.0, "sample period of the Hall speed")
-    ] = 0.005
+    hall_counts: Annotated[float, Quantity("", "1/rev", 1.0, 1e4, "counts per motor revolution")] = 4.0
+    hall_sample_period: Annotated[float, Quantity("", "s", 1e-4, 1.0, "sample period of the Hall speed")] = 0.005
     hall_pitch_error: Annotated[
-        float,
-        Quantity(
-            "σ", "1", 0.0, 0.075, "error of the boundaries between poles, as a share of a pole"
-        ),
+        float, Quantity("σ", "1", 0.0, 0.075, "error of the boundaries between poles, as a share of a pole")
     ] = 0.0
     hall_phase_error: Annotated[
         float, Quantity("", "deg", -40.0, 40.0, "electrical; lag of B beyond 90° behind A")
     ] = 0.0
-    hall_duty_error: Annotated[
-        float, Quantity("", "1", -0.2, 0.2, "duty cycle of A and B, minus 0.5")
-    ] = 0.0
+    hall_duty_error: Annotated[float, Quantity("", "1", -0.2, 0.2, "duty cycle of A and B, minus 0.5")] = 0.0
     hall_hysteresis: Annotated[
         float, Quantity("", "deg", 0.0, 40.0, "electrical; between the edges of both directions")
     ] = 0.0
-    hall_jitter: Annotated[
-        float, Quantity("σ", "deg", 0.0, 13.5, "electrical; random error of each edge")
-    ] = 0.0
+    hall_jitter: Annotated[float, Quantity("σ", "deg", 0.0, 13.5, "electrical; random error of each edge")] = 0.0
     hall_wheel: Annotated[
-        float,
-        Quantity("", "", 0.0, 1e9, "whole number that selects the magnet wheel, and so its poles"),
+        float, Quantity("", "", 0.0, 1e9, "whole number that selects the magnet wheel, and so its poles")
     ] = 0.0
-    current_gain: Annotated[float, Quantity("", "1", 0.0, 10.0, "gain of the current reading")] = (
-        1.0
-    )
-    current_offset: Annotated[
-        float, Quantity("", "A", -100.0, 100.0, "offset of the current reading")
-    ] = 0.0
-    current_noise: Annotated[
-        float, Quantity("σ", "A", 0.0, 100.0, "noise of the current reading")
-    ] = 0.0
+    current_gain: Annotated[float, Quantity("", "1", 0.0, 10.0, "gain of the current reading")] = 1.0
+    current_offset: Annotated[float, Quantity("", "A", -100.0, 100.0, "offset of the current reading")] = 0.0
+    current_noise: Annotated[float, Quantity("σ", "A", 0.0, 100.0, "noise of the current reading")] = 0.0
     current_resolution: Annotated[
         float, Quantity("", "A", 0.0, 10.0, "resolution of the converter; 0: not quantised")
     ] = 0.0
-    current_limit: Annotated[
-        float, Quantity("", "A", 0.1, 1e4, "the reading saturates at ± this value")
-    ] = 100.0
+    current_limit: Annotated[float, Quantity("", "A", 0.1, 1e4, "the reading saturates at ± this value")] = 100.0
     current_filter: Annotated[
         float, Quantity("T", "s", 0.0, 1.0, "time constant of a first-order low-pass; 0: none")
     ] = 0.0
     current_window: Annotated[
         float,
-        Quantity(
-            "",
-            "s",
-            0.0,
-            1.0,
-            "length of windows whose mean is read, instead of the low-pass; 0: none",
-        ),
+        Quantity("", "s", 0.0, 1.0, "length of windows whose mean is read, instead of the low-pass; 0: none"),
     ] = 0.0
     shunt_low_side: Annotated[
-        float,
-        Quantity(
-            "", "1", 0.0, 1.0, "1: shunt in the bridge's ground, measures the source's current"
-        ),
+        float, Quantity("", "1", 0.0, 1.0, "1: shunt in the bridge's ground, measures the source's current")
     ] = 0.0
     shunt_sampled_on: Annotated[
         float, Quantity("", "1", 0.0, 1.0, "1: that shunt is read while the PWM is on")
     ] = 0.0
-    ripple: Annotated[
-        float, Quantity("", "1", 0.0, 1.0, "commutation ripple, as a share of the current")
-    ] = 0.0
+    ripple: Annotated[float, Quantity("", "1", 0.0, 1.0, "commutation ripple, as a share of the current")] = 0.0
     commutator_ripple: Annotated[
         float,
-        Quantity(
-            "",
-            "1",
-            0.0,
-            20.0,
-            "commutation ripple of the EMF, relative to that of an ideal commutator",
-        ),
+        Quantity("", "1", 0.0, 20.0, "commutation ripple of the EMF, relative to that of an ideal commutator"),
     ] = 0.0
     commutator_segments: Annotated[
         float, Quantity("K", "", 2.0, 200.0, "segments of the motor's commutator, whole number")
@@ -143,39 +106,24 @@ class Sensors(NamedTuple):
     commutator_brushes: Annotated[
         float, Quantity("p", "", 2.0, 20.0, "brushes of the motor's commutator, whole number")
     ] = 2.0
-    angle_offset: Annotated[
-        float, Quantity("", "deg", -90.0, 90.0, "offset of the potentiometer")
-    ] = 0.0
-    angle_noise: Annotated[float, Quantity("σ", "deg", 0.0, 90.0, "noise of the potentiometer")] = (
+    angle_offset: Annotated[float, Quantity("", "deg", -90.0, 90.0, "offset of the potentiometer")] = 0.0
+    angle_noise: Annotated[float, Quantity("σ", "deg", 0.0, 90.0, "noise of the potentiometer")] = 0.0
+    angle_resolution: Annotated[float, Quantity("", "deg", 0.0, 90.0, "resolution of the potentiometer")] = 0.0
+    slope_offset: Annotated[float, Quantity("", "deg", -45.0, 45.0, "offset of the body accelerometer")] = 0.0
+    slope_noise: Annotated[float, Quantity("σ", "deg", 0.0, 45.0, "noise of the body accelerometer")] = 0.0
+    acceleration_noise: Annotated[float, Quantity("σ", "m/s²", 0.0, 100.0, "noise of the gate accelerometer")] = (
         0.0
     )
-    angle_resolution: Annotated[
-        float, Quantity("", "deg", 0.0, 90.0, "resolution of the potentiometer")
-    ] = 0.0
-    slope_offset: Annotated[
-        float, Quantity("", "deg", -45.0, 45.0, "offset of the body accelerometer")
-    ] = 0.0
-    slope_noise: Annotated[
-        float, Quantity("σ", "deg", 0.0, 45.0, "noise of the body accelerometer")
-    ] = 0.0
-    acceleration_noise: Annotated[
-        float, Quantity("σ", "m/s²", 0.0, 100.0, "noise of the gate accelerometer")
-    ] = 0.0
     acceleration_distance: Annotated[
         float, Quantity("", "m", 0.0, 10.0, "distance of the gate accelerometer from the hinge")
     ] = 0.9
-    voltage_noise: Annotated[
-        float, Quantity("σ", "V", 0.0, 10.0, "noise of the terminal voltage")
-    ] = 0.0
-    temperature_offset: Annotated[
-        float, Quantity("", "K", -50.0, 50.0, "offset of all thermometers")
-    ] = 0.0
+    voltage_noise: Annotated[float, Quantity("σ", "V", 0.0, 10.0, "noise of the terminal voltage")] = 0.0
+    temperature_offset: Annotated[float, Quantity("", "K", -50.0, 50.0, "offset of all thermometers")] = 0.0
     strip_force: Annotated[
         float, Quantity("", "N", 0.0, 1e3, "force at which a pinch strip closes; 0: no strips")
     ] = 0.0
     strip_begin: Annotated[
-        float,
-        Quantity("", "m", 0.0, 5.0, "distance from the gate's middle at which each strip begins"),
+        float, Quantity("", "m", 0.0, 5.0, "distance from the gate's middle at which each strip begins")
     ] = 0.3
 
 
@@ -257,9 +205,7 @@ def sensed_current(
         ripple = Commutation(ripple.share, seen * amplitude)
     current = path.end
     turn = 2.0 * math.pi * order
-    turning = Turning(
-        turn * before.position, turn * now.position, turn * before.speed, turn * now.speed
-    )
+    turning = Turning(turn * before.position, turn * now.position, turn * before.speed, turn * now.speed)
     constant = sensors.current_filter if sensors.current_filter > _LEAST_FILTER else 0.0
     if sensors.current_window > 0.0:
         length, end = sensors.current_window, when.begin + step
@@ -278,9 +224,7 @@ def sensed_current(
 
 
 @compilable
-def broken_reading(
-    sensors: Sensors, fault: CurrentFault, duty: float, reading: float, last: float
-) -> float:
+def broken_reading(sensors: Sensors, fault: CurrentFault, duty: float, reading: float, last: float) -> float:
     """Return the converter's reading [A] under a fault.
 
     It is the last reading if frozen, the converter's limit if a bridge drives a short circuit with that duty, else
@@ -306,9 +250,7 @@ def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> Sensor
     encoder, left, right = encoder_of(sensors), state.left, state.right
     return SensorState(
         currents=np.array([[each.current, each.current, 0.0] for each in (left, right)]),
-        halls=initial_halls(
-            encoder, Shaft(left.position, left.speed), Shaft(right.position, right.speed)
-        ),
+        halls=initial_halls(encoder, Shaft(left.position, left.speed), Shaft(right.position, right.speed)),
         edges=edge_ring(edges),
         angle=np.full(1, math.degrees(state.gate_angle)),
     )
@@ -347,9 +289,7 @@ def read_drives(
         after = Shaft(shaft.position, shaft.speed)
         noise = disturbance(sensors.current_noise, when.seed, when.number, drive)
         window = Window(currents[drive, 0], currents[drive, 2])
-        window, reading = sensed_current(
-            sensors, fault.current, motor, path, before, after, window, noise, when
-        )
+        window, reading = sensed_current(sensors, fault.current, motor, path, before, after, window, noise, when)
         currents[drive, 0], currents[drive, 2] = window
         if fault.current.is_on != 0.0:
             duty = inputs.left.duty if drive == LEFT else inputs.right.duty

@@ -26,16 +26,12 @@ from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.motor import rotation
 from liftgate_plant.pwm import DIODE, SLOW, Chopper
 
-_MOST_PERIODS = (
-    6  # iterations at most; two suffice if the currents are continuous, or end, in all of them
-)
+_MOST_PERIODS = 6  # iterations at most; two suffice if the currents are continuous, or end, in all of them
 _MOST_PARTS = 10  # parts of a period at most: three switches, two ends of currents, and restarts
 _CLOSED = 1e-9  # A, tolerated difference between the currents at the period's end and start
 _SETTLED = 1e-14  # of a part's length, accuracy with which a current's end is found
 _MOST_TRIES = 40  # iterations at most to find it
-_TOUCHES = (
-    1e-9  # V, by which an EMF may be below its limit and still drive a current through a diode
-)
+_TOUCHES = 1e-9  # V, by which an EMF may be below its limit and still drive a current through a diode
 
 
 class Branch(NamedTuple):
@@ -214,9 +210,7 @@ def ends_at(wave: Wave, start: float, modes: Decay) -> float:
 
 
 @compilable
-def begins_at(
-    branch: Branch, way: Way, wave: Wave, start: float, share: float, decay: Decay, sag: Sag
-) -> float:
+def begins_at(branch: Branch, way: Way, wave: Wave, start: float, share: float, decay: Decay, sag: Sag) -> float:
     """Return when [s] within a part an idle motor's EMF starts to drive a current against the duty.
 
     This happens if the other branch's current, of which the source supplies `share`, pulls the source down far
@@ -256,14 +250,7 @@ def added(sums: Sums, wave: Wave, decay: Decay, share: float, is_on: bool) -> Su
 
 @compilable
 def part_of(
-    left: Branch,
-    right: Branch,
-    way_l: Way,
-    way_r: Way,
-    i_l: float,
-    i_r: float,
-    source: float,
-    resistance: float,
+    left: Branch, right: Branch, way_l: Way, way_r: Way, i_l: float, i_r: float, source: float, resistance: float
 ) -> Part:
     """Solve both currents of a part that begins with `i_l` and `i_r` [A].
 

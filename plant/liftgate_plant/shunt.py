@@ -117,9 +117,7 @@ _PIECES = 8  # largest number of pieces
 
 
 @compilable
-def commutated(
-    ripple: Commutation, path: CurrentPath, turning: Turning, constant: float, step: float
-) -> float:
+def commutated(ripple: Commutation, path: CurrentPath, turning: Turning, constant: float, step: float) -> float:
     """Return what a commutation ripple adds to the reading at the end of the step.
 
     Where current or speed change much within the step, it is divided into pieces.
@@ -144,9 +142,7 @@ def commutated(
             until = turning.start + (way + drift / step) * time
             now = charge_at(path, time, step)
         mean = (now - charge) / part
-        piece = rippled(
-            Ripple(ripple.share * mean + ripple.amplitude, angle, until), constant, part
-        )
+        piece = rippled(Ripple(ripple.share * mean + ripple.amplitude, angle, until), constant, part)
         total = total * e + piece if constant > 0.0 else total + piece / pieces
         angle, charge = until, now
     return total

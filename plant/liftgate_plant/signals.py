@@ -66,9 +66,7 @@ TIME = Signal("s", 0.0, 1e9, "model time")
 MOTOR_VOLTAGE = Signal("V", -1e3, 1e3, "voltage on the motor's terminals")
 CURRENT = Signal("A", -1e4, 1e4, "motor current")
 CURRENT_RMS = Signal("A", 0.0, 1e4, "root mean square of the motor current over the step")
-CURRENT_PEAK = Signal(
-    "A", -1e4, 1e4, "motor current furthest from zero during the step, PWM ripple included"
-)
+CURRENT_PEAK = Signal("A", -1e4, 1e4, "motor current furthest from zero during the step, PWM ripple included")
 SPEED = Signal("rev/s", -1e5, 1e5, "motor speed")
 POSITION = Signal("rev", -1e9, 1e9, "motor position")
 HALL_COUNT = Signal("", -1e12, 1e12, "signed count of the Hall edges", is_whole=True)
@@ -77,10 +75,7 @@ EDGE_COUNT = Signal("", 0.0, 1e12, "number of edges of Hall A and B so far", is_
 EDGE_AGE = Signal("s", 0.0, 1e9, "time since the last edge; before the first one, since the start")
 PERIOD = Signal("s", 0.0, 1e9, "duration of the last full electrical turn, four edges; 0: none yet")
 PERIOD_SPEED = Signal(
-    "rev/s",
-    -1e5,
-    1e5,
-    "motor speed by the last period, or by the time since the last edge if longer",
+    "rev/s", -1e5, 1e5, "motor speed by the last period, or by the time since the last edge if longer"
 )
 HALL_A = Signal("", 0.0, 1.0, "square wave of Hall A; leads B while opening", is_whole=True)
 HALL_B = Signal("", 0.0, 1.0, "square wave of Hall B", is_whole=True)
@@ -89,21 +84,14 @@ DUTY = Signal("", -1.0, 1.0, "signed share of the terminal voltage")
 COAST = Signal("", 0.0, 1.0, "1: all switches of the bridge are off", is_whole=True)
 GATE_ANGLE = Signal("deg", -360.0, 360.0, "angle of the gate, 0 is closed")
 GATE_RATE = Signal("deg/s", -1e6, 1e6, "angular velocity of the gate")
-GATE_TWIST = Signal(
-    "deg", -90.0, 90.0, "twist of the gate's left side against its middle, positive opens"
-)
+GATE_TWIST = Signal("deg", -90.0, 90.0, "twist of the gate's left side against its middle, positive opens")
 GATE_ACCELERATION = Signal("m/s²", -1e6, 1e6, "accelerometer on the gate, gravity included")
 PINCH_FORCE = Signal("N", 0.0, 1e7, "force on the obstacle")
 PINCH_PEAK = Signal("N", 0.0, 1e7, "largest pinch force of the last contact so far")
 PINCH_IMPULSE = Signal("N s", 0.0, 1e9, "impulse of the last contact so far")
 PINCH_OVER_LIMIT = Signal("s", 0.0, 1e9, "time of the last contact above gate.pinch_limit")
 PINCH_CONTACT = Signal(
-    "s",
-    0.0,
-    1e9,
-    "model time at which the last contact began; 0: none yet",
-    (),
-    "pinch_contact_time",
+    "s", 0.0, 1e9, "model time at which the last contact began; 0: none yet", (), "pinch_contact_time"
 )
 PINCH_CONTACT_ANGLE = Signal(
     "deg", -360.0, 360.0, "gate angle at which the last contact began", (), "pinch_contact_angle"
@@ -113,32 +101,21 @@ LATCHED = Signal("", 0.0, 1.0, "state of the latch", LATCH_STATES, "latch_state"
 LATCH_RELEASED = Signal("", 0.0, 1.0, "latch driven open", is_whole=True)
 LATCH_CINCHED = Signal("", 0.0, 1.0, "cinching motor driven", is_whole=True)
 LATCH_POSITION = Signal(
-    "",
-    0.0,
-    2.0,
-    "position in which the latch's pawl holds its claw",
-    LATCH_POSITIONS,
-    is_whole=True,
+    "", 0.0, 2.0, "position in which the latch's pawl holds its claw", LATCH_POSITIONS, is_whole=True
 )
 LATCH_FORCE = Signal("N", 0.0, 1e7, "force of the latch's hook on the striker")
 LATCH_PULL = Signal("m", 0.0, 1.0, "travel of the cinching motor from its home, at the striker")
-LATCH_HALF = Signal(
-    "", 0.0, 1.0, "switch of the latch: half or fully closed", SWITCH, is_whole=True
-)
+LATCH_HALF = Signal("", 0.0, 1.0, "switch of the latch: half or fully closed", SWITCH, is_whole=True)
 LATCH_HOME = Signal("", 0.0, 1.0, "switch of the cinching motor: at home", SWITCH, is_whole=True)
 PINCH_STRIP = Signal("", 0.0, 1.0, "contact strip on this side of the gate", SWITCH, is_whole=True)
 HANDLE = Signal("", 0.0, 1.0, "the gate's outer handle is pulled", SWITCH, is_whole=True)
 BUTTON = Signal("", 0.0, 1.0, "the gate's button is pressed", SWITCH, is_whole=True)
 # 60 V: no low-voltage supply of a road vehicle exceeds it (voltage class A of ISO 6469-3).
 SUPPLY_VOLTAGE = Signal("V", 0.0, 60.0, "open-circuit voltage of the source")
-ROAD_SLOPE = Signal(
-    "deg", -45.0, 45.0, "slope of the road, positive with the rear of the car raised"
-)
+ROAD_SLOPE = Signal("deg", -45.0, 45.0, "slope of the road, positive with the rear of the car raised")
 AMBIENT_TEMPERATURE = Signal("°C", -55.0, 130.0, "temperature of the surroundings")
 WINDING_TEMPERATURE = Signal("°C", -60.0, 2000.0, "temperature of the motor winding")
-CUTOUT_TEMPERATURE = Signal(
-    "°C", -60.0, 2000.0, "temperature of the thermal cut-out in the motor's line"
-)
+CUTOUT_TEMPERATURE = Signal("°C", -60.0, 2000.0, "temperature of the thermal cut-out in the motor's line")
 CLUTCH_SLIP = Signal("m", -1e3, 1e3, "total slip of the slip clutch, along the spindle")
 HOUSING_TEMPERATURE = Signal("°C", -60.0, 2000.0, "temperature of the motor housing")
 WIND_PRESSURE = Signal("Pa", -5e3, 5e3, "dynamic pressure of the wind, positive opens")

@@ -20,19 +20,14 @@ class Spring(NamedTuple):
     """Table `[spring]` of the vehicle file."""
 
     stiffness: Annotated[float, Quantity("k", "N/m", 0.0, 1e6, "stiffness of the coil spring")]
-    preload: Annotated[
-        float, Quantity("F_F0", "N", 0.0, 1e5, "force of the coil spring when extended")
-    ]
-    stop_stiffness: Annotated[
-        float, Quantity("k_3", "N/m", 0.0, 1e12, "stiffness of both end stops")
-    ]
+    preload: Annotated[float, Quantity("F_F0", "N", 0.0, 1e5, "force of the coil spring when extended")]
+    stop_stiffness: Annotated[float, Quantity("k_3", "N/m", 0.0, 1e12, "stiffness of both end stops")]
     stop_damping: Annotated[float, Quantity("c_3", "N s/m", 0.0, 1e9, "damping of both end stops")]
-    gas_force: Annotated[
-        float, Quantity("F_1", "N", 0.0, 1e5, "force of the gas spring, extended, at 20 °C")
-    ] = 0.0
+    gas_force: Annotated[float, Quantity("F_1", "N", 0.0, 1e5, "force of the gas spring, extended, at 20 °C")] = (
+        0.0
+    )
     gas_progression: Annotated[
-        float,
-        Quantity("X", "1", 1.0, 10.0, "ratio of the gas spring's forces, compressed to extended"),
+        float, Quantity("X", "1", 1.0, 10.0, "ratio of the gas spring's forces, compressed to extended")
     ] = 1.3
     health: Annotated[
         float, Quantity("", "1", 0.0, 1.0, "remaining share of the force; 0: the spring is lost")

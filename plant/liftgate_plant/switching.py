@@ -19,9 +19,7 @@ from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.pwm import FAST, Chopper, Course, course
 from liftgate_plant.shared_source import Branch, Sums, repeating
 
-_MOST_ROUNDS = (
-    4  # iterations for two bridges on one source; each leaves R_source/R of the last error
-)
+_MOST_ROUNDS = 4  # iterations for two bridges on one source; each leaves R_source/R of the last error
 
 
 class Fed(NamedTuple):

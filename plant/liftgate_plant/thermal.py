@@ -26,31 +26,14 @@ class Thermal(NamedTuple):
     housing_resistance: Annotated[
         float, Quantity("R_ha", "K/W", 0.01, 1e3, "thermal resistance, housing to ambient")
     ] = 14.0
-    winding_capacity: Annotated[
-        float, Quantity("C_w", "J/K", 0.1, 1e5, "heat capacity of the winding")
-    ] = 4.0
-    housing_capacity: Annotated[
-        float, Quantity("C_h", "J/K", 0.1, 1e6, "heat capacity of the housing")
-    ] = 50.0
+    winding_capacity: Annotated[float, Quantity("C_w", "J/K", 0.1, 1e5, "heat capacity of the winding")] = 4.0
+    housing_capacity: Annotated[float, Quantity("C_h", "J/K", 0.1, 1e6, "heat capacity of the housing")] = 50.0
     copper_coefficient: Annotated[
-        float,
-        Quantity(
-            "α_Cu",
-            "1/K",
-            0.0,
-            0.01,
-            "temperature coefficient of the resistance; copper (IEC 60028)",
-        ),
+        float, Quantity("α_Cu", "1/K", 0.0, 0.01, "temperature coefficient of the resistance; copper (IEC 60028)")
     ] = 0.00393
     magnet_coefficient: Annotated[
         float,
-        Quantity(
-            "α_B",
-            "1/K",
-            -0.01,
-            0.0,
-            "temperature coefficient of the flux; ferrite −0.002, NdFeB −0.001",
-        ),
+        Quantity("α_B", "1/K", -0.01, 0.0, "temperature coefficient of the flux; ferrite −0.002, NdFeB −0.001"),
     ] = -0.001
 
 
@@ -71,9 +54,7 @@ def flux_factor(thermal: Thermal, housing: float) -> float:
 
 
 @compilable
-def winding_soon(
-    thermal: Thermal, winding: float, housing: float, loss: float, ahead: float
-) -> float:
+def winding_soon(thermal: Thermal, winding: float, housing: float, loss: float, ahead: float) -> float:
     """Return the winding temperature [°C] after a short time `ahead` [s] with its present loss [W]."""
     if thermal.enabled == 0.0:
         return winding
@@ -99,7 +80,4 @@ def warm(
     heat_w = thermal.winding_capacity * winding + step * loss
     heat_h = thermal.housing_capacity * housing + to_ambient * ambient
     determinant = a * d - to_housing * to_housing
-    return (
-        (d * heat_w + to_housing * heat_h) / determinant,
-        (a * heat_h + to_housing * heat_w) / determinant,
-    )
+    return ((d * heat_w + to_housing * heat_h) / determinant, (a * heat_h + to_housing * heat_w) / determinant)

@@ -13,9 +13,7 @@ from dashboard_support import Client, address_in, process
 import liftgate_hil as lh
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None or DRIVER is None, reason="no Chromium with its driver"
-)
+pytestmark = pytest.mark.skipif(CHROMIUM is None or DRIVER is None, reason="no Chromium with its driver")
 WAIT_S = 30
 
 

@@ -49,19 +49,14 @@ def catalogue_rig(folder: Path) -> Rig:
             database += f"BO_ {messages[message]} {message}: 8 A\n"
             database += f' SG_ Value : 0|64@1- (1,0) [0|0] "{unit}" A\n'
     database += CYCLES
-    database += "".join(
-        f"SIG_VALTYPE_ {identifier} Value : 2;\n" for identifier in messages.values()
-    )
+    database += "".join(f"SIG_VALTYPE_ {identifier} Value : 2;\n" for identifier in messages.values())
     return rig_of(folder, database, "\n".join(_wires()))
 
 
 def input_frames(values: Mapping[str, float]) -> list[tuple[int, bytes]]:
     """Frames, in any order but the catalogue's, that say these values of BUS_INPUTS."""
     identifiers = _identifiers()
-    return [
-        (identifiers[f"In_{name}"], struct.pack("<d", value))
-        for name, value in reversed(values.items())
-    ]
+    return [(identifiers[f"In_{name}"], struct.pack("<d", value)) for name, value in reversed(values.items())]
 
 
 def outputs_in(rig: Rig, frames: Frames) -> dict[str, float]:

@@ -29,12 +29,8 @@ def binary(sign: str, a: Made, b: Made) -> Made:
 NUMBERS: st.SearchStrategy[Made] = st.recursive(
     st.one_of(
         st.sampled_from([*COLUMNS, *SIGNALS]).map(lambda name: (name, lambda known: known[name])),
-        st.sampled_from(list(PARAMETERS)).map(
-            lambda name: (f"${name}", lambda known: PARAMETERS[name])
-        ),
-        st.sampled_from(["0", "1.5", "2e-1", "1_000"]).map(
-            lambda text: (text, lambda known: float(text))
-        ),
+        st.sampled_from(list(PARAMETERS)).map(lambda name: (f"${name}", lambda known: PARAMETERS[name])),
+        st.sampled_from(["0", "1.5", "2e-1", "1_000"]).map(lambda text: (text, lambda known: float(text))),
     ),
     lambda inner: st.one_of(
         st.tuples(st.sampled_from("+-*/"), inner, inner).map(lambda each: binary(*each)),
@@ -82,8 +78,7 @@ FORMULAS = st.recursive(
         lambda each: compared(*each)
     ),
     lambda inner: st.one_of(
-        st.tuples(st.sampled_from(["and", "or"]), inner, inner).map(lambda each: joined(*each)),
-        inner.map(negated),
+        st.tuples(st.sampled_from(["and", "or"]), inner, inner).map(lambda each: joined(*each)), inner.map(negated)
     ),
     max_leaves=6,
 )

@@ -23,23 +23,11 @@ from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import Transmission, first_transmission, transmit
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.errors import ConfigIssues
-from liftgate_hil.loop.tick import (
-    LoopConfig,
-    LoopState,
-    constants_in,
-    copied,
-    initial_loop,
-    tick,
-)
+from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, copied, initial_loop, tick
 from liftgate_hil.running.setup import loop_config_of, rig_from, vehicle_from
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.stimulus_plan import (
-    NO_STIMULI,
-    StimulusPlan,
-    TimedStimuli,
-    stimulus_plan_of,
-)
+from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, StimulusPlan, TimedStimuli, stimulus_plan_of
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_plant.compiler import compiled
 from liftgate_plant.initial import initial_state
@@ -168,10 +156,7 @@ def decoded(rig: Rig, frames: Frames, name: str) -> list[dict[str, Any]]:
 
 
 def loop_config(
-    rate: float = 1000.0,
-    rig: Rig | None = None,
-    settings: Sequence[str] = (),
-    seed: int = 0,
+    rate: float = 1000.0, rig: Rig | None = None, settings: Sequence[str] = (), seed: int = 0
 ) -> LoopConfig:
     """The shipped vehicle, as a loop's constants."""
     vehicle = vehicle_from("suv", settings, ideal=True)

@@ -18,9 +18,7 @@ from liftgate_hil.signals import COLUMNS, columns_of
 EPOCH_NS = 1_700_000_000 * 10**9
 BOTH = Content(columns_of(2), "bench")
 # Each column a value of its own.
-ROW = np.array(
-    [float(n) if signal.is_whole else 0.1 * n for n, signal in enumerate(COLUMNS.values())]
-)
+ROW = np.array([float(n) if signal.is_whole else 0.1 * n for n, signal in enumerate(COLUMNS.values())])
 
 
 def rows_from(first: int, count: int) -> np.ndarray:

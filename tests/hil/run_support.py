@@ -63,11 +63,7 @@ class Keeper:
     def wires(self, is_sent: bool) -> list[tuple[float, int, bytes]]:
         """(time [ms], identifier, payload) of one way."""
         return [
-            (
-                row["time_ns"] / 1e6,
-                int(row["identifier"]),
-                row["payload"][: row["length"]].tobytes(),
-            )
+            (row["time_ns"] / 1e6, int(row["identifier"]), row["payload"][: row["length"]].tobytes())
             for row in self.frames
             if row["is_sent"] == is_sent
         ]

@@ -85,9 +85,7 @@ def test_a_command_by_another_checksum_moves_nothing(tmp_path: Path) -> None:
         assert (gate.truth["left_current_a"] != 0.0) == (number < 12)  # stale after three cycles
 
 
-def test_a_wrong_checksum_and_a_counter_that_stands_still_are_made_of_own_ones(
-    tmp_path: Path,
-) -> None:
+def test_a_wrong_checksum_and_a_counter_that_stands_still_are_made_of_own_ones(tmp_path: Path) -> None:
     gate = opening(rig_file(tmp_path))
     gate.step(0.1)
     fault = gate.fault("wrong_checksum", where="LeftDrive", direction="sent")
@@ -128,9 +126,7 @@ def test_what_the_restbus_sends_has_its_own_protection(tmp_path: Path) -> None:
     result = lh.run(scenario, ecu="reference", clock="free", record=recording)
     assert result.verdict == "pass"
     message = shipped_rig().messages["DriverRequest"]
-    frames = [
-        each for each in can.LogReader(str(recording)) if each.arbitration_id == message.frame_id
-    ]
+    frames = [each for each in can.LogReader(str(recording)) if each.arbitration_id == message.frame_id]
     assert len(frames) > 5
     place = message.get_signal_by_name("Checksum").start // 8
     for each in frames:

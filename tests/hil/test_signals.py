@@ -33,15 +33,7 @@ from liftgate_hil.signals import (
 from liftgate_hil.stimuli.held_values import HELD
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.rows import AT, INPUT_COLUMNS
-from liftgate_plant.signals import (
-    SUFFIXES,
-    Drives,
-    Sensed,
-    Surroundings,
-    Truth,
-    bus_name,
-    signals_of,
-)
+from liftgate_plant.signals import SUFFIXES, Drives, Sensed, Surroundings, Truth, bus_name, signals_of
 
 ROWS = (Drives, Surroundings, Truth, Sensed)
 
@@ -62,11 +54,7 @@ def test_no_name_stands_twice() -> None:
     offline = [*Drives._fields, *Surroundings._fields, "latch_released", "latch_cinched"]
     assert list(INPUT_SIGNALS) == list(INPUT_COLUMNS) == offline
     assert len(set(offline)) == len(offline)
-    held = [
-        *Surroundings._fields,
-        *(f"obstacle_{name}" for name in Obstacle._fields),
-        *Timing._fields,
-    ]
+    held = [*Surroundings._fields, *(f"obstacle_{name}" for name in Obstacle._fields), *Timing._fields]
     assert list(HELD._fields) == held
     for row in (*ROWS, Command, Rod, Status, Timing, EdgeTimes):
         assert max(Counter(row._fields).values()) == 1
@@ -88,12 +76,7 @@ def test_a_row_begins_where_its_first_name_stands() -> None:
 
 @pytest.mark.parametrize(
     ("places", "names"),
-    [
-        (IN, BUS_INPUTS),
-        (OUT, BUS_OUTPUTS),
-        (AT, INPUT_COLUMNS),
-        (HELD, HELD._fields),
-    ],
+    [(IN, BUS_INPUTS), (OUT, BUS_OUTPUTS), (AT, INPUT_COLUMNS), (HELD, HELD._fields)],
     ids=["inputs", "outputs", "offline", "held"],
 )
 def test_a_place_is_where_its_name_stands(places: object, names: list[str]) -> None:
@@ -103,9 +86,7 @@ def test_a_place_is_where_its_name_stands(places: object, names: list[str]) -> N
 
 
 # Ends in what an ampere's column ends in, and is the level of a Hall sensor.
-_NO_UNITS = {
-    f"{prefix}{side}_hall_a" for prefix in ("", SENSED_PREFIX) for side in ("left", "right")
-}
+_NO_UNITS = {f"{prefix}{side}_hall_a" for prefix in ("", SENSED_PREFIX) for side in ("left", "right")}
 
 
 @pytest.mark.parametrize("row", ROWS)

@@ -13,9 +13,7 @@ def distinct(kind: type[Any], numbers: Iterator[float] | None = None) -> Any:
     hints = get_type_hints(kind)
     return kind(
         **{
-            name: distinct(hints[name], numbers)
-            if hasattr(hints[name], "_fields")
-            else next(numbers)
+            name: distinct(hints[name], numbers) if hasattr(hints[name], "_fields") else next(numbers)
             for name in kind._fields
         }
     )

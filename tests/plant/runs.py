@@ -59,14 +59,7 @@ def suv(*settings: str) -> Vehicle:
 LAW = FrictionProfile(0.0, 1.0, np.ones((2, 1)))  # friction is that of the law everywhere
 
 
-def fill(
-    plant: Plant,
-    profile: FrictionProfile,
-    state: State,
-    inputs: Inputs,
-    h: float,
-    rows: np.ndarray,
-) -> None:
+def fill(plant: Plant, profile: FrictionProfile, state: State, inputs: Inputs, h: float, rows: np.ndarray) -> None:
     """The states (as `COLUMNS`) before and after each of the steps of h seconds, a row each."""
     for k in range(len(rows)):
         if k > 0:
@@ -119,9 +112,7 @@ def load(vehicle: Vehicle, **changes: Any) -> Load:
     return load_of(vehicle)._replace(**{"latch_released": 1.0, **last_bits.off(changes, "load")})
 
 
-def inputs(
-    vehicle: Vehicle, left: DriveInput, right: DriveInput | None = None, **changes: Any
-) -> Inputs:
+def inputs(vehicle: Vehicle, left: DriveInput, right: DriveInput | None = None, **changes: Any) -> Inputs:
     """Inputs with the latch released; the right drive does as the left where it isn't given."""
     drives = (last_bits.off(each, "command") for each in (left, left if right is None else right))
     return Inputs(*drives, load(vehicle, **changes))
@@ -164,13 +155,7 @@ def inputs_of(vehicle: Vehicle, phase: event_solution.Phase, steps: int = 1) -> 
     rod = phase.obstacle
     if rod is not None:
         changes["obstacle"] = Obstacle(
-            rod.angle,
-            rod.distance,
-            rod.stiffness,
-            rod.damping,
-            rod.gap,
-            1.0 if rod.closing else -1.0,
-            rod.lateral,
+            rod.angle, rod.distance, rod.stiffness, rod.damping, rod.gap, 1.0 if rod.closing else -1.0, rod.lateral
         )
     return inputs(vehicle, _drive_input(phase.left), _drive_input(phase.right), **changes)
 

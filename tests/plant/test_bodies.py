@@ -89,12 +89,8 @@ def test_coupled_windings_are_solved_as_the_matrix_exponential_does(
         for r, inductance, duty, rise in zip(resistances, inductances, duties, rises, strict=True)
     ]
     ends = np.array(speeds) + np.array(changes)
-    left, right, _, _ = motor.solve_windings(
-        *windings, *currents, *speeds, 12.0, source_resistance, step
-    )
-    end, mean = coupled_windings(
-        windings, source_resistance, 12.0, currents, np.array(speeds), ends, step
-    )
+    left, right, _, _ = motor.solve_windings(*windings, *currents, *speeds, 12.0, source_resistance, step)
+    end, mean = coupled_windings(windings, source_resistance, 12.0, currents, np.array(speeds), ends, step)
     ours = [
         motor.end_current(left, ends[0], ends[1]),
         motor.end_current(right, ends[1], ends[0]),
@@ -109,9 +105,7 @@ def test_phi_functions_are_the_integrals_they_stand_for(z: float) -> None:
     values = motor.phi_functions(z)
     assert values[0] == pytest.approx(math.exp(z), rel=ROUND_OFF)
     for k in (1, 2, 3):
-        exact, _ = quad(
-            lambda s, k=k: math.exp((1 - s) * z) * s ** (k - 1) / math.factorial(k - 1), 0, 1
-        )
+        exact, _ = quad(lambda s, k=k: math.exp((1 - s) * z) * s ** (k - 1) / math.factorial(k - 1), 0, 1)
         assert values[k] == pytest.approx(exact, rel=1e-7)  # quad's own accuracy
 
 
@@ -153,9 +147,7 @@ def test_a_coasting_current_falls_to_zero_as_the_diodes_let_it(current, emf, ste
         return x[0]
 
     empty.terminal = True
-    solution = solve_ivp(
-        slope, (0, step), [current, 0.0], "DOP853", events=empty, rtol=1e-11, atol=1e-13
-    )
+    solution = solve_ivp(slope, (0, step), [current, 0.0], "DOP853", events=empty, rtol=1e-11, atol=1e-13)
     if solution.status == 0:  # the step ends first
         assert result == bridge.Coasting(1.0, against, 0.0, step)
     else:
@@ -204,9 +196,7 @@ def test_breaking_loose_costs_only_what_holding_took() -> None:
     limit, final, decay, step = 1.0, 10.0, 16000.0, 1e-3
     mean = friction.breakaway(limit, 0.0, final, decay, step)
     # Friction follows the rising torque until it is exceeded, and is the limit from there on.
-    exact, _ = quad(
-        lambda t: min(limit, final * (1.0 - math.exp(-decay * t))), 0.0, step, limit=200
-    )
+    exact, _ = quad(lambda t: min(limit, final * (1.0 - math.exp(-decay * t))), 0.0, step, limit=200)
     assert mean == pytest.approx(exact / step, rel=1e-6)
     assert friction.breakaway(limit, 2.0, final, decay, step) == limit
 
@@ -336,10 +326,7 @@ def test_the_linkage_is_the_hand_check_wherever_the_hinge_is() -> None:
     assert math.degrees(link.offset) == pytest.approx(28.969, abs=5e-4)
     assert gate.inertia(vehicle.gate, link) == pytest.approx(10.5467, abs=5e-5)
     moved = vehicle.gate._replace(
-        hinge=(1.0, 2.0),
-        gate_point=(1.085, 1.82),
-        body_point=(0.96, 1.38),
-        gravity_point=(1.30, 1.55),
+        hinge=(1.0, 2.0), gate_point=(1.085, 1.82), body_point=(0.96, 1.38), gravity_point=(1.30, 1.55)
     )
     assert gate.linkage(moved) == pytest.approx(link, rel=1e-12)
 
@@ -360,9 +347,7 @@ def test_the_latch_takes_up_at_home_unless_it_is_released() -> None:
 
 
 def test_wind_hand_and_snow_act_with_their_levers() -> None:
-    place = environment.Environment()._replace(
-        wind_area=2.0, wind_lever=0.5, hand_distance=0.9, snow_distance=0.4
-    )
+    place = environment.Environment()._replace(wind_area=2.0, wind_lever=0.5, hand_distance=0.9, snow_distance=0.4)
     assert environment.steady_torque(place, 100.0, 20.0, 3.0) == pytest.approx(121.0)
     assert environment.snow_inertia(place, 10.0) == pytest.approx(1.6)
     link = gate.linkage(suv().gate)
@@ -410,9 +395,7 @@ def sensed_current(table: sensors.Sensors, amperes: float, filtered: float = 0.0
     when, before = hall.Tick(0.0, 1e-3, 0, False), shunt.Window(filtered, 0.0)
     path = current.held(amperes)
     motor = suv().left.motor
-    after, reading = sensors.sensed_current(
-        table, SOUND_CURRENT, motor, path, STILL, STILL, before, 0.0, when
-    )
+    after, reading = sensors.sensed_current(table, SOUND_CURRENT, motor, path, STILL, STILL, before, 0.0, when)
     return after.mean, reading
 
 

@@ -106,9 +106,7 @@ def test_what_is_not_there_is_taken_from_below():
 
 
 @compilable
-def copied(
-    target: NDArray[np.uint8], at: int, source: NDArray[np.uint8], start: int, length: int
-) -> None:
+def copied(target: NDArray[np.uint8], at: int, source: NDArray[np.uint8], start: int, length: int) -> None:
     put_text(target, at, source, start, length)
 
 
@@ -144,9 +142,7 @@ def python(code: str, *folders: Path, cache: Path | None = None) -> str:
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))}
     if cache is not None:
         env["XDG_CACHE_HOME"] = str(cache)
-    done = subprocess.run(
-        [sys.executable, "-B", "-c", code], env=env, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-B", "-c", code], env=env, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -311,11 +307,7 @@ def test_machine_code_is_kept_until_what_it_is_made_of_changes(package: Path, tm
     # With numba there before.
     second = USE.format(first="import numba", last="")
     assert python(second, *places, cache=home).split()[:3] == again[:3]
-    replace(
-        package / "gatelike" / "kinds.py",
-        "low: float\n    high: float",
-        "high: float\n    low: float",
-    )
+    replace(package / "gatelike" / "kinds.py", "low: float\n    high: float", "high: float\n    low: float")
     replace(package / "gatelike" / "entries.py", "1.0, 4.0", "4.0, 1.0")
     assert python(first, *places, cache=home).split() == fresh
 

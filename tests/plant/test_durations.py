@@ -27,8 +27,7 @@ def test_each_entry_point_has_its_own_and_the_last_one_counts(folder: Path) -> N
 
 
 @pytest.mark.parametrize(
-    "content",
-    ["", "[]", "5", '{"x": "y"}', '{"x": -1}', '{"x": 1e99}', '{"x": NaN}', "{", "\x00"],
+    "content", ["", "[]", "5", '{"x": "y"}', '{"x": -1}', '{"x": 1e99}', '{"x": NaN}', "{", "\x00"]
 )
 def test_what_makes_no_sense_is_not_known(folder: Path, content: str) -> None:
     (folder / "durations.json").write_text(content)

@@ -9,13 +9,7 @@ from liftgate_hil import load_vehicle
 from liftgate_plant import integrate
 from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import NOMINAL, Frictions
-from liftgate_plant.friction_profile import (
-    LEAST,
-    FrictionProfile,
-    factor_at,
-    friction_profile,
-    frictions_in,
-)
+from liftgate_plant.friction_profile import LEAST, FrictionProfile, factor_at, friction_profile, frictions_in
 from liftgate_plant.initial import initial_state
 from liftgate_plant.vehicle import Vehicle, plant_of
 from tests.plant.runs import OPEN, inputs
@@ -127,9 +121,7 @@ def test_runs_differ_by_their_seed():
 
 
 def test_friction_never_drives():
-    vehicle = load_vehicle(
-        "suv", ["friction.eccentricity=0.9", "friction.position_deviation=0.5"], ideal=True
-    )
+    vehicle = load_vehicle("suv", ["friction.eccentricity=0.9", "friction.position_deviation=0.5"], ideal=True)
     assert profile_of(vehicle).factor.min() >= LEAST
 
 
@@ -153,9 +145,7 @@ def test_a_factor_is_as_much_more_friction_of_the_law():
 
 def test_the_factor_of_a_step_is_that_of_its_middle():
     """Second order: a fifth of the step, a twenty-fifth of the error."""
-    vehicle = load_vehicle(
-        "suv", ["friction.eccentricity=0.8", "friction.position_deviation=0.1"], ideal=True
-    )
+    vehicle = load_vehicle("suv", ["friction.eccentricity=0.8", "friction.position_deviation=0.1"], ideal=True)
     plant = plant_of(vehicle)
     profile = friction_profile(vehicle, plant, 0)
     look_up, step = compiled(frictions_in), compiled(integrate.step)

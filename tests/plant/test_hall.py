@@ -37,12 +37,7 @@ PATIENCE = 90.0  # s until a process must have ended; nothing is judged by it
 
 # The textbook's table: rows are the levels AB before, columns those now (00, 01, 10, 11); A leads B while it
 # counts up, so 00 → 10 → 11 → 01 → 00.
-TABLE = [
-    [0, -1, 1, 0],
-    [1, 0, 0, -1],
-    [-1, 0, 0, 1],
-    [0, 1, -1, 0],
-]
+TABLE = [[0, -1, 1, 0], [1, 0, 0, -1], [-1, 0, 0, 1], [0, 1, -1, 0]]
 
 
 def counted(levels: list[tuple[int, int]]) -> list[int]:
@@ -79,9 +74,7 @@ class Motion:
 
     def shaft(self, time: float) -> Shaft:
         position, speed, acceleration = self._terms
-        return Shaft(
-            position + speed * time + 0.5 * acceleration * time * time, speed + acceleration * time
-        )
+        return Shaft(position + speed * time + 0.5 * acceleration * time * time, speed + acceleration * time)
 
 
 def edges_of(
@@ -143,9 +136,7 @@ def test_the_count_is_the_shafts_at_any_speed_there_and_back(
     st.lists(st.floats(-30.0, 30.0), min_size=1, max_size=40),
     st.sampled_from([1.0, 4.0, 7.0]),
 )
-def test_however_the_shaft_moves_no_count_is_lost(
-    start: float, ways: list[float], counts: float
-) -> None:
+def test_however_the_shaft_moves_no_count_is_lost(start: float, ways: list[float], counts: float) -> None:
     wheel = encoder(counts)
     positions = np.cumsum([start, *ways]).tolist()
     states = walked(wheel, positions)
@@ -154,10 +145,7 @@ def test_however_the_shaft_moves_no_count_is_lost(
 
 
 @CALM
-@given(
-    st.floats(-100.0, 100.0),
-    st.lists(st.floats(-0.249, 0.249), min_size=1, max_size=200),
-)
+@given(st.floats(-100.0, 100.0), st.lists(st.floats(-0.249, 0.249), min_size=1, max_size=200))
 def test_what_an_ecu_decodes_from_the_levels_is_the_count(start: float, ways: list[float]) -> None:
     """As long as no more than one edge comes a tick, an ECU that samples A and B counts the same."""
     positions = np.cumsum([start, *ways]).tolist()
@@ -183,12 +171,7 @@ def test_a_state_that_was_set_elsewhere_is_counted_without_the_times_of_its_edge
     state = halls[0]
     assert (state.count, state.step, state.speed) == (4_000_001, 4_000_001, 4_000_001)
     assert (state.a, state.b) == hall_levels(1)
-    assert (state.edges, state.last, state.period, state.period_speed) == (
-        4_000_001,
-        1e-3,
-        0.0,
-        0.0,
-    )
+    assert (state.edges, state.last, state.period, state.period_speed) == (4_000_001, 1e-3, 0.0, 0.0)
     assert ring.written[0] == 0
     assert halls[1].count == 0
 
@@ -299,12 +282,8 @@ def test_a_shaft_that_stops_at_once_passes_no_edge_there_and_back(way: float) ->
         before, now = Shaft(float(place), 150.0), Shaft(float(place) + way, 0.0)
         halls, ring = initial_halls(encoder, before, before), edge_ring(8)
         compiled(read_hall)(encoder, SOUND_HALL, halls, now, Tick(0.0, 1e-3, 1, False), 0, ring)
-        assert ring.written[0] == abs(
-            halls[0].count - initial_halls(encoder, before, before)[0].count
-        )
-        assert ring.written[0] == abs(
-            math.floor(now.position * 4 + 0.5) - math.floor(place * 4 + 0.5)
-        )
+        assert ring.written[0] == abs(halls[0].count - initial_halls(encoder, before, before)[0].count)
+        assert ring.written[0] == abs(math.floor(now.position * 4 + 0.5) - math.floor(place * 4 + 0.5))
 
 
 def test_a_period_takes_five_edges_in_one_direction() -> None:
@@ -375,9 +354,7 @@ def test_the_poles_of_a_wheel_lie_where_they_lie_turn_after_turn() -> None:
 
 def test_jitter_is_drawn_anew_for_each_edge_and_from_the_seed() -> None:
     wheel = encoder(4.0, jitter=0.05)
-    first, again, other = (
-        edges_of(wheel, Motion(0.0, 100.0), 5.0, seed=seed)[0]["time_s"] for seed in (3, 3, 4)
-    )
+    first, again, other = (edges_of(wheel, Motion(0.0, 100.0), 5.0, seed=seed)[0]["time_s"] for seed in (3, 3, 4))
     assert first.tolist() == again.tolist() != other.tolist()
     places = 400.0 * first - np.arange(len(first)) - 0.5
     assert np.std(places) == pytest.approx(0.05, rel=0.1)
@@ -410,9 +387,7 @@ def test_a_shaft_at_rest_is_on_a_step_between_the_edges_as_they_lie(position: fl
     assert place < step + 1.0 + displacement(wheel, step, 1, 0, 0, 0)
     # So the first edge of a shaft that starts to open comes when it gets there, not at once.
     ring = edge_ring(16)
-    read_hall(
-        wheel, SOUND_HALL, halls, Shaft(position + 1e-9, 1e-6), Tick(0.0, 1e-3, 0, False), 0, ring
-    )
+    read_hall(wheel, SOUND_HALL, halls, Shaft(position + 1e-9, 1e-6), Tick(0.0, 1e-3, 0, False), 0, ring)
     assert ring.written[0] == 0
 
 

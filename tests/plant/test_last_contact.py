@@ -13,9 +13,7 @@ from liftgate_plant.pinch import APART, NOT_PINCHED, Pinch, pinched, time_over
 from liftgate_plant.vehicle import plant_of
 from tests.plant.runs import suv
 
-ROD = Obstacle(
-    angle=math.radians(30.0), distance=0.9, stiffness=10e3, damping=0.0, gap=0.0, direction=1.0
-)
+ROD = Obstacle(angle=math.radians(30.0), distance=0.9, stiffness=10e3, damping=0.0, gap=0.0, direction=1.0)
 DRIVE = DriveState(0.0, 0.0, 0.0, 20.0, 20.0, 20.0)
 LIMIT = 100.0
 PLANT = plant_of(suv())._replace(pinch_limit=LIMIT)
@@ -111,9 +109,7 @@ def test_a_contact_ends_only_after_a_while() -> None:
     ("before", "after", "expected"),
     [(0, 50, 0.0), (150, 120, 1.0), (50, 150, 0.5), (150, 50, 0.5), (90, 130, 0.75), (100, 100, 0.0)],
 )  # fmt: skip
-def test_the_time_over_a_limit_counts_parts_of_a_step(
-    before: float, after: float, expected: float
-) -> None:
+def test_the_time_over_a_limit_counts_parts_of_a_step(before: float, after: float, expected: float) -> None:
     assert time_over(before, after, LIMIT, 1.0) == pytest.approx(expected)
 
 

@@ -256,10 +256,7 @@ def test_a_pulled_hook_is_bent_as_its_differential_equation_says(stiff: bool, st
 
 def test_a_hook_that_goes_back_lets_the_gate_go_at_its_speed():
     """A command that ends half way: what the hook is damped with is the striker's rate less its own."""
-    claw, state = (
-        CLAW._replace(cinch=float(COMMANDED), damping=3e3),
-        HALF_CLOSED._replace(pull=0.004),
-    )
+    claw, state = (CLAW._replace(cinch=float(COMMANDED), damping=3e3), HALF_CLOSED._replace(pull=0.004))
     resting = hook_force(claw, state, 0.0042, 0.0, 1.0)
     assert resting == pytest.approx(2e6 * 2e-4 + 3e3 * (0.012 - 20.0 * 2e-4))
     assert hook_force(claw, state, 0.0042, 0.0, 0.0) == pytest.approx(2e6 * 2e-4 - 3e3 * 0.012)
@@ -283,9 +280,7 @@ def test_a_gate_that_is_let_go_follows_the_hook_with_its_force():
         latch=after.latch._replace(pull=0.5 * (drawn.latch.pull + after.latch.pull)),
     )
     acceleration = (after.gate_rate - drawn.gate_rate) / step
-    assert dynamics.outputs(plant, middle, given).gate_acceleration == pytest.approx(
-        acceleration, rel=0.02
-    )
+    assert dynamics.outputs(plant, middle, given).gate_acceleration == pytest.approx(acceleration, rel=0.02)
 
 
 @pytest.mark.parametrize("step", [1e-3, 5e-3])
@@ -296,9 +291,7 @@ def test_a_claw_that_is_caught_within_a_step_is_drawn_from_then_on(above: float,
     distance = vehicle.latch.distance
     start = initial_state(plant_of(vehicle), (vehicle.latch.half + above) / distance)
     start = start._replace(gate_rate=-0.08 / distance)
-    pulls = {
-        each: column(go(vehicle, start, COAST, 0.02, each), "pull")[-1] for each in (step, 1e-5)
-    }
+    pulls = {each: column(go(vehicle, start, COAST, 0.02, each), "pull")[-1] for each in (step, 1e-5)}
     assert pulls[1e-5] > 1e-4
     assert pulls[step] == pytest.approx(pulls[1e-5], abs=0.2 * step * vehicle.latch.cinch_speed)
 
@@ -335,9 +328,7 @@ def test_the_cinching_motors_speed_falls_with_its_load_and_never_turns():
     drawn = LatchState(OPEN, 0.003, 0.0, 0.0)
     assert pull_speed(CLAW, drawn, 0.02, 1.0) == -0.012
     assert pull_speed(CLAW, drawn._replace(pull=0.0), 0.02, 1.0) == 0.0
-    assert (
-        next_latch(CLAW, drawn._replace(pull=1e-6), 0.02, 0.02, -0.012, 0.0, 0.0, 1e-3).pull == 0.0
-    )
+    assert next_latch(CLAW, drawn._replace(pull=1e-6), 0.02, 0.02, -0.012, 0.0, 0.0, 1e-3).pull == 0.0
 
 
 def test_a_release_ends_the_cinching():
@@ -377,9 +368,7 @@ def test_machine_code_and_python_agree_on_the_latch():
 def test_the_pawl_does_not_fall_behind_a_hook_that_is_drawn_home():
     """What was cinched and is released at once must not be snatched home by the motor's way back."""
     vehicle = built("latch.cinch=automatic", "latch.hold_time=0.02", "latch.cinch_speed=0.002")
-    start = initial_state(plant_of(vehicle), 0.004)._replace(
-        latch=LatchState(FULL, vehicle.latch.half, 0.0, 0.0)
-    )
+    start = initial_state(plant_of(vehicle), 0.004)._replace(latch=LatchState(FULL, vehicle.latch.half, 0.0, 0.0))
     rows = go(vehicle, start, COAST, 0.06, latch_released=1.0)
     inside = state_of(rows[-1])._replace(gate_angle=0.004, gate_rate=0.0)
     after = go(vehicle, inside, COAST, 4.0, hand_force=-100.0)

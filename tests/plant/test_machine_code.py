@@ -27,17 +27,7 @@ from liftgate_plant.compiler import (
     storage,
     watching,
 )
-from liftgate_plant.compiler.kinds import (
-    Array,
-    Kind,
-    Nothing,
-    Number,
-    Tuple,
-    from_plain,
-    kind_of,
-    plain,
-    text_of,
-)
+from liftgate_plant.compiler.kinds import Array, Kind, Nothing, Number, Tuple, from_plain, kind_of, plain, text_of
 from liftgate_plant.compiler.packing import packer, unpacker
 
 pytestmark = pytest.mark.skipif(not enabled(), reason="needs the compiler")
@@ -149,11 +139,7 @@ def test_a_whole_number_where_a_real_one_was_is_taken_as_one():
     assert compiled(scaled)(2, 2.0) == 4.0
 
 
-@pytest.mark.parametrize(
-    "bad",
-    ["text", [1.0], {"a": 1}, object()],
-    ids=lambda each: type(each).__name__,
-)
+@pytest.mark.parametrize("bad", ["text", [1.0], {"a": 1}, object()], ids=lambda each: type(each).__name__)
 def test_what_machine_code_cannot_be_given_is_refused_by_name(bad: Any):
     with pytest.raises(TypeError, match=f"was given {type(bad).__name__}; allowed: int, float"):
         compiled(scaled)(bad, 2.0)
@@ -170,9 +156,7 @@ def window(row: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
 
 
 def test_an_array_that_python_does_not_have_is_not_returned():
-    with pytest.raises(
-        RuntimeError, match="window returns an array that is not one of its arguments"
-    ):
+    with pytest.raises(RuntimeError, match="window returns an array that is not one of its arguments"):
         compiled(window)(np.arange(3.0))
 
 
@@ -242,9 +226,7 @@ def test_a_kind_survives_being_written_down(kind: Kind):
 
 
 def test_code_is_of_the_names_of_fields_too():
-    before, after = (
-        NamedTuple("Pair", [(name, float) for name in names]) for names in ("ab", "ba")
-    )
+    before, after = (NamedTuple("Pair", [(name, float) for name in names]) for names in ("ab", "ba"))
     kinds = [kind_of(each(1.0, 2.0)) for each in (before, after)]
     assert text_of(kinds[0]) != text_of(kinds[1])
 
@@ -312,11 +294,7 @@ def test_it_is_compiled_once(told: Told, cache: Path):
     made(told)
     assert told.said == []
     (file,) = cache.rglob("*.code")
-    assert [each.stat().st_mode & 0o777 for each in (cache, file.parent, file)] == [
-        0o700,
-        0o700,
-        0o600,
-    ]
+    assert [each.stat().st_mode & 0o777 for each in (cache, file.parent, file)] == [0o700, 0o700, 0o600]
 
 
 @pytest.mark.parametrize("which", ["the root", "the folder", "the file"])
@@ -330,9 +308,7 @@ def test_what_others_may_write_is_not_run(told: Told, cache: Path, which: str):
     assert f"not kept: others may write to {spoilt}" in told.said
 
 
-def test_what_belongs_to_another_user_is_not_run(
-    told: Told, cache: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_what_belongs_to_another_user_is_not_run(told: Told, cache: Path, monkeypatch: pytest.MonkeyPatch):
     made(told)
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
     made(told)
@@ -361,9 +337,7 @@ def test_code_that_was_kept_for_something_else_is_not_run(told: Told, cache: Pat
     assert told.said == ["compiles double"]
 
 
-def test_a_full_disk_is_told_and_costs_only_time(
-    told: Told, cache: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_full_disk_is_told_and_costs_only_time(told: Told, cache: Path, monkeypatch: pytest.MonkeyPatch):
     def full(*_: Any) -> None:
         raise OSError(28, "No space left on device")
 
@@ -458,7 +432,5 @@ def test_a_start_with_machine_code_on_the_disk_does_without_the_compiler():
         "assert compiled(t.double)(3.0) == 6.0; print('numba' in sys.modules)"
     )
     for _ in range(2):
-        said = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True
-        ).stdout
+        said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert said == "False\n"

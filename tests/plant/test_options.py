@@ -16,17 +16,7 @@ from liftgate_plant.faults import SOUND
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.signals import Sensed
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
-from tests.plant.runs import (
-    COAST,
-    OPEN,
-    at_rest,
-    column,
-    fast_run,
-    inputs,
-    load,
-    state_of,
-    suv,
-)
+from tests.plant.runs import COAST, OPEN, at_rest, column, fast_run, inputs, load, state_of, suv
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=60)
 STEP = 1e-3
@@ -55,9 +45,7 @@ def run_to(vehicle: Vehicle, state: State, drive: DriveInput, seconds: float, **
 
 
 def with_drives(state: State, **changes: float) -> State:
-    return state._replace(
-        left=state.left._replace(**changes), right=state.right._replace(**changes)
-    )
+    return state._replace(left=state.left._replace(**changes), right=state.right._replace(**changes))
 
 
 # The motor.
@@ -121,9 +109,7 @@ def test_a_blocked_motor_warms_to_where_its_loss_flows_off() -> None:
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_a_motor_that_coasts_faster_than_the_source_charges_it_through_the_diodes(
-    direction: float,
-) -> None:
+def test_a_motor_that_coasts_faster_than_the_source_charges_it_through_the_diodes(direction: float) -> None:
     vehicle = suv(*ALONE, "bridge.diode_drop=0.9")
     start = with_drives(at_rest(vehicle, 40.0), speed=direction * 150.0)
     end = run_to(vehicle, start, COAST, STEP, supply_voltage=6.0).left
@@ -179,12 +165,7 @@ def test_the_steady_torques_add_up(angle, slope, snow, wind, hand, other) -> Non
     vehicle = suv("environment.snow_distance=0.6", "environment.wind_area=1.5")
     plant = plant_of(vehicle)
     around = load(
-        vehicle,
-        road_slope=slope,
-        snow_mass=snow,
-        wind_pressure=wind,
-        hand_force=hand,
-        external_torque=other,
+        vehicle, road_slope=slope, snow_mass=snow, wind_pressure=wind, hand_force=hand, external_torque=other
     )
     towards = math.atan2(-0.45, 0.30)
     weight = 9.81 * (28.0 * math.hypot(0.30, 0.45) + snow * 0.6) * math.cos(angle + towards + slope)
@@ -224,25 +205,16 @@ def test_the_file_s_surroundings_are_the_load() -> None:
     snow=floats(0.0, 40.0),
     direction=st.sampled_from([1.0, -1.0]),
 )
-def test_the_acceleration_shown_is_what_a_short_step_does(
-    angle_deg, rate, speed, snow, direction
-) -> None:
+def test_the_acceleration_shown_is_what_a_short_step_does(angle_deg, rate, speed, snow, direction) -> None:
     """Also in either stop, in the seal, under snow, with a rubbing hinge and a rod in the way."""
     vehicle = suv("gate.hinge_friction=12", "gear.backlash=0.03")
     plant = plant_of(vehicle)
     state = at_rest(vehicle, angle_deg)
-    state = with_drives(state, speed=speed, position=state.left.position + 0.4)._replace(
-        gate_rate=rate
-    )
+    state = with_drives(state, speed=speed, position=state.left.position + 0.4)._replace(gate_rate=rate)
     rod = Obstacle(math.radians(40.0) + 0.02 * direction, 0.9, 2e4, 50.0, 0.001, direction)
     given_inputs = inputs(vehicle, OPEN, snow_mass=snow, obstacle=rod)
     extended = gate.extension(plant.link, state.gate_angle)
-    touching = (
-        extended,
-        extended - plant.link.stroke,
-        extended - 1e-3,
-        obstacle.depth(rod, state.gate_angle),
-    )
+    touching = (extended, extended - plant.link.stroke, extended - 1e-3, obstacle.depth(rod, state.gate_angle))
     assume(min(abs(depth) for depth in touching) > 1e-6)  # not just where a contact begins
     shown = dynamics.outputs(plant, state, given_inputs).gate_acceleration
     step = 1e-8
@@ -303,10 +275,7 @@ def test_hall_speed_is_the_whole_counts_of_each_sample_period() -> None:
     vehicle = suv("sensors.hall_sample_period=0.005")
     rows = fast_run(plant_of(vehicle), at_rest(vehicle, 30.0), inputs(vehicle, OPEN), STEP, 300)
     readings = sensed(vehicle, rows, STEP)
-    counts = [
-        0,
-        *(round(reading.left_hall_count) - round(4.0 * rows[0][2]) for reading in readings),
-    ]
+    counts = [0, *(round(reading.left_hall_count) - round(4.0 * rows[0][2]) for reading in readings)]
     for tick in range(5, 300):
         last = tick - tick % 5
         assert readings[tick - 1].left_hall_speed == counts[last] - counts[last - 5]

@@ -14,17 +14,7 @@ from liftgate_plant.contact import LinearizedForce
 from liftgate_plant.cutout import Cutout
 from liftgate_plant.dynamics import drive_force, places_of
 from liftgate_plant.vehicle import plant_of
-from tests.plant.runs import (
-    CLOSE,
-    COAST,
-    OPEN,
-    at_rest,
-    column,
-    fast_run,
-    inputs,
-    state_of,
-    suv,
-)
+from tests.plant.runs import CLOSE, COAST, OPEN, at_rest, column, fast_run, inputs, state_of, suv
 
 LIMIT, PLAY, STEP = 2500.0, 5e-5, 1e-3
 
@@ -44,9 +34,7 @@ def exact_way(stiffness: float, damping: float, bent: float, rate: float) -> flo
 @pytest.mark.parametrize(("stiffness", "damping"), [(5e5, 4e3), (5e6, 4e4), (5e5, 1e5), (0.0, 3e5)])
 def test_while_it_slips_the_mechanism_settles_on_its_force(stiffness, damping, rate, along):
     bent = 0.9 * LIMIT / stiffness if stiffness else 1e-3
-    slip = clutch.way(
-        along * LIMIT, stiffness, damping, PLAY, along * (PLAY + bent), along * rate * STEP, STEP
-    )
+    slip = clutch.way(along * LIMIT, stiffness, damping, PLAY, along * (PLAY + bent), along * rate * STEP, STEP)
     expected = max(0.0, exact_way(stiffness, damping, bent, rate))
     assert along * slip == pytest.approx(expected, rel=1e-3, abs=1e-9)
 
@@ -78,22 +66,15 @@ def test_a_stalled_drive_turns_on_through_its_clutch(step):
     plant = plant_of(vehicle)
     rows = fast_run(plant, at_rest(vehicle, 70.0), inputs(vehicle, OPEN), step, round(3.0 / step))
     end = state_of(rows[-1])
-    assert drive_force(plant.left, end.left, places_of(plant, end).left) == pytest.approx(
-        FORCE, rel=1e-6
-    )
+    assert drive_force(plant.left, end.left, places_of(plant, end).left) == pytest.approx(FORCE, rel=1e-6)
     # (4.2) at a constant speed: c1Φ i = κ F + τ_C, and (4.1) gives the speed.
     drive = plant.left
-    current = (
-        drive.torque_per_force * FORCE + drive.friction.coulomb
-    ) / drive.motor.torque_constant
+    current = (drive.torque_per_force * FORCE + drive.friction.coulomb) / drive.motor.torque_constant
     speed = (12.0 - drive.motor.resistance * current) / drive.motor.speed_constant
     assert end.left.current == pytest.approx(current, rel=1e-6)
     assert end.left.speed == pytest.approx(speed, rel=1e-6)
     assert end.left.slip > 0.01
-    forces = [
-        drive_force(plant.left, each.left, places_of(plant, each).left)
-        for each in map(state_of, rows)
-    ]
+    forces = [drive_force(plant.left, each.left, places_of(plant, each).left) for each in map(state_of, rows)]
     assert max(np.abs(forces)) <= FORCE * (1.0 + 1e-9)
     # Back home: as the spindle is shorter by what has slipped, the motor's way does not tell the gate's.
     back = fast_run(plant, end, inputs(vehicle, CLOSE), step, round(0.5 / step))
@@ -113,9 +94,7 @@ def test_no_mechanism_is_too_stiff_for_a_clutch(stiffness, damping, step):
     ends = {}
     for torque in (4.0, 900.0):
         vehicle = suv(
-            f"clutch.torque={torque}",
-            f"mechanism.stiffness={stiffness}",
-            f"mechanism.damping={damping}",
+            f"clutch.torque={torque}", f"mechanism.stiffness={stiffness}", f"mechanism.damping={damping}"
         )
         plant, count = plant_of(vehicle), round(1.0 / step)
         rows = fast_run(plant, at_rest(vehicle, 70.0), inputs(vehicle, OPEN), step, count)
@@ -131,9 +110,7 @@ def test_a_clutch_that_never_slips_changes_nothing():
     rows = {}
     for torque in (0.0, 900.0):
         vehicle = suv(f"clutch.torque={torque}")
-        rows[torque] = fast_run(
-            plant_of(vehicle), at_rest(vehicle, 20.0), inputs(vehicle, OPEN), 1e-3, 1500
-        )
+        rows[torque] = fast_run(plant_of(vehicle), at_rest(vehicle, 20.0), inputs(vehicle, OPEN), 1e-3, 1500)
     np.testing.assert_array_equal(rows[0.0], rows[900.0])
 
 
@@ -173,9 +150,7 @@ def test_a_stalled_motor_is_switched_off_by_its_cut_out_and_comes_back_cold():
     coasting = OPEN._replace(duty=0.0, coast=1.0)
     cold = fast_run(plant, state_of(stalled[-1]), inputs(vehicle, coasting), 1e-3, 60_000)
     fallen = column(cold, "left_cutout_temperature")[-1] - 20.0
-    assert fallen == pytest.approx(
-        (end.cutout_temperature - 20.0) * math.exp(-60.0 / (39.0 * 0.75)), rel=1e-3
-    )
+    assert fallen == pytest.approx((end.cutout_temperature - 20.0) * math.exp(-60.0 / (39.0 * 0.75)), rel=1e-3)
     again = fast_run(plant, state_of(cold[-1]), inputs(vehicle, OPEN), 1e-3, 100)
     assert column(again, "left_current").max() > 10.0
 
@@ -203,9 +178,7 @@ def test_a_latch_that_takes_a_gate_pressed_into_the_seal_does_not_push_the_drive
     """Beyond φ = 0 all along, it is taken without a way home within the step."""
     vehicle = suv(f"mechanism.damping={damping}")
     plant = plant_of(vehicle)
-    pressed = fast_run(
-        plant, at_rest(vehicle, 3.0), inputs(vehicle, CLOSE), step, round(1.0 / step)
-    )
+    pressed = fast_run(plant, at_rest(vehicle, 3.0), inputs(vehicle, CLOSE), step, round(1.0 / step))
     start = state_of(pressed[-1])
     assert start.gate_angle < 0.0
     given = inputs(vehicle, CLOSE, latch_released=0.0)

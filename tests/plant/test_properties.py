@@ -14,20 +14,7 @@ from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import DriveState, Plant, State
 from liftgate_plant.vehicle import plant_of
-from tests.plant.runs import (
-    BRAKE,
-    COAST,
-    GATE,
-    at_rest,
-    column,
-    fast_run,
-    fill,
-    inputs,
-    load,
-    run,
-    state_of,
-    suv,
-)
+from tests.plant.runs import BRAKE, COAST, GATE, at_rest, column, fast_run, fill, inputs, load, run, state_of, suv
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=60)
 OTHER_RIGHT = ("right.motor.resistance=0.9", "right.gear.backlash=0.03", "right.spring.preload=300")
@@ -50,16 +37,13 @@ def states(draw: st.DrawFn, plant: Plant) -> State:
 
     def drive() -> DriveState:
         position = (extended + draw(floats(-5e-4, 5e-4))) / plant.left.travel
-        return DriveState(
-            draw(floats(-15, 15)), draw(floats(-120, 120)), position, 20.0, 20.0, 20.0
-        )
+        return DriveState(draw(floats(-15, 15)), draw(floats(-120, 120)), position, 20.0, 20.0, 20.0)
 
     return State(drive(), drive(), angle, draw(floats(-0.5, 0.5)), 0.0)
 
 
 commands = st.one_of(
-    st.sampled_from([BRAKE, COAST]),
-    floats(-1.0, 1.0).map(lambda duty: DriveInput(duty, 0.0, 0.0)),
+    st.sampled_from([BRAKE, COAST]), floats(-1.0, 1.0).map(lambda duty: DriveInput(duty, 0.0, 0.0))
 )
 
 
@@ -81,9 +65,7 @@ def energy(plant: Plant, state: State, ambient_load: dynamics.Load) -> float:
     if rubber > 0.0:
         angles = np.linspace(state.gate_angle, gate.angle_of_extension(link, 1e-3), 200)
         torques = [
-            plant.seal.arm
-            * plant.seal.stiffness
-            * max(0.0, seal.depth(plant.seal, gate.extension(link, a)))
+            plant.seal.arm * plant.seal.stiffness * max(0.0, seal.depth(plant.seal, gate.extension(link, a)))
             for a in angles
         ]
         total += float(np.trapezoid(torques, angles))
@@ -96,9 +78,7 @@ def energy(plant: Plant, state: State, ambient_load: dynamics.Load) -> float:
 @pytest.mark.parametrize("command", [BRAKE, COAST], ids=["brake", "coast"])
 @CALM
 @given(data=st.data())
-def test_an_unpowered_gate_gains_no_energy(
-    name: str, command: DriveInput, data: st.DataObject
-) -> None:
+def test_an_unpowered_gate_gains_no_energy(name: str, command: DriveInput, data: st.DataObject) -> None:
     vehicle = VEHICLES[name]
     plant = plant_of(vehicle)
     state = data.draw(states(plant))

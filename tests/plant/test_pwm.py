@@ -67,12 +67,7 @@ def switched(mode: str, duty: float, frequency: float, emf: float, supply: float
             source[k] = share * values[k]
             i = after
     furthest = values[np.argmax(np.abs(values))]
-    return Switched(
-        along * values.mean(),
-        math.sqrt(np.mean(values**2)),
-        along * furthest,
-        source.mean(),
-    )
+    return Switched(along * values.mean(), math.sqrt(np.mean(values**2)), along * furthest, source.mean())
 
 
 POINTS = [
@@ -107,9 +102,7 @@ def heavy() -> Vehicle:
 def test_mean_effective_value_and_peak_are_those_of_the_switched_current(
     heavy: Vehicle, mode: str, duty: float, frequency: float, emf: float, step: float
 ):
-    own = heavy.left._replace(
-        bridge=heavy.left.bridge._replace(pwm_frequency=frequency, freewheeling=mode)
-    )
+    own = heavy.left._replace(bridge=heavy.left.bridge._replace(pwm_frequency=frequency, freewheeling=mode))
     vehicle = heavy._replace(left=own, right=own)
     plant = plant_of(vehicle)
     state = initial_state(plant, 0.5)
@@ -132,9 +125,7 @@ def test_mean_effective_value_and_peak_are_those_of_the_switched_current(
 
 
 @pytest.mark.parametrize("number", [*range(24), 217])  # a diode that conducts while the other sags
-def test_currents_and_terminal_voltage_on_a_source_with_resistance_are_the_switched_ones(
-    number: int,
-):
+def test_currents_and_terminal_voltage_on_a_source_with_resistance_are_the_switched_ones(number: int):
     """A short version of `make accuracy`, which tries three hundred."""
     found = apart(number)
     assert found.is_met, (found, point(number))
@@ -189,9 +180,7 @@ def test_what_the_source_gives_is_finite_where_a_motors_mean_current_is_zero():
 
 
 @pytest.mark.parametrize(("mode", "duty", "frequency", "emf"), POINTS)
-def test_the_slopes_of_the_mean_are_its_slopes(
-    mode: str, duty: float, frequency: float, emf: float
-):
+def test_the_slopes_of_the_mean_are_its_slopes(mode: str, duty: float, frequency: float, emf: float):
     kind = float(("slow", "diode", "fast").index(mode))
     chopper = Chopper(kind, 1.0 / frequency, DROP, R, L)
     duty, emf, d = abs(duty), emf * math.copysign(1.0, duty), 1e-5
@@ -275,9 +264,7 @@ def test_a_motor_on_a_voltage_of_its_own_is_seen_whole():
     vehicle = load_vehicle("suv", ideal=True)
     plant = plant_of(vehicle)
     state = initial_state(plant, 0.5)
-    _, flow = compiled(integrate.advance)(
-        plant, state, inputs(vehicle, DriveInput(0.0, -6.0, 0.0)), 1e-3
-    )
+    _, flow = compiled(integrate.advance)(plant, state, inputs(vehicle, DriveInput(0.0, -6.0, 0.0)), 1e-3)
     assert flow.left.switching.drawn == flow.left.switching.while_on == -1.0
 
 

@@ -20,14 +20,7 @@ from liftgate_plant.integrate import Flow, resting
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import Pinch
 from liftgate_plant.rows import AT, INPUT_COLUMNS, inputs_of, overlaid, truth_of
-from liftgate_plant.sensors import (
-    Sensors,
-    SensorState,
-    View,
-    initial_sensors,
-    sense,
-    tick_of,
-)
+from liftgate_plant.sensors import Sensors, SensorState, View, initial_sensors, sense, tick_of
 from liftgate_plant.signals import Sensed, Surroundings, Truth
 from liftgate_plant.vehicle import plant_of
 from tests.plant.distinct import distinct
@@ -48,9 +41,7 @@ def test_every_field_of_the_truth_is_taken_from_where_it_is(which: str) -> None:
     shown, load = distinct(Outputs, numbers), inputs.load
     contact = distinct(Pinch, numbers)
     flow = distinct(Flow, numbers)
-    truth = called(truth_of, which)(
-        Sensors(), 0.25, View(state, inputs, shown, flow), contact, 1e-3
-    )
+    truth = called(truth_of, which)(Sensors(), 0.25, View(state, inputs, shown, flow), contact, 1e-3)
     expected = {
         "time_s": 0.25,
         "gate_angle_deg": state.gate_angle * DEGREES,
@@ -170,9 +161,7 @@ def test_each_hall_level_is_that_of_its_own_sensor(steps: tuple[int, int]) -> No
     numbers = count(1.5)
     state, inputs, shown = (distinct(kind, numbers) for kind in (State, Inputs, Outputs))
     left, right = (step / 4.0 for step in steps)
-    state = state._replace(
-        left=state.left._replace(position=left), right=state.right._replace(position=right)
-    )
+    state = state._replace(left=state.left._replace(position=left), right=state.right._replace(position=right))
     memory: SensorState = initial_sensors(IDEAL, state)
     view = View(state, inputs, shown, resting(state))
     when = tick_of(IDEAL, 0, 1, 0.001)
@@ -195,9 +184,7 @@ def noisy(name: str) -> set[str]:
         return seen
 
     before, after = read(Sensors()), read(Sensors()._replace(**{name: 0.01}))
-    return {
-        column for column in Sensed._fields if getattr(before, column) != getattr(after, column)
-    }
+    return {column for column in Sensed._fields if getattr(before, column) != getattr(after, column)}
 
 
 CURRENTS = {"left_current_a", "right_current_a"}
@@ -266,9 +253,7 @@ def test_every_column_of_surroundings_reaches_its_own_field(which: str) -> None:
     for name in Surroundings._fields:
         one = silent._replace(**{name: getattr(said, name)})
         alone = call(base, one, *below)
-        assert load_by_name(alone) == pytest.approx(
-            {**load_by_name(base), name: getattr(said, name)}
-        )
+        assert load_by_name(alone) == pytest.approx({**load_by_name(base), name: getattr(said, name)})
 
 
 @BOTH
@@ -307,9 +292,7 @@ def test_every_column_of_offline_inputs_reaches_its_own_field(which: str) -> Non
     assert inputs.right == DriveInput(
         duty=said["right_duty"], voltage=said["right_voltage_v"], coast=said["right_coast"]
     )
-    assert load_by_name(inputs.load) == pytest.approx(
-        {name: said[name] for name in Surroundings._fields}
-    )
+    assert load_by_name(inputs.load) == pytest.approx({name: said[name] for name in Surroundings._fields})
     assert inputs.load.latch_released == said["latch_released"]
     assert inputs.load.latch_cinched == said["latch_cinched"]
     assert inputs.load.obstacle == base.obstacle

@@ -182,8 +182,7 @@ def test_a_window_gives_the_mean_of_the_last_one_that_has_ended(length: float, s
     """Of a path made of lines and transients, against its own charge."""
     rng = np.random.default_rng(3)
     path_at = [
-        CurrentPath(*rng.normal(2.0, 1.0, 3), float(rng.normal(0.0, 2.0)), 1.6e4, NO_SWITCHING)
-        for _ in range(60)
+        CurrentPath(*rng.normal(2.0, 1.0, 3), float(rng.normal(0.0, 2.0)), 1.6e4, NO_SWITCHING) for _ in range(60)
     ]
     fine = 2000
     whole = []
@@ -238,12 +237,8 @@ def test_a_part_of_a_path_is_that_part(part: tuple[float, float]) -> None:
     assert own.mean == pytest.approx(np.trapezoid(values, times) / (end - begin) + rest, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("sampled", "duty", "share"), [(0, 0.5, 0.5), (0, -0.5, -0.5), (1, -0.5, -1.0)]
-)
-def test_a_low_side_shunt_sees_what_the_source_gives(
-    sampled: int, duty: float, share: float
-) -> None:
+@pytest.mark.parametrize(("sampled", "duty", "share"), [(0, 0.5, 0.5), (0, -0.5, -0.5), (1, -0.5, -1.0)])
+def test_a_low_side_shunt_sees_what_the_source_gives(sampled: int, duty: float, share: float) -> None:
     keys = ["sensors.shunt_low_side=1", f"sensors.shunt_sampled_on={sampled}"]
     with Gate(vehicle="suv", settings=keys, ideal=True, initial=40.0) as gate:
         way = "open" if duty > 0.0 else "close"
@@ -286,11 +281,7 @@ def rippling(settings: list[str]) -> tuple[list[float], float]:
 
 def test_another_commutator_has_another_ripple() -> None:
     """12 segments and 4 brushes: 12 commutations a turn, in the spectrum of what is read at 10 kHz."""
-    keys = [
-        "sensors.commutator_ripple=1",
-        "sensors.commutator_segments=12",
-        "sensors.commutator_brushes=4",
-    ]
+    keys = ["sensors.commutator_ripple=1", "sensors.commutator_segments=12", "sensors.commutator_brushes=4"]
     seen, turning = rippling(keys)
     spectrum = np.abs(np.fft.rfft(np.array(seen) * np.hanning(len(seen))))
     strongest = np.fft.rfftfreq(len(seen), 1e-4)[np.argmax(spectrum)]

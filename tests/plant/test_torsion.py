@@ -46,9 +46,7 @@ def test_a_hand_at_the_side_twists_a_held_gate_by_its_torque_over_the_stiffness(
         "mechanism.stiffness=0.001", "mechanism.damping=0", "spring.health=0",
     )  # fmt: skip
     plant = plant_of(vehicle)
-    rows = fast_run(
-        plant, at_rest(vehicle, 40.0), inputs(vehicle, BRAKE, hand_force=50.0), 1e-3, 3000
-    )
+    rows = fast_run(plant, at_rest(vehicle, 40.0), inputs(vehicle, BRAKE, hand_force=50.0), 1e-3, 3000)
     expected = 50.0 * 0.9 * 0.5 / 4000.0
     assert column(rows, "twist")[-1] == pytest.approx(expected, rel=1e-6)
     assert column(rows, "angle")[-1] == pytest.approx(math.radians(40.0), abs=1e-12)
@@ -80,9 +78,7 @@ def test_a_stiff_gate_is_the_rigid_one() -> None:
     runs = []
     for settings in ([], ["gate.torsional_stiffness=1e9", "gate.torsional_damping=1e4"]):
         vehicle = suv(*unlike, *settings)
-        rows = fast_run(
-            plant_of(vehicle), at_rest(vehicle, 10.0), inputs(vehicle, OPEN), 1e-3, 1500
-        )
+        rows = fast_run(plant_of(vehicle), at_rest(vehicle, 10.0), inputs(vehicle, OPEN), 1e-3, 1500)
         runs.append(rows)
     for name, within in (("left_current", 2e-3), ("right_current", 2e-3), ("angle", 1e-6)):
         assert column(runs[0], name)[50:] == pytest.approx(column(runs[1], name)[50:], abs=within)
@@ -112,9 +108,7 @@ def test_a_rigid_gate_has_no_side() -> None:
     assert share_at(Torsion(1.0, 0.0, 3.5, 0.6), -0.3) == -0.5
     vehicle = suv()
     state = State(*at_rest(vehicle, 40.0)[:5])
-    given = Inputs(
-        DriveInput(1.0, 0.0, 0.0), DriveInput(1.0, 0.0, 0.0), load(vehicle, hand_force=30.0)
-    )
+    given = Inputs(DriveInput(1.0, 0.0, 0.0), DriveInput(1.0, 0.0, 0.0), load(vehicle, hand_force=30.0))
     for _ in range(20):
         state = integrate.step(plant_of(vehicle), state, given, 1e-3)
     assert (state.twist, state.twist_rate) == (0.0, 0.0)

@@ -73,9 +73,7 @@ def force_on_a_drive(name: str, angle: float, slope: float) -> float:
     """What springs, weight and seal ask of each drive's friction [N], as a force at the spindle."""
     p = plant(name)
     # A drive in the middle of its play pushes nothing.
-    torque = dynamics.gate_torque(
-        p, initial.initial_state(p, angle), surroundings(name, slope=slope)
-    )
+    torque = dynamics.gate_torque(p, initial.initial_state(p, angle), surroundings(name, slope=slope))
     return torque / gate.lever(p.link, angle) / vehicle(name).drives
 
 
@@ -84,9 +82,7 @@ def friction_force(name: str) -> float:
     return plant(name).left.friction.coulomb / plant(name).left.torque_per_force
 
 
-def _run(
-    p: Plant, state: State, inputs: Inputs, step: float, steps: int, record: np.ndarray
-) -> State:
+def _run(p: Plant, state: State, inputs: Inputs, step: float, steps: int, record: np.ndarray) -> State:
     for k in range(steps):
         state = integrate.step(p, state, inputs, step)
         record[k, 0] = state.gate_angle

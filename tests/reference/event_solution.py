@@ -152,9 +152,7 @@ class MomentumEquation:
     The same law holds for dry friction (v a speed) and for freewheeling diodes (v the current).
     """
 
-    def __init__(
-        self, index: int, inertia: float, load: Law, limit: Law | None, hold: Law | None = None
-    ) -> None:
+    def __init__(self, index: int, inertia: float, load: Law, limit: Law | None, hold: Law | None = None) -> None:
         self.index, self.inertia, self.load, self.limit = index, inertia, load, limit
         self.hold = hold or limit
         self.sign = 0
@@ -221,9 +219,7 @@ class Geometry:
 
     def __init__(self, gate: Mapping[str, Any]) -> None:
         hinge = complex(*gate["hinge"])
-        body, arm, gravity = (
-            complex(*gate[key]) - hinge for key in ("body_point", "gate_point", "gravity_point")
-        )
+        body, arm, gravity = (complex(*gate[key]) - hinge for key in ("body_point", "gate_point", "gravity_point"))
         self.square_sum = abs(body) ** 2 + abs(arm) ** 2
         self.product = abs(body) * abs(arm)
         self.theta = math.atan2(arm.imag, arm.real) - math.atan2(body.imag, body.real)
@@ -243,9 +239,7 @@ class Geometry:
         if self.twist is None:
             return View(time, state, middle, (middle, middle))
         psi, rate = state[-2:]
-        left, right = (
-            self.link(state[0] + side * psi, state[1] + side * rate) for side in (1.0, -1.0)
-        )
+        left, right = (self.link(state[0] + side * psi, state[1] + side * rate) for side in (1.0, -1.0))
         return View(time, state, middle, (left, right))
 
     def link(self, angle: float, rate: float) -> Link:
@@ -337,11 +331,7 @@ class Drive:
         self.by_load: float = spindle.get("load_friction", 0.0)
         none = losses == 0.0 and self.by_load == 0.0
         self.shaft = MomentumEquation(
-            first + 1,
-            inertia,
-            self._shaft_load,
-            None if none else self._kinetic,
-            None if none else self._static,
+            first + 1, inertia, self._shaft_load, None if none else self._kinetic, None if none else self._static
         )
 
     def _friction(self, v: View, more: float) -> float:
@@ -480,8 +470,7 @@ class StimulusPlan:
         firsts = (2, 2 + width_of(sides[0]))
         drives = list(zip(firsts, sides, (phase.left, phase.right), strict=False))
         self.drops: list[tuple[float, int]] = [
-            (supply["internal_resistance"] * source_share(command), first)
-            for first, _, command in drives
+            (supply["internal_resistance"] * source_share(command), first) for first, _, command in drives
         ]
         self.drives = [
             Drive(vehicle, first, geometry.open_travel, command, self.terminal, side, ambient)
@@ -615,9 +604,7 @@ class StimulusPlan:
         v = self.geometry.view(time + LOOK_AHEAD, ahead)
         return [e for e in self.elements if e not in done and e.alarm(v) > 0]
 
-    def _switch(
-        self, time: float, state: list[float], elements: list[Element], progress: bool
-    ) -> None:
+    def _switch(self, time: float, state: list[float], elements: list[Element], progress: bool) -> None:
         for element in elements:
             if isinstance(element, MomentumEquation):
                 state[element.index] = 0.0

@@ -69,9 +69,7 @@ class Phase(NamedTuple):
     offset: np.ndarray
 
 
-def periodic(
-    bridges: Sequence[Bridge], source: float, resistance: float, repeats: float = 0.0
-) -> Periodic:
+def periodic(bridges: Sequence[Bridge], source: float, resistance: float, repeats: float = 0.0) -> Periodic:
     """The currents of bridges on a source [V] behind a resistance [Ω], when they repeat.
 
     Bridges of several frequencies repeat after a period that they have in common, `repeats` [s]. Raises
@@ -111,9 +109,7 @@ class _Run:
         self.resistance = np.array([each.resistance for each in bridges])
         self.inductance = np.array([each.inductance for each in bridges])
 
-    def between(
-        self, current: np.ndarray, begin: float, end: float
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def between(self, current: np.ndarray, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
         """The currents [A] at `end`, and ∫ i, ∫ i², ∫ s i dt, between two switches of bridges."""
         middle = 0.5 * (begin + end)
         is_on = [middle * each.frequency % 1.0 < abs(each.duty) for each in self.bridges]
@@ -221,12 +217,7 @@ class _Run:
         return first
 
     def integrals(
-        self,
-        phase: Phase,
-        current: np.ndarray,
-        matrix: np.ndarray,
-        force: np.ndarray,
-        time: float,
+        self, phase: Phase, current: np.ndarray, matrix: np.ndarray, force: np.ndarray, time: float
     ) -> np.ndarray:
         """∫ i, ∫ i² and ∫ s i dt over a phase, by Gauss and Legendre in pieces of half a time constant."""
         quickest = float(np.abs(np.diag(matrix)).max()) + 1e-12
@@ -245,8 +236,6 @@ def solution(matrix: np.ndarray, force: np.ndarray, current: np.ndarray, time: f
     """The currents [A] of di/dt = A i + b after a time [s]."""
     values, vectors = np.linalg.eig(matrix)
     start, drive = np.linalg.solve(vectors, current), np.linalg.solve(vectors, force)
-    grown = np.where(
-        values == 0.0, time, np.expm1(values * time) / np.where(values == 0.0, 1.0, values)
-    )
+    grown = np.where(values == 0.0, time, np.expm1(values * time) / np.where(values == 0.0, 1.0, values))
     result: np.ndarray = np.real(vectors @ (np.exp(values * time) * start + grown * drive))
     return result

@@ -81,10 +81,7 @@ SAG = [
     Phase(1.5, COASTING, COASTING, supply_voltage=6.0),
     Phase(2.0, OPENING, OPENING, supply_voltage=12.0),
 ]
-PUSHED = [
-    both(1.0, OPENING),
-    Phase(2.5, COASTING, COASTING, supply_voltage=6.0, external_torque=600.0),
-]
+PUSHED = [both(1.0, OPENING), Phase(2.5, COASTING, COASTING, supply_voltage=6.0, external_torque=600.0)]
 RAMPS = [
     both(1.0, OPENING),
     Phase(1.1, OPENING, OPENING, supply_end=6.0),
@@ -167,24 +164,15 @@ VARIANTS = {
     "twisting, different drives": ([*TWISTS, *OTHER_RIGHT], ONE_AFTER_THE_OTHER),
     "twisting, a spring lost": ([*TWISTS, *LOST_SPRING], TO_STOP),
     "twisting, pinched at a corner": (TWISTS, pinch(rod(10e3, lateral=0.6))),
-    "twisting, pinched hard at the other": (
-        TWISTS,
-        pinch(rod(65e3, damping=500.0, gap=0.003, lateral=-0.6)),
-    ),
+    "twisting, pinched hard at the other": (TWISTS, pinch(rod(65e3, damping=500.0, gap=0.003, lateral=-0.6))),
     "twisting, one drive": ([*TWISTS, *ONE_DRIVE], TO_STOP),
     "hardly twisting": (["gate.torsional_stiffness=1e7", *OTHER_RIGHT], SHORT),
     "sag while coasting": ([], SAG),
     "sag while coasting, light gate": (LIGHT, SAG),
     "pushed while coasting": ([], PUSHED),
     "supply ramps": ([], RAMPS),
-    "supply ramps, source resistance": (
-        [*OTHER_RIGHT, "supply.internal_resistance=0.03"],
-        RAMPS,
-    ),
-    "supply ramp while coasting": (
-        [*OTHER_RIGHT, "supply.internal_resistance=0.03"],
-        RAMP_COASTING,
-    ),
+    "supply ramps, source resistance": ([*OTHER_RIGHT, "supply.internal_resistance=0.03"], RAMPS),
+    "supply ramp while coasting": ([*OTHER_RIGHT, "supply.internal_resistance=0.03"], RAMP_COASTING),
     "duty 0.6": ([], DUTY),
     "coasting beside a motor that reverses": (["supply.internal_resistance=0.1"], BESIDE),
     "coming home into the latch": ([], HOME),
@@ -304,12 +292,7 @@ def test_order_on_a_smooth_stretch_is_two() -> None:
     times = np.array([0.0, 0.3, 0.9])
     exact = solve(tables(), [both(0.9, OPENING)], times, tolerance=1e-11)
     drive = DriveState(
-        float(exact.left_current[1]),
-        float(exact.left_speed[1]),
-        float(exact.left_position[1]),
-        20.0,
-        20.0,
-        20.0,
+        float(exact.left_current[1]), float(exact.left_speed[1]), float(exact.left_position[1]), 20.0, 20.0, 20.0
     )
     start = State(drive, drive, float(exact.angle[1]), float(exact.rate[1]), 0.0)
     steps = (2e-3, 1e-3, 5e-4, 2.5e-4)
@@ -326,17 +309,12 @@ def test_order_on_a_smooth_stretch_is_two() -> None:
 
 def test_steps_from_10_us_to_5_ms_agree_between_both_stops() -> None:
     phases = [both(1.6, OPENING), both(1.8, BRAKING), both(3.4, CLOSING)]
-    runs = {
-        step: run_phases(suv(), phases, step, math.radians(60.0))
-        for step in (1e-5, 1e-4, 1e-3, 5e-3)
-    }
+    runs = {step: run_phases(suv(), phases, step, math.radians(60.0)) for step in (1e-5, 1e-4, 1e-3, 5e-3)}
     exact = runs[1e-5][::500]
     # (A rms, deg at worst): three times what the second order of the step gives; 5 ms is the coarsest.
     for step, current, angle in ((1e-4, 3e-5, 3e-6), (1e-3, 2e-4, 3e-4), (5e-3, 5e-3, 8e-3)):
         rows = runs[step][:: round(5e-3 / step)]
-        rms = math.sqrt(
-            float(np.mean((column(rows, "left_current") - column(exact, "left_current")) ** 2))
-        )
+        rms = math.sqrt(float(np.mean((column(rows, "left_current") - column(exact, "left_current")) ** 2)))
         gap = float(np.abs(np.degrees(column(rows, "angle") - column(exact, "angle"))).max())
         assert rms < current, f"{step} s: {rms} A"
         assert gap < angle, f"{step} s: {gap} deg"

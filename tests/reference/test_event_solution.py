@@ -21,13 +21,7 @@ SUV: dict[str, Any] = {
         "efficiency": 0.82,
         "load_torque": 0.00124,
     },
-    "gear": {
-        "ratio": 29,
-        "inertia": 2.0e-6,
-        "efficiency": 0.75,
-        "friction_torque": 0.6,
-        "backlash": 0.01,
-    },
+    "gear": {"ratio": 29, "inertia": 2.0e-6, "efficiency": 0.75, "friction_torque": 0.6, "backlash": 0.01},
     "spindle": {"lead": 0.010, "efficiency": 0.85, "friction_force": 1000},
     "spring": {"stiffness": 900, "preload": 330, "stop_stiffness": 2.0e6, "stop_damping": 8000},
     "gate": {
@@ -49,9 +43,7 @@ SUV: dict[str, Any] = {
 BRAKE, COAST = DriveInput("brake"), DriveInput("coast")
 OPEN, CLOSE = DriveInput("open", 1.0), DriveInput("close", 1.0)
 WINDING_TIME = 4.37e-5 / 0.708
-AT_HOME = (
-    1e-9  # rad: ten times the tolerance of `solve`; a gate that comes home moves 1e-4 a sample
-)
+AT_HOME = 1e-9  # rad: ten times the tolerance of `solve`; a gate that comes home moves 1e-4 a sample
 
 
 @pytest.fixture
@@ -214,11 +206,7 @@ def test_forces_follow_their_laws_at_every_sample(suv: dict[str, Any]) -> None:
     suv["right"] = {"gear": {"friction_torque": 0.9, "backlash": 0.03}}
     rod = Obstacle(math.radians(30), 0.9, 2.0e4, damping=50.0, gap=0.002)
     times = np.linspace(0.0, 2.5, 5001)
-    phases = [
-        both(0.4, OPEN, external_torque=-150.0),
-        both(0.8, COAST),
-        both(2.5, CLOSE, obstacle=rod),
-    ]
+    phases = [both(0.4, OPEN, external_torque=-150.0), both(0.8, COAST), both(2.5, CLOSE, obstacle=rod)]
     s = solve(suv, phases, times, initial_angle=math.radians(35))
     geometry, advance = Geometry(suv["gate"]), 0.010 / 29
     views = [geometry.view(0.0, pair) for pair in zip(s.angle, s.rate, strict=True)]
@@ -267,10 +255,7 @@ def test_two_different_drives_keep_their_own_currents(suv: dict[str, Any]) -> No
 
 
 def test_voltage_mode_is_the_bridge_at_an_ideal_source(suv: dict[str, Any]) -> None:
-    times, fine = (
-        np.linspace(0.0, 0.5, 51),
-        1e-12,
-    )  # a mechanism of 5e5 N/m magnifies the solver's error
+    times, fine = (np.linspace(0.0, 0.5, 51), 1e-12)  # a mechanism of 5e5 N/m magnifies the solver's error
     bridge = solve(suv, [both(0.5, DriveInput("close", 0.5))], times, math.radians(50), fine)
     suv["supply"]["internal_resistance"] = 0.3  # must not matter to the voltage mode
     volts = solve(suv, [both(0.5, DriveInput("voltage", -6.0))], times, math.radians(50), fine)
@@ -318,9 +303,7 @@ def test_a_winding_warms_up_by_its_closed_form(suv: dict[str, Any]) -> None:
     np.testing.assert_allclose(warm.left_current[1:], 12.0 / by_warmth[1:], rtol=2e-5)
 
 
-def test_a_shaft_breaks_loose_above_its_static_friction_and_slides_on_below_it(
-    suv: dict[str, Any],
-) -> None:
+def test_a_shaft_breaks_loose_above_its_static_friction_and_slides_on_below_it(suv: dict[str, Any]) -> None:
     """τ_s = 1.5 τ_C: 1.3 τ_C hold it, and move it once 1.6 τ_C have."""
     suv["friction"] = {"static_ratio": 1.5}
     suv["spring"] |= {"stiffness": 0.0, "preload": 0.0}
@@ -343,10 +326,7 @@ def test_friction_by_speed_load_temperature_and_place(suv: dict[str, Any]) -> No
     suv["spindle"]["load_friction"] = 0.1
     s = solve(suv, [both(2.0, OPEN, ambient=-10.0)], np.array([1.9]))
     geometry, advance = Geometry(suv["gate"]), 0.010 / 29
-    n, factor = (
-        float(s.left_speed[0]),
-        1.3 * (1.0 + s.left_position[0] * advance / geometry.open_travel),
-    )
+    n, factor = (float(s.left_speed[0]), 1.3 * (1.0 + s.left_position[0] * advance / geometry.open_travel))
     dry = 0.013628 * (1.0 + 0.4 * math.exp(-((n / 40.0) ** 2)))
     lever = advance / (2.0 * math.pi)
     force = float(s.left_force[0])

@@ -50,20 +50,12 @@ CASES = [
     Case(
         "friction",
         {"factor": 2.0},
-        left(
-            gear={"friction_torque": 1.2},
-            spindle={"friction_force": 2000.0},
-            motor={"load_torque": 0.00248},
-        ),
+        left(gear={"friction_torque": 1.2}, spindle={"friction_force": 2000.0}, motor={"load_torque": 0.00248}),
     ),
     Case(  # stops it after a fifth of a tick
         "friction",
         {"factor": 5000.0},
-        left(
-            gear={"friction_torque": 3000.0},
-            spindle={"friction_force": 5e6},
-            motor={"load_torque": 6.2},
-        ),
+        left(gear={"friction_torque": 3000.0}, spindle={"friction_force": 5e6}, motor={"load_torque": 6.2}),
     ),
     Case("parameter", {"key": "gate.mass", "value": 35.0}, {"gate": {"mass": 35.0}}),
     Case("parameter", {"key": "motor.resistance", "value": 1.0}, {"motor": {"resistance": 1.0}}),
@@ -74,9 +66,7 @@ def simulated(folder: Path, case: Case) -> dict[str, np.ndarray]:
     from liftgate_hil.cli.main import main
 
     where = '"left"' if FAULT_KINDS[case.kind].of == DRIVE else None
-    keys = {
-        name: f'"{each}"' if isinstance(each, str) else each for name, each in case.values.items()
-    }
+    keys = {name: f'"{each}"' if isinstance(each, str) else each for name, each in case.values.items()}
     if where:
         keys["where"] = where
     text = "".join(f"{name} = {value}\n" for name, value in keys.items())

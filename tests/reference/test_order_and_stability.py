@@ -9,19 +9,7 @@ import pytest
 
 from liftgate_plant.dynamics import DriveState, State
 from liftgate_plant.vehicle import plant_of
-from tests.plant.runs import (
-    BRAKE,
-    CLOSE,
-    GATE,
-    OPEN,
-    at_rest,
-    column,
-    fast_run,
-    inputs,
-    run_phases,
-    suv,
-    tables,
-)
+from tests.plant.runs import BRAKE, CLOSE, GATE, OPEN, at_rest, column, fast_run, inputs, run_phases, suv, tables
 from tests.reference.event_solution import DriveInput, Phase, solve
 
 CYCLE = [
@@ -36,9 +24,7 @@ def test_the_error_falls_with_the_square_of_the_step_while_the_gate_travels() ->
     vehicle = suv()
     plant = plant_of(vehicle)
     exact = solve(tables(), [CYCLE[0]], np.array([0.0, 1.0, 3.0]), tolerance=1e-12)
-    drive = DriveState(
-        exact.left_current[1], exact.left_speed[1], exact.left_position[1], 20.0, 20.0, 20.0
-    )
+    drive = DriveState(exact.left_current[1], exact.left_speed[1], exact.left_position[1], 20.0, 20.0, 20.0)
     start = State(drive, drive, float(exact.angle[1]), float(exact.rate[1]), 0.0)
     errors = []
     for step in (5e-3, 2.5e-3, 1.25e-3):
@@ -94,9 +80,7 @@ def test_absurd_parameters_stay_stable(settings: tuple[str, ...], step: float) -
     vehicle = suv(*settings)
     plant = plant_of(vehicle)
     for start, command in ((50.0, OPEN), (10.0, CLOSE)):
-        rows = fast_run(
-            plant, at_rest(vehicle, start), inputs(vehicle, command), step, round(4.0 / step)
-        )
+        rows = fast_run(plant, at_rest(vehicle, start), inputs(vehicle, command), step, round(4.0 / step))
         assert np.isfinite(rows).all()
         # Whatever rings, it stays between the stops with a margin, and the drives end stalled.
         assert np.degrees(np.abs(column(rows, "angle"))).max() < 90.0

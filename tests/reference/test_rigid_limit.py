@@ -35,9 +35,7 @@ def rigid_solution(vehicle: Vehicle, volts: float) -> np.ndarray:
         arm = gate.lever(link, angle)
         # dr/dφ from l r = s r0 sin(φ + θ): l r' + r² = s r0 cos(φ + θ).
         length = link.closed_length + extended
-        bend = (
-            link.body_radius * link.gate_radius * math.cos(angle + link.offset) - arm * arm
-        ) / length
+        bend = (link.body_radius * link.gate_radius * math.cos(angle + link.offset) - arm * arm) / length
         rate = speed * rho / arm
         inertia = 2.0 * math.pi * drive.inertia + 0.5 * plant.gate_inertia * rho * rho / (
             2.0 * math.pi * arm * arm
@@ -55,9 +53,7 @@ def rigid_solution(vehicle: Vehicle, volts: float) -> np.ndarray:
         ]
 
     start = gate.extension(link, math.radians(START_DEG)) / rho
-    solution = solve_ivp(
-        slope, (0.0, TIMES[-1]), [0.0, 0.0, start], "Radau", TIMES, rtol=1e-9, atol=1e-10
-    )
+    solution = solve_ivp(slope, (0.0, TIMES[-1]), [0.0, 0.0, start], "Radau", TIMES, rtol=1e-9, atol=1e-10)
     assert solution.success
     return np.asarray(solution.y)
 
@@ -66,15 +62,11 @@ def distance(stiffness: float) -> tuple[float, float, float]:
     """Largest errors of current [A] and speed [rev/s] after the inrush, and of the position [rev]."""
     # The damping keeps its share of the critical one: its root goes with the stiffness.
     damping = 4000.0 * math.sqrt(stiffness / 5e5)
-    vehicle = suv(
-        "gear.backlash=0", f"mechanism.stiffness={stiffness}", f"mechanism.damping={damping}"
-    )
+    vehicle = suv("gear.backlash=0", f"mechanism.stiffness={stiffness}", f"mechanism.damping={damping}")
     exact = rigid_solution(vehicle, 12.0)
     step = 1e-4
     steps = round(TIMES[-1] / step)
-    rows = fast_run(
-        plant_of(vehicle), at_rest(vehicle, START_DEG), inputs(vehicle, OPEN), step, steps
-    )
+    rows = fast_run(plant_of(vehicle), at_rest(vehicle, START_DEG), inputs(vehicle, OPEN), step, steps)
     rows = rows[:: round(1e-3 / step)]
     late = TIMES > 0.3  # the mechanism's own swing after the start has died away
     return (

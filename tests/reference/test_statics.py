@@ -11,19 +11,7 @@ from scipy.optimize import brentq
 from liftgate_plant import dynamics
 from liftgate_plant.dynamics import State
 from liftgate_plant.vehicle import plant_of
-from tests.plant.runs import (
-    BRAKE,
-    CLOSE,
-    COAST,
-    OPEN,
-    at_rest,
-    column,
-    fast_run,
-    inputs,
-    load,
-    state_of,
-    suv,
-)
+from tests.plant.runs import BRAKE, CLOSE, COAST, OPEN, at_rest, column, fast_run, inputs, load, state_of, suv
 
 STEP = 1e-3
 

@@ -239,9 +239,7 @@ def test_a_motor_without_gate_follows_its_state_equations(command) -> None:
 
 def test_joined_rigidly_the_plant_is_the_model_of_three_states() -> None:
     """(4.11), with the units of (4.13) put right and the change of the lever arm that (4.7) drops."""
-    vehicle = lifted(
-        "gear.backlash=0", "gear.inertia=5e-3", "mechanism.stiffness=5e7", "mechanism.damping=4e4"
-    )
+    vehicle = lifted("gear.backlash=0", "gear.inertia=5e-3", "mechanism.stiffness=5e7", "mechanism.damping=4e4")
     start = at_rest(vehicle, 10.0)
     rho, kappa = TRAVEL, TRAVEL / (2.0 * math.pi)
     small = 1e-6
@@ -260,9 +258,7 @@ def test_joined_rigidly_the_plant_is_the_model_of_three_states() -> None:
         return [volts / INDUCTANCE, torque / inertia, rate]
 
     end = 0.06
-    exact = solve_ivp(
-        slope, (0.0, end), [0.0, 0.0, start.gate_angle], "Radau", rtol=1e-9, atol=1e-11
-    )
+    exact = solve_ivp(slope, (0.0, end), [0.0, 0.0, start.gate_angle], "Radau", rtol=1e-9, atol=1e-11)
     rows = run(plant_of(vehicle), start, inputs(vehicle, OPEN), 1e-4, 600)
     current, speed, angle = exact.y[:, -1]
     assert column(rows, "left_current")[-1] == pytest.approx(current, rel=2e-3)

@@ -49,9 +49,7 @@ def slcan_adapters() -> Iterator[tuple[str, str]]:
             frames = [line for line in lines if line[:1] in FRAMES and line]
             commands.update(line for line in lines if line not in frames)
             (other,) = (each for each in masters if each != master)
-            with contextlib.suppress(
-                BlockingIOError
-            ):  # nobody reads there: frames are lost, as on a bus
+            with contextlib.suppress(BlockingIOError):  # nobody reads there: frames are lost, as on a bus
                 os.write(other, b"".join(line + b"\r" for line in frames))
 
     try:

@@ -103,10 +103,7 @@ class LibraryEcu:
         )
         assert 0 <= count <= capacity
         assert bytes(sent[capacity]) == guard
-        return [
-            Frame(frame.id, bytes(frame.data[: frame.length]), frame.flags)
-            for frame in sent[:count]
-        ]
+        return [Frame(frame.id, bytes(frame.data[: frame.length]), frame.flags) for frame in sent[:count]]
 
 
 def _c_frame(frame: Frame) -> LiftgateFrame:

@@ -77,9 +77,7 @@ class Gate:
 class Bench:
     """An ECU and a gate that sends every 5 ms; `noise` goes before and after its frames."""
 
-    def __init__(
-        self, ecu: LibraryEcu, gate: Gate, noise: Sequence[Frame] = (), tick_ns: int = MS
-    ) -> None:
+    def __init__(self, ecu: LibraryEcu, gate: Gate, noise: Sequence[Frame] = (), tick_ns: int = MS) -> None:
         self.ecu, self.gate, self.noise = ecu, gate, noise
         self.now_ns = 0
         self._tick_ns = tick_ns

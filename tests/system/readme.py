@@ -15,17 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 BIN = Path(sys.executable).parent
 PATIENCE = 300.0  # s until a command must have ended; nothing is judged by it
-_PROGRAMS = (
-    "liftgate-hil",
-    "make",
-    "cc",
-    "python",
-    "candump",
-    "cantools",
-    "mkdir",
-    "curl",
-    "tools/",
-)
+_PROGRAMS = ("liftgate-hil", "make", "cc", "python", "candump", "cantools", "mkdir", "curl", "tools/")
 _CACHE = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")  # with the compiled model
 
 
@@ -101,11 +91,7 @@ def start(line: str, folder: Path, places: Mapping[str, str] | None = None, more
 
 
 def run(
-    line: str,
-    folder: Path,
-    places: Mapping[str, str] | None = None,
-    more: str = "",
-    codes: tuple[int, ...] = (0,),
+    line: str, folder: Path, places: Mapping[str, str] | None = None, more: str = "", codes: tuple[int, ...] = (0,)
 ) -> str:
     """What a command prints."""
     process = start(line, folder, places, more)

@@ -77,9 +77,7 @@ def test_the_ecu_in_another_process_opens_the_gate(tmp_path: Path, group: str) -
     record = tmp_path / "run.csv"
     with (
         emulator(group, "--record", str(record), "--json") as gate,
-        process(
-            "-m", "liftgate_hil", "ecu", "--bus", f"udp_multicast:{group}", "--request", "0.2:open"
-        ) as ecu,
+        process("-m", "liftgate_hil", "ecu", "--bus", f"udp_multicast:{group}", "--request", "0.2:open") as ecu,
     ):
         angle = "gate_angle_deg"
 
@@ -175,10 +173,7 @@ def test_cantools_monitor_shows_the_gate(group: str) -> None:
     # What pytest-xdist hands on of its own terminal goes before this one's size.
     size = {"LINES": str(lines), "COLUMNS": str(columns)}
     environment = {**os.environ, **size, "TERM": "xterm"}
-    with (
-        emulator(group, "--quiet"),
-        process(*monitor, stdin=theirs, stdout=theirs, env=environment),
-    ):
+    with emulator(group, "--quiet"), process(*monitor, stdin=theirs, stdout=theirs, env=environment):
 
         def shown() -> bool:
             if select.select([ours], [], [], 0.1)[0]:
@@ -195,13 +190,7 @@ def test_cantools_monitor_shows_the_gate(group: str) -> None:
 def test_a_panel_moves_the_surroundings_and_a_bad_one_is_counted(group: str) -> None:
     database = cantools.database.load_file(DBC)
     control = database.get_message_by_name("BenchControl")
-    values = {
-        "ObstacleAngle": 30,
-        "ObstacleRate": 10,
-        "RoadSlope": 6,
-        "SupplyVoltage": 10.5,
-        "HandForce": 0,
-    }
+    values = {"ObstacleAngle": 30, "ObstacleRate": 10, "RoadSlope": 6, "SupplyVoltage": 10.5, "HandForce": 0}
     heard: dict[str, float] = {}
     with emulator(group, "--quiet"), bus_of(group) as bus:
 

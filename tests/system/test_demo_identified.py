@@ -38,17 +38,7 @@ def recorded(folder: Path, *arguments: str) -> Path:
     requests = (f'[[request]]\ntime = {at}\naction = "{each}"\n' for at, each in REQUESTS.items())
     scenario = folder / "to_and_fro.toml"
     scenario.write_text("duration = 20.0\n" + "".join(requests))
-    fixed = [
-        "demo",
-        "--clock",
-        "free",
-        "--scenario",
-        str(scenario),
-        "--quiet",
-        "--ideal",
-        "--output",
-        str(folder),
-    ]
+    fixed = ["demo", "--clock", "free", "--scenario", str(scenario), "--quiet", "--ideal", "--output", str(folder)]
     assert main([*fixed, *SETTINGS, *arguments]) == 0
     return folder / "demo.log"
 

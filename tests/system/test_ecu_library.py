@@ -44,28 +44,20 @@ def test_the_library_exports_its_four_functions_and_nothing_else(library: Path) 
     command = ["nm", "-D", "--defined-only", str(library)]
     listing = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     # A sanitizer adds names of its own.
-    assert {
-        name for name in (line.split()[-1] for line in listing.splitlines()) if "asan" not in name
-    } == ABI
+    assert {name for name in (line.split()[-1] for line in listing.splitlines()) if "asan" not in name} == ABI
 
 
 @pytest.mark.parametrize("tick_ns", [MS, MS // 2, 3 * MS, 10 * MS, 25 * MS, 333_333])
 @pytest.mark.parametrize("begin_ns", [0, 7_123_456_789])
-def test_a_command_comes_every_10_ms_whatever_the_tick(
-    ecu: LibraryEcu, tick_ns: int, begin_ns: int
-) -> None:
+def test_a_command_comes_every_10_ms_whatever_the_tick(ecu: LibraryEcu, tick_ns: int, begin_ns: int) -> None:
     ticks = range(0, 1000 * MS, tick_ns)
     ecu.request(OPEN)
     sent = [
-        (tick, frame)
-        for tick in ticks
-        for frame in ecu.step(begin_ns + tick, whole_gate(0.5, 0, latched=True))
+        (tick, frame) for tick in ticks for frame in ecu.step(begin_ns + tick, whole_gate(0.5, 0, latched=True))
     ]
     due = {-(-start // tick_ns) * tick_ns for start in range(0, 1000 * MS, 10 * MS)}
     assert [tick for tick, _ in sent] == sorted(due & set(ticks))
-    assert [decode(frame)["AliveCounter"] for _, frame in sent] == [
-        index % 16 for index in range(len(sent))
-    ]
+    assert [decode(frame)["AliveCounter"] for _, frame in sent] == [index % 16 for index in range(len(sent))]
     assert any(duty_of(frame) > 0.0 for _, frame in sent)
 
 
@@ -199,11 +191,7 @@ def wrong(frames: Sequence[Frame], kind: str) -> list[Frame]:
     if kind == "FD":
         return [each._replace(flags=FD) for each in frames]
     if kind == "foreign":
-        return [
-            each._replace(identifier=identifier)
-            for each in frames
-            for identifier in (0, COMMAND, SENSORS)
-        ]
+        return [each._replace(identifier=identifier) for each in frames for identifier in (0, COMMAND, SENSORS)]
     if kind == "checksum":  # Gate has none
         drives = [each for each in frames if each.identifier != GATE]
         return [

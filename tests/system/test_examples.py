@@ -16,12 +16,7 @@ EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
 def run_script(script: Path, folder: Path) -> str:
     """What a script prints that is run in a folder of its own."""
     done = subprocess.run(
-        [sys.executable, str(script)],
-        cwd=folder,
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=600,
+        [sys.executable, str(script)], cwd=folder, check=False, capture_output=True, text=True, timeout=600
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert not done.stderr
@@ -36,9 +31,7 @@ def python_of_the_page() -> str:
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
-def test_an_example_runs_where_it_is_started_and_tells_what_it_found(
-    script: Path, tmp_path: Path
-) -> None:
+def test_an_example_runs_where_it_is_started_and_tells_what_it_found(script: Path, tmp_path: Path) -> None:
     if script.stem == "c_ecu" and shutil.which("cc") is None:
         pytest.skip("no C compiler")
     before = sorted(script.parent.iterdir())

@@ -33,9 +33,7 @@ int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     for name in NAMES:
-        (tmp_path / f"{name}.py").write_text(
-            "import os\nos.write(2, b'RUN: ' + __file__.encode())\n"
-        )
+        (tmp_path / f"{name}.py").write_text("import os\nos.write(2, b'RUN: ' + __file__.encode())\n")
     return tmp_path
 
 

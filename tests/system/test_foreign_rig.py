@@ -24,9 +24,7 @@ STORY = [
 ]
 
 
-def test_the_demo_runs_on_a_foreign_database(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_demo_runs_on_a_foreign_database(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["demo", "--rig", str(RIG), "--clock", "free", "--output", str(tmp_path)]
     assert main(arguments) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -50,9 +48,7 @@ def test_the_demo_runs_on_a_foreign_database(
     assert float(rows[-1]["latched"]) == 1.0
 
 
-def test_the_demo_runs_on_a_rig_as_it_was_drafted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_demo_runs_on_a_rig_as_it_was_drafted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     database = Path(__file__).parents[1] / "hil/config/foreign/gm_plgm.dbc"
     rig = tmp_path / "drafted.toml"
     assert main(["rig", "draft", str(database), "--output", str(rig)]) == 0

@@ -15,18 +15,7 @@ from pathlib import Path
 
 import can
 import pytest
-from kills import (
-    NAMES,
-    PATIENCE,
-    check_kills,
-    check_text,
-    emulator,
-    frames_in,
-    kill,
-    recorder_of,
-    rows_in,
-    until,
-)
+from kills import NAMES, PATIENCE, check_kills, check_text, emulator, frames_in, kill, recorder_of, rows_in, until
 
 from liftgate_hil.cli.main import main
 
@@ -128,9 +117,7 @@ def test_a_service_that_is_stopped_has_its_recordings_completed(tmp_path: Path) 
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(NAMES)
 
 
-def test_a_file_that_cannot_be_written_is_told_before_the_run(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_file_that_cannot_be_written_is_told_before_the_run(capsys: pytest.CaptureFixture[str]) -> None:
     path = Path("/proc/nosuch.log")
     assert run_beside(str(uuid.uuid4()), path) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -154,13 +141,9 @@ class Ecu:
 
 def test_what_an_ecu_has_started_ends_with_a_program_that_is_killed(tmp_path: Path) -> None:
     (tmp_path / "forks.py").write_text(FORKS)
-    (tmp_path / "s.toml").write_text(
-        'duration = 60\n[[expect]]\nname = "x"\nalways = "gate_angle_deg < 90"\n'
-    )
+    (tmp_path / "s.toml").write_text('duration = 60\n[[expect]]\nname = "x"\nalways = "gate_angle_deg < 90"\n')
     command = [sys.executable, "-m", "liftgate_hil", "test", "s.toml", "--clock", "realtime"]
-    child = subprocess.Popen(
-        [*command, "--ecu", "forks:Ecu"], cwd=tmp_path, stderr=subprocess.PIPE, text=True
-    )
+    child = subprocess.Popen([*command, "--ecu", "forks:Ecu"], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     noted = tmp_path / "child"
     until(lambda: child.poll() is not None or (noted.exists() and noted.read_text()), "it begins")
     grandchild = Path("/proc") / noted.read_text()

@@ -21,16 +21,10 @@ def told(vehicle: str, *settings: str, duration: float | None = None) -> list[st
 @pytest.mark.parametrize("vehicle", ["suv", "heavy-suv", "compact"])
 @pytest.mark.parametrize(
     "settings",
-    [
-        ("latch.release_time=0.3",),
-        ("latch.release_time=0.4", "latch.cinch='automatic'"),
-        ("latch.hold_time=0",),
-    ],
+    [("latch.release_time=0.3",), ("latch.release_time=0.4", "latch.cinch='automatic'"), ("latch.hold_time=0",)],
     ids=["slow release", "cinching", "falls at once"],
 )
-def test_the_demo_goes_through_with_a_latch_as_built(
-    vehicle: str, settings: tuple[str, ...]
-) -> None:
+def test_the_demo_goes_through_with_a_latch_as_built(vehicle: str, settings: tuple[str, ...]) -> None:
     events = told(vehicle, *BUILT, *settings)
     assert events == told(vehicle)
     assert events[-1] == "closed and latched"
@@ -51,11 +45,7 @@ def test_what_was_left_half_closed_opens_again(tmp_path: Path) -> None:
     )  # fmt: skip
     whole = lh.run(scenario, settings=BUILT, trace=True)
     place = whole.trace["latch_position"]
-    half = next(
-        time
-        for time, now in zip(whole.trace["time_s"], place, strict=True)
-        if now == 1.0 and time > 14.0
-    )
+    half = next(time for time, now in zip(whole.trace["time_s"], place, strict=True) if now == 1.0 and time > 14.0)
     scenario.write_text(
         scenario.read_text()
         + f'[[request]]\ntime = {half + 0.03}\naction = "stop"\n'

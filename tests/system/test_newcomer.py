@@ -226,12 +226,9 @@ def test_doctor_gives_a_verdict(folder: Path) -> None:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize(
-    "start_of",
-    ["liftgate-hil --bus socketcan:can0", "liftgate-hil --bus socketcan:can0 --realtime"],
+    "start_of", ["liftgate-hil --bus socketcan:can0", "liftgate-hil --bus socketcan:can0 --realtime"]
 )
-def test_the_gate_on_a_bus_says_how_it_went(
-    folder: Path, bus: dict[str, str], start_of: str
-) -> None:
+def test_the_gate_on_a_bus_says_how_it_went(folder: Path, bus: dict[str, str], start_of: str) -> None:
     assert run(command(start_of), folder, bus, SHORT).startswith("ticks ")
 
 
@@ -252,9 +249,7 @@ def test_two_processes_and_a_logger_meet_on_a_bus(folder: Path, bus: dict[str, s
     gate = start(command("liftgate-hil --bus udp_multicast"), folder, bus, "--overrun-limit 60")
     ecu = start(command("liftgate-hil ecu --bus udp_multicast"), folder, bus, " ")
     try:
-        wait_for(
-            lambda: log.is_file() and log.read_text().count(" 120#") > 20, "the ECU was not heard"
-        )
+        wait_for(lambda: log.is_file() and log.read_text().count(" 120#") > 20, "the ECU was not heard")
         for process in (ecu, gate, logger):
             process.send_signal(signal.SIGINT)
             process.communicate(timeout=readme.PATIENCE)
@@ -304,9 +299,7 @@ def test_recordings_are_played_onto_a_bus(folder: Path, bus: dict[str, str]) -> 
 
 @pytest.mark.realtime
 def test_a_run_is_recorded_around_a_trigger(folder: Path, bus: dict[str, str]) -> None:
-    told = run(
-        command("liftgate-hil --bus socketcan:can0 --record trapped.mf4"), folder, bus, SHORT
-    )
+    told = run(command("liftgate-hil --bus socketcan:can0 --record trapped.mf4"), folder, bus, SHORT)
     assert "recorded only around the trigger, which never came" in told
     assert (folder / "trapped.mf4").is_file()
 
@@ -443,9 +436,7 @@ def their_module(folder: Path) -> None:
 
 @pytest.mark.usefixtures("their_module")
 def test_an_own_ecu_in_python_closes_the_loop(folder: Path) -> None:
-    assert "written: demo.log" in run(
-        command("liftgate-hil demo --clock free --ecu their_module"), folder
-    )
+    assert "written: demo.log" in run(command("liftgate-hil demo --clock free --ecu their_module"), folder)
 
 
 @pytest.mark.realtime

@@ -121,15 +121,11 @@ def test_asammdf_reads_every_signal(run: Path, table: dict[str, np.ndarray]) -> 
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_asammdf_s_bus_logging_has_every_frame_and_its_direction(
-    run: Path, frames: list[Frame]
-) -> None:
+def test_asammdf_s_bus_logging_has_every_frame_and_its_direction(run: Path, frames: list[Frame]) -> None:
     from asammdf import MDF
 
     with MDF(run / "run.mf4") as measured:
-        found = {
-            name: measured.get(f"CAN_DataFrame.{name}") for name in ("ID", "Dir", "DataLength")
-        }
+        found = {name: measured.get(f"CAN_DataFrame.{name}") for name in ("ID", "Dir", "DataLength")}
         data = measured.get("CAN_DataFrame.DataBytes").samples
     stamps = found["ID"].timestamps
     rows = zip(
@@ -158,10 +154,7 @@ def test_asammdf_decodes_what_was_on_the_bus(run: Path, frames: list[Frame]) -> 
             expected[f"{message.name}.{name}"].append((time, told))
     assert {"LeftDrive.MotorCurrent", "DriveCommand.LeftDuty", "Gate.Angle"} < set(expected)
     found = {}
-    with (
-        MDF(run / "run.mf4") as measured,
-        measured.extract_bus_logging({"CAN": [(str(DBC), 0)]}) as decoded,
-    ):
+    with MDF(run / "run.mf4") as measured, measured.extract_bus_logging({"CAN": [(str(DBC), 0)]}) as decoded:
         for place, group in enumerate(decoded.groups):
             number = re.search(r"ID=0x([0-9A-F]+) ", group.channel_group.acq_name)
             assert number is not None

@@ -21,9 +21,7 @@ def test_every_format_of_an_interrupted_run_holds_the_same_frames(tmp_path: Path
     names = ["run.log", "run.asc", "run.blf", "run.trc", "run.mf4", "run.mcap", "run.csv"]
     records = [part for name in names for part in ("--record", str(tmp_path / name))]
     arguments = [sys.executable, "-m", "liftgate_hil", "--bus", "virtual:x", "--json", *records]
-    with subprocess.Popen(
-        arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as child:
+    with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
         deadline = time.monotonic() + PATIENCE
         log = tmp_path / "run.log"
         while not log.exists() or log.stat().st_size < 10_000:

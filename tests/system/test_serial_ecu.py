@@ -41,9 +41,7 @@ def exit_code(*command: str) -> int:
 
 
 @needs_compiler
-def test_an_ecu_in_c_drives_the_gate_over_a_serial_line(
-    tmp_path: Path, ecus: tuple[Path, Path]
-) -> None:
+def test_an_ecu_in_c_drives_the_gate_over_a_serial_line(tmp_path: Path, ecus: tuple[Path, Path]) -> None:
     surroundings = tmp_path / "surroundings.toml"
     surroundings.write_text(OBSTACLE)
     with (

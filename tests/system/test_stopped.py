@@ -95,9 +95,7 @@ ECU = ["ecu", "--bus", "virtual:{bus}"]
     ],
     ids=["demo", "demo-imports", "lockstep", "realtime", "ecu", "ecu-imports"],
 )
-def test_a_python_ecu_that_hangs_is_given_up(
-    tmp_path: Path, arguments: list[str], how: str, number: int
-) -> None:
+def test_a_python_ecu_that_hangs_is_given_up(tmp_path: Path, arguments: list[str], how: str, number: int) -> None:
     (tmp_path / "theirs.py").write_text(f"HOW = {how!r}\n" + HANGS)
     given = [each.format(bus=uuid.uuid4()) for each in arguments]
     code, error = stopped_when_it_hangs(tmp_path, number, *given, "--ecu", "theirs:Ecu")
@@ -155,23 +153,15 @@ def test_one_that_comes_again_while_python_ends_changes_nothing(number: int) -> 
         "assert stop()\n"
     )
     ended = subprocess.run(
-        [sys.executable, "-P", "-c", code],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
+        [sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=False
     )
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(
-    "command",
-    [["--bus", "virtual:x"], ["identify", "nosuch.csv"], ["doctor"]],
-    ids=lambda each: each[0],
+    "command", [["--bus", "virtual:x"], ["identify", "nosuch.csv"], ["doctor"]], ids=lambda each: each[0]
 )
-def test_an_interrupt_while_it_starts_leaves_no_traceback(
-    tmp_path: Path, command: list[str]
-) -> None:
+def test_an_interrupt_while_it_starts_leaves_no_traceback(tmp_path: Path, command: list[str]) -> None:
     # What comes before is Python's own start, in which nobody can help it.
     code = (
         "import signal, sys\n"

@@ -73,16 +73,12 @@ class Answering:
                 if answer:
                     data = bytes([len(answer)]) + answer
                     is_long = self.response > 0x7FF
-                    found.append(
-                        can.Message(arbitration_id=self.response, data=data, is_extended_id=is_long)
-                    )
+                    found.append(can.Message(arbitration_id=self.response, data=data, is_extended_id=is_long))
         return found
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_the_shipped_scenarios_pass_in_every_loop_and_from_recordings(
-    tmp_path: Path, name: str
-) -> None:
+def test_the_shipped_scenarios_pass_in_every_loop_and_from_recordings(tmp_path: Path, name: str) -> None:
     files = [tmp_path / "run.csv", tmp_path / "run.log"]
     free = lh.run(name, record=files)
     assert free.verdict == "pass", free.expectations
@@ -121,10 +117,7 @@ def test_a_verdict_is_that_of_the_answers_in_the_window(short: Callable[..., Pat
     # What the first answer that counts says, and when it came.
     assert found["present"].time_s == found["absent"].time_s == pytest.approx(0.403, abs=2e-3)
     assert found["absent"].reason == f"U1A01: reported at {found['absent'].time_s:g} s"
-    assert (
-        found["present 0.7"].reason
-        == "U1A01-87: not reported from 0.7 s within 0.15 s, in 2 answers"
-    )
+    assert found["present 0.7"].reason == "U1A01-87: not reported from 0.7 s within 0.15 s, in 2 answers"
     # What comes behind the window is told, too.
     assert re.fullmatch(
         r"U1A01-87: not reported from 0\.05 s within 0\.15 s, in \d answers; "
@@ -195,9 +188,7 @@ def test_a_rig_may_speak_otherwise(short: Callable[..., Path], tmp_path: Path) -
     assert spoken.count("18DA40F1#03190250") == 20
 
 
-def test_the_tester_waits_for_the_scenarios_time(
-    short: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_the_tester_waits_for_the_scenarios_time(short: Callable[..., Path], tmp_path: Path) -> None:
     path = short()
     text = 'precondition = ["close"]\n' + path.read_text()
     path.write_text(text)
@@ -208,9 +199,7 @@ def test_the_tester_waits_for_the_scenarios_time(
     assert first == "(0000000000.001000) virtual 7A0#0414FFFFFFCCCCCC T"
 
 
-def test_without_such_an_expectation_nobody_asks(
-    short: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_without_such_an_expectation_nobody_asks(short: Callable[..., Path], tmp_path: Path) -> None:
     path = tmp_path / "none.toml"
     path.write_text('duration = 0.3\n[[expect]]\nname = "x"\nalways = "time_s < 1"\n')
     ecu = Answering({})

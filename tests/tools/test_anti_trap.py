@@ -26,9 +26,7 @@ def test_narrow_limits_break_off_for_nothing_and_wide_ones_press_harder() -> Non
     own, car = Calibration(), Car("suv")
     narrow = run(car, Trial(free=3), widened(own, 0.2))
     assert narrow.false > 0
-    usual, wide = (
-        run(car, Trial(gaps=(30.0,)), widened(own, factor)).peaks[0] for factor in (1.0, 3.0)
-    )
+    usual, wide = (run(car, Trial(gaps=(30.0,)), widened(own, factor)).peaks[0] for factor in (1.0, 3.0))
     assert wide > usual + 10.0
 
 

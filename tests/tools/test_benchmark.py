@@ -91,22 +91,16 @@ def test_a_frame_that_is_lost_leaves_the_other_runs(
     """As a bus in a network loses some: the first of two rounds is told and left out."""
     arrivals = [np.zeros(1)]
 
-    def played(
-        command: list[str], *_: object
-    ) -> tuple[subprocess.CompletedProcess[str], np.ndarray]:
+    def played(command: list[str], *_: object) -> tuple[subprocess.CompletedProcess[str], np.ndarray]:
         told = '{"lateness_p50_us": 1, "lateness_p99_us": 2, "lateness_p999_us": 3, "lateness_max_us": 4}'
         done = subprocess.CompletedProcess(command, 0, told, "")
         return done, arrivals.pop() if arrivals else due[0]
 
     due = [np.zeros(1)]
-    monkeypatch.setattr(
-        replays, "players", lambda *_: {"ours": [sys.executable, "-c", "", "--json"]}
-    )
+    monkeypatch.setattr(replays, "players", lambda *_: {"ours": [sys.executable, "-c", "", "--json"]})
     monkeypatch.setattr(replays, "Ear", lambda *_: None)
     monkeypatch.setattr(replays, "_played", played)
-    monkeypatch.setattr(
-        replays, "write_log", lambda *_: due.__setitem__(0, np.array([0.0, 1.0])) or due[0]
-    )
+    monkeypatch.setattr(replays, "write_log", lambda *_: due.__setitem__(0, np.array([0.0, 1.0])) or due[0])
     found = replays.measure("udp_multicast:x", 2, 1.0)
     assert "1 of 2 frames arrived" in capsys.readouterr().err
     assert found["told"] == {"ours": [1, 2, 3, 4]}

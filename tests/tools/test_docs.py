@@ -113,9 +113,7 @@ def test_every_kind_of_fault_is_on_its_page_with_its_keys_and_whose_it_is() -> N
 
 
 def test_what_the_page_says_may_stand_in_a_condition_may() -> None:
-    names = [
-        row[0] for row in rows_in("scenario.md", "`[[expect]]`") if row[1].startswith("a column")
-    ]
+    names = [row[0] for row in rows_in("scenario.md", "`[[expect]]`") if row[1].startswith("a column")]
     assert names == ["`gate_angle_deg`"]
     for text in (
         "gate_angle_deg > 20 and (sensed.left_current_a <= 2 * $idle or Gate.LatchState == 1)",

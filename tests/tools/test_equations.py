@@ -82,7 +82,5 @@ def test_the_index_is_printed() -> None:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0
     assert all(f"({number})  " in done.stdout for number in NUMBERS)
-    wrong = subprocess.run(
-        [*command, "--mutate", "3.99"], cwd=ROOT, capture_output=True, check=False
-    )
+    wrong = subprocess.run([*command, "--mutate", "3.99"], cwd=ROOT, capture_output=True, check=False)
     assert wrong.returncode == 2

@@ -25,10 +25,7 @@ ROOT = Path(__file__).parents[2]
 RUNS: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "tools.accuracy": (["--cases", "2", "--jobs", "1", "--output", "{out}"], ("accuracy.md",)),
     "tools.c_translator": ([], ()),
-    "tools.docs": (
-        ["--output", "{out}"],
-        ("demo.png", "vehicle.md", "rig.md", "scenario.md"),
-    ),
+    "tools.docs": (["--output", "{out}"], ("demo.png", "vehicle.md", "rig.md", "scenario.md")),
     "tools.equations": (["--mutate", "3.26"], ()),
     "tools.benchmark.replays": (["--rounds", "1", "--seconds", "0.2", "--json"], ()),
 }
@@ -79,9 +76,7 @@ def test_each_target_of_the_makefile_starts_what_is_run_here() -> None:
 def test_a_tool_runs_to_its_end(name: str, tmp_path: Path) -> None:
     arguments, files = RUNS[name]
     command = [sys.executable, "-m", name, *(each.format(out=tmp_path) for each in arguments)]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=900
-    )
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=900)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     assert files or done.stdout
@@ -89,9 +84,7 @@ def test_a_tool_runs_to_its_end(name: str, tmp_path: Path) -> None:
         assert (tmp_path / each).stat().st_size > 500, each
 
 
-def test_the_study_of_the_anti_trap_runs_to_its_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_study_of_the_anti_trap_runs_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     conditions = dict(list(anti_trap_study.CONDITIONS.items())[:2])
     for module in (anti_trap_study, anti_trap_page):
         monkeypatch.setattr(module, "GAPS", (1.0, 30.0))
@@ -105,12 +98,7 @@ def test_the_study_of_the_anti_trap_runs_to_its_end(
     assert (tmp_path / "anti-trap.png").stat().st_size > 10_000
 
 
-GAIN, TIME, DEAD, DELAY = (
-    0.4457,
-    0.0375,
-    0.222,
-    0.0084,
-)  # as docs/identification.md has the public motor
+GAIN, TIME, DEAD, DELAY = (0.4457, 0.0375, 0.222, 0.0084)  # as docs/identification.md has the public motor
 
 
 def motor_run(path: Path, volts: np.ndarray) -> None:
@@ -203,9 +191,7 @@ def test_the_pack_in_real_time_runs_to_its_end(
     assert "Beside two busy processes: " in told
 
 
-def test_the_pack_s_page_is_made_to_its_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_pack_s_page_is_made_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of one scenario and two of the mutants."""
     from liftgate_hil.testing import mutation, suite
     from tools.pack import page

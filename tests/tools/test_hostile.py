@@ -18,24 +18,11 @@ GENEROUS = ("--limit", "300", "--patience", "60")
 
 def campaign(work: Path, *flags: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "tools.hostile", "--work", str(work), *GENEROUS, *flags]
-    return subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, timeout=1200, check=False
-    )
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=1200, check=False)
 
 
 def test_mangled_files_are_told_or_taken(tmp_path: Path) -> None:
-    flags = (
-        "--files",
-        "30",
-        "--measurements",
-        "20",
-        "--recordings",
-        "5",
-        "--signals",
-        "0",
-        "--seed",
-        "7",
-    )
+    flags = ("--files", "30", "--measurements", "20", "--recordings", "5", "--signals", "0", "--seed", "7")
     done = campaign(tmp_path, *flags)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "55 cases, 0 with a fault" in done.stdout
@@ -50,9 +37,7 @@ def test_mangled_files_are_told_or_taken(tmp_path: Path) -> None:
 
 @pytest.mark.realtime
 def test_signals_at_any_moment_end_every_command_in_order(tmp_path: Path) -> None:
-    done = campaign(
-        tmp_path, "--files", "0", "--measurements", "0", "--recordings", "0", "--signals", "14"
-    )
+    done = campaign(tmp_path, "--files", "0", "--measurements", "0", "--recordings", "0", "--signals", "14")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "14 cases, 0 with a fault" in done.stdout
 
@@ -86,9 +71,7 @@ def test_what_breaks_the_contract_is_known(tmp_path: Path, outcome: Outcome, fau
         (b"a,b\n1,nan\n", "a row that is not finite"),
     ],
 )
-def test_a_recording_that_is_not_whole_is_known(
-    tmp_path: Path, content: bytes, fault: str | None
-) -> None:
+def test_a_recording_that_is_not_whole_is_known(tmp_path: Path, content: bytes, fault: str | None) -> None:
     (tmp_path / "out.csv").write_bytes(content)
     assert whole_outputs(tmp_path, ["out.csv"]) == ([f"out.csv: {fault}"] if fault else [])
     assert whole_outputs(tmp_path, ["out.log"]) == ["out.log: not written"]

@@ -79,14 +79,7 @@ def test_both_sides_of_the_comparison_solve_the_same_equations(tmp_path: Path, r
     start = REST._replace(angle=math.radians(versus.ANGLE_DEG))
     base = load_of(vehicle)._replace(latch_released=1.0)
     ours = trajectory(
-        plant_of(vehicle),
-        Sensors(),
-        base,
-        start,
-        MODELS["third-order"],
-        short["time_s"],
-        rows,
-        1e-4,
+        plant_of(vehicle), Sensors(), base, start, MODELS["third-order"], short["time_s"], rows, 1e-4
     )[:, [0, 2, 4]]
     # With a ripple the other side interpolates what we hold.
     allowed = (2e-3, 2e-3, 2e-4) if ripple == 0.0 else (0.2, 0.2, 2e-3)
@@ -109,17 +102,13 @@ def test_other_data_than_the_published_are_refused(tmp_path: Path):
         dc_motor.convert(source, tmp_path / "out.csv")
 
 
-def test_an_encoders_speed_is_read_as_the_counts_that_it_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_encoders_speed_is_read_as_the_counts_that_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     source = tmp_path / "DCmotor_step_open_exp.csv"
     speed = 63 / 2800 / 0.02 * 360.0  # 63 counts in 20 ms
     source.write_text(f"t,u,y\n0,1,{speed:.4f}\n0.02,1.5,{speed:.4f}\n")
     import hashlib
 
-    monkeypatch.setitem(
-        dc_motor.FILES, source.name, hashlib.sha256(source.read_bytes()).hexdigest()
-    )
+    monkeypatch.setitem(dc_motor.FILES, source.name, hashlib.sha256(source.read_bytes()).hexdigest())
     dc_motor.convert(source, tmp_path / "out.csv")
     rows = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)
     assert rows[:, 2] * 2800 * 0.02 == pytest.approx([63.0, 63.0])

@@ -84,9 +84,7 @@ def test_ends_switches_and_counts_stay_and_alike_drives_stay_alike() -> None:
     assert (other.motor.efficiency, other.thermal.enabled) == (1.0, 1.0)
     assert other.bridge.freewheeling == vehicle.left.bridge.freewheeling
     assert last_bits.off(vehicle.right, "drive") == other
-    assert moved(
-        vehicle.gate.gravity_point[0], last_bits.off(vehicle.gate, "gate").gravity_point[0]
-    )
+    assert moved(vehicle.gate.gravity_point[0], last_bits.off(vehicle.gate, "gate").gravity_point[0])
 
 
 @pytest.mark.usefixtures("active")

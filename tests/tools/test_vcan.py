@@ -51,8 +51,7 @@ def test_without_a_kernel_the_way_to_install_is_said(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("code", "status"),
-    [("raise SystemExit(3)", 3), ("import os; os.kill(os.getpid(), 9)", 137)],
+    ("code", "status"), [("raise SystemExit(3)", 3), ("import os; os.kill(os.getpid(), 9)", 137)]
 )
 def test_the_status_is_the_commands(code: str, status: int) -> None:
     assert native.run_native([], [sys.executable, "-c", code], None) == status

@@ -14,12 +14,8 @@ from liftgate_hil.config.rig import Rig
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption(
-        "--link-cycles", type=int, default=40, help="how often a link fault comes and goes"
-    )
-    parser.addoption(
-        "--load-seconds", type=float, default=15.0, help="how long a full bus is borne"
-    )
+    parser.addoption("--link-cycles", type=int, default=40, help="how often a link fault comes and goes")
+    parser.addoption("--load-seconds", type=float, default=15.0, help="how long a full bus is borne")
 
 
 @pytest.fixture
@@ -51,9 +47,7 @@ def bus(tmp_path: Path, seen: tuple[int, ...]) -> Iterator[Bus]:
     with log.open("w") as stream:
         # -D: stays where the interface goes down. A large buffer, so that whatever it misses was not sent.
         filters = "".join(f",{identifier:X}:7FF" for identifier in seen)
-        listener = subprocess.Popen(
-            ["candump", "-D", "-L", "-r", "8000000", f"vcan0{filters}"], stdout=stream
-        )
+        listener = subprocess.Popen(["candump", "-D", "-L", "-r", "8000000", f"vcan0{filters}"], stdout=stream)
         try:
             dumped = Bus(log)
             dumped.wait_for_listener()

@@ -11,15 +11,6 @@ pid = Path(sys.argv[1])
 if pid.is_file():
     with contextlib.suppress(ProcessLookupError):
         os.kill(int(pid.read_text()), signal.SIGKILL)
-command = [
-    sys.executable,
-    "-m",
-    "liftgate_hil",
-    "ecu",
-    "--bus",
-    "socketcan:vcan0",
-    "--no-requests",
-    "--quiet",
-]
+command = [sys.executable, "-m", "liftgate_hil", "ecu", "--bus", "socketcan:vcan0", "--no-requests", "--quiet"]
 ecu = subprocess.Popen(command, start_new_session=True)
 pid.write_text(str(ecu.pid))

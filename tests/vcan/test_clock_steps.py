@@ -27,9 +27,7 @@ def wall_clock() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("wall_clock")
-def test_steps_of_the_wall_clock_change_nothing(
-    tmp_path: Path, bus: Bus, rig: Rig, link_cycles: int
-) -> None:
+def test_steps_of_the_wall_clock_change_nothing(tmp_path: Path, bus: Bus, rig: Rig, link_cycles: int) -> None:
     record = tmp_path / "run.csv"
     with emulator(bus, "--json", "--record", str(record)) as gate:
         with sending(telling_commands(rig), 100.0) as ecu:

@@ -7,16 +7,7 @@ from pathlib import Path
 import cantools
 import pytest
 from hil_support import COMMAND, GATE, OPEN, both, command_frame
-from vcan_support import (
-    Bus,
-    emulator,
-    received,
-    run,
-    summary_of,
-    texts_of,
-    wait_for,
-    write_log,
-)
+from vcan_support import Bus, emulator, received, run, summary_of, texts_of, wait_for, write_log
 
 from liftgate_hil.config.rig import Rig
 
@@ -46,9 +37,7 @@ def test_one_command_and_then_silence_goes_stale(tmp_path: Path, bus: Bus, rig: 
     record = tmp_path / "run.csv"
     with emulator(bus, "--json", "--record", str(record)) as gate:
         run("cansend", "vcan0", *texts_of([command_frame(rig, 0, **both(60.0, OPEN, 1))]))
-        wait_for(
-            lambda: bus.last(rig, "BenchStatus")["EmulatorState"] == TIMEOUT, "no time-out was told"
-        )
+        wait_for(lambda: bus.last(rig, "BenchStatus")["EmulatorState"] == TIMEOUT, "no time-out was told")
         assert bus.last(rig, "BenchStatus")["CommandTimeouts"] == 1
         bus.settle()
         summary = summary_of(gate)

@@ -48,10 +48,7 @@ def test_every_message_comes_at_its_cycle(bus: Bus, rig: Rig) -> None:
         # Periods that a busy machine skipped can swallow a frame, at most one each.
         assert due - summary["overruns"] <= bus.count(identifier) <= due
     for name, identifier in (("LeftDrive", LEFT_DRIVE), ("RightDrive", RIGHT_DRIVE)):
-        counters = [
-            rig.messages[name].decode(frame.payload)["AliveCounter"]
-            for frame in bus.frames(identifier)
-        ]
+        counters = [rig.messages[name].decode(frame.payload)["AliveCounter"] for frame in bus.frames(identifier)]
         assert counters == [turn % 16 for turn in range(len(counters))]
     assert not any(summary["link"].values())
 
@@ -68,16 +65,11 @@ def test_a_log_turned_into_asc_is_read_whole(tmp_path: Path, bus: Bus) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_turns_the_motors_off_and_says_so(
-    tmp_path: Path, bus: Bus, rig: Rig, number: int
-) -> None:
+def test_a_signal_turns_the_motors_off_and_says_so(tmp_path: Path, bus: Bus, rig: Rig, number: int) -> None:
     commands = [command_frame(rig, turn, **both(60.0, OPEN, 1)) for turn in range(160)]
     played = write_log(tmp_path / "commands.log", texts_of(commands))
     record = tmp_path / "run.csv"
-    with (
-        emulator(bus, "--record", str(record)) as gate,
-        running("canplayer", "-l", "i", "-I", str(played)),
-    ):
+    with emulator(bus, "--record", str(record)) as gate, running("canplayer", "-l", "i", "-I", str(played)):
         bus.wait_for_more(GATE, 50)
         assert bus.last(rig, "LeftDrive")["HallCount"] > 10
         for _ in range(50):  # a machine that stands still for 100 ms makes a command time out

@@ -33,10 +33,7 @@ from liftgate_hil.config.rig import Rig
 
 DOWN, UP = "link set vcan0 down", "link set vcan0 up"
 GONE, THERE = "link del vcan0", "link add dev vcan0 mtu 72 type vcan"
-FAULTS = {
-    "down and up": ("is down", [DOWN], [UP]),
-    "gone and back": ("is gone", [GONE], [THERE, UP]),
-}
+FAULTS = {"down and up": ("is down", [DOWN], [UP]), "gone and back": ("is gone", [GONE], [THERE, UP])}
 FLAPS = {"gone and back twice": [GONE, THERE, GONE, THERE, UP]}
 OUTAGE = 0.06  # s, twice the commands' time-out
 AFTER = 10  # ticks from a loss's news to a command before it, where the machine stood still
@@ -161,9 +158,7 @@ def test_a_link_that_flaps_is_told_and_counted_once(
     assert sum(text.endswith("is back") for _, text in news) == link_cycles
 
 
-def test_an_interface_down_for_less_than_a_look_does_no_harm(
-    ip: Tool, bus: Bus, link_cycles: int
-) -> None:
+def test_an_interface_down_for_less_than_a_look_does_no_harm(ip: Tool, bus: Bus, link_cycles: int) -> None:
     """Not each of these is noticed, so how many are told is not judged."""
     with emulator(bus, "--json") as gate:
         held = gate.holds()
@@ -188,10 +183,7 @@ def test_a_burst_of_flaps_is_survived(ip: Tool, bus: Bus, link_cycles: int) -> N
     assert 1 <= summary["link"]["losses"] <= 2 * link_cycles
 
 
-RETURNS = {
-    "by its restart": [(ERROR_FRAME | RESTARTED, bytes(8))],
-    "by a frame of another": [(FOREIGN, b"")],
-}
+RETURNS = {"by its restart": [(ERROR_FRAME | RESTARTED, bytes(8))], "by a frame of another": [(FOREIGN, b"")]}
 
 
 def send(raw: socket.socket, frames: list[tuple[int, bytes]]) -> None:

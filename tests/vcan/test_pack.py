@@ -32,9 +32,7 @@ LATE_ECU, SWITCHED_ON = 0.02, 1.0
 def their(tmp_path: Path, rig: Rig) -> Iterator[Path]:
     """Our rig, with an ECU that is started anew."""
     pid = tmp_path / "pid"
-    text = (
-        Path(rig.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{rig.database}"')
-    )
+    text = Path(rig.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{rig.database}"')
     command = json.dumps([sys.executable, "-B", str(RESTART), str(pid)])
     path = tmp_path / "their.toml"
     path.write_text(f"{text}\n[reset]\ncommand = {command}\n", encoding="utf-8")
@@ -49,13 +47,7 @@ def judged(names: list[str], rig: Path, folder: Path) -> dict[str, list[dict[str
     report = folder / "verdicts.json"
     done = subprocess.run(
         [
-            *(
-                sys.executable,
-                "-m",
-                "liftgate_hil",
-                "test",
-                *[str(PACK / f"{name}.toml") for name in names],
-            ),
+            *(sys.executable, "-m", "liftgate_hil", "test", *[str(PACK / f"{name}.toml") for name in names]),
             *("--ecu", "bus", "--bus", "socketcan:vcan0", "--clock", "realtime", "--realtime"),
             *("--rig", str(rig), "--json", str(report)),
         ],
@@ -77,9 +69,7 @@ def was_late(bus: Bus) -> bool:
 
 
 @pytest.mark.parametrize("seen", [(GATE, BUTTON, COMMAND)], ids=[""], indirect=True)
-def test_the_pack_is_judged_as_on_the_free_clock_or_says_why_not(
-    bus: Bus, their: Path, tmp_path: Path
-) -> None:
+def test_the_pack_is_judged_as_on_the_free_clock_or_says_why_not(bus: Bus, their: Path, tmp_path: Path) -> None:
     """A machine of one CPU is late now and then, and so is the ECU on it: what fails there is no word on either.
     Where bench and ECU were in time, all is as on the free clock.
     """
@@ -94,7 +84,5 @@ def test_the_pack_is_judged_as_on_the_free_clock_or_says_why_not(
     # Whatever the machine does, an ECU was there, was asked on the bus, and moved the gate.
     pressed = {frame.payload[0] & 3 for frame in bus.frames(BUTTON)}
     assert {1, 2, 3} <= pressed
-    angles = [
-        int.from_bytes(frame.payload[:2], "little", signed=True) / 100 for frame in bus.frames(GATE)
-    ]
+    angles = [int.from_bytes(frame.payload[:2], "little", signed=True) / 100 for frame in bus.frames(GATE)]
     assert max(angles) > 60.0

@@ -176,9 +176,7 @@ def standstills(cycles: int) -> int:
 
 def write_log(path: Path, frames: Sequence[str]) -> Path:
     """A log for canplayer: one frame every command period."""
-    path.write_text(
-        "".join(f"({i * COMMAND_PERIOD:.6f}) vcan0 {frame}\n" for i, frame in enumerate(frames))
-    )
+    path.write_text("".join(f"({i * COMMAND_PERIOD:.6f}) vcan0 {frame}\n" for i, frame in enumerate(frames)))
     return path
 
 
@@ -191,18 +189,14 @@ SENDER = Path(__file__).with_name("sender.py")
 
 
 @contextlib.contextmanager
-def sending(
-    frames: Sequence[tuple[int, bytes]], rate: float, *more: str
-) -> Iterator[subprocess.Popen[str]]:
+def sending(frames: Sequence[tuple[int, bytes]], rate: float, *more: str) -> Iterator[subprocess.Popen[str]]:
     """A process that sends these frames over and over."""
     texts = [f"{identifier:X}#{payload.hex()}" for identifier, payload in frames]
     with running(sys.executable, "-ISB", str(SENDER), f"{rate}", *more, "--", *texts) as child:
         yield child
 
 
-def sent_by(
-    child: subprocess.Popen[str], number: int | None = signal.SIGTERM, seconds: float = 0.0
-) -> int:
+def sent_by(child: subprocess.Popen[str], number: int | None = signal.SIGTERM, seconds: float = 0.0) -> int:
     """How many frames a sender has sent at its end; `number` is the signal that ends it."""
     if number is not None:
         child.send_signal(number)

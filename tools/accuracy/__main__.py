@@ -45,9 +45,7 @@ def main() -> int:
             switched.append(other)
             if not other.is_met:
                 print(other, flush=True)
-    Path(args.output, "accuracy.md").write_text(
-        page_of(found) + bridges_of(switched), encoding="utf-8"
-    )
+    Path(args.output, "accuracy.md").write_text(page_of(found) + bridges_of(switched), encoding="utf-8")
     return 0
 
 

@@ -93,9 +93,7 @@ def vehicle_at(what: Point) -> Vehicle:
     for each in what.bridges:
         own = vehicle.left
         motor = own.motor._replace(resistance=each.resistance, inductance=each.inductance)
-        switching = own.bridge._replace(
-            diode_drop=each.drop, pwm_frequency=each.frequency, freewheeling=each.mode
-        )
+        switching = own.bridge._replace(diode_drop=each.drop, pwm_frequency=each.frequency, freewheeling=each.mode)
         sides.append(own._replace(motor=motor, bridge=switching))
     return vehicle._replace(left=sides[0], right=sides[-1])
 
@@ -115,8 +113,7 @@ def compared(number: int, what: Point, step: float, repeats: float = 0.0) -> Apa
     constant = vehicle.left.motor.speed_constant
     left, right = what.bridges[0], what.bridges[-1]
     state = state._replace(
-        left=state.left._replace(speed=left.emf / constant),
-        right=state.right._replace(speed=right.emf / constant),
+        left=state.left._replace(speed=left.emf / constant), right=state.right._replace(speed=right.emf / constant)
     )
     given = inputs(vehicle, DriveInput(left.duty, 0.0, 0.0), DriveInput(right.duty, 0.0, 0.0))
     advance = compiled(integrate.advance)
@@ -126,15 +123,9 @@ def compared(number: int, what: Point, step: float, repeats: float = 0.0) -> Apa
     exact = periodic(what.bridges, what.source, what.resistance, repeats)
     shown = dynamics.outputs(plant, state, given)
     worst = [0.0, 0.0, 0.0]
-    for own, drive, path in zip(
-        exact.currents, (state.left, state.right), (flow.left, flow.right), strict=False
-    ):
+    for own, drive, path in zip(exact.currents, (state.left, state.right), (flow.left, flow.right), strict=False):
         drawn = path.switching.drawn * path.mean + path.switching.drawn_beside
-        found = (
-            off(drive.current, own.mean),
-            off(current.effective(path, step), own.rms),
-            off(drawn, own.drawn),
-        )
+        found = (off(drive.current, own.mean), off(current.effective(path, step), own.rms), off(drawn, own.drawn))
         worst = [max(both) for both in zip(worst, found, strict=True)]
     return Apart(number, *worst, abs(shown.terminal_voltage - exact.terminal))
 

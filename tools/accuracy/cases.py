@@ -20,15 +20,7 @@ from tests.plant.runs import column, run_phases
 from tests.reference.event_solution import DriveInput, Obstacle, Phase
 
 NAMES = ("suv", "compact", "heavy-suv")
-TABLES = (
-    "motor",
-    "gear",
-    "spindle",
-    "spring",
-    "mechanism",
-    "friction",
-    "thermal",
-)  # of a drive in a file
+TABLES = ("motor", "gear", "spindle", "spring", "mechanism", "friction", "thermal")  # of a drive in a file
 # Largest factors by which the file's values are multiplied or divided.
 FACTORS = {
     "motor": {

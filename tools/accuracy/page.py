@@ -38,13 +38,9 @@ def page_of(found: Sequence[Errors]) -> str:
         what = {"current": "current", "angle": "angle, twist", "warmth": "temperatures"}[name]
         lines.append(f"| {what} [{unit}] | {' | '.join(cells)} |\n")
     if len(met) < len(solved):
-        lines.append(
-            "\nThose that do not:\n\n| case | current [mA rms] | angle [°] |\n|---|---|---|\n"
-        )
+        lines.append("\nThose that do not:\n\n| case | current [mA rms] | angle [°] |\n|---|---|---|\n")
         lines += [
-            f"| {each.number} | {each.current:.3f} | {each.angle:.5f} |\n"
-            for each in solved
-            if not each.is_met
+            f"| {each.number} | {each.current:.3f} | {each.angle:.5f} |\n" for each in solved if not each.is_met
         ]
     if len(solved) < len(found):
         lines.append("\nThe reference could not solve:\n\n")

@@ -14,10 +14,7 @@ from tools.accuracy.cases import Case, case
 
 STEP = 1e-3  # s
 TOLERANCE = 1e-9  # relative tolerance of the event-located solution
-CURRENT_BAR, ANGLE_BAR = (
-    2.0,
-    0.002,
-)  # mA rms, current of each drive; deg, largest error of angle and twist
+CURRENT_BAR, ANGLE_BAR = (2.0, 0.002)  # mA rms, current of each drive; deg, largest error of angle and twist
 
 
 class Errors(NamedTuple):

@@ -25,16 +25,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     travel = study.over_the_travel(own)
     many = study.of_many(args.cars, lambda each: each)
     trade = {
-        factor: study.of_many(
-            args.trade_cars, lambda each, factor=factor: study.widened(each, factor)
-        )
+        factor: study.of_many(args.trade_cars, lambda each, factor=factor: study.widened(each, factor))
         for factor in study.FACTORS
     }
     plain = next(iter(study.CONDITIONS))
-    energies = {
-        vehicle: study.energy_of(vehicle, travel[vehicle][plain].ratio)
-        for vehicle in study.VEHICLES
-    }
+    energies = {vehicle: study.energy_of(vehicle, travel[vehicle][plain].ratio) for vehicle in study.VEHICLES}
     page.written(args.output, travel, many, trade, study.by_rod(own), energies)
     return 0
 

@@ -9,18 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tools.anti_trap.study import (
-    CONDITIONS,
-    FACTORS,
-    FREE,
-    GAPS,
-    LIMIT,
-    RODS,
-    VEHICLES,
-    Energy,
-    Many,
-    speed_for,
-)
+from tools.anti_trap.study import CONDITIONS, FACTORS, FREE, GAPS, LIMIT, RODS, VEHICLES, Energy, Many, speed_for
 from tools.anti_trap.trials import DISTANCE, Outcome
 
 _INTRODUCTION = f"""# The reference ECU's anti-trap
@@ -132,8 +121,7 @@ def _trade(trade: Mapping[float, Mapping[str, Many]]) -> list[str]:
     ]
     for factor, found in trade.items():
         cells = [
-            f"{_largest(found[each]):.0f} N, {found[each].false} of {found[each].judged}"
-            for each in VEHICLES
+            f"{_largest(found[each]):.0f} N, {found[each].false} of {found[each].judged}" for each in VEHICLES
         ]
         lines.append(f"| {factor:g} | " + " | ".join(cells) + " |")
     return [*lines, ""]
@@ -171,9 +159,7 @@ def _rods(rods: Mapping[tuple[str, float], list[Any]], energies: Mapping[str, En
 
 
 def _draw(
-    path: Path,
-    travel: Mapping[str, Mapping[str, Outcome]],
-    trade: Mapping[float, Mapping[str, Many]],
+    path: Path, travel: Mapping[str, Mapping[str, Outcome]], trade: Mapping[float, Mapping[str, Many]]
 ) -> None:
     import matplotlib as mpl
 
@@ -188,9 +174,7 @@ def _draw(
         forces = [_largest(trade[factor][vehicle]) for factor in FACTORS]
         rates = [trade[factor][vehicle].false / trade[factor][vehicle].judged for factor in FACTORS]
         middle.plot(FACTORS, forces, colour, marker="o", markersize=3, label=vehicle)
-        right.plot(
-            FACTORS, np.maximum(rates, 1e-4), colour, marker="o", markersize=3, label=vehicle
-        )
+        right.plot(FACTORS, np.maximum(rates, 1e-4), colour, marker="o", markersize=3, label=vehicle)
     for panel in left, middle:
         panel.axhline(LIMIT, color="0.4", linestyle="--", linewidth=1.0)
         panel.set(ylabel="largest pinch force [N]", ylim=(0.0, None))

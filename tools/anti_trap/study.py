@@ -69,7 +69,7 @@ def slowed(calibration: Calibration, pace: float) -> Calibration:
     The creep speed is multiplied too, but it is not raised, nor reduced below 40 counts/s.
     """
     return coded(calibration, Coding(closing_speed=pace))._replace(
-        creep_speed=min(calibration.creep_speed, max(40.0, pace * calibration.creep_speed)),
+        creep_speed=min(calibration.creep_speed, max(40.0, pace * calibration.creep_speed))
     )
 
 
@@ -134,10 +134,7 @@ def by_rod(calibration: Calibration, gap: float = 35.0) -> dict[tuple[str, float
     The rod is at a gap [deg].
     """
     keys = [(vehicle, rod, pace) for vehicle in VEHICLES for rod in RODS for pace in PACES]
-    done = all_of(
-        (Car(vehicle), Trial(0, (gap,), rod), slowed(calibration, pace))
-        for vehicle, rod, pace in keys
-    )
+    done = all_of((Car(vehicle), Trial(0, (gap,), rod), slowed(calibration, pace)) for vehicle, rod, pace in keys)
     found: dict[tuple[str, float], list[Any]] = {}
     for (vehicle, rod, _), outcome in zip(keys, done, strict=True):
         found.setdefault((vehicle, rod), []).append((outcome.speeds[0], outcome.peaks[0]))

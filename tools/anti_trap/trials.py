@@ -19,13 +19,7 @@ from liftgate_hil.config.scenario import Scenario, load_scenario
 from liftgate_hil.config.variant import Variant
 from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.ecu.calibration import Calibration, coded
-from liftgate_hil.ecu.events import (
-    BLOCKED_CLOSING,
-    BLOCKED_OPENING,
-    TRAPPED_CLOSING,
-    TRAPPED_OPENING,
-    Event,
-)
+from liftgate_hil.ecu.events import BLOCKED_CLOSING, BLOCKED_OPENING, TRAPPED_CLOSING, TRAPPED_OPENING, Event
 from liftgate_hil.loop.closed_loop import Episode
 from liftgate_hil.loop.tick import constants_in
 from liftgate_hil.running.setup import loop_config_of, rig_of, setup_of, start_of
@@ -33,10 +27,7 @@ from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
 
 RATE = 1000.0  # Hz, ticks of the loop
-PERIOD, CLOSE = (
-    26.0,
-    12.0,
-)  # s, period with an opening and a closing; time in it at which closing is requested
+PERIOD, CLOSE = (26.0, 12.0)  # s, period with an opening and a closing; time in it at which closing is requested
 DISTANCE = 1.0  # m, distance of the gate's edge from the hinge
 LEARNING = 2  # openings and closings before anything is judged
 _FALSE = {BLOCKED_CLOSING, BLOCKED_OPENING, TRAPPED_CLOSING, TRAPPED_OPENING}
@@ -66,9 +57,7 @@ class Outcome(NamedTuple):
     false: int  # undisturbed openings and closings that were broken off
     peaks: tuple[float, ...]  # N, largest force at each gap; NaN: no touch
     missed: int  # gaps without a touch, because the closing was broken off before
-    speeds: tuple[
-        float, ...
-    ]  # m/s, speed of the edge at the first touch of each rod; NaN: no touch
+    speeds: tuple[float, ...]  # m/s, speed of the edge at the first touch of each rod; NaN: no touch
     ratio: float  # motor revolutions per radian of the gate, in the middle of the travel
     opening: float  # s, duration of the last opening for learning; NaN: not completed
     closing: float  # s, duration of the closing after it; NaN: not completed
@@ -119,11 +108,7 @@ def run(car: Car, trial: Trial, calibration: Calibration) -> Outcome:
     """Run one trial and return its outcome. Raises ConfigError for an unknown vehicle."""
     scenario, periods = _scenario(trial)
     setup = setup_of(
-        scenario,
-        vehicle=car.vehicle,
-        settings=car.settings,
-        seed=car.seed,
-        variant=Variant(draw=car.draw),
+        scenario, vehicle=car.vehicle, settings=car.settings, seed=car.seed, variant=Variant(draw=car.draw)
     )
     config = loop_config_of(setup.vehicle, _rig(), RATE, setup.seed)
     kept = _Kept()
@@ -143,8 +128,7 @@ def run(car: Car, trial: Trial, calibration: Calibration) -> Outcome:
 def _outcome(trial: Trial, told: Sequence[Sequence[Event]], rows: NDArray[np.float64]) -> Outcome:
     free = told[LEARNING : LEARNING + trial.free]
     touches = [
-        _touch(rows, PERIOD * k)
-        for k in range(LEARNING + trial.free, LEARNING + trial.free + len(trial.gaps))
+        _touch(rows, PERIOD * k) for k in range(LEARNING + trial.free, LEARNING + trial.free + len(trial.gaps))
     ]
     met = [each for each in touches if each is not None]
     last = _durations(told[LEARNING - 1])

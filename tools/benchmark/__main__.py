@@ -13,17 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from liftgate_hil.loop.statistics import told
-from tools.benchmark import (
-    costs,
-    episodes,
-    identification,
-    inactive,
-    lateness,
-    parts,
-    processes,
-    replays,
-    tables,
-)
+from tools.benchmark import costs, episodes, identification, inactive, lateness, parts, processes, replays, tables
 from tools.benchmark.checkouts import HERE, name_of
 from tools.benchmark.effort import SHORT, WHOLE, Effort
 from tools.benchmark.lateness import Pairs
@@ -72,14 +62,9 @@ def plot(path: Path, pairs: list[Pairs]) -> None:
     import matplotlib.pyplot as plt
     import numpy as np
 
-    figure, panels = plt.subplots(
-        2, len(pairs) // 2, figsize=(16, 7), sharex=True, sharey=True, squeeze=False
-    )
+    figure, panels = plt.subplots(2, len(pairs) // 2, figsize=(16, 7), sharex=True, sharey=True, squeeze=False)
     for panel, pair in zip(panels.T.flat, pairs, strict=True):
-        for runs, label, colour in (
-            (pair.ours, "liftgate-hil", "C0"),
-            (pair.theirs, "cyclictest", "C1"),
-        ):
+        for runs, label, colour in ((pair.ours, "liftgate-hil", "C0"), (pair.theirs, "cyclictest", "C1")):
             for number, run in enumerate(runs):
                 later = 1.0 - np.cumsum(run.number) / run.number.sum()
                 panel.step(
@@ -144,14 +129,9 @@ def episode_section(effort: Effort = WHOLE) -> list[str]:
             f"| {name} | **{each.ratio:.2f}** | {each.least_ratio:.2f} | {shown(each.episode)} "
             f"| {shown(each.plant)} |"
         )
+    lines += ["", "| `demo --clock free`, at the margin | × real time | × real time of CPU |", "|---|---|---|"]
     lines += [
-        "",
-        "| `demo --clock free`, at the margin | × real time | × real time of CPU |",
-        "|---|---|---|",
-    ]
-    lines += [
-        f"| {name} | **{pace.wall:.0f}** | {pace.cpu:.0f} |"
-        for name, pace in processes.paces(effort).items()
+        f"| {name} | **{pace.wall:.0f}** | {pace.cpu:.0f} |" for name, pace in processes.paces(effort).items()
     ]
     return [*lines, ""]
 
@@ -293,9 +273,7 @@ def identification_section(against: Path | None, effort: Effort = WHOLE) -> list
     ]
 
 
-def lateness_section(
-    folder: Path, rounds: int, seconds: float, effort: Effort = WHOLE
-) -> list[str]:
+def lateness_section(folder: Path, rounds: int, seconds: float, effort: Effort = WHOLE) -> list[str]:
     """Return the section about lateness against cyclictest, and write its figure benchmark.png."""
     conditions = lateness.CONDITIONS[: effort.conditions]
     pairs, delays = lateness.measure(rounds, seconds, conditions)
@@ -335,14 +313,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--seconds", type=float, default=3.0, help="of each run of the lateness")
     parser.add_argument(
-        "--against",
-        type=Path,
-        metavar="CHECKOUT",
-        help="another one, for starts, files and identify",
+        "--against", type=Path, metavar="CHECKOUT", help="another one, for starts, files and identify"
     )
-    parser.add_argument(
-        "--only-replays", action="store_true", help="print these two sections, and no more"
-    )
+    parser.add_argument("--only-replays", action="store_true", help="print these two sections, and no more")
     parser.add_argument("--only-files", action="store_true", help="print these three, and no more")
     parser.add_argument(
         "--short",
@@ -380,20 +353,12 @@ def cost_section(effort: Effort = WHOLE) -> list[str]:
     figures = costs.measure(effort)
     lines += [f"| {name} | {shown(value)} |" for name, value in figures.items()]
     hot = figures[costs.HOT]
-    return [
-        *lines,
-        f"| ticks a second that one core makes, with socket I/O | {1.0 / hot:,.0f} |",
-        "",
-    ]
+    return [*lines, f"| ticks a second that one core makes, with socket I/O | {1.0 / hot:,.0f} |", ""]
 
 
 def _files(roots: Sequence[Path], against: Path | None, effort: Effort) -> list[str]:
     """Return the sections in which another checkout can be compared with this one."""
-    return (
-        start_section(roots, effort)
-        + table_section(roots, effort)
-        + identification_section(against, effort)
-    )
+    return start_section(roots, effort) + table_section(roots, effort) + identification_section(against, effort)
 
 
 if __name__ == "__main__":

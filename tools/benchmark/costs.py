@@ -41,13 +41,7 @@ from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force
 from liftgate_hil.running.setup import loop_config_of, rig_from, start_of, vehicle_from
 from liftgate_hil.signals import Bench
 from liftgate_hil.stimuli.outside import Outside, outside_at
-from liftgate_hil.stimuli.stimulus_plan import (
-    StimulusPlan,
-    not_made,
-    received,
-    stimulus_plan_of,
-    turns,
-)
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, stimulus_plan_of, turns
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
@@ -174,14 +168,7 @@ def hot_tick(sent: int | None, effort: Effort = WHOLE) -> float:
         rounds = []
         for _ in range(effort.of(ROUNDS) + 1):
             nanoseconds = run(
-                config,
-                state,
-                params,
-                memory.shared,
-                make_room(),
-                peer,
-                10 if sent is None else 1,
-                count,
+                config, state, params, memory.shared, make_room(), peer, 10 if sent is None else 1, count
             )
             rounds.append(nanoseconds * 1e-9 / count)
         return rounds
@@ -196,9 +183,7 @@ def hot_tick(sent: int | None, effort: Effort = WHOLE) -> float:
             stimuli=nothing_around(config),
             is_last=1,
         )
-        peer = Peer(
-            theirs.fileno(), make_buffers(), command, empty_frames(16), np.zeros(16, dtype=np.int64)
-        )
+        peer = Peer(theirs.fileno(), make_buffers(), command, empty_frames(16), np.zeros(16, dtype=np.int64))
         with ThreadPoolExecutor(1) as pool:  # only this thread gets the priority
             rounds = pool.submit(in_thread).result()
     memory.close()
@@ -229,12 +214,8 @@ def measure(effort: Effort = WHOLE) -> dict[str, float]:
 
     steps = compiled(many_steps)
     steps(plant, state, inputs, 0.001, 1)
-    figures["step, compiled, in a loop"] = per_call(
-        lambda: steps(plant, state, inputs, 0.001, many), many, rounds
-    )
-    figures["step, plain Python"] = per_call(
-        lambda: many_steps(plant, state, inputs, 0.001, 200), 200, rounds
-    )
+    figures["step, compiled, in a loop"] = per_call(lambda: steps(plant, state, inputs, 0.001, many), many, rounds)
+    figures["step, plain Python"] = per_call(lambda: many_steps(plant, state, inputs, 0.001, 200), 200, rounds)
 
     config = loop_config_of(vehicle, rig, 1000.0, 0)
     loop_state = start_of(config)
@@ -256,18 +237,14 @@ def measure(effort: Effort = WHOLE) -> dict[str, float]:
 
     figures[HOT] = hot_tick(None, effort)
     figures["hot tick with a command read and one frame sent"] = hot_tick(1, effort)
-    figures["hot tick with a command read and three frames sent (the heaviest)"] = hot_tick(
-        3, effort
-    )
+    figures["hot tick with a command read and three frames sent (the heaviest)"] = hot_tick(3, effort)
     with_bus = portable_tick(one_tick, config, loop_state)
     figures["tick with python-can's virtual bus"] = per_call(lambda: with_bus(some), some, rounds)
 
     with tempfile.TemporaryDirectory() as folder:
         target = str(Path(folder) / "out.csv")
         arguments = ("simulate", "--voltage", "12", "--output", target)
-        figures["simulate, start to exit"] = whole_process(
-            *arguments, "--duration", "0.001", rounds=rounds
-        ).wall
+        figures["simulate, start to exit"] = whole_process(*arguments, "--duration", "0.001", rounds=rounds).wall
     figures["--help, start to exit"] = whole_process("--help", rounds=rounds).wall
     figures["emulator, start to exit with one tick"] = whole_process(
         "--bus", "virtual:bench", "--duration", "0.001", "--quiet", rounds=rounds
@@ -276,9 +253,7 @@ def measure(effort: Effort = WHOLE) -> dict[str, float]:
 
 
 def portable_tick(
-    one_tick: Callable[..., tuple[LoopState, Frames, object, object]],
-    config: LoopConfig,
-    state: LoopState,
+    one_tick: Callable[..., tuple[LoopState, Frames, object, object]], config: LoopConfig, state: LoopState
 ) -> Callable[[int], None]:
     """Return a function that runs a number of ticks of the Python loop without waiting, on a virtual bus.
 

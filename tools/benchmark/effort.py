@@ -10,9 +10,7 @@ class Effort(NamedTuple):
 
     rounds: int = 0  # rounds of a figure; 0: each section's own number
     ticks: int | None = None  # ticks of an episode; None: the demo's whole length
-    steps: int = (
-        200_000  # plant steps between two readings of the clock; ticks are fewer in proportion
-    )
+    steps: int = 200_000  # plant steps between two readings of the clock; ticks are fewer in proportion
     demos: int = 11  # demos in a row, compared with one, for the marginal pace
     cold_rounds: int = 3  # starts with an empty cache of machine code; 0: none, which costs nothing
     table_seconds: float = 3600.0  # s, model time of `simulate`

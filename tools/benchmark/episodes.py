@@ -28,13 +28,7 @@ from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode, Sink, Trace
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.tick import LoopConfig, constants_in
 from liftgate_hil.running.options import ticks_of
-from liftgate_hil.running.setup import (
-    loop_config_of,
-    rig_from,
-    scenario_from,
-    start_of,
-    vehicle_from,
-)
+from liftgate_hil.running.setup import loop_config_of, rig_from, scenario_from, start_of, vehicle_from
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, armed
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, stimulus_plan_of
 from liftgate_hil.stimuli.timeline import obstacle_at
@@ -103,18 +97,12 @@ class Bench(NamedTuple):
 
     def stimulus_plan(self) -> StimulusPlan:
         """Return the plan of all that acts from outside, as it is before the first tick."""
-        return stimulus_plan_of(
-            constants_in(self.config), self.scenario.stimuli, self.scenario.requests
-        )
+        return stimulus_plan_of(constants_in(self.config), self.scenario.stimuli, self.scenario.requests)
 
 
 @compilable
 def plant_steps(
-    config: LoopConfig,
-    plant: State,
-    memory: SensorState,
-    replay: Replay,
-    seen: NDArray[np.float64],
+    config: LoopConfig, plant: State, memory: SensorState, replay: Replay, seen: NDArray[np.float64]
 ) -> State:
     """Return the plant's state after its steps with sensors under recorded inputs.
 
@@ -134,9 +122,7 @@ def plant_steps(
         shown = dynamics.outputs(config.plant, plant, inputs)
         view = sensors.View(plant, inputs, shown, flow)
         when = sensors.tick_of(config.sensors, config.seed, k + 1, config.step)
-        memory, sensed = sensors.sense(
-            config.sensors, config.faults, config.plant, view, memory, when
-        )
+        memory, sensed = sensors.sense(config.sensors, config.faults, config.plant, view, memory, when)
         fill(seen[k % 2], 0, sensed)
     return plant
 
@@ -236,9 +222,7 @@ def cases(library: Path | None) -> list[Case]:
         Case("no ECU", Adapter),
     ]
     if library is not None:
-        found.insert(
-            2, Case("C ECU of tools/ecu", lambda rig, drives: LibraryEcu(library, rig, drives))
-        )
+        found.insert(2, Case("C ECU of tools/ecu", lambda rig, drives: LibraryEcu(library, rig, drives)))
     return found
 
 

@@ -81,6 +81,4 @@ def _measured(root: Path, path: Path, model: str, result: Path) -> Run:
 def _away(first: Path, second: Path) -> float:
     """Return the largest difference of two results' estimates, in the first one's standard deviations."""
     one, other = (json.loads(path.read_text())["parameters"] for path in (first, second))
-    return max(
-        abs(other[name]["value"] - each["value"]) / each["std"] for name, each in one.items()
-    )
+    return max(abs(other[name]["value"] - each["value"]) / each["std"] for name, each in one.items())

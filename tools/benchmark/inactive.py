@@ -98,9 +98,7 @@ def tick_of(path: Path, memory: Memory, ticks: int | None = None) -> float:
     control = memory.shared.control[0]
     control.rows = control.frames = control.bits = 0
     with ReferenceEcu(rig, setup.vehicle.drives) as adapter:
-        episode = Episode(
-            config, start_of(config), planned_stimuli(setup, rig), adapter, sinks, False, memory
-        )
+        episode = Episode(config, start_of(config), planned_stimuli(setup, rig), adapter, sinks, False, memory)
         episode.begin()
         if setup.scenario.expectations:  # compiles the judge, too
             sinks[-1].take(np.zeros((0, memory.shared.rows.shape[1])), memory.shared.frames[:0])
@@ -140,7 +138,5 @@ def table(found: Mapping[str, Figures]) -> list[str]:
     """Return the lines of a table of the figures."""
     lines = ["| the demo | tick | to that as it is | ratio of the minima |", "|---|---|---|---|"]
     for name, each in found.items():
-        lines.append(
-            f"| {name} | {1e9 * each.tick:.1f} ns | **{each.ratio:.3f}** | {each.least_ratio:.3f} |"
-        )
+        lines.append(f"| {name} | {1e9 * each.tick:.1f} ns | **{each.ratio:.3f}** | {each.least_ratio:.3f} |")
     return lines

@@ -123,8 +123,7 @@ class PairLine:
         self._ours.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         self.descriptor = self._ours.fileno()
         self._peer = subprocess.Popen(
-            [sys.executable, "-m", "tools.benchmark.peer", str(theirs.fileno())],
-            pass_fds=[theirs.fileno()],
+            [sys.executable, "-m", "tools.benchmark.peer", str(theirs.fileno())], pass_fds=[theirs.fileno()]
         )
         theirs.close()
 
@@ -242,9 +241,7 @@ def cyclictest_run(condition: Condition, seconds: float) -> Times:
         ]  # fmt: skip
         before = stolen_ms()
         with sharp_timers(condition.same_slack):
-            subprocess.run(
-                command, check=True, stdout=subprocess.DEVNULL, timeout=60 + 10 * seconds
-            )
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=60 + 10 * seconds)
         after = stolen_ms()
         thread = json.loads(report.read_text())["thread"]["0"]
     histogram = {int(late): int(number) for late, number in thread["histogram"].items()}

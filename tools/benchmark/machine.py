@@ -18,9 +18,7 @@ def machine() -> list[str]:
     info = Path("/proc/cpuinfo")
     if info.is_file():
         lines = info.read_text().splitlines()
-        model = next(
-            (x.partition(":")[2].strip() for x in lines if x.startswith("model name")), model
-        )
+        model = next((x.partition(":")[2].strip() for x in lines if x.startswith("model name")), model)
         flags = next((x for x in lines if x.startswith("flags")), "")
     where = "virtual machine" if " hypervisor" in flags else "no hypervisor"
     return [

@@ -104,9 +104,7 @@ def seconds_of(case: Case) -> float:
 def measure(rounds: int = ROUNDS) -> dict[str, Cost]:
     """Return the costs of the ideal gate (first), of it with each one part, and of the shipped SUV (last)."""
     cases = {"ideal": case_of(vehicle_from("suv", ideal=True))}
-    cases |= {
-        name: case_of(vehicle_from("suv", settings, ideal=True)) for name, settings in PARTS.items()
-    }
+    cases |= {name: case_of(vehicle_from("suv", settings, ideal=True)) for name, settings in PARTS.items()}
     cases["suv as shipped"] = case_of(vehicle_from("suv"))
     times: dict[str, list[float]] = {name: [] for name in cases}
     seconds_of(cases["ideal"])
@@ -117,9 +115,7 @@ def measure(rounds: int = ROUNDS) -> dict[str, Cost]:
     base = times["ideal"]
     return {
         name: Cost(
-            statistics.median(each),
-            min(each),
-            statistics.median(a / b for a, b in zip(each, base, strict=True)),
+            statistics.median(each), min(each), statistics.median(a / b for a, b in zip(each, base, strict=True))
         )
         for name, each in times.items()
     }

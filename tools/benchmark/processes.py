@@ -55,19 +55,13 @@ class Compile(NamedTuple):
     warm: Times
 
 
-def times_of(
-    *arguments: str, environment: Mapping[str, str] | None = None, root: Path = HERE
-) -> Times:
+def times_of(*arguments: str, environment: Mapping[str, str] | None = None, root: Path = HERE) -> Times:
     """Run a command of a checkout and return its times. Raises RuntimeError if the command fails."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", *arguments]
     with tempfile.TemporaryFile() as said:
         start = perf_counter()
         child = subprocess.Popen(
-            command,
-            cwd=HERE,
-            env={**environment_of(root), **(environment or {})},
-            stdout=said,
-            stderr=said,
+            command, cwd=HERE, env={**environment_of(root), **(environment or {})}, stdout=said, stderr=said
         )
         _, status, used = os.wait4(child.pid, 0)
         wall = perf_counter() - start
@@ -132,9 +126,7 @@ def paces(effort: Effort = WHOLE) -> dict[str, Pace]:
     }
 
 
-def compile_times(
-    arguments: Sequence[str], roots: Sequence[Path], effort: Effort = WHOLE
-) -> dict[Path, Compile]:
+def compile_times(arguments: Sequence[str], roots: Sequence[Path], effort: Effort = WHOLE) -> dict[Path, Compile]:
     """Return the median times of a command by checkout: with an empty cache, then with the entries it left there.
 
     The checkouts run in turns. Without cold rounds the user's own cache is used.
@@ -162,9 +154,7 @@ def compile_times(
     finally:
         os.close(ours)
         os.close(theirs)
-    return {
-        root: Compile(_median(cold[root]) if colds else None, _median(warm[root])) for root in roots
-    }
+    return {root: Compile(_median(cold[root]) if colds else None, _median(warm[root])) for root in roots}
 
 
 def _median(runs: Sequence[Times]) -> Times:

@@ -126,9 +126,7 @@ def lateness(arrivals: Floats, due: Floats) -> Floats:
     return 1e6 * (late - late.min())
 
 
-def measure(
-    bus: str, rounds: int = ROUNDS, seconds: float = SECONDS
-) -> dict[str, dict[str, list[float]]]:
+def measure(bus: str, rounds: int = ROUNDS, seconds: float = SECONDS) -> dict[str, dict[str, list[float]]]:
     """Return the quantiles SHARES of the lateness [µs] by player, as medians of the rounds.
 
     `arrived` is the lateness on the bus, `told` the lateness that `liftgate-hil replay` reports of itself.
@@ -162,13 +160,9 @@ def measure(
     }
 
 
-def _played(
-    command: Sequence[str], ear: Ear, seconds: float
-) -> tuple[subprocess.CompletedProcess[str], Floats]:
+def _played(command: Sequence[str], ear: Ear, seconds: float) -> tuple[subprocess.CompletedProcess[str], Floats]:
     try:
-        done = subprocess.run(
-            command, check=False, capture_output=True, text=True, timeout=seconds + _PATIENCE
-        )
+        done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=seconds + _PATIENCE)
     finally:
         arrivals = ear.close()
     return done, arrivals
@@ -184,27 +178,16 @@ def table(found: dict[str, dict[str, list[float]]]) -> list[str]:
     for name, figures in found["arrived"].items():
         lines.append(f"| {name} | " + " | ".join(f"{each:.0f}" for each in figures) + " |")
     for name, figures in found["told"].items():
-        lines.append(
-            f"| {name}, by its own word | " + " | ".join(f"{x:.0f}" for x in figures) + " |"
-        )
+        lines.append(f"| {name}, by its own word | " + " | ".join(f"{x:.0f}" for x in figures) + " |")
     return lines
 
 
-def on_vcan(
-    rounds: int = ROUNDS, seconds: float = SECONDS
-) -> dict[str, dict[str, list[float]]] | None:
+def on_vcan(rounds: int = ROUNDS, seconds: float = SECONDS) -> dict[str, dict[str, list[float]]] | None:
     """Return the result of `measure` on a real vcan0, None if there is no such machine or the run fails."""
     from liftgate_plant.compiler import cache_folder
 
     command = [sys.executable, "-m", "tools.vcan", "--out", str(cache_folder().parent), "--"]
-    command += [
-        sys.executable,
-        "-m",
-        "tools.benchmark.replays",
-        "--bus",
-        "socketcan:vcan0",
-        "--json",
-    ]
+    command += [sys.executable, "-m", "tools.benchmark.replays", "--bus", "socketcan:vcan0", "--json"]
     command += ["--rounds", str(rounds), "--seconds", str(seconds)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     return json.loads(done.stdout.splitlines()[-1]) if done.returncode == 0 else None

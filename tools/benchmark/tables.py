@@ -53,9 +53,7 @@ def written(arguments: list[str], output: Path, root: Path) -> Written:
     return Written(wall, cpu, 1024.0 * kilobytes, output.stat().st_size)
 
 
-def measure(
-    roots: Sequence[Path], seconds: float = SECONDS
-) -> dict[tuple[str, str, Path], Written]:
+def measure(roots: Sequence[Path], seconds: float = SECONDS) -> dict[tuple[str, str, Path], Written]:
     """Return the costs by (motion, suffix, checkout), for all formats that the checkout supports.
 
     At the open stop most columns are constant. A gate that is reversed again and again changes all columns that
@@ -82,8 +80,6 @@ def measure(
                         if root == HERE:  # this checkout supports all of them
                             raise
                         continue
-                    found[motion, suffix, root] = written(
-                        [*arguments, "--duration", f"{seconds:g}"], output, root
-                    )
+                    found[motion, suffix, root] = written([*arguments, "--duration", f"{seconds:g}"], output, root)
                     output.unlink()
     return found

@@ -148,8 +148,7 @@ def unflat(kind: Any, numbers: Iterator[float]) -> Any:
     """Return a NamedTuple of type `kind`, made of its scalars in order."""
     hints = typing.get_type_hints(kind)
     return kind._make(
-        unflat(hints[name], numbers) if is_struct(hints[name]) else next(numbers)
-        for name in kind._fields
+        unflat(hints[name], numbers) if is_struct(hints[name]) else next(numbers) for name in kind._fields
     )
 
 
@@ -190,9 +189,7 @@ def many_steps(plant: Plant, state: State, inputs: Inputs, step: float, count: i
     return state
 
 
-def many_restarts(
-    plant: Plant, start: State, inputs: Inputs, step: float, count: int, restarts: int
-) -> State:
+def many_restarts(plant: Plant, start: State, inputs: Inputs, step: float, count: int, restarts: int) -> State:
     """Repeat `count` steps from the same state, `restarts` times, and return the final state."""
     state = start
     for _ in range(restarts):
@@ -217,9 +214,7 @@ def points() -> dict[str, Point]:
     return {
         "moving open": Point(plant, initial_state(plant, 0.1), Inputs(opening, opening, free)),
         "at rest, latched": Point(plant, closed, Inputs(brake, brake, load)),
-        "closing onto a rod": Point(
-            plant, half, Inputs(closing, closing, free._replace(obstacle=rod))
-        ),
+        "closing onto a rod": Point(plant, half, Inputs(closing, closing, free._replace(obstacle=rod))),
         "at the open stop": Point(
             plant, initial_state(plant, vehicle.gate.open_angle), Inputs(opening, opening, free)
         ),
@@ -238,10 +233,7 @@ _OURS = ""
 
 
 def _figures(
-    point: Point,
-    libraries: dict[str, ctypes.CDLL],
-    restarts: Callable[..., State],
-    rounds: int,
+    point: Point, libraries: dict[str, ctypes.CDLL], restarts: Callable[..., State], rounds: int
 ) -> Figures:
     arrays = [array(part) for part in point]
 
@@ -264,8 +256,5 @@ def _figures(
     return Figures(
         statistics.median(times[_OURS]),
         {name: statistics.median(times[name]) for name in libraries},
-        {
-            name: [a / b for a, b in zip(times[_OURS], times[name], strict=True)]
-            for name in libraries
-        },
+        {name: [a / b for a, b in zip(times[_OURS], times[name], strict=True)] for name in libraries},
     )

@@ -14,18 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from tools.c_translator.errors import NotInSubsetError, Refused
 from tools.c_translator.names import BUILT_IN, fields_of, is_struct
-from tools.c_translator.values import (
-    AND,
-    CONDITION,
-    EQUAL,
-    OR,
-    ORDER,
-    POSTFIX,
-    PRODUCT,
-    SUM,
-    UNARY,
-    Value,
-)
+from tools.c_translator.values import AND, CONDITION, EQUAL, OR, ORDER, POSTFIX, PRODUCT, SUM, UNARY, Value
 
 if TYPE_CHECKING:
     from tools.c_translator.translate import Translation

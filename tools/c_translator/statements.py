@@ -166,9 +166,7 @@ class Function(Expressions):
         return f"const {kind} {name} = {text};"
 
 
-def names_in(
-    nodes: ast.AST | list[Any], context: type[ast.expr_context] = ast.expr_context
-) -> Counter[str]:
+def names_in(nodes: ast.AST | list[Any], context: type[ast.expr_context] = ast.expr_context) -> Counter[str]:
     """Return how often each name is mentioned in a piece of source, in one context or in all."""
     roots = nodes if isinstance(nodes, list) else [nodes]
     return Counter(

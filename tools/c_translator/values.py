@@ -40,8 +40,7 @@ class Value(NamedTuple):
         if place is Place.POINTER:
             prefix, place = f"{self.text}->", Place.CONSTANT
         return {
-            name: Value(prefix + c_name(name), kind, place=place)
-            for name, kind in fields_of(self.type).items()
+            name: Value(prefix + c_name(name), kind, place=place) for name, kind in fields_of(self.type).items()
         }
 
     def address(self) -> str:

@@ -29,14 +29,8 @@ A quantity is mapped by `quantity = "MESSAGE.SIGNAL"`, or by a table if the sign
 unit, scale or values."""
 
 _TOP = {
-    "dbc": (
-        "required",
-        "CAN database: a file beside the rig file, or a shipped one (`liftgate.dbc`)",
-    ),
-    "bitrate": (
-        "500000",
-        "bit rate with which the bus is opened, and to which the bus load is related",
-    ),
+    "dbc": ("required", "CAN database: a file beside the rig file, or a shipped one (`liftgate.dbc`)"),
+    "bitrate": ("500000", "bit rate with which the bus is opened, and to which the bus load is related"),
     "inputs": ("", "table: quantities that the gate receives, see below"),
     "outputs": ("", "table: quantities that the gate sends, see below"),
     "messages": ("", "a table for each message: cycle, time-out and protection, see below"),
@@ -48,16 +42,10 @@ _TOP = {
 _MAPPING = {
     "signal": ("required", "message and signal of the database"),
     "unit": ("the database's", "unit of scale · physical value + offset"),
-    "scale": (
-        "1",
-        "without `unit`: quantity = scale · physical value + offset, whatever unit the database has",
-    ),
+    "scale": ("1", "without `unit`: quantity = scale · physical value + offset, whatever unit the database has"),
     "offset": ("0", "see `scale`"),
     "values": ("", "enumerations: the signal's number or label for each value of the quantity"),
-    "saturates": (
-        "false",
-        "outputs: the signal's range may be too small; values beyond it saturate",
-    ),
+    "saturates": ("false", "outputs: the signal's range may be too small; values beyond it saturate"),
 }
 MESSAGE = {
     "cycle_ms": ("the database's `GenMsgCycleTime`", "cycle time of the message"),
@@ -97,9 +85,7 @@ _ANYWAY = {
     "checksum": _OWN_OR_TABLE,
     "data_id_nibble": _OWN,
     "dbc": "a DBC, ARXML, KCD or SYM file",
-    **dict.fromkeys(
-        (key for key in STATES if key != "window"), "a whole number from 0 to `window`"
-    ),
+    **dict.fromkeys((key for key in STATES if key != "window"), "a whole number from 0 to `window`"),
 }
 
 _CHECKSUM = """\
@@ -280,11 +266,7 @@ def rig_page() -> str:
         _ECU_RESET,
         "## `[inject.fault]`, `[inject.babbling]`, `[inject.request]`, `[inject.signal]`",
         _INJECT,
-        *(
-            part
-            for what, keys in ORDERS.items()
-            for part in (f"### `[inject.{what}]`", key_table(keys))
-        ),
+        *(part for what, keys in ORDERS.items() for part in (f"### `[inject.{what}]`", key_table(keys))),
         "## `[diagnostics]`",
         _DIAGNOSTICS,
         key_table(KEYS),

@@ -40,9 +40,7 @@ def mutate(rows: Sequence[Row]) -> int:
             why = survived(folder, row) if sound[row.test] else "its test fails without a change"
             wrong += bool(why)
             print(f"({row.number})  {row.where}: {row.text}  →  {row.mutant or 'nothing'}")
-            print(
-                f"    {'SURVIVED, ' + why if why else 'fails as it must'}: {row.test}", flush=True
-            )
+            print(f"    {'SURVIVED, ' + why if why else 'fails as it must'}: {row.test}", flush=True)
     print(f"{len(rows) - wrong} of {len(rows)} equations: their test fails when they are changed")
     return wrong
 
@@ -50,9 +48,7 @@ def mutate(rows: Sequence[Row]) -> int:
 def main() -> int:
     """Print the index, or test the changes of equations; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tools.equations", description=__doc__)
-    parser.add_argument(
-        "--mutate", nargs="*", metavar="NUMBER", help="change these equations, or all of them"
-    )
+    parser.add_argument("--mutate", nargs="*", metavar="NUMBER", help="change these equations, or all of them")
     chosen: list[str] | None = parser.parse_args().mutate
     unknown = sorted(set(chosen or ()) - set(NUMBERS))
     if unknown:

@@ -32,32 +32,18 @@ def main() -> int:
         prog="python -m tools.hostile", description=__doc__, allow_abbrev=False,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    parser.add_argument(
-        "--files", type=int, default=5000, metavar="N", help="mangled configurations"
-    )
-    parser.add_argument(
-        "--measurements", type=int, default=3000, metavar="N", help="mangled measurements"
-    )
-    parser.add_argument(
-        "--recordings", type=int, default=3000, metavar="N", help="mangled recordings"
-    )
-    parser.add_argument(
-        "--signals", type=int, default=300, metavar="N", help="signals at random moments"
-    )
+    parser.add_argument("--files", type=int, default=5000, metavar="N", help="mangled configurations")
+    parser.add_argument("--measurements", type=int, default=3000, metavar="N", help="mangled measurements")
+    parser.add_argument("--recordings", type=int, default=3000, metavar="N", help="mangled recordings")
+    parser.add_argument("--signals", type=int, default=300, metavar="N", help="signals at random moments")
     parser.add_argument("--seed", type=int, default=1, metavar="S")
     parser.add_argument("--work", type=Path, default=Path("out/hostile"), metavar="FOLDER")
     parser.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="at a time; not signals"
     )
-    parser.add_argument(
-        "--limit", type=float, default=60.0, metavar="S", help="that a case may take"
-    )
-    parser.add_argument(
-        "--patience", type=float, default=2.0, metavar="S", help="of CPU, to end after a signal"
-    )
-    parser.add_argument(
-        "--replay", metavar="NAME", help="one case again, e.g. config-17; says what comes of it"
-    )
+    parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="that a case may take")
+    parser.add_argument("--patience", type=float, default=2.0, metavar="S", help="of CPU, to end after a signal")
+    parser.add_argument("--replay", metavar="NAME", help="one case again, e.g. config-17; says what comes of it")
     args = parser.parse_args()
     # A forked child of a process with threads may hang, and nothing here needs the threads of OpenBLAS for speed.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -99,9 +85,7 @@ class Campaign:
         self._done[case.name] = faults
         self._codes[f"{case.name.partition('-')[0]} exit {outcome.code}"] += 1
         with self._path.open("a", encoding="utf-8") as stream:
-            stream.write(
-                json.dumps({"seed": self._seed, "name": case.name, "faults": faults}) + "\n"
-            )
+            stream.write(json.dumps({"seed": self._seed, "name": case.name, "faults": faults}) + "\n")
         if faults:
             keep(folder, case, outcome, faults)
             print(f"{case.name}: {case.what}: {'; '.join(faults)}: liftgate-hil {' '.join(case.arguments)[:200]}",
@@ -112,9 +96,7 @@ class Campaign:
     def tell(self) -> int:
         """Print the totals; return 1 if any case has a fault, else 0."""
         found = {name: faults for name, faults in self._done.items() if faults}
-        print(
-            f"{len(self._done)} cases, {len(found)} with a fault, {time.monotonic() - self._began:.0f} s"
-        )
+        print(f"{len(self._done)} cases, {len(found)} with a fault, {time.monotonic() - self._began:.0f} s")
         print(", ".join(f"{kind}: {count}" for kind, count in sorted(self._codes.items())))
         return int(bool(found))
 
@@ -137,9 +119,7 @@ def _files(args: argparse.Namespace, bases: object, campaign: Campaign) -> None:
         campaign.note(case, folder, outcome, faults_of_file(case, folder, outcome))
 
 
-def _file_case(
-    args: argparse.Namespace, bases: object, kind: str, number: int
-) -> tuple[Case, Path]:
+def _file_case(args: argparse.Namespace, bases: object, kind: str, number: int) -> tuple[Case, Path]:
     from tools.hostile import files
 
     folder = args.work / f"{kind}-{number}"

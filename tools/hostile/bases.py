@@ -52,16 +52,7 @@ class Bases:
         table.write_text(_input(), encoding="utf-8")
         simulated = ["simulate", "--input", str(table)]
         kept = self.folder / "m.csv"
-        demo = [
-            "demo",
-            "--clock",
-            "free",
-            "--duration",
-            "1.5",
-            "--quiet",
-            "--output",
-            str(self.folder),
-        ]
+        demo = ["demo", "--clock", "free", "--duration", "1.5", "--quiet", "--output", str(self.folder)]
         for suffix in ("asc", "blf", "trc", "mf4", "mcap", "parquet"):
             demo += ["--record", str(self.folder / f"bus.{suffix}")]
         own = str(self.folder / "demo.csv")
@@ -72,15 +63,7 @@ class Bases:
             ["validate", str(kept), "--quiet"],
             ["identify", str(kept), "--estimate", "motor.resistance", "--quiet"],
             ["compare", own, own, "--output", str(self.folder / "warm.png"), "--quiet"],
-            [
-                "replay",
-                str(self.folder / "demo.log"),
-                "--bus",
-                "virtual:warm",
-                "--to",
-                "0.1",
-                "--quiet",
-            ],
+            ["replay", str(self.folder / "demo.log"), "--bus", "virtual:warm", "--to", "0.1", "--quiet"],
             ["run", "--bus", "virtual:warm", "--clock", "free", "--duration", "0.05", "--quiet"],
             ["demo", "--duration", "0.05", "--no-record", "--quiet"],
         ]

@@ -14,9 +14,7 @@ class Case:
     name: str  # kind and number
     arguments: list[str]
     what: str  # description of how the file is mangled, or of the signal
-    outputs: list[str] = field(
-        default_factory=list
-    )  # files that must be complete if the exit code is 0
+    outputs: list[str] = field(default_factory=list)  # files that must be complete if the exit code is 0
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,5 @@ class Outcome:
 
 def keep(folder: Path, case: Case, outcome: Outcome, faults: list[str]) -> None:
     """Write a case, its outcome and its faults to CASE.json, beside the case's files."""
-    text = json.dumps(
-        {"case": asdict(case), "outcome": asdict(outcome), "faults": faults}, indent=1
-    )
+    text = json.dumps({"case": asdict(case), "outcome": asdict(outcome), "faults": faults}, indent=1)
     (folder / "CASE.json").write_text(text, encoding="utf-8")

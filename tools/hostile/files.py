@@ -53,8 +53,7 @@ def _monster(chance: random.Random, text: str) -> bytes:
             "x = " + "[" * many + "]" * many + "\n" + text,
             "x = " + "{a=" * many + "1" + "}" * many + "\n" + text,
             "".join(f"k{k} = {k}\n" for k in range(many)) + text,
-            text
-            + "".join(f"[[request]]\ntime = {k}\naction = 'open'\n" for k in range(many // 10)),
+            text + "".join(f"[[request]]\ntime = {k}\naction = 'open'\n" for k in range(many // 10)),
             f"{'n' * many * 10} = 1\n{text}",
             text + "\n[" + ".".join("b" * many) + "]\n",
             "#" * many * 100 + "\n" + text,
@@ -68,14 +67,7 @@ def _vehicle(bases: Bases, chance: random.Random, folder: Path) -> tuple[str, li
     output = ["--output", "out.csv"]
     call = chance.choices(
         [
-            [
-                "simulate",
-                "--voltage",
-                chance.choice(["12", "-12", "0"]),
-                "--duration",
-                "0.2",
-                *output,
-            ],
+            ["simulate", "--voltage", chance.choice(["12", "-12", "0"]), "--duration", "0.2", *output],
             ["demo", *_SHORT, "--no-record", "--record", "out.csv"],
             ["run", "--bus", "virtual:x", *_SHORT, "--record", "out.csv"],
             ["validate", str(bases.folder / "m.csv"), "--json"],
@@ -149,9 +141,7 @@ def measurement_case(bases: Bases, seed: int, number: int, folder: Path) -> Case
         path.write_text(text, encoding="utf-8", errors="replace")
         kind = "lines"
     else:
-        shutil.copy(
-            source, path.with_suffix(chance.choice([".csv", ".mf4", ".asc", ".xlsx", ".log"]))
-        )
+        shutil.copy(source, path.with_suffix(chance.choice([".csv", ".mf4", ".asc", ".xlsx", ".log"])))
         name, kind = next(each.name for each in folder.iterdir()), "another suffix"
     calls = [["validate", name, "--json"], ["validate", name, "--result", "r.json"]]
     if path.suffix in (".csv", ".mf4"):
@@ -196,13 +186,7 @@ def recording_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
         ["convert", name, f"out{chance.choice(_SUFFIXES)}", *chance.choice(rig)],
         ["compare", *chance.sample([name, sound], 2), *chance.choice([[], ["--json"]])],
         ["replay", name, *_PLAYED, *chance.choice(_PLAY_FLAGS)],
-        [
-            "plot",
-            name,
-            "--output",
-            chance.choice(["p.png", "p.svg", "p.html"]),
-            *chance.choice(rig),
-        ],
+        ["plot", name, "--output", chance.choice(["p.png", "p.svg", "p.html"]), *chance.choice(rig)],
         ["judge", name, "--scenario", str(bases.judged), "--rig", "liftgate"],
     ]
     arguments = chance.choices(calls, [4, 3, 4, 1, 1])[0]
@@ -233,15 +217,11 @@ def _table(chance: random.Random, text: str) -> str:
         if kind == 0:
             body[row][column] = chance.choice([*mangling.NUMBERS, "", "x", '"', "1e5"])
         elif kind == 1:
-            head[column] = chance.choice(
-                [*head, "", "left_current_ma", "voltage_v", "left_duty", "latched"]
-            )
+            head[column] = chance.choice([*head, "", "left_current_ma", "voltage_v", "left_duty", "latched"])
         elif kind == 2:  # a clock that jumps
             jump = chance.choice(["36000", "1.7e9", "1e306", "-5", "0.3"])
             for each in body[row:]:
-                each[0] = (
-                    repr(float(each[0] or 0) + float(jump)) if _is_number(each[0]) else each[0]
-                )
+                each[0] = repr(float(each[0] or 0) + float(jump)) if _is_number(each[0]) else each[0]
         elif kind == 3:  # a column in another unit
             factor = chance.choice([1e-324, 1e-300, 1e-3, 1e3, 1e6, 1e300, -1.0, 0.0])
             for each in body:
@@ -253,10 +233,7 @@ def _table(chance: random.Random, text: str) -> str:
             body[row] = body[row][: chance.randrange(len(head))]
         else:
             body[row], body[0] = body[0], body[row]
-        body = [
-            each if len(each) == len(head) else [*each, *[""] * len(head)][: len(head)]
-            for each in body
-        ]
+        body = [each if len(each) == len(head) else [*each, *[""] * len(head)][: len(head)] for each in body]
     separator = chance.choice([",", ",", ",", ";", "\t"])
     return "\n".join([separator.join(each) for each in [head, *body]]) + "\n"
 

@@ -14,13 +14,7 @@ NUMBERS = (
     "0", "1", "-1", "7", "64", "65", "255", "4294967296", "1e306", "-1e306", "5e-324", "1e400", "nan", "inf",
     "-inf", "1" + "0" * 400, "0x10", "1_000", "1.", ".5", "1,5", "１",
 )  # fmt: skip
-_TIMES = (
-    1,
-    1,
-    1,
-    2,
-    4,
-)  # numbers of changes of a file to choose from; of many, a call only gets to the first
+_TIMES = (1, 1, 1, 2, 4)  # numbers of changes of a file to choose from; of many, a call only gets to the first
 _SIGNS = "0123456789-+|@()[]{}\",.'=#$ MmZ:;xé\t\0\x1b\x7f"
 _REMOVE = object()
 VALUES: list[Any] = [
@@ -36,8 +30,7 @@ def literal(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, str):
         escaped = "".join(
-            each if each >= " " and each not in '"\\\x7f' else f"\\u{ord(each):04x}"
-            for each in value
+            each if each >= " " and each not in '"\\\x7f' else f"\\u{ord(each):04x}" for each in value
         )
         return f'"{escaped}"'
     if isinstance(value, list):
@@ -120,9 +113,7 @@ def content(chance: random.Random, raw: bytes) -> bytes:
     if kind == 3:
         return raw.replace(b"\n", chance.choice([b"\r\n", b"\r", b"\n\n", b"\0", b""]))
     if kind == 4:
-        return raw.decode("utf-8", "replace").encode(
-            chance.choice(["utf-16", "utf-16-le", "utf-32"])
-        )
+        return raw.decode("utf-8", "replace").encode(chance.choice(["utf-16", "utf-16-le", "utf-32"]))
     changed = bytearray(raw)
     for _ in range(chance.choice([1, 3, 30])):
         at = chance.randrange(len(changed) + 1)

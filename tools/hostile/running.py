@@ -34,12 +34,7 @@ class Child:
     """Running call of the command line."""
 
     def __init__(
-        self,
-        case: Case,
-        folder: Path,
-        limit: float,
-        is_forked: bool,
-        environment: Mapping[str, str] | None = None,
+        self, case: Case, folder: Path, limit: float, is_forked: bool, environment: Mapping[str, str] | None = None
     ) -> None:
         self.case, self.folder = case, folder
         self._began = time.monotonic()
@@ -92,15 +87,11 @@ class Child:
     def outcome(self) -> Outcome:
         """Return the outcome of the ended call, and remove the files of its output."""
         assert self._status is not None
-        out, err = (
-            path.read_text(encoding="utf-8", errors="backslashreplace") for path in self._said
-        )
+        out, err = (path.read_text(encoding="utf-8", errors="backslashreplace") for path in self._said)
         for path in self._said:
             path.unlink()
         seconds = time.monotonic() - self._began
-        return Outcome(
-            shell_code(self._status), out[:100_000], err[:100_000], seconds, self._is_late
-        )
+        return Outcome(shell_code(self._status), out[:100_000], err[:100_000], seconds, self._is_late)
 
 
 def _be_the_child(case: Case, folder: Path, said: list[Path]) -> None:

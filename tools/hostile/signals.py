@@ -91,9 +91,7 @@ def signal_case(
     if is_pythons_own(outcome):
         return case, outcome, []
     faults = common_faults(outcome)
-    used = (
-        0.0 if is_cold else child.used_since_signal()
-    )  # a compiler's earlier CPU time would count
+    used = 0.0 if is_cold else child.used_since_signal()  # a compiler's earlier CPU time would count
     if not is_over and (used > patience or took > _BUSY * patience):
         faults.append(f"it took {took:.2f} s to end, {used:.2f} s of CPU")
     if outcome.code not in _codes(command, SIGNALS[which], is_over):
@@ -109,9 +107,7 @@ def is_pythons_own(outcome: Outcome) -> bool:
     The program cannot prevent that.
     """
     text = outcome.stderr
-    return "KeyboardInterrupt" in text and "liftgate" not in text.replace(
-        "python -m liftgate_hil", ""
-    )
+    return "KeyboardInterrupt" in text and "liftgate" not in text.replace("python -m liftgate_hil", "")
 
 
 def _codes(command: Command, number: int, is_over: bool) -> set[int]:

@@ -38,12 +38,8 @@ def main() -> int:
     parser.add_argument("--output", default="docs", metavar="FOLDER")
     parser.add_argument("--seeds", type=int, default=200, metavar="N")
     parser.add_argument("--dc-motor", metavar="FOLDER", help="the public data; see dc_motor.py")
-    parser.add_argument(
-        "--short", action="store_true", help="leave out scipy with measured voltage"
-    )
-    parser.add_argument(
-        "--data", metavar="FOLDER", help="only write the generated measurements there"
-    )
+    parser.add_argument("--short", action="store_true", help="leave out scipy with measured voltage")
+    parser.add_argument("--data", metavar="FOLDER", help="only write the generated measurements there")
     args = parser.parse_args()
     if args.data:
         write_thesis_data(Path(args.data))
@@ -83,19 +79,12 @@ def _thesis(work: Path, output: Path) -> list[str]:
         "opening and a closing of the full plant with true values near what the thesis found, through "
         "sensors like its own "
         "(`tools/identification/measurements.py`). As in the thesis the seal's phase is cut and the data are "
-        "thinned out: `liftgate-hil identify opening.csv --preset thesis-1 "
-        + " ".join(thesis.CUT)
-        + "`.",
+        "thinned out: `liftgate-hil identify opening.csv --preset thesis-1 " + " ".join(thesis.CUT) + "`.",
     ]
     for number, (preset, found) in enumerate(thesis.RUNS.items(), 1):
         title = {1: "Table 4.1", 2: "Table 4.2", 3: "no table in the thesis"}[number]
         result = thesis.run(work, preset, *thesis.CUT)
-        lines += [
-            "",
-            f"### Run {number}, `--preset {preset}` ({title})",
-            "",
-            *thesis.table(result, found),
-        ]
+        lines += ["", f"### Run {number}, `--preset {preset}` ({title})", "", *thesis.table(result, found)]
     full = thesis.run(work, "thesis-1", "--model", "full")
     lines += [
         "",
@@ -145,10 +134,7 @@ def _versus(work: Path, short: bool) -> list[str]:
         "equations, same data, same unknowns (`tools/identification/versus.py`).",
         "",
     ]
-    cases = (
-        ("Four steps of voltage, 10 s", 0.0, 10.0),
-        ("A measured voltage (50 mV of noise), 2 s", 0.05, 2.0),
-    )
+    cases = (("Four steps of voltage, 10 s", 0.0, 10.0), ("A measured voltage (50 mV of noise), 2 s", 0.05, 2.0))
     for title, ripple, duration in cases:
         if short and ripple:
             continue

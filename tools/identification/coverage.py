@@ -48,10 +48,7 @@ class Case:
 CASES = (
     Case("third-order model, Gaussian noise", "third-order", tuple(TRUTH)[:4], False),
     Case(
-        "full plant, Gaussian noise, opening and closing",
-        "full",
-        ("motor.resistance", *tuple(TRUTH)[2:]),
-        False,
+        "full plant, Gaussian noise, opening and closing", "full", ("motor.resistance", *tuple(TRUTH)[2:]), False
     ),
     Case(
         "full plant, Hall counts and converters, opening and closing",
@@ -95,9 +92,7 @@ def scores(case: Case, seeds: int) -> Scores:
 def collected(case: Case, results: Sequence[tuple[list[float], list[bool]]]) -> Scores:
     """Return the results of `one` over all seeds as Scores."""
     return Scores(
-        case.estimate,
-        np.array([z for z, _ in results]),
-        np.array([told for _, told in results], dtype=np.bool_),
+        case.estimate, np.array([z for z, _ in results]), np.array([told for _, told in results], dtype=np.bool_)
     )
 
 
@@ -122,9 +117,7 @@ def _sensed(seed: int) -> list[Data]:
     vehicle = true_vehicle(TRUTH)
     found = []
     for name, volts, low, high in (("opening", 12.0, 5.0, 15.0), ("closing", -9.0, 65.0, 75.0)):
-        columns = measure(
-            vehicle, volts, float(rng.uniform(low, high)), 3.0, 2 * seed + (volts > 0)
-        )
+        columns = measure(vehicle, volts, float(rng.uniform(low, high)), 3.0, 2 * seed + (volts > 0))
         outputs = {
             "left_current_a": columns["left_current_a"],
             "left_position_rev": columns["left_hall_count"] / 4.0,
@@ -141,9 +134,7 @@ def _gaussian(model: str, seed: int) -> list[Data]:
     vehicle = true_vehicle(TRUTH)
     times = np.arange(round(4.0 * RATE) + 1) / RATE
     share = times / times[-1]
-    volts = np.select(
-        [share < 0.55, share < 0.65], [12.0 * np.minimum(1.0, times / 0.3), 0.0], -8.0
-    )
+    volts = np.select([share < 0.55, share < 0.65], [12.0 * np.minimum(1.0, times / 0.3), 0.0], -8.0)
     rows = rows_of({"left_voltage_v": volts}, len(times))
     base = load_of(vehicle)._replace(latch_released=1.0)
     start = REST._replace(angle=0.0 if model == "full" else 0.1)
@@ -165,9 +156,7 @@ def table(cases: Sequence[tuple[Case, Scores]]) -> list[str]:
         covered = found.covered_percent()
         for k, name in enumerate(found.names):
             z = found.z[:, k]
-            lines.append(
-                f"| {case.name} | `{name}` | {covered[k]:.1f} % | {np.mean(z):+.2f} | {np.std(z):.2f} |"
-            )
+            lines.append(f"| {case.name} | `{name}` | {covered[k]:.1f} % | {np.mean(z):+.2f} | {np.std(z):.2f} |")
         told = int(np.sum(found.told))
         lines.append(
             f"| {case.name} | all | **{float(np.mean(covered)):.1f} %** | worst of {told} identifiable | "

@@ -57,14 +57,7 @@ def convert(source: Path, target: Path) -> None:
     rows = np.loadtxt(source, delimiter=",", skiprows=1)
     counts = np.round(rows[:, 2] / 360.0 * _COUNTS * _PERIOD)
     columns = np.column_stack([rows[:, 0], rows[:, 1], counts / _COUNTS / _PERIOD])
-    np.savetxt(
-        target,
-        columns,
-        delimiter=",",
-        header="time_s,voltage_v,left_speed_rps",
-        comments="",
-        fmt="%.9g",
-    )
+    np.savetxt(target, columns, delimiter=",", header="time_s,voltage_v,left_speed_rps", comments="", fmt="%.9g")
 
 
 def measure(folder: Path, work: Path) -> Motor:
@@ -77,13 +70,7 @@ def measure(folder: Path, work: Path) -> Motor:
         "--save-vehicle", str(work / "found.toml"), "--result", str(work / "dc.json"),
     )  # fmt: skip
     other = _command(
-        "validate",
-        step,
-        "--vehicle",
-        str(work / "found.toml"),
-        *_FLAGS,
-        "--result",
-        str(work / "dc.json"),
+        "validate", step, "--vehicle", str(work / "found.toml"), *_FLAGS, "--result", str(work / "dc.json")
     )
     speed, inertia, load = (found["parameters"][name] for name in _ESTIMATE.split(","))
     constant = 2.0 * math.pi * inertia["value"] * _RESISTANCE / (_TORQUE_CONSTANT * speed["value"])
@@ -101,9 +88,7 @@ def measure(folder: Path, work: Path) -> Motor:
 
 
 def _command(*arguments: str) -> dict[str, Any]:
-    subprocess.run(
-        [sys.executable, "-P", "-m", "liftgate_hil", *arguments], check=True, timeout=600
-    )
+    subprocess.run([sys.executable, "-P", "-m", "liftgate_hil", *arguments], check=True, timeout=600)
     content: dict[str, Any] = json.loads(Path(arguments[-1]).read_text())
     return content
 

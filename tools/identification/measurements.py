@@ -51,9 +51,7 @@ def true_vehicle(truth: dict[str, float] | None = None) -> Vehicle:
     """Return the reference SUV with the true values, by default TRUTH."""
     vehicle = vehicle_from("suv")
     values = TRUTH if truth is None else truth
-    return with_values(
-        vehicle, [find_parameter(vehicle, name) for name in values], [*values.values()]
-    )
+    return with_values(vehicle, [find_parameter(vehicle, name) for name in values], [*values.values()])
 
 
 def pwm_voltage(times: Floats, full: float, supply: float, until: float) -> Floats:
@@ -64,12 +62,7 @@ def pwm_voltage(times: Floats, full: float, supply: float, until: float) -> Floa
 
 
 def measure(
-    vehicle: Vehicle,
-    volts: float,
-    angle_deg: float,
-    duration: float,
-    seed: int,
-    slope_deg: float = 0.0,
+    vehicle: Vehicle, volts: float, angle_deg: float, duration: float, seed: int, slope_deg: float = 0.0
 ) -> dict[str, Floats]:
     """Return the columns of one measurement: from rest at an angle, with `volts` on both motors after a ramp."""
     rng = np.random.default_rng(seed)
@@ -85,9 +78,7 @@ def measure(
     return columns
 
 
-def sensed(
-    times: Floats, voltage: Floats, out: Floats, rng: np.random.Generator
-) -> dict[str, Floats]:
+def sensed(times: Floats, voltage: Floats, out: Floats, rng: np.random.Generator) -> dict[str, Floats]:
     """Return the columns that the logger records of OUTPUTS (n, 7) under a motor voltage (n,) [V]."""
     current = out[:, 0] + CURRENT_NOISE * rng.standard_normal(len(times))
     angle = out[:, 6] + ANGLE_NOISE * rng.standard_normal(len(times))
@@ -106,9 +97,7 @@ def write_csv(path: Path, columns: dict[str, Floats]) -> None:
     with path.open("w", encoding="ascii", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(columns)
-        writer.writerows(
-            zip(*(column.round(9).tolist() for column in columns.values()), strict=True)
-        )
+        writer.writerows(zip(*(column.round(9).tolist() for column in columns.values()), strict=True))
 
 
 def write_thesis_data(folder: Path, seed: int = 2008) -> None:

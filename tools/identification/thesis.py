@@ -25,11 +25,7 @@ TABLE_4_2 = {
     "motor.speed_constant": (0.0776828, 0.000627679),
     "motor.efficiency": (0.960724, 0.0283763),
 }
-RUNS: dict[str, dict[str, tuple[float, float]]] = {
-    "thesis-1": TABLE_4_1,
-    "thesis-2": TABLE_4_2,
-    "thesis-3": {},
-}
+RUNS: dict[str, dict[str, tuple[float, float]]] = {"thesis-1": TABLE_4_1, "thesis-2": TABLE_4_2, "thesis-3": {}}
 
 
 def run(folder: Path, preset: str, *flags: str) -> dict[str, Any]:

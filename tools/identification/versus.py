@@ -40,9 +40,7 @@ ANGLE_DEG = 8.0  # angle at which the opening begins, above the seal
 _PIECES = 100  # largest number of different voltages for which each piece of constant voltage is solved by itself
 
 
-def make_data(
-    path: Path, ripple: float, duration: float = 10.0, seed: int = 1
-) -> dict[str, Floats]:
+def make_data(path: Path, ripple: float, duration: float = 10.0, seed: int = 1) -> dict[str, Floats]:
     """Write and return the columns of an opening, simulated by the third-order model, with Gaussian noise.
 
     The voltage is 6, 8, 5 and 7 V from 0, 2, 4 and 6 s on, with a ripple [V, standard deviation].
@@ -99,9 +97,7 @@ def ours(path: Path, result: Path, rounds: int = 5) -> Side:
     times = []
     for _ in range(rounds + 1):  # the first, not counted, fills the cache
         began = time.perf_counter()
-        subprocess.run(
-            command, check=True, timeout=600, preexec_fn=lambda: os.sched_setaffinity(0, {core})
-        )
+        subprocess.run(command, check=True, timeout=600, preexec_fn=lambda: os.sched_setaffinity(0, {core}))
         times.append(time.perf_counter() - began)
     content: dict[str, Any] = json.loads(result.read_text())
     values = np.array([content["parameters"][name]["value"] for name in NAMES])
@@ -114,9 +110,7 @@ def theirs(columns: dict[str, Floats]) -> Side:
     vehicle = vehicle_from("suv")
     parameters = [find_parameter(vehicle, name) for name in NAMES]
     initial = np.array([value_of(vehicle, each) for each in parameters])
-    measured = np.column_stack(
-        [columns[f"left_{name}"] for name in ("current_a", "speed_rps", "position_rev")]
-    )
+    measured = np.column_stack([columns[f"left_{name}"] for name in ("current_a", "speed_rps", "position_rev")])
 
     def residual(x: Floats) -> Floats:
         values = [float(value) for value in x * initial]
@@ -125,9 +119,7 @@ def theirs(columns: dict[str, Floats]) -> Side:
 
     low = np.array([each.quantity.low for each in parameters]) / initial
     high = np.array([each.quantity.high for each in parameters]) / initial
-    found = least_squares(
-        residual, np.ones(len(NAMES)), bounds=(low, high), x_scale="jac", diff_step=1e-4
-    )
+    found = least_squares(residual, np.ones(len(NAMES)), bounds=(low, high), x_scale="jac", diff_step=1e-4)
     return Side(time.perf_counter() - began, found.x * initial)
 
 

@@ -24,23 +24,11 @@ from liftgate_hil.testing.mutation import mutate
 from tools.busy import busy_processes
 from tools.pack import page
 
-_LOADS = {
-    "With nothing else": 0,
-    "Beside two busy processes": 2,
-}  # number of processes that never wait
+_LOADS = {"With nothing else": 0, "Beside two busy processes": 2}  # number of processes that never wait
 
 _LOOK_S = 60.0  # about as long as scenarios take, to see rare delays
 # Checks of `doctor` on how well the machine keeps time; the page itself explains what that means for tests.
-_TIMING = (
-    "kernel",
-    "CPUs",
-    "virtual machine",
-    "lateness",
-    "with --realtime",
-    "stolen time",
-    "--realtime",
-    "tick",
-)
+_TIMING = ("kernel", "CPUs", "virtual machine", "lateness", "with --realtime", "stolen time", "--realtime", "tick")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

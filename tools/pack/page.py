@@ -47,9 +47,7 @@ _MOST = 4  # scenarios that are named for a mutant
 def pack_page(outcomes: Sequence[Outcome], matrix: Matrix, seconds: float, jobs: int) -> str:
     """Return the page docs/pack.md; the scenarios took `seconds` with `jobs` at a time."""
     rows = [(code(_name(each)), each.verdict, _least(each), _reason(each)) for each in outcomes]
-    found = [
-        (code(each.name), each.meaning, _finders(matrix, each.name)) for each in MUTANTS.values()
-    ]
+    found = [(code(each.name), each.meaning, _finders(matrix, each.name)) for each in MUTANTS.values()]
     idle = [f"* {code(Path(file).stem)}: {name}" for file, name in matrix.prove_nothing]
     made = page(
         "The pack",
@@ -101,9 +99,7 @@ class Condition(NamedTuple):
     stolen: Mapping[str, float]  # %, share of each CPU's time that the machine's host took
 
 
-def realtime_page(
-    free: Sequence[Outcome], conditions: Sequence[Condition], checks: Sequence[Check]
-) -> str:
+def realtime_page(free: Sequence[Outcome], conditions: Sequence[Condition], checks: Sequence[Check]) -> str:
     """Return the page docs/pack-realtime.md, with the checks of `doctor` on the machine."""
     told = [(each.check, each.level, each.found) for each in checks]
     parts = []

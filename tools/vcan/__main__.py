@@ -30,18 +30,14 @@ from tools.vcan.uml import Machine, run_uml
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the parsed command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m tools.vcan",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog="python -m tools.vcan", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
         "--install",
         action="store_true",
         help="first install what is missing, then try the machine with COMMAND, or with none",
     )
-    parser.add_argument(
-        "--timeout", type=float, metavar="S", help="end COMMAND after S seconds; default: never"
-    )
+    parser.add_argument("--timeout", type=float, metavar="S", help="end COMMAND after S seconds; default: never")
     parser.add_argument(
         "--out",
         dest="outs",
@@ -66,9 +62,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         metavar="MIB",
         help="most memory of the User-Mode Linux machine; default: 1024",
     )
-    parser.add_argument(
-        "--verbose", "-v", action="store_true", help="show the machine's console and times"
-    )
+    parser.add_argument("--verbose", "-v", action="store_true", help="show the machine's console and times")
     parser.add_argument("command", nargs=argparse.REMAINDER, metavar="COMMAND ...")
     args = parser.parse_args(arguments)
     if args.command[:1] == ["--"]:

@@ -44,8 +44,7 @@ def _run_job(job_folder: str) -> None:
     mount("none", WORK / "job", "hostfs", data=job_folder)
     job = json.loads((WORK / "job/job.json").read_text())
     out, err, status = (
-        os.open(WORK / "job" / name, os.O_WRONLY | os.O_APPEND)
-        for name in ("stdout", "stderr", "status")
+        os.open(WORK / "job" / name, os.O_WRONLY | os.O_APPEND) for name in ("stdout", "stderr", "status")
     )
     load_modules(Path(job["modules"]))
     change_root(job["outs"])

@@ -6,15 +6,7 @@ import subprocess
 from pathlib import Path
 
 from tools.vcan.places import environment
-from tools.vcan.process import (
-    UnavailableError,
-    end_session,
-    exit_status,
-    say,
-    say_timeout,
-    spawn,
-    still_running,
-)
+from tools.vcan.process import UnavailableError, end_session, exit_status, say, say_timeout, spawn, still_running
 
 # Script for root of a new network namespace: brings up lo and the interfaces in $1, then becomes the command.
 # An MTU of 72 lets a vcan carry CAN FD; it carries classic frames as before.
@@ -42,11 +34,7 @@ def native_prefix(interfaces: list[str]) -> list[str]:
         prefix = [*way, "--", "sh", "-c", _SETUP, "vcan", " ".join(interfaces)]
         try:
             trial = subprocess.run(
-                [*prefix, "true"],
-                capture_output=True,
-                text=True,
-                check=False,
-                env=environment(os.environ),
+                [*prefix, "true"], capture_output=True, text=True, check=False, env=environment(os.environ)
             )
         except FileNotFoundError as error:
             raise UnavailableError("no unshare (apt-get install util-linux)") from error
@@ -58,9 +46,7 @@ def native_prefix(interfaces: list[str]) -> list[str]:
     raise UnavailableError(f"AF_CAN is here, but no vcan could be made: {why}")
 
 
-def run_native(
-    prefix: list[str], command: list[str], timeout: float | None, verbose: bool = False
-) -> int:
+def run_native(prefix: list[str], command: list[str], timeout: float | None, verbose: bool = False) -> int:
     """Run the command with that prefix for at most `timeout` seconds; return its exit status."""
     if verbose:
         way = " ".join(prefix[: prefix.index("--")]) if prefix else "the interfaces that are here"

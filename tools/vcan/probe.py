@@ -138,9 +138,7 @@ def ancillary() -> str:
         seconds, nanoseconds = struct.unpack("=qq", found[SO_TIMESTAMPNS])
         age = time.time_ns() - seconds * 10**9 - nanoseconds
         size = listener.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-        return (
-            f"{held} held of 3000 in {size} bytes, {lost} lost, time stamp {age / 1e3:.0f} µs old"
-        )
+        return f"{held} held of 3000 in {size} bytes, {lost} lost, time stamp {age / 1e3:.0f} µs old"
 
 
 def larger_buffer() -> str:

@@ -18,15 +18,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from tools.vcan.places import environment, find_program
-from tools.vcan.process import (
-    OWN_FAILURE,
-    UnavailableError,
-    end_session,
-    say,
-    say_timeout,
-    spawn,
-    still_running,
-)
+from tools.vcan.process import OWN_FAILURE, UnavailableError, end_session, say, say_timeout, spawn, still_running
 
 BOOT_LIMIT = 180.0  # s; usually 2 s, on a busy host more
 POWER_OFF_LIMIT = 30.0  # s

@@ -38,8 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="[NAME=]X",
-        help="largest difference that counts as equal, for all columns or for one; default: 0 "
-        "(repeatable)",
+        help="largest difference that counts as equal, for all columns or for one; default: 0 (repeatable)",
     )
     recordings.add_picture(parser, "none")
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
@@ -73,19 +72,14 @@ def run(args: argparse.Namespace) -> int:
         if target is not None:
             _draw(target, tables, found, columns, window)
     elif target is not None:
-        raise ConfigError(
-            f"--output {target}: allowed with recordings that hold rows, or with --rig"
-        )
+        raise ConfigError(f"--output {target}: allowed with recordings that hold rows, or with --rig")
     whole = not columns and args.from_s is None and args.to_s is None and args.rig is None
     if have_frames and whole:
         found = replace(found, frames=compare_frames(*sources))
     if args.json:
         print(json.dumps(_as_json(found), indent=2, allow_nan=False))
     elif not args.quiet:
-        for line in [
-            *_lines(found, (args.first, args.second)),
-            *([f"written: {target}"] if target else []),
-        ]:
+        for line in [*_lines(found, (args.first, args.second)), *([f"written: {target}"] if target else [])]:
             print(printable(line))
     return 0 if found.is_equal else 1
 
@@ -109,11 +103,7 @@ def _tolerances(given: Sequence[str]) -> tuple[float, dict[str, float]]:
 
 
 def _draw(
-    target: Path,
-    tables: tuple[Recording, Recording],
-    found: Comparison,
-    columns: Sequence[str],
-    window: Window,
+    target: Path, tables: tuple[Recording, Recording], found: Comparison, columns: Sequence[str], window: Window
 ) -> None:
     """Draw the requested columns, else those that differ, then the usual ones."""
     from liftgate_hil.conversion import picture
@@ -153,9 +143,7 @@ def _lines(found: Comparison, names: tuple[str, str]) -> list[str]:
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
     if found.columns:
         same = len(found.columns) - len(unlike)
-        lines.append(
-            f"{same} of {len(found.columns)} columns are the same in all {found.rows} rows"
-        )
+        lines.append(f"{same} of {len(found.columns)} columns are the same in all {found.rows} rows")
     for name, count, missing in zip(names, found.alone, found.missing, strict=True):
         if count:
             lines.append(f"{count} rows are only in {name}")
@@ -196,9 +184,5 @@ def _as_json(found: Comparison) -> dict[str, Any]:
         },
         "frames": None
         if frames is None
-        else {
-            "counts": list(frames.counts),
-            "first_unlike": frames.first,
-            "time_s": number(frames.time_s),
-        },
+        else {"counts": list(frames.counts), "first_unlike": frames.first, "time_s": number(frames.time_s)},
     }

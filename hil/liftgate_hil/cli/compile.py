@@ -34,9 +34,7 @@ def run(args: argparse.Namespace) -> int:
 
     stopped, teller = StopSignals(), Teller(args.quiet)
     if not compiler.enabled():
-        raise LiftgateError(
-            "the compiler is switched off (LIFTGATE_COMPILE=0); allowed: LIFTGATE_COMPILE not set"
-        )
+        raise LiftgateError("the compiler is switched off (LIFTGATE_COMPILE=0); allowed: LIFTGATE_COMPILE not set")
     try:
         with told_of_compiling(teller, stopped):
             for use in (_loops, _offline, _measurements, _replay):

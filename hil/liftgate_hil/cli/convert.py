@@ -22,13 +22,9 @@ from liftgate_hil.errors import printable
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     parser.add_argument("source", metavar="FILE", help="a recording, or a bus log of another tool")
+    parser.add_argument("target", metavar="OUT_FILE", help="the file to write; an existing one is replaced")
     parser.add_argument(
-        "target", metavar="OUT_FILE", help="the file to write; an existing one is replaced"
-    )
-    parser.add_argument(
-        "--rig",
-        metavar="NAME|FILE",
-        help="a rig, or its database: decodes the frames into a table of signals",
+        "--rig", metavar="NAME|FILE", help="a rig, or its database: decodes the frames into a table of signals"
     )
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 
@@ -40,9 +36,7 @@ def run(args: argparse.Namespace) -> int:
 
     done = convert(Path(args.source), Path(args.target), args.rig, stopped)
     if not done.is_complete:
-        print(
-            f"liftgate-hil convert: {stopped.name}: {args.target} is not written", file=sys.stderr
-        )
+        print(f"liftgate-hil convert: {stopped.name}: {args.target} is not written", file=sys.stderr)
         return stopped.exit_code
     if not args.quiet:
         for note in done.notes:

@@ -31,13 +31,9 @@ _MISSING = "not installed; allowed: with pip install 'liftgate-hil[dashboard]'"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     source = parser.add_mutually_exclusive_group()
-    source.add_argument(
-        "--attach", type=options.whole(1, 2**31), metavar="PID", help="process id of a run"
-    )
+    source.add_argument("--attach", type=options.whole(1, 2**31), metavar="PID", help="process id of a run")
     source.add_argument("--recording", metavar="FILE", help="a recording, or a bus log with --rig")
-    parser.add_argument(
-        "--rig", metavar="NAME|FILE", help="with --recording: the rig that decodes its frames"
-    )
+    parser.add_argument("--rig", metavar="NAME|FILE", help="with --recording: the rig that decodes its frames")
     options.add_listen(parser)
     # Set by a run with --dashboard: how long it may take to begin [s], and the socket to listen on.
     parser.add_argument("--patience", type=float, default=0.0, help=argparse.SUPPRESS)

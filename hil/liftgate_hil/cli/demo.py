@@ -55,18 +55,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_output(parser)
     options.add_dashboard(parser)
     options.add_ecu(parser, REFERENCE)
-    parser.add_argument(
-        "--ecu-serial", metavar="PORT[@BAUD]", help="the other end of --serial, for the ECU"
-    )
+    parser.add_argument("--ecu-serial", metavar="PORT[@BAUD]", help="the other end of --serial, for the ECU")
     parser.add_argument(
         "--output",
         default=".",
         metavar="FOLDER",
         help="folder for demo.log, demo.csv and demo.png, created if missing; default: .",
     )
-    parser.add_argument(
-        "--no-record", action="store_true", help="write no demo.log, demo.csv and demo.png"
-    )
+    parser.add_argument("--no-record", action="store_true", help="write no demo.log, demo.csv and demo.png")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -85,9 +81,7 @@ def run(args: argparse.Namespace) -> int:
     if is_whole and not _is_stopped(args, shown, stopped):
         busy = options.as_flags(busy_with(shown, is_ours))
     if busy and args.ecu == ON_A_BUS:
-        print(
-            f"{_TOO_BUSY}: {busy}. The run says nothing about the ECU", file=sys.stderr, flush=True
-        )
+        print(f"{_TOO_BUSY}: {busy}. The run says nothing about the ECU", file=sys.stderr, flush=True)
         mark = _DOES_NOT_COUNT
     elif busy:
         print(f"{_TOO_BUSY}: {busy}. {_AGAIN}", file=sys.stderr, flush=True)
@@ -115,9 +109,7 @@ def _shown(args: argparse.Namespace, stopped: StopSignals, has_wire: bool) -> Re
     return run_loop(args, stopped, has_wire, trace=_every(args, options.setup_of(args)))
 
 
-def _present(
-    args: argparse.Namespace, shown: Result, stopped: StopSignals, folder: Path, mark: str
-) -> None:
+def _present(args: argparse.Namespace, shown: Result, stopped: StopSignals, folder: Path, mark: str) -> None:
     """Write the pictures of the result `shown` and print it; `mark` is put into the pictures' title.
 
     --no-record, --quiet and --json each leave out a part. `stopped` is for the report only.
@@ -145,9 +137,7 @@ def event_of(shown: Result) -> PinchEvent | None:
 
 def _whole(args: argparse.Namespace) -> float | None:
     """Return the length of the whole run [s]; None: until stopped."""
-    return (
-        options.setup_of(args).scenario.duration if args.duration is None else float(args.duration)
-    )
+    return options.setup_of(args).scenario.duration if args.duration is None else float(args.duration)
 
 
 def _every(args: argparse.Namespace, setup: Setup) -> int:

@@ -30,9 +30,7 @@ if TYPE_CHECKING:
     from liftgate_hil.stimuli.requests import Request
 
 
-_EXIT_CODES = frozenset(
-    (0, 1, 2, 128 + signal.SIGINT, 128 + signal.SIGTERM)
-)  # exit codes of this command
+_EXIT_CODES = frozenset((0, 1, 2, 128 + signal.SIGINT, 128 + signal.SIGTERM))  # exit codes of this command
 _PATIENCE_NS = 2_000_000_000  # without a frame from the gate until a message reports the wait
 
 
@@ -54,9 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="ignore the scenario's requests, obey only those on the bus (the rig's [requests])",
     )
-    parser.add_argument(
-        "--drives", type=int, choices=(1, 2), default=2, help="drives of the gate; default: 2"
-    )
+    parser.add_argument("--drives", type=int, choices=(1, 2), default=2, help="drives of the gate; default: 2")
     parser.add_argument(
         "--coding",
         type=_coding,
@@ -70,9 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="seconds after the start; default: until stopped",
     )
-    parser.add_argument(
-        "--realtime", action="store_true", help="request FIFO scheduling; a refusal is reported"
-    )
+    parser.add_argument("--realtime", action="store_true", help="request FIFO scheduling; a refusal is reported")
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 
 
@@ -113,9 +107,7 @@ def run(args: argparse.Namespace) -> int:
         with (
             contextlib.suppress(GivenUpError),
             told_of_compiling(teller, stop),
-            adapter_for(
-                options.ecu_of(args), rig, args.drives, shares_clock=False, coding=args.coding
-            ) as adapter,
+            adapter_for(options.ecu_of(args), rig, args.drives, shares_clock=False, coding=args.coding) as adapter,
         ):
             _drive(args, rig, scenario, adapter, stop, teller)
     except EcuError as error:
@@ -124,12 +116,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _drive(
-    args: argparse.Namespace,
-    rig: Rig,
-    scenario: Scenario,
-    adapter: Adapter,
-    stop: StopSignals,
-    teller: Teller,
+    args: argparse.Namespace, rig: Rig, scenario: Scenario, adapter: Adapter, stop: StopSignals, teller: Teller
 ) -> None:
     """Run the ECU until it is stopped, or the duration is over."""
     from liftgate_hil.ecu.peer import Peer
@@ -148,21 +135,14 @@ def _drive(
     finally:
         transport.close()
         faults = [
-            f"{count} {name.replace('_', ' ')}"
-            for name, count in transport.counts()._asdict().items()
-            if count
+            f"{count} {name.replace('_', ' ')}" for name, count in transport.counts()._asdict().items() if count
         ]
         if faults:
             teller.say(f"link: {', '.join(faults)}")
 
 
 def _take_turns(
-    peer: Peer,
-    adapter: Adapter,
-    rig: Rig,
-    duration: float | None,
-    stop: StopSignals,
-    teller: Teller,
+    peer: Peer, adapter: Adapter, rig: Rig, duration: float | None, stop: StopSignals, teller: Teller
 ) -> None:
     """Poll the ECU for `duration` [s] from the start; None: until it is stopped."""
     gc.collect()  # collects garbage of the start now, not for some 50 ms during a motion
@@ -192,9 +172,7 @@ def _ask_for_priority(args: argparse.Namespace) -> None:
     from liftgate_hil.loop.priority import PRIORITY, ask_for_fifo, wake_sharply
 
     wake_sharply()
-    refused = ask_for_fifo(
-        PRIORITY
-    )  # the same as the gate's loop, so that this process never starves it
+    refused = ask_for_fifo(PRIORITY)  # the same as the gate's loop, so that this process never starves it
     if refused and not args.quiet:
         print(f"refused: {refused}", file=sys.stderr, flush=True)
 
@@ -214,7 +192,5 @@ def _requests(given: list[str]) -> list[Request]:
         if not 0.0 <= time_s <= 1e6:
             action = ""
         if action not in REQUESTS:
-            raise ConfigError(
-                f"`request` {text}: allowed: SECONDS:ACTION with {', '.join(REQUESTS)}"
-            )
+            raise ConfigError(f"`request` {text}: allowed: SECONDS:ACTION with {', '.join(REQUESTS)}")
     return requests

@@ -79,11 +79,7 @@ def add_model(parser: argparse.ArgumentParser) -> None:
 
 
 def problem_of(
-    args: argparse.Namespace,
-    vehicle: Vehicle,
-    model: str,
-    sought: Sequence[Sought],
-    outputs: str | None,
+    args: argparse.Namespace, vehicle: Vehicle, model: str, sought: Sequence[Sought], outputs: str | None
 ) -> tuple[Problem, tuple[str, ...]]:
     """Return the problem of these flags, and notes on what was done to the data. Raises ConfigError."""
     from liftgate_hil.cli.measurements import measurements_from
@@ -117,18 +113,12 @@ def problem_of(
         raise ConfigError(f"{', '.join(args.files)}: {error}") from error
     notes = [f"{args.vehicle}: with {setting}" for setting in args.settings]
     if not is_the_law(vehicle):
-        notes.append(
-            f"{args.vehicle}: the model omits how [friction] varies with travel, runs and age"
-        )
+        notes.append(f"{args.vehicle}: the model omits how [friction] varies with travel, runs and age")
     for measurement, each in zip(measurements, data, strict=True):
         notes += [f"{measurement.source}: {options.as_flags(note)}" for note in measurement.notes]
         if each.decimation is not None:
             said = [] if args.resample is None else [f"resampled to {args.resample:g} Hz"]
-            said += (
-                [f"decimated by {args.decimate} after a low-pass filter"]
-                if args.decimate > 1
-                else []
-            )
+            said += [f"decimated by {args.decimate} after a low-pass filter"] if args.decimate > 1 else []
             counts = f"{len(each.times)} samples of {len(each.rows)} rows"
             notes.append(f"{each.name}: {', '.join(said)}: {counts}")
     for each, begin in zip(data, problem.beginnings, strict=True):

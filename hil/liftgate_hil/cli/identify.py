@@ -39,21 +39,16 @@ _THESIS = "current,speed,position"
 PRESETS = {
     # §4.6.1, Table 4.1
     "thesis-1": Preset(
-        "motor.resistance,motor.inductance,motor.rotor_inertia,motor.load_torque",
-        "third-order",
-        _THESIS,
+        "motor.resistance,motor.inductance,motor.rotor_inertia,motor.load_torque", "third-order", _THESIS
     ),
     # §4.6.2, Table 4.2
     "thesis-2": Preset(
-        "motor.resistance,motor.inductance,motor.torque_constant,motor.speed_constant,"
-        "motor.efficiency",
+        "motor.resistance,motor.inductance,motor.torque_constant,motor.speed_constant,motor.efficiency",
         "third-order",
         _THESIS,
     ),
     # §4.6.3: the first run without the inductance
-    "thesis-3": Preset(
-        "motor.resistance,motor.rotor_inertia,motor.load_torque", "second-order", _THESIS
-    ),
+    "thesis-3": Preset("motor.resistance,motor.rotor_inertia,motor.load_torque", "second-order", _THESIS),
 }
 
 
@@ -69,9 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="parameters to estimate: keys of the vehicle file, e.g. motor.resistance,gear.backlash",
     )
     parser.add_argument(
-        "--preset",
-        choices=tuple(PRESETS),
-        help="parameters, model and outputs of the thesis (4.6.1 to 4.6.3)",
+        "--preset", choices=tuple(PRESETS), help="parameters, model and outputs of the thesis (4.6.1 to 4.6.3)"
     )
     parser.add_argument(
         "--bounds",
@@ -95,13 +88,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="standard deviation of the noise of current, speed, position or angle, in the column's unit; "
         "default: estimated (repeatable)",
     )
-    parser.add_argument(
-        "--profile", metavar="LIST", help="show the profile likelihood of these keys"
-    )
+    parser.add_argument("--profile", metavar="LIST", help="show the profile likelihood of these keys")
     parser.add_argument("--result", metavar="FILE.json", help="write the result")
-    parser.add_argument(
-        "--save-vehicle", metavar="FILE.toml", help="write the vehicle file with the estimates"
-    )
+    parser.add_argument("--save-vehicle", metavar="FILE.toml", help="write the vehicle file with the estimates")
     parser.add_argument("--html", metavar="FILE", help="write a report with plots")
     parser.add_argument(
         "--plan",
@@ -176,9 +165,7 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
         if name.startswith(("left.", "right.")) and part in wanted:
             issues.append(f"--estimate {name}: is part of {part}; allowed: one of them")
         if not same_on_both_sides(vehicle, parameter):
-            issues.append(
-                f"--estimate {name}: differs between the drives; allowed: left.{name}, right.{name}"
-            )
+            issues.append(f"--estimate {name}: differs between the drives; allowed: left.{name}, right.{name}")
         initial, quantity = value_of(vehicle, parameter), parameter.quantity
         low, high = bounds.pop(name, (quantity.low, quantity.high))
         if not quantity.low <= low < high <= quantity.high:
@@ -194,9 +181,7 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
         is_known = name in priors
         mean, std = priors.pop(name, (math.nan, math.inf))
         if is_known and not (math.isfinite(mean) and 0.0 < std < math.inf):
-            issues.append(
-                f"--prior {name}={mean:g}:{std:g}: allowed: a finite mean, a standard deviation above 0"
-            )
+            issues.append(f"--prior {name}={mean:g}:{std:g}: allowed: a finite mean, a standard deviation above 0")
         found[name] = Sought(parameter, initial, low, high, mean, std)
     issues += [f"--bounds {name}: not among --estimate" for name in bounds]
     issues += [f"--prior {name}: not among --estimate" for name in priors]
@@ -248,9 +233,7 @@ def _noise(args: argparse.Namespace, columns: Sequence[str]) -> NDArray[np.float
         given |= dict.fromkeys(fitting.KINDS[kind], std)
     missing = [name for name in columns if name not in given]
     if missing:
-        raise ConfigError(
-            f"--noise: not given for {', '.join(missing)}; allowed: all outputs, or none"
-        )
+        raise ConfigError(f"--noise: not given for {', '.join(missing)}; allowed: all outputs, or none")
     return np.array([given[name] for name in columns])
 
 
@@ -294,9 +277,7 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
         "std": [result.parameters[k].std for k in told],
         "covariance": result.covariance[told][:, told].tolist(),
         "not_identifiable": [each.name for each in result.parameters if not each.identifiable],
-        "fit_percent": {
-            key: value for key, value in content["fit_percent"].items() if value is not None
-        },
+        "fit_percent": {key: value for key, value in content["fit_percent"].items() if value is not None},
     }
     values = {result.parameters[k].name: result.parameters[k].value for k in told}
     source, variant = find_config("vehicles", args.vehicle), variant_of(args.draw, args.ideal)
@@ -322,10 +303,7 @@ def _check_saved(text: str, target: str, sought: Sequence[str], told: Mapping[st
     except ConfigError as error:
         kept = f"; {', '.join(untold)} kept the initial value" if untold else ""
         raise ConfigError(
-            [
-                f"{line}{kept}; allowed: --estimate without it, or another --set"
-                for line in error.issues
-            ]
+            [f"{line}{kept}; allowed: --estimate without it, or another --set" for line in error.issues]
         ) from error
 
 
@@ -344,9 +322,7 @@ def _plan(args: argparse.Namespace, origin: Provenance) -> int:
     kinds = list(dict.fromkeys(each.strip() for each in given.split(",")))
     unknown = [each for each in kinds if each not in fitting.KINDS]
     if unknown:
-        raise ConfigError(
-            [f"--outputs {each}: allowed: {', '.join(fitting.KINDS)}" for each in unknown]
-        )
+        raise ConfigError([f"--outputs {each}: allowed: {', '.join(fitting.KINDS)}" for each in unknown])
     columns = [fitting.KINDS[kind][0] for kind in kinds]
     result = plan(vehicle, model, sought, columns, candidates(vehicle, args.duration, 1000.0))
     # No page: --html is refused above.

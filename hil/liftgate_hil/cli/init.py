@@ -16,9 +16,7 @@ from pathlib import Path
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     parser.add_argument(
-        "folder",
-        metavar="FOLDER",
-        help="the folder to create; an existing one must be empty or a git repository",
+        "folder", metavar="FOLDER", help="the folder to create; an existing one must be empty or a git repository"
     )
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 

@@ -34,15 +34,11 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    parser.add_argument(
-        "recordings", nargs="+", metavar="RECORDING", help="recordings of one run, or of several"
-    )
+    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="recordings of one run, or of several")
     parser.add_argument(
         "--scenario", required=True, metavar="NAME|FILE", help="the scenario with the expectations"
     )
-    parser.add_argument(
-        "--one-run", action="store_true", help="all files belong to one run, whatever their names"
-    )
+    parser.add_argument("--one-run", action="store_true", help="all files belong to one run, whatever their names")
     add_map(parser)
     parser.add_argument("--vehicle", metavar="NAME|FILE", help="default: the scenario's, else suv")
     parser.add_argument(
@@ -115,18 +111,9 @@ def _about(args: argparse.Namespace) -> Expectations:
     mapping = parse_maps(args.maps, COLUMNS)
     with naming_the_flag():
         about = expectations_of(
-            args.scenario,
-            parameters=parameters_of(args.set_parameter),
-            vehicle=args.vehicle,
-            rig=args.rig,
+            args.scenario, parameters=parameters_of(args.set_parameter), vehicle=args.vehicle, rig=args.rig
         )
-    return replace(
-        about,
-        duration=args.duration,
-        mapping=mapping,
-        rate=args.rate,
-        longest_gap=args.longest_gap,
-    )
+    return replace(about, duration=args.duration, mapping=mapping, rate=args.rate, longest_gap=args.longest_gap)
 
 
 def _tell(outcome: Outcome, notes: Sequence[str], is_named: bool, args: argparse.Namespace) -> None:

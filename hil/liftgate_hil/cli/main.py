@@ -125,10 +125,7 @@ def _command(argv: Sequence[str] | None) -> int:
 
 def _fault_of(error: OSError) -> str:
     """Return what the system refused, on one line."""
-    if error.errno in (
-        errno.EMFILE,
-        errno.ENFILE,
-    ):  # the file that was opened last is not the cause
+    if error.errno in (errno.EMFILE, errno.ENFILE):  # the file that was opened last is not the cause
         return f"{error.strerror}; allowed: a limit of 64 or more (ulimit -n)"
     where = f"{error.filename}: " if error.filename else ""
     return f"{where}{error.strerror or error}"

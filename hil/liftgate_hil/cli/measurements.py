@@ -33,17 +33,10 @@ def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = 
     )
     add_map(parser)
     parser.add_argument(
-        "--rig",
-        default="liftgate",
-        metavar="NAME|FILE",
-        help="the rig that decodes bus logs; default: liftgate",
+        "--rig", default="liftgate", metavar="NAME|FILE", help="the rig that decodes bus logs; default: liftgate"
     )
-    parser.add_argument(
-        "--from", dest="start", type=_TIME, metavar="S", help="omit samples before this time"
-    )
-    parser.add_argument(
-        "--to", dest="end", type=_TIME, metavar="S", help="omit samples after this time"
-    )
+    parser.add_argument("--from", dest="start", type=_TIME, metavar="S", help="omit samples before this time")
+    parser.add_argument("--to", dest="end", type=_TIME, metavar="S", help="omit samples after this time")
     parser.add_argument(
         "--cut-angle",
         type=_angles,
@@ -63,9 +56,7 @@ def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = 
         metavar="N",
         help="keep every N-th sample of the outputs, after a low-pass filter",
     )
-    parser.add_argument(
-        "--drop-outliers", action="store_true", help="omit samples that are reported as outliers"
-    )
+    parser.add_argument("--drop-outliers", action="store_true", help="omit samples that are reported as outliers")
 
 
 def add_map(parser: argparse.ArgumentParser) -> None:
@@ -81,9 +72,7 @@ def add_map(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def measurements_from(
-    args: argparse.Namespace, vehicle: Vehicle, travel_only: bool = False
-) -> list[Measurement]:
+def measurements_from(args: argparse.Namespace, vehicle: Vehicle, travel_only: bool = False) -> list[Measurement]:
     """Return the measurements of all files, read, checked and conditioned.
 
     `travel_only` is for a model without seal and end stops: without `--cut-angle` the measurements are cut to the
@@ -141,10 +130,7 @@ def _travel(vehicle: Vehicle) -> tuple[float, float]:
 
 
 def _conditioned(
-    measurement: Measurement,
-    args: argparse.Namespace,
-    vehicle: Vehicle,
-    cut: tuple[float, float] | None,
+    measurement: Measurement, args: argparse.Namespace, vehicle: Vehicle, cut: tuple[float, float] | None
 ) -> Measurement:
     """Return the requested part of a measurement, checked. Raises ConfigError."""
     from liftgate_hil.measurement import checks, condition, quality

@@ -79,9 +79,7 @@ def add_options(parser: argparse.ArgumentParser, *names: str, **defaults: Any) -
 
 def add_bus(parser: argparse.ArgumentParser) -> None:
     """Add the flags for the bus or serial line."""
-    parser.add_argument(
-        "--bus", metavar="INTERFACE:CHANNEL[@BITRATE]", help="the CAN bus, e.g. socketcan:vcan0"
-    )
+    parser.add_argument("--bus", metavar="INTERFACE:CHANNEL[@BITRATE]", help="the CAN bus, e.g. socketcan:vcan0")
     parser.add_argument(
         "--serial",
         metavar="PORT[@BAUD]",
@@ -89,9 +87,7 @@ def add_bus(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-i", "--interface", help="python-can's interface, instead of --bus")
     parser.add_argument("-c", "--channel", help="python-can's channel, instead of --bus")
-    parser.add_argument(
-        "-b", "--bitrate", type=whole(1, 100_000_000), help="bit/s; default: the rig's"
-    )
+    parser.add_argument("-b", "--bitrate", type=whole(1, 100_000_000), help="bit/s; default: the rig's")
     parser.add_argument("--fd", action="store_true", help="open the bus for CAN FD")
     parser.add_argument(
         "--rig",
@@ -129,9 +125,7 @@ def add_setup(parser: argparse.ArgumentParser) -> None:
         help="where the gate starts; default: the scenario's, else closed",
     )
     parser.add_argument(
-        "--seed",
-        type=of_kind(SEED),
-        help="seed of noise and other random values; default: the scenario's, else 0",
+        "--seed", type=of_kind(SEED), help="seed of noise and other random values; default: the scenario's, else 0"
     )
 
 
@@ -149,9 +143,7 @@ def setup_of(args: argparse.Namespace) -> Setup:
     )
 
 
-def add_vehicle(
-    parser: argparse.ArgumentParser, default: str | None = "suv", told: str = "default: suv"
-) -> None:
+def add_vehicle(parser: argparse.ArgumentParser, default: str | None = "suv", told: str = "default: suv") -> None:
     """Add the flags for the vehicle."""
     parser.add_argument("--vehicle", default=default, metavar="NAME|FILE", help=told)
     parser.add_argument(

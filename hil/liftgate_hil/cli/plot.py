@@ -16,9 +16,7 @@ from liftgate_hil.errors import printable
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    parser.add_argument(
-        "recording", metavar="FILE", help="a recording, or a bus log of another tool"
-    )
+    parser.add_argument("recording", metavar="FILE", help="a recording, or a bus log of another tool")
     recordings.add_columns(parser, "angle, currents, pinch force and voltage, or the first few")
     recordings.add_picture(parser, "FILE.png")
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")

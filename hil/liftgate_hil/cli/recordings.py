@@ -31,17 +31,13 @@ def add_columns(parser: argparse.ArgumentParser, default: str) -> None:
             help=f"{told} at this time; default: the recording's {told}",
         )
     parser.add_argument(
-        "--rig",
-        metavar="NAME|FILE",
-        help="a rig, or its database: decodes the frames into signals",
+        "--rig", metavar="NAME|FILE", help="a rig, or its database: decodes the frames into signals"
     )
 
 
 def add_picture(parser: argparse.ArgumentParser, default: str) -> None:
     """Add the flag for the file of the picture."""
-    parser.add_argument(
-        "--output", metavar="FILE", help=f"the picture, .png, .svg or .html; default: {default}"
-    )
+    parser.add_argument("--output", metavar="FILE", help=f"the picture, .png, .svg or .html; default: {default}")
 
 
 def columns_of(args: argparse.Namespace) -> list[str]:

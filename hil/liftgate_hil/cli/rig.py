@@ -42,11 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         description="A first rig for a database: certain signals are mapped, uncertain ones are left to choose.",
     )
     draft.add_argument("database", metavar="DBC", help="the database: DBC, ARXML, KCD or SYM")
-    draft.add_argument(
-        "--output",
-        metavar="FILE",
-        help="the file to write; default, and with -: stdout",
-    )
+    draft.add_argument("--output", metavar="FILE", help="the file to write; default, and with -: stdout")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,12 +53,7 @@ def run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> int:
     from liftgate_hil.config.rig import read_rig
     from liftgate_hil.config.rig_fit import check_fit, notes_on_fit
-    from liftgate_hil.config.rig_table import (
-        asked_by,
-        injected_by,
-        mapped_messages,
-        protected_besides,
-    )
+    from liftgate_hil.config.rig_table import asked_by, injected_by, mapped_messages, protected_besides
     from liftgate_hil.config.shipped import find_config
 
     path = find_config("rigs", args.file, "FILE")
@@ -82,8 +73,7 @@ def _check(args: argparse.Namespace) -> int:
             "vehicle": args.vehicle,
             "rate": args.rate,
             "messages": [
-                {**each._asdict(), "signals": [signal._asdict() for signal in each.signals]}
-                for each in messages
+                {**each._asdict(), "signals": [signal._asdict() for signal in each.signals]} for each in messages
             ],
             "restbus_protection": others,
             "requests": asked,

@@ -63,17 +63,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="step of the simulation, 1e-5 to 5e-3; default: 0.001",
     )
     parser.add_argument(
-        "--every",
-        type=options.whole(1, 10**9),
-        default=1,
-        metavar="N",
-        help="write every N-th step; default: 1",
+        "--every", type=options.whole(1, 10**9), default=1, metavar="N", help="write every N-th step; default: 1"
     )
     parser.add_argument(
-        "--output",
-        default="-",
-        metavar="FILE",
-        help=".csv, .parquet, .mf4 or .mcap; default: CSV to stdout",
+        "--output", default="-", metavar="FILE", help=".csv, .parquet, .mf4 or .mcap; default: CSV to stdout"
     )
     parser.add_argument(
         "--edges",
@@ -129,9 +122,7 @@ def run(args: argparse.Namespace) -> int:
     with (
         told_of_compiling(Teller(is_quiet=False), stopped),
         contextlib.suppress(GivenUpError),
-        contextlib.nullcontext()
-        if edges is None
-        else contextlib.closing(EdgeFile("edges", edges)) as edge_file,
+        contextlib.nullcontext() if edges is None else contextlib.closing(EdgeFile("edges", edges)) as edge_file,
     ):
         _write(output, content, _rows_of(progress.over(blocks, stopped), edge_file))
     if progress.is_complete:

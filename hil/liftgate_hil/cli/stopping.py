@@ -12,9 +12,7 @@ from types import FrameType
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.errors import LiftgateError
 
-_PATIENCE_S = (
-    1.0  # for an ECU's code to return after a stop; after that another signal ends the process
-)
+_PATIENCE_S = 1.0  # for an ECU's code to return after a stop; after that another signal ends the process
 _LOOK_S = 0.2
 _HANG_S = 1.5  # the same for an ECU in machine code
 

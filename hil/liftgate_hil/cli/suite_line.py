@@ -68,11 +68,7 @@ class SuiteLine:
             parts = [f"{len(self._verdicts)}/{self._count} done"]
             parts += [
                 f"{self._verdicts.count(name)} {said}"
-                for name, said in (
-                    ("fail", "failed"),
-                    ("error", "with errors"),
-                    ("inconclusive", "inconclusive"),
-                )
+                for name, said in (("fail", "failed"), ("error", "with errors"), ("inconclusive", "inconclusive"))
                 if name in self._verdicts
             ]
             if self._running:

@@ -19,12 +19,8 @@ def add_reports(parser: argparse.ArgumentParser, and_what: str) -> None:
     """Add the flags for reports; `and_what` describes what else is in a folder of results."""
     parser.add_argument("--json", metavar="FILE", help="write the verdicts as JSON; -: to stdout")
     parser.add_argument("--junit", metavar="FILE", help="write the verdicts as JUnit XML")
-    parser.add_argument(
-        "--html", metavar="FILE", help="write a report with pictures: one file for any browser"
-    )
-    parser.add_argument(
-        "--results", metavar="FOLDER", help=f"write all three into this folder{and_what}"
-    )
+    parser.add_argument("--html", metavar="FILE", help="write a report with pictures: one file for any browser")
+    parser.add_argument("--results", metavar="FOLDER", help=f"write all three into this folder{and_what}")
 
 
 def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
@@ -49,9 +45,7 @@ def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
             if given == "-" and sys.stdout is None:
                 raise ConfigError(f"`{kind}` -: stdout is closed; allowed: a file")
             if given != "-" and not Path(given).parent.is_dir():
-                raise ConfigError(
-                    f"`{kind}` {given}: no such folder; allowed: a file in an existing folder"
-                )
+                raise ConfigError(f"`{kind}` {given}: no such folder; allowed: a file in an existing folder")
             if given != "-" and Path(given).is_dir():
                 raise ConfigError(f"`{kind}` {given}: is a folder; allowed: a file")
             found[kind].append(given)

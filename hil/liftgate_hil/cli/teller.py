@@ -118,11 +118,7 @@ def line_of(status: Status, width: int) -> str:
         f"{status.left_current_a:6.2f} A {status.right_current_a:6.2f} A",
         "no command" if age is None else f"command {1e3 * age:.0f} ms",
     ]
-    for name, count in (
-        ("overruns", status.overruns),
-        ("rejected", status.rejected),
-        ("foreign", status.foreign),
-    ):
+    for name, count in (("overruns", status.overruns), ("rejected", status.rejected), ("foreign", status.foreign)):
         if count:
             parts.append(f"{name} {count}")
     parts += [f"accepted {status.accepted}", f"sent {status.sent}"]

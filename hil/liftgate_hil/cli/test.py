@@ -48,10 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_set_parameter(parser)
     parser.add_argument(
-        "--jobs",
-        type=options.whole(1, 1024),
-        metavar="N",
-        help="run N scenarios at a time; default: one per CPU",
+        "--jobs", type=options.whole(1, 1024), metavar="N", help="run N scenarios at a time; default: one per CPU"
     )
     parser.add_argument(
         "--retry-inconclusive",
@@ -119,18 +116,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _mutated(
-    args: argparse.Namespace,
-    sound: Sequence[Outcome],
-    jobs: int,
-    stop: StopSignals,
-    teller: Teller,
+    args: argparse.Namespace, sound: Sequence[Outcome], jobs: int, stop: StopSignals, teller: Teller
 ) -> Matrix | None:
     """Run the scenarios against mutants; None: stopped before all were done."""
     from liftgate_hil.testing.mutation import mutate
 
-    matrix = mutate(
-        sound, jobs, stop, lambda done, count: teller.progress(f"{done}/{count} runs with mutants")
-    )
+    matrix = mutate(sound, jobs, stop, lambda done, count: teller.progress(f"{done}/{count} runs with mutants"))
     teller.clear()
     return None if stop.received else matrix
 
@@ -178,9 +169,7 @@ def naming_the_flag() -> Iterator[None]:
     try:
         yield
     except ConfigError as error:
-        raise ConfigError(
-            [line.replace("`parameters` ", "`set_parameter` ") for line in error.issues]
-        ) from None
+        raise ConfigError([line.replace("`parameters` ", "`set_parameter` ") for line in error.issues]) from None
 
 
 def parameters_of(given: Sequence[str]) -> dict[str, float]:

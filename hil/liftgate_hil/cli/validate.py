@@ -74,9 +74,7 @@ def _with_result(vehicle: Vehicle, path: Path) -> Vehicle:
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
         told = content["identifiable"]
-        values = {
-            name: float(each["value"]) for name, each in content["parameters"].items() if told[name]
-        }
+        values = {name: float(each["value"]) for name, each in content["parameters"].items() if told[name]}
     except OSError as error:
         raise ConfigError(f"--parameters {path}: cannot be read: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:

@@ -37,9 +37,7 @@ _LEAVE_S = 5.0  # s, time for the ECU's process to end
 _BEGIN_S = 600.0  # s until a run begins, which may have to be compiled before
 
 
-def run_loop(
-    args: argparse.Namespace, stopped: StopSignals, has_wire: bool = True, trace: int = 0
-) -> Result:
+def run_loop(args: argparse.Namespace, stopped: StopSignals, has_wire: bool = True, trace: int = 0) -> Result:
     """Run the gate with its ECU and return the result.
 
     Without a wire and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus it
@@ -79,9 +77,7 @@ def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) ->
     plan = plan.varied(job)
     with _ecu_process(args, plan.setup.vehicle, job.listener) as child:
         result = execute(plan, lambda: stopped() or child.has_ended())
-        events = child.end(
-            is_early=not stopped(), has_taken_part=bool(result.summary.received.accepted)
-        )
+        events = child.end(is_early=not stopped(), has_taken_part=bool(result.summary.received.accepted))
     return result if result.verdict == ERROR else replace(result, events=events)
 
 
@@ -153,9 +149,7 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _ecu_process(
-    args: argparse.Namespace, vehicle: Vehicle, teller: Listener
-) -> Iterator[EcuProcess]:
+def _ecu_process(args: argparse.Namespace, vehicle: Vehicle, teller: Listener) -> Iterator[EcuProcess]:
     """Context with `liftgate-hil ecu` on the same bus; the process ends with the context."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", "ecu"]
     command += ["--drives", str(vehicle.drives), "--ecu", args.ecu]

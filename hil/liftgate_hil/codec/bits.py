@@ -42,9 +42,7 @@ def place_at(places: Any, row: int) -> Place:
 
 
 @compilable
-def extract(
-    data: NDArray[np.uint8], row: int, byte: int, shift: int, length: int, stride: int
-) -> int:
+def extract(data: NDArray[np.uint8], row: int, byte: int, shift: int, length: int, stride: int) -> int:
     """Return up to 32 bits of a frame (row of `data`) as an unsigned number; other arguments: as in Place."""
     raw = int(np.int64(data[row, byte])) >> shift
     have = 8 - shift
@@ -56,15 +54,7 @@ def extract(
 
 
 @compilable
-def insert(
-    data: NDArray[np.uint8],
-    row: int,
-    byte: int,
-    shift: int,
-    length: int,
-    stride: int,
-    raw: int,
-) -> None:
+def insert(data: NDArray[np.uint8], row: int, byte: int, shift: int, length: int, stride: int, raw: int) -> None:
     """Write up to 32 bits into a frame (row of `data`) and leave the other bits as they are."""
     left = length
     while left > 0:

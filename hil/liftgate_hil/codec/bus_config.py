@@ -17,16 +17,7 @@ from liftgate_hil.codec.bits import Place, write_number
 from liftgate_hil.codec.frames import EXTENDED, FD, MAX_BYTES
 from liftgate_hil.codec.multiplexing import MAX_PAGES, is_on, multiplexer_values, pages_of
 from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
-from liftgate_hil.codec.tables import (
-    END_TO_END,
-    MESSAGE,
-    NAME,
-    OWN_CHECKSUM,
-    PLACE,
-    SELECTOR,
-    SIGNAL,
-    BusConfig,
-)
+from liftgate_hil.codec.tables import END_TO_END, MESSAGE, NAME, OWN_CHECKSUM, PLACE, SELECTOR, SIGNAL, BusConfig
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import PANEL
 from liftgate_plant import signals
@@ -93,11 +84,7 @@ def physical_range(signal: Signal) -> tuple[float, float]:
     ends = [factor * raw + offset for raw in raw_range(signal)]
     low, high = min(ends), max(ends)
     # A DBC writes [0|0] for no range.
-    if (
-        signal.minimum is not None
-        and signal.maximum is not None
-        and signal.minimum < signal.maximum
-    ):
+    if signal.minimum is not None and signal.maximum is not None and signal.minimum < signal.maximum:
         low, high = max(low, float(signal.minimum)), min(high, float(signal.maximum))
     return low, high
 
@@ -124,17 +111,13 @@ def build_bus_config(
     for name, own in wires.items():
         message = messages[name]
         if message.length > MAX_BYTES:
-            issues.add(
-                name, f"{message.length} bytes; allowed: a message of one frame, up to {MAX_BYTES}"
-            )
+            issues.add(name, f"{message.length} bytes; allowed: a message of one frame, up to {MAX_BYTES}")
             continue
         start = start_payload(message)
         first = len(tables.signals)
         pages = pages_of(message, [wire.signal for wire in own])
         if len(pages) > MAX_PAGES:
-            issues.add(
-                name, f"{len(pages)} multiplexer values are mapped; allowed: up to {MAX_PAGES}"
-            )
+            issues.add(name, f"{len(pages)} multiplexer values are mapped; allowed: up to {MAX_PAGES}")
             continue
         for wire in own:
             signal = message.get_signal_by_name(wire.signal)
@@ -261,10 +244,7 @@ def _check_overlap(
         (own.e2e.nibble if own.e2e is not None else None, "the data ID's nibble"),
     ):
         if signal in taken:
-            issues.add(
-                f"messages.{name}",
-                f"{signal} is {taken[signal]} and {what}; allowed: one use per signal",
-            )
+            issues.add(f"messages.{name}", f"{signal} is {taken[signal]} and {what}; allowed: one use per signal")
         if signal is not None:
             taken[signal] = what
     for wire in mappings:
@@ -300,9 +280,7 @@ def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -
     }
 
 
-def _enumeration(
-    wire: SignalMapping, signal: Signal, quantity: signals.Signal
-) -> list[tuple[float, float]]:
+def _enumeration(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -> list[tuple[float, float]]:
     """Return pairs of a quantity's value and its physical value, where the mapping names them."""
     labels = {str(label): float(raw) for raw, label in (signal.choices or {}).items()}
     factor, offset = _conversion(signal)

@@ -26,9 +26,7 @@ PROFILES = {"e2e-p01": E2E_P01, "e2e-p02": E2E_P02, "e2e-p05": E2E_P05}
 
 
 @outlined
-def profile_checksum(
-    table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int
-) -> int:
+def profile_checksum(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
     """Return the checksum that a frame (row of `data`) of an E2E profile must have.
 
     `table` is its row of tables.MESSAGE, `profile` that of tables.END_TO_END.
@@ -65,9 +63,7 @@ def checksum(table: Any, data: NDArray[np.uint8], row: int) -> int:
 
 
 @compilable
-def expected_checksum(
-    bus: BusConfig, message: int, counter: int, data: NDArray[np.uint8], row: int
-) -> int:
+def expected_checksum(bus: BusConfig, message: int, counter: int, data: NDArray[np.uint8], row: int) -> int:
     """Return the checksum that a frame (row of `data`) must have; its message must be one with a checksum."""
     table = bus.messages[message]
     if table.kind == OWN:
@@ -84,16 +80,12 @@ def checksum_in(bus: BusConfig, message: int, data: NDArray[np.uint8], row: int)
 
 
 @compilable
-def write_checksum(
-    bus: BusConfig, message: int, data: NDArray[np.uint8], row: int, value: int
-) -> None:
+def write_checksum(bus: BusConfig, message: int, data: NDArray[np.uint8], row: int, value: int) -> None:
     """Write a checksum into a frame."""
     insert_long(data, row, place_at(bus.places, bus.messages[message].checksum), value)
 
 
 @compilable
-def put_checksum(
-    bus: BusConfig, message: int, counter: int, data: NDArray[np.uint8], row: int
-) -> None:
+def put_checksum(bus: BusConfig, message: int, counter: int, data: NDArray[np.uint8], row: int) -> None:
     """Write the correct checksum into a frame that already contains its counter."""
     write_checksum(bus, message, data, row, expected_checksum(bus, message, counter, data, row))

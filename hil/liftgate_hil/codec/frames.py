@@ -16,24 +16,7 @@ from liftgate_plant.compiler import compilable
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 FD = 0x100000000
 MAX_BYTES = 64  # CAN FD
-LENGTHS = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-    7,
-    8,
-    12,
-    16,
-    20,
-    24,
-    32,
-    48,
-    64,
-)  # of payloads, by DLC (ISO 11898-1)
+LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)  # of payloads, by DLC (ISO 11898-1)
 
 
 class Frames(NamedTuple):

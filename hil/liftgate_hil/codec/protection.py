@@ -101,9 +101,7 @@ def protection_row(
     key, e2e = f"messages.{message.name}", options.e2e
     for name in (options.counter, options.checksum, e2e.nibble if e2e else None):
         if name and message.get_signal_by_name(name).multiplexer_signal is not None:
-            issues.add(
-                key, f"{name} is in some frames only; allowed: a signal that is in every frame"
-            )
+            issues.add(key, f"{name} is in some frames only; allowed: a signal that is in every frame")
     row = _counter_columns(message, options, add_place, issues)
     row |= _checksum_columns(message, options, add_place, issues)
     row["own"] = -1
@@ -127,19 +125,12 @@ def protection_row(
 
 
 def _counter_columns(
-    message: Message,
-    options: MessageOptions,
-    add_place: Callable[[Place], int],
-    issues: ConfigIssues,
+    message: Message, options: MessageOptions, add_place: Callable[[Place], int], issues: ConfigIssues
 ) -> dict[str, Any]:
     """Return the columns for the place of a counter and how it counts."""
     if options.counter is None:
         return {"counter": -1, **BY_ONE.columns(1)}
-    place, counting, e2e = (
-        place_of(message.get_signal_by_name(options.counter)),
-        options.counting,
-        options.e2e,
-    )
+    place, counting, e2e = (place_of(message.get_signal_by_name(options.counter)), options.counting, options.e2e)
     key = f"messages.{message.name}.counter"
     if e2e is not None:
         bits = {"e2e-p05": 8}.get(e2e.profile, 4)
@@ -159,10 +150,7 @@ def _counter_columns(
 
 
 def _checksum_columns(
-    message: Message,
-    options: MessageOptions,
-    add_place: Callable[[Place], int],
-    issues: ConfigIssues,
+    message: Message, options: MessageOptions, add_place: Callable[[Place], int], issues: ConfigIssues
 ) -> dict[str, Any]:
     """Return the columns for the place of a checksum and its kind."""
     if options.checksum is None:

@@ -86,9 +86,7 @@ def nothing_received(bus: BusConfig, quantities: int) -> Reception:
 @compilable
 def rejected(counts: Counts) -> int:
     """Return how many frames of mapped messages were rejected."""
-    return (
-        counts.remote + counts.wrong_length + counts.out_of_range + counts.checksum + counts.counter
-    )
+    return counts.remote + counts.wrong_length + counts.out_of_range + counts.checksum + counts.counter
 
 
 @compilable
@@ -200,12 +198,7 @@ def check(
 
 @compilable
 def judge(
-    bus: BusConfig,
-    current: Reception,
-    frames: Frames,
-    frame: int,
-    now_ns: int,
-    read: NDArray[np.float64],
+    bus: BusConfig, current: Reception, frames: Frames, frame: int, now_ns: int, read: NDArray[np.float64]
 ) -> tuple[int, int, int]:
     """Return (cause, message, frames lost before it) of a frame.
 
@@ -274,9 +267,7 @@ def is_counted(table: Any, cause: int) -> bool:
 
 
 @compilable
-def receive(
-    bus: BusConfig, reception: Reception, counts: Counts, frames: Frames, now_ns: int
-) -> Counts:
+def receive(bus: BusConfig, reception: Reception, counts: Counts, frames: Frames, now_ns: int) -> Counts:
     """Process the frames received by `now_ns` and return `counts` with their outcomes added."""
     if frames.count == 0:
         return counts
@@ -325,12 +316,7 @@ def forget_stale(bus: BusConfig, reception: Reception, now_ns: int) -> int:
 
 @compilable
 def backdate(
-    bus: BusConfig,
-    reception: Reception,
-    frames: Frames,
-    stamps: NDArray[np.int64],
-    until_ns: int,
-    now_ns: int,
+    bus: BusConfig, reception: Reception, frames: Frames, stamps: NDArray[np.int64], until_ns: int, now_ns: int
 ) -> None:
     """Let the time-outs of the messages accepted by a tick at `now_ns` start when their frames arrived.
 

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Position of a signal's bits; the fields of `Place`.
-PLACE = np.dtype(
-    [("byte", "i8"), ("shift", "i8"), ("length", "i8"), ("stride", "i8"), ("kind", "i8")]
-)
+PLACE = np.dtype([("byte", "i8"), ("shift", "i8"), ("length", "i8"), ("stride", "i8"), ("kind", "i8")])
 
 # A mapped signal, for one value of each multiplexer above it.
 SIGNAL = np.dtype(
@@ -89,11 +87,7 @@ OWN_CHECKSUM = np.dtype(
         ("count", "i8"),  # number of covered bytes, and in their order:
         ("source", "u1", (MOST_COVERED,)),  # kind of byte, see rocksoft.PARTS
         ("number", "u1", (MOST_COVERED,)),  # number of the byte in its part
-        (
-            "bits",
-            "u1",
-            (MOST_COVERED,),
-        ),  # payload: mask of the bits that count; identifier: the byte itself
+        ("bits", "u1", (MOST_COVERED,)),  # payload: mask of the bits that count; identifier: the byte itself
         ("table", "i8", (256,)),  # CRC lookup table by byte
     ]
 )

@@ -32,12 +32,7 @@ def raw_of(bus: BusConfig, row: int, value: float) -> float:
 
 @compilable
 def encode(
-    bus: BusConfig,
-    message: int,
-    values: NDArray[np.float64],
-    before: int,
-    frames: Frames,
-    row: int,
+    bus: BusConfig, message: int, values: NDArray[np.float64], before: int, frames: Frames, row: int
 ) -> None:
     """Write one message into a row of `frames`.
 

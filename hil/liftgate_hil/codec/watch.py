@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Message
 
 
-def watched(
-    messages: Mapping[str, Message], names: Sequence[str], issues: ConfigIssues
-) -> BusConfig:
+def watched(messages: Mapping[str, Message], names: Sequence[str], issues: ConfigIssues) -> BusConfig:
     """Return the tables of existing signals (`Message.Signal`); their values are placed as in `names`."""
     return tables_named(messages, names, {}, issues, False)
 
@@ -46,12 +44,7 @@ def near_signals(messages: Mapping[str, Message], name: str) -> list[str]:
 
 @compilable
 def watch(
-    bus: BusConfig,
-    values: NDArray[np.float64],
-    identifier: int,
-    length: int,
-    data: NDArray[np.uint8],
-    frame: int,
+    bus: BusConfig, values: NDArray[np.float64], identifier: int, length: int, data: NDArray[np.uint8], frame: int
 ) -> None:
     """Write the watched signals in a frame (row of `data`), in the database's units, to `values` (n,).
 

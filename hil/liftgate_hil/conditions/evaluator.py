@@ -144,13 +144,7 @@ def join(code: int, work: Work, low: int, ticks: int) -> None:
 
 @compilable
 def compare_column(
-    code: int,
-    rows: NDArray[np.float64],
-    column: int,
-    number: float,
-    work: Work,
-    top: int,
-    ticks: int,
+    code: int, rows: NDArray[np.float64], column: int, number: float, work: Work, top: int, ticks: int
 ) -> None:
     """Compare a column with a number and write the result to the row `top` of the work."""
     numbers, truths, _ = work

@@ -54,11 +54,7 @@ _TOKEN = re.compile(
 )
 
 
-def parsed(
-    text: str,
-    parameters: Mapping[str, float],
-    messages: Mapping[str, Message] | None = None,
-) -> Condition:
+def parsed(text: str, parameters: Mapping[str, float], messages: Mapping[str, Message] | None = None) -> Condition:
     """Return the condition of a text.
 
     `messages` are those of the rig's database; None: they are not known yet, and it may refer to any signal.
@@ -79,9 +75,7 @@ def parsed(
 
 @functools.lru_cache(_KEPT)
 def _parsed(
-    text: str,
-    parameters: tuple[tuple[str, float], ...],
-    units: tuple[tuple[str, str | None], ...],
+    text: str, parameters: tuple[tuple[str, float], ...], units: tuple[tuple[str, str | None], ...]
 ) -> Condition:
     """Return the condition of a text, parsed only once; `units` are those of the signals that it may refer to."""
     return _Parser(text, dict(parameters), dict(units).get).condition()
@@ -120,9 +114,7 @@ class _Parser:
         if self._here()[0] != "end":
             self._wrong("and, or, or the end")
         if not part.is_truth:
-            raise ValueError(
-                f"{self.text!r} is not a comparison; allowed: a comparison, e.g. gate_angle_deg > 20"
-            )
+            raise ValueError(f"{self.text!r} is not a comparison; allowed: a comparison, e.g. gate_angle_deg > 20")
         return Condition(self.text, tuple(self.ops), tuple(self.units))
 
     def _read(self) -> None:
@@ -307,9 +299,7 @@ class _Parser:
     def _parameter_named(self, said: str) -> _Part:
         if said[1:] not in self.parameters:
             known = ", ".join(f"${name}" for name in self.parameters)
-            raise ValueError(
-                f"{said}: no such parameter; allowed: {known or 'none, there are no [parameters]'}"
-            )
+            raise ValueError(f"{said}: no such parameter; allowed: {known or 'none, there are no [parameters]'}")
         self._put(CONST, float(self.parameters[said[1:]]))
         return _Part(False)
 
@@ -345,6 +335,4 @@ def _unknown(said: str) -> str:
         for name in COLUMNS
     ]
     near = get_close_matches(said, names, 3, 0.5)
-    return (
-        f"no such column; allowed: {', '.join(near) + ', …' if near else 'columns of recordings'}"
-    )
+    return f"no such column; allowed: {', '.join(near) + ', …' if near else 'columns of recordings'}"

@@ -32,9 +32,7 @@ def bus_faults_in(
     if FAULT_KINDS[fault.kind].of not in (MESSAGE, BUS):
         return ()
     if rig is None:
-        issues.take(
-            [f"{fault.key}.kind: {fault.kind}: there is no bus; allowed: in a run with a bus"]
-        )
+        issues.take([f"{fault.key}.kind: {fault.kind}: there is no bus; allowed: in a run with a bus"])
         return ()
     values = fault.values
     direction = DIRECTIONS.get(values.get("direction", ""), SENT | RECEIVED)
@@ -51,9 +49,7 @@ def bus_faults_in(
     )
 
 
-def _identifier(
-    fault: Fault, rig: Rig, restbus: Collection[str], direction: int, issues: ConfigIssues
-) -> int:
+def _identifier(fault: Fault, rig: Rig, restbus: Collection[str], direction: int, issues: ConfigIssues) -> int:
     """Return the identifier of the frames that are affected (EVERY: all), or that a babbling node sends."""
     if fault.kind == "babbling":
         identifier = int(fault.values["id"] or 0)

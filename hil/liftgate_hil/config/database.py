@@ -32,11 +32,7 @@ _OTHERS = {
     ".xlsx": "a spreadsheet",
     ".xls": "a spreadsheet",
 }
-_MARKS = {
-    codecs.BOM_UTF8: "utf-8-sig",
-    codecs.BOM_UTF16_LE: "utf-16",
-    codecs.BOM_UTF16_BE: "utf-16",
-}
+_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
 def find_database(issues: ConfigIssues, value: object, folder: Path) -> Path | None:
@@ -130,14 +126,11 @@ def _check_numbers(issues: ConfigIssues, path: Path, messages: Iterable[Message]
                 *(("a label of", raw) for raw in signal.choices or ()),
             ):
                 # An infinite minimum or maximum means no limit.
-                is_limit = (
-                    what.endswith("imum") and isinstance(value, float) and not math.isnan(value)
-                )
+                is_limit = what.endswith("imum") and isinstance(value, float) and not math.isnan(value)
                 if value is None or is_limit or abs(value) <= sys.float_info.max:
                     continue
                 issues.add(
-                    "dbc",
-                    f"{path}: {message.name}.{signal.name}: {what} {show(value)}; allowed: up to 1.8e+308",
+                    "dbc", f"{path}: {message.name}.{signal.name}: {what} {show(value)}; allowed: up to 1.8e+308"
                 )
 
 

@@ -22,9 +22,7 @@ _LAST_BASE, _LAST = 0x7FF, 0x1FFFFFFF
 class _Identifier:
     """A message of the database, or an identifier."""
 
-    allowed = (
-        f"a message of the database, or an identifier, 0 to {_LAST}, above 0x7FF an extended one"
-    )
+    allowed = f"a message of the database, or an identifier, 0 to {_LAST}, above 0x7FF an extended one"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str | int:
         """Return the name or the identifier; -1 and an issue if it is neither."""
@@ -73,26 +71,20 @@ def diagnostics_of(
     """
     if "diagnostics" not in raw:
         return None
-    given = read_table(
-        issues, "diagnostics", table(issues, "diagnostics", raw["diagnostics"]), KEYS
-    )
+    given = read_table(issues, "diagnostics", table(issues, "diagnostics", raw["diagnostics"]), KEYS)
     found = {}
     for name in ("request", "response"):
         key, value = f"diagnostics.{name}", given[name]
         found[name] = _identifier(issues, key, value, messages)
         if found[name] in mapped:
             issues.add(
-                key,
-                f"{show(value)}: {mapped[found[name]]} carries quantities; allowed: an identifier of its own",
+                key, f"{show(value)}: {mapped[found[name]]} carries quantities; allowed: an identifier of its own"
             )
     if found["request"] == found["response"] >= 0:
         issues.add(
-            "diagnostics.response",
-            f"{show(given['response'])}; allowed: an identifier other than that of request",
+            "diagnostics.response", f"{show(given['response'])}; allowed: an identifier other than that of request"
         )
-    names = [
-        each if isinstance(each, str) else "" for each in (given["request"], given["response"])
-    ]
+    names = [each if isinstance(each, str) else "" for each in (given["request"], given["response"])]
     return Diagnostics(
         request=found["request"],
         response=found["response"],
@@ -105,9 +97,7 @@ def diagnostics_of(
     )
 
 
-def _identifier(
-    issues: ConfigIssues, key: str, value: str | int | None, messages: Mapping[str, Message]
-) -> int:
+def _identifier(issues: ConfigIssues, key: str, value: str | int | None, messages: Mapping[str, Message]) -> int:
     """Return an identifier with SocketCAN's flag if it is extended; -1 if it is not known."""
     if isinstance(value, int):
         return value | (EXTENDED if value > _LAST_BASE else 0)

@@ -69,11 +69,7 @@ NO_DRIVER = Driver({})
 
 
 def driver_of(
-    raw: Table,
-    tables: BusTables,
-    taken: Sequence[str],
-    diagnostics: Diagnostics | None,
-    issues: ConfigIssues,
+    raw: Table, tables: BusTables, taken: Sequence[str], diagnostics: Diagnostics | None, issues: ConfigIssues
 ) -> Driver:
     """Return the buttons and the reset from [requests] and [reset] of a rig's content `raw`; issues are noted.
 
@@ -99,31 +95,19 @@ def driver_of(
     elif not values["uds"] and not values["command"]:
         issues.add("reset", "neither signal, uds nor command; allowed: one of them, or several")
     if values["uds"] and diagnostics is None:
-        said = (
-            "the rig has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
-        )
+        said = "the rig has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
         issues.add("reset.uds", f"{values['uds']}: {said}")
     if values["ready"]:
         try:
             parsed(values["ready"], {}, tables.messages)
         except ValueError as error:
             issues.add("reset.ready", str(error))
-    reset = Reset(
-        press,
-        values["uds"] or "",
-        values["command"],
-        values["ready"] or "",
-        values["timeout_s"],
-    )
+    reset = Reset(press, values["uds"] or "", values["command"], values["ready"] or "", values["timeout_s"])
     return Driver(buttons, reset)
 
 
 def _press(
-    key: str,
-    values: Mapping[str, Any],
-    tables: BusTables,
-    taken: Sequence[str],
-    issues: ConfigIssues,
+    key: str, values: Mapping[str, Any], tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> Press | None:
     if not values["signal"]:
         return None

@@ -37,43 +37,29 @@ def check_values(
         if not _holds(theirs, physical):
             low, high = physical_range(theirs)
             steps = "" if theirs.is_float else f" in steps of {abs(float(theirs.scale)):g}"
-            issues.add(
-                key,
-                f"{label} = {show(value)}: {name} cannot hold it; allowed: {low:g} to {high:g}{steps}",
-            )
+            issues.add(key, f"{label} = {show(value)}: {name} cannot hold it; allowed: {low:g} to {high:g}{steps}")
         elif physical in taken:
             issues.add(
-                key,
-                f"{taken[physical]} and {label} are both {show(value)}; allowed: a value of its own for each",
+                key, f"{taken[physical]} and {label} are both {show(value)}; allowed: a value of its own for each"
             )
         else:
             taken[physical] = label
 
 
-def check_complete(
-    issues: ConfigIssues, key: str, values: Mapping[str, float | str], ours: Signal
-) -> None:
+def check_complete(issues: ConfigIssues, key: str, values: Mapping[str, float | str], ours: Signal) -> None:
     """Check that an output has all values; an input may come from a sender that has fewer."""
     missing = [label for label in ours.values if label not in values]
     if missing:
-        issues.add(
-            key, f"{', '.join(missing)} missing; allowed: a value for every label of an output"
-        )
+        issues.add(key, f"{', '.join(missing)} missing; allowed: a value for every label of an output")
 
 
 def missing_values(mapping: SignalMapping) -> list[str]:
     """Return the labels of an input for which its signal has no value."""
     ours = BUS_INPUTS[mapping.quantity]
-    return (
-        []
-        if mapping.values is None
-        else [label for label in ours.values if label not in mapping.values]
-    )
+    return [] if mapping.values is None else [label for label in ours.values if label not in mapping.values]
 
 
-def _physical(
-    issues: ConfigIssues, key: str, label: str, value: float | str, theirs: DatabaseSignal
-) -> float:
+def _physical(issues: ConfigIssues, key: str, label: str, value: float | str, theirs: DatabaseSignal) -> float:
     """Return the physical value of a number, or of a label by the signal's value table; NaN for anything else.
 
     An unknown label is also noted as an issue. `theirs` is the signal of the database.
@@ -85,9 +71,7 @@ def _physical(
         if str(text) == value:
             return float(theirs.scale) * float(raw) + float(theirs.offset)
     allowed = ", ".join(map(str, (theirs.choices or {}).values()))
-    issues.add(
-        key, f"{label} = {value!r}: allowed: {allowed or 'numbers, the signal has no value table'}"
-    )
+    issues.add(key, f"{label} = {value!r}: allowed: {allowed or 'numbers, the signal has no value table'}")
     return math.nan
 
 

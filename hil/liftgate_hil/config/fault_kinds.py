@@ -46,21 +46,14 @@ class FaultKind:
 
 
 def _line(field: str, how: int) -> Callable[[Values, str], Sequence[Edit]]:
-    return lambda values, side: [
-        _BROKEN,
-        Edit(f"plant.{side}.line.{field}", how, float(values.get("ohm", 1.0))),
-    ]
+    return lambda values, side: [_BROKEN, Edit(f"plant.{side}.line.{field}", how, float(values.get("ohm", 1.0)))]
 
 
 def _hall(field: str, key: str = "") -> Callable[[Values, str], Sequence[Edit]]:
     return lambda values, side: [
         Edit(f"faults.{side}.hall.is_on", SET, 1.0),
         Edit(f"faults.{side}.hall.{field}", SET, float(values[key]) if key else 1.0),
-        *(
-            [Edit(f"faults.{side}.hall.seed", SET, float(values["seed"]))]
-            if field in ("missing", "extra")
-            else []
-        ),
+        *([Edit(f"faults.{side}.hall.seed", SET, float(values["seed"]))] if field in ("missing", "extra") else []),
     ]
 
 

@@ -26,9 +26,7 @@ def issue_with(path: Path) -> str:
         mode = path.stat().st_mode
     except FileNotFoundError:
         return "a link to no file; allowed: a file" if path.is_symlink() else "no such file"
-    except (
-        OSError
-    ) as error:  # e.g. no permission for a folder above it, a loop of links, a name too long
+    except OSError as error:  # e.g. no permission for a folder above it, a loop of links, a name too long
         return f"cannot be read: {error.strerror}"
     except ValueError:  # a null character, or others that no file name can hold
         return "no such file"

@@ -73,11 +73,7 @@ class Whole:
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
         """Return the number; `low` and an issue if it is invalid."""
         found = int(value) if isinstance(value, float) and value.is_integer() else value
-        if (
-            isinstance(found, bool)
-            or not isinstance(found, int)
-            or not self.low <= found <= self.high
-        ):
+        if isinstance(found, bool) or not isinstance(found, int) or not self.low <= found <= self.high:
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return self.low
         return found

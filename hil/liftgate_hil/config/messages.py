@@ -41,9 +41,7 @@ def message_options(
         known_keys(issues, key, given, (*_OPTIONS, *_E2E))
         result[name] = MessageOptions(
             cycle_ms=_number(issues, f"{key}.cycle_ms", given.get("cycle_ms"), 0.1, LONGEST_MS),
-            timeout_cycles=_number(
-                issues, f"{key}.timeout_cycles", given.get("timeout_cycles"), 1.0, 1000.0
-            )
+            timeout_cycles=_number(issues, f"{key}.timeout_cycles", given.get("timeout_cycles"), 1.0, 1000.0)
             or 3.0,
             **_protection(issues, key, given, messages[name]),
         )
@@ -69,10 +67,7 @@ def _protection(issues: ConfigIssues, key: str, given: Table, message: Message) 
         counter = _own_signal(issues, f"{key}.counter", counter, signals)
     if isinstance(checksum, dict):
         if "checksum_kind" in given:
-            issues.add(
-                f"{key}.checksum_kind",
-                "the checksum's table defines it; allowed: with a named checksum",
-            )
+            issues.add(f"{key}.checksum_kind", "the checksum's table defines it; allowed: with a named checksum")
         checksum, own = checksum_table(issues, f"{key}.checksum", checksum, message, counter)
     else:
         checksum = _own_signal(issues, f"{key}.checksum", checksum, signals)
@@ -87,13 +82,9 @@ def _protection(issues: ConfigIssues, key: str, given: Table, message: Message) 
     }
 
 
-def _end_to_end(
-    issues: ConfigIssues, key: str, given: Table, signals: list[str]
-) -> EndToEnd | None:
+def _end_to_end(issues: ConfigIssues, key: str, given: Table, signals: list[str]) -> EndToEnd | None:
     """Return the E2E profile of a message; None if it has none."""
-    choice = text(
-        issues, f"{key}.protection", given.get("protection", "simple"), ("simple", *PROFILES)
-    )
+    choice = text(issues, f"{key}.protection", given.get("protection", "simple"), ("simple", *PROFILES))
     if choice in ("", "simple"):
         for name in _E2E[1:]:
             if name in given and choice:
@@ -114,13 +105,7 @@ def _end_to_end(
     known_keys(issues, f"{key}.state_machine", machine, ("window", *names))
     window = _whole(issues, f"{key}.state_machine.window", machine.get("window", 1), 1, MAX_WINDOW)
     limits = [
-        _whole(
-            issues,
-            f"{key}.state_machine.{name}",
-            machine.get(name, int(name.startswith("min_ok"))),
-            0,
-            window,
-        )
+        _whole(issues, f"{key}.state_machine.{name}", machine.get(name, int(name.startswith("min_ok"))), 0, window)
         for name in names
     ]
     return EndToEnd(
@@ -138,22 +123,16 @@ def _end_to_end(
 
 def _data_ids(issues: ConfigIssues, key: str, given: Table, profile: str) -> tuple[int, ...]:
     """Return the data ID, or the list of profile 2."""
-    wanted, other = (
-        ("data_id_list", "data_id") if profile == "e2e-p02" else ("data_id", "data_id_list")
-    )
+    wanted, other = ("data_id_list", "data_id") if profile == "e2e-p02" else ("data_id", "data_id_list")
     if other in given:
         issues.add(f"{key}.{other}", f"{profile} has none; allowed: {wanted}")
     if wanted == "data_id":
         return (_whole(issues, f"{key}.data_id", given.get("data_id"), 0, 0xFFFF),)
     values = given.get("data_id_list")
     if not isinstance(values, list) or len(values) != 16:
-        issues.add(
-            f"{key}.data_id_list", f"{show(values)}; allowed: 16 whole numbers from 0 to 255"
-        )
+        issues.add(f"{key}.data_id_list", f"{show(values)}; allowed: 16 whole numbers from 0 to 255")
         return (0,)
-    return tuple(
-        _whole(issues, f"{key}.data_id_list[{i}]", value, 0, 255) for i, value in enumerate(values)
-    )
+    return tuple(_whole(issues, f"{key}.data_id_list[{i}]", value, 0, 255) for i, value in enumerate(values))
 
 
 def _whole(issues: ConfigIssues, key: str, value: object, low: int, high: int) -> int:

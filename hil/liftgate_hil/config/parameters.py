@@ -36,9 +36,7 @@ def find_parameter(vehicle: Vehicle, name: str) -> FreeParameter:
     if match is None or name not in known:
         field = name.rpartition(".")[2].partition("[")[0]
         near = [key for key in known if field in key] or list(known)
-        raise ValueError(
-            f"no such parameter; allowed: {', '.join(near[:12])}{' …' * (len(near) > 12)}"
-        )
+        raise ValueError(f"no such parameter; allowed: {', '.join(near[:12])}{' …' * (len(near) > 12)}")
     return known[name]
 
 
@@ -57,10 +55,7 @@ def all_parameters(drives: int) -> tuple[FreeParameter, ...]:
     if drives > 1:
         for side in active:
             for table, kind in drive_tables.items():
-                found += [
-                    each._replace(name=f"{side}.{each.name}")
-                    for each in _fields(table, kind, (side,))
-                ]
+                found += [each._replace(name=f"{side}.{each.name}") for each in _fields(table, kind, (side,))]
     for table, kind in get_type_hints(Vehicle).items():
         if hasattr(kind, "_fields") and kind is not DriveTables:
             found += _fields(table, kind, ())
@@ -106,9 +101,7 @@ def with_value(vehicle: Vehicle, parameter: FreeParameter, value: float) -> Vehi
     return vehicle._replace(**{side: changed(getattr(vehicle, side)) for side in parameter.sides})
 
 
-def with_values(
-    vehicle: Vehicle, parameters: Sequence[FreeParameter], values: Sequence[float]
-) -> Vehicle:
+def with_values(vehicle: Vehicle, parameters: Sequence[FreeParameter], values: Sequence[float]) -> Vehicle:
     """Return the vehicle with other values of several parameters, in the file's units."""
     for parameter, value in zip(parameters, values, strict=True):
         vehicle = with_value(vehicle, parameter, value)

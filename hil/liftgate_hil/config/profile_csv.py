@@ -26,9 +26,7 @@ def read_points(path: Path, quantity: str) -> list[list[float]]:
     places = []
     for name in ("time_s", quantity):
         if header.count(name) != 1:
-            raise ConfigError(
-                f"{path}: column {name} {header.count(name)} times in its first line; allowed: once"
-            )
+            raise ConfigError(f"{path}: column {name} {header.count(name)} times in its first line; allowed: once")
         places.append(header.index(name))
     points = []
     for line, row in enumerate(rows[1:], 2):

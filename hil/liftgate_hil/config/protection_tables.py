@@ -73,9 +73,7 @@ COUNTER = (
 )  # fmt: skip
 
 
-def counter_table(
-    issues: ConfigIssues, key: str, given: Table, message: Message
-) -> tuple[str | None, Counting]:
+def counter_table(issues: ConfigIssues, key: str, given: Table, message: Message) -> tuple[str | None, Counting]:
     """Return the signal of a counter, and how it counts; issues are noted under `key` and keys below it."""
     before = issues.count
     values = read_table(issues, key, given, COUNTER)
@@ -167,8 +165,7 @@ def _data_ids(issues: ConfigIssues, key: str, value: Any, counter: str | None) -
     given: Sequence[Any] = value if isinstance(value, list) else [value]
     is_list = isinstance(value, list)
     are_fine = all(
-        isinstance(each, int) and not isinstance(each, bool) and 0 <= each <= _LARGEST_ID
-        for each in given
+        isinstance(each, int) and not isinstance(each, bool) and 0 <= each <= _LARGEST_ID for each in given
     )
     if not are_fine or (is_list and not 2 <= len(given) <= MOST_DATA_IDS):
         issues.add(key, f"{show(value)}; allowed: {_DATA_ID}")
@@ -222,9 +219,7 @@ def _covers(issues: ConfigIssues, key: str, value: Any, frame: _Frame) -> tuple[
         issues.add(key, f"{show(value)}; allowed: {_COVERS}")
         return ()
     found = [
-        covered
-        for place, each in enumerate(value)
-        for covered in _covered(issues, f"{key}[{place}]", each, frame)
+        covered for place, each in enumerate(value) for covered in _covered(issues, f"{key}[{place}]", each, frame)
     ]
     parts = {each.part for each in found}
     if "data_id" not in parts and frame.data_ids:

@@ -72,12 +72,7 @@ def pressed(press: Press, when: Instant) -> list[SignalChange]:
 
 
 def value_in(
-    key: str,
-    name: str,
-    value: object,
-    tables: BusTables,
-    taken: Sequence[str],
-    issues: ConfigIssues,
+    key: str, name: str, value: object, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> float | None:
     """Return a signal's value in the database's unit; None and an issue if signal or value is invalid.
 
@@ -110,17 +105,14 @@ def sendable(tables: BusTables, taken: Sequence[str], is_fd: bool) -> tuple[str,
         own = [
             signal.name
             for signal in message.signals
-            if signal.name not in made
-            and not _why_not(message, message.name in taken, options, signal)
+            if signal.name not in made and not _why_not(message, message.name in taken, options, signal)
         ]
         fits = len(pages_of(message, own)) <= MAX_PAGES and (is_fd or not needs_fd(message))
         found += [f"{message.name}.{name}" for name in own if fits]
     return tuple(found)
 
 
-def check_signal(
-    key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
-) -> None:
+def check_signal(key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues) -> None:
     """Note what is wrong with a signal that the bench shall send."""
     _signal_in(key, name, tables, taken, issues)
 
@@ -154,9 +146,7 @@ def _made(message: Message, tables: BusTables) -> set[str]:
     return {each for each in (options.counter, options.checksum, nibble, *multiplexers) if each}
 
 
-def _why_not(
-    message: Message, is_taken: bool, options: MessageOptions, signal: DatabaseSignal
-) -> str:
+def _why_not(message: Message, is_taken: bool, options: MessageOptions, signal: DatabaseSignal) -> str:
     """Return why the restbus cannot send a message with this signal; "" if it can."""
     if is_taken:
         return "the gate or the ECU sends it; allowed: a message of another control unit"

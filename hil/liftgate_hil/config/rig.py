@@ -96,10 +96,7 @@ class Rig:
         return self._bus_config(self.outputs, BUS_OUTPUTS, sending)
 
     def _bus_config(
-        self,
-        mappings: tuple[SignalMapping, ...],
-        quantities: Mapping[str, Signal],
-        sending: bool,
+        self, mappings: tuple[SignalMapping, ...], quantities: Mapping[str, Signal], sending: bool
     ) -> BusConfig:
         issues = ConfigIssues(self.source)
         bus = build_bus_config(self.messages, mappings, self.options, quantities, issues, sending)
@@ -172,9 +169,7 @@ def rig_of_content(
     before = issues.count
     if messages is None:
         messages = load_messages(issues, database) if database else {}
-    if (
-        not messages or issues.count > before
-    ):  # without a valid database nothing else can be checked
+    if not messages or issues.count > before:  # without a valid database nothing else can be checked
         return Rig(database or Path(), bitrate, {}, (), (), {}, False, str(path)), issues
     inputs = signal_mappings(issues, raw, "inputs", BUS_INPUTS, messages)
     outputs = signal_mappings(issues, raw, "outputs", BUS_OUTPUTS, messages)

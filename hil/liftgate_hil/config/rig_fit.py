@@ -71,10 +71,7 @@ def expected_values(vehicle: Vehicle) -> dict[str, Expected]:
     }
     sides = {"left": vehicle.left, "right": vehicle.right}
     for side in ("left", "right")[: vehicle.drives]:
-        found |= {
-            f"{side}_{name}": each
-            for name, each in _of_a_drive(vehicle, sides[side], link.stroke).items()
-        }
+        found |= {f"{side}_{name}": each for name, each in _of_a_drive(vehicle, sides[side], link.stroke).items()}
         found[f"{side}_motor_temperature"] = _whole(ambient, ambient)
     return found
 
@@ -139,8 +136,7 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
     root, source = data_root().resolve(), Path(rig.source).resolve()
     if rig.database.resolve().is_relative_to(root / "dbc") and not source.is_relative_to(root):
         notes.append(
-            f"{rig.source}: dbc: {rig.database.name} is the shipped one, as no file of that name "
-            "is beside the rig"
+            f"{rig.source}: dbc: {rig.database.name} is the shipped one, as no file of that name is beside the rig"
         )
     for wire, expected, held in _ranged(rig, vehicle):
         is_refused = not _holds(held, expected.low, expected.high)
@@ -170,10 +166,7 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
 
 def _other_scales(rig: Rig) -> Iterator[str]:
     """Yield a note for each scale of the rig that is not what the database's unit says."""
-    for section, wires, quantities in (
-        ("inputs", rig.inputs, BUS_INPUTS),
-        ("outputs", rig.outputs, BUS_OUTPUTS),
-    ):
+    for section, wires, quantities in (("inputs", rig.inputs, BUS_INPUTS), ("outputs", rig.outputs, BUS_OUTPUTS)):
         for wire in wires:
             quantity = quantities[wire.quantity]
             if wire.basis != "rig" or not wire.unit or not quantity.unit:
@@ -188,9 +181,7 @@ def _other_scales(rig: Rig) -> Iterator[str]:
                 )
 
 
-def _ranged(
-    rig: Rig, vehicle: Vehicle
-) -> Iterator[tuple[SignalMapping, Expected, tuple[float, float]]]:
+def _ranged(rig: Rig, vehicle: Vehicle) -> Iterator[tuple[SignalMapping, Expected, tuple[float, float]]]:
     """Yield outputs with their expected values and the range that their signal holds."""
     expected = expected_values(vehicle)
     for wire in rig.outputs:

@@ -51,10 +51,7 @@ class MappedMessage(NamedTuple):
 
 def mapped_messages(rig: Rig) -> list[MappedMessage]:
     """Return the messages that a rig maps, those that the gate receives first."""
-    return [
-        *_messages(rig, "received", rig.inputs, BUS_INPUTS),
-        *_messages(rig, "sent", rig.outputs, BUS_OUTPUTS),
-    ]
+    return [*_messages(rig, "received", rig.inputs, BUS_INPUTS), *_messages(rig, "sent", rig.outputs, BUS_OUTPUTS)]
 
 
 def protected_besides(rig: Rig) -> dict[str, str]:
@@ -108,9 +105,7 @@ def _messages(
             direction=direction,
             length=message.length,
             cycle_ms=cycle,
-            pages=len(pages_of(message, [wire.signal for wire in own]))
-            if direction == "sent"
-            else 1,
+            pages=len(pages_of(message, [wire.signal for wire in own])) if direction == "sent" else 1,
             timeout_ms=options.timeout_cycles * cycle if is_stale else 0.0,
             protection=_protection(options),
             signals=[_signal(rig, wire, quantities[wire.quantity]) for wire in own],

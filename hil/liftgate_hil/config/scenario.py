@@ -24,12 +24,7 @@ from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, TimedStimuli
 
 _MOST_FILES = 100  # how deep files may include each other
 _PARAMETER = re.compile(r"\$\w+")
-_FREE = (
-    "parameters",
-    "description",
-    "requirement",
-    "include",
-)  # keys in which $name is not replaced
+_FREE = ("parameters", "description", "requirement", "include")  # keys in which $name is not replaced
 
 
 @dataclass(frozen=True)
@@ -154,9 +149,7 @@ def _parts(path: Path, replaced: Mapping[str, float], above: Sequence[Path]) -> 
             if not issue and file.resolve() in above:
                 issue = "includes this file itself; allowed: files that do not"
             if issue or len(above) > _MOST_FILES:
-                own.issues.add(
-                    key, f"{show(name)}: {issue or 'files include each other too deeply'}"
-                )
+                own.issues.add(key, f"{show(name)}: {issue or 'files include each other too deeply'}")
                 continue
             for part in _parts(file, replaced, above):
                 if all(part.path.resolve() != each.path.resolve() for each in found):
@@ -181,9 +174,7 @@ def _lines_of(issues: ConfigIssues) -> list[str]:
     return []
 
 
-def _parameters(
-    parts: Sequence[_Part], replaced: Mapping[str, float]
-) -> tuple[dict[str, float], dict[str, str]]:
+def _parameters(parts: Sequence[_Part], replaced: Mapping[str, float]) -> tuple[dict[str, float], dict[str, str]]:
     """Return the parameters of all files, with `replaced` applied, and how issues name each.
 
     A file's own parameters override those of the files that it includes.
@@ -207,11 +198,7 @@ def _parameters(
 
 
 def _filled_in(
-    part: _Part,
-    key: str,
-    value: Any,
-    parameters: Mapping[str, float],
-    origins: Mapping[str, str],
+    part: _Part, key: str, value: Any, parameters: Mapping[str, float], origins: Mapping[str, str]
 ) -> Any:
     """Return a value with each `$name` in it replaced by the parameter; conditions resolve theirs themselves.
 
@@ -220,15 +207,9 @@ def _filled_in(
     """
     issues = part.issues
     if isinstance(value, dict):
-        return {
-            name: _filled_in(part, f"{key}.{name}", each, parameters, origins)
-            for name, each in value.items()
-        }
+        return {name: _filled_in(part, f"{key}.{name}", each, parameters, origins) for name, each in value.items()}
     if isinstance(value, list):
-        return [
-            _filled_in(part, f"{key}[{i}]", each, parameters, origins)
-            for i, each in enumerate(value)
-        ]
+        return [_filled_in(part, f"{key}[{i}]", each, parameters, origins) for i, each in enumerate(value)]
     if isinstance(value, str) and _PARAMETER.fullmatch(value):
         if value[1:] in parameters:
             if math.isnan(parameters[value[1:]]):  # which is reported for the parameter

@@ -29,9 +29,7 @@ class TroubleCode:
         try:
             number_of(value if isinstance(value, str) else show(value))
         except ValueError as error:
-            issues.add(
-                key, str(error) if isinstance(value, str) else f"{show(value)}; allowed: {ALLOWED}"
-            )
+            issues.add(key, str(error) if isinstance(value, str) else f"{show(value)}; allowed: {ALLOWED}")
             return ""
         return str(value)
 

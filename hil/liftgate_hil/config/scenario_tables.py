@@ -25,11 +25,7 @@ from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.stimuli.timeline import Profile, TimedObstacle
 from liftgate_plant.obstacle import Obstacle
 
-_COMMON = (
-    "seed",
-    "period_s",
-    "share",
-)  # keys of faults that programs name, besides those of the kind
+_COMMON = ("seed", "period_s", "share")  # keys of faults that programs name, besides those of the kind
 
 
 _IDENTIFYING = ("key", "direction", "id")  # keys of kinds that tell their faults apart
@@ -102,10 +98,7 @@ class TableReader:
         if not isinstance(given, list):
             self.issues.add(key, f"{show(given)}; allowed: [[{key}]] tables")
             return []
-        return [
-            read(f"{key}[{i}]", table(self.issues, f"{key}[{i}]", each))
-            for i, each in enumerate(given)
-        ]
+        return [read(f"{key}[{i}]", table(self.issues, f"{key}[{i}]", each)) for i, each in enumerate(given)]
 
     def _instant(self, instant: Instant, delay: float, key: str) -> Instant:
         """Return an instant with its delay; its condition is checked."""
@@ -137,9 +130,7 @@ class TableReader:
         if "csv" in given:
             key = f"{key}.csv"
             try:
-                points = (
-                    read_points(self.path.parent / values["csv"], name) if values["csv"] else []
-                )
+                points = read_points(self.path.parent / values["csv"], name) if values["csv"] else []
             except ConfigError as error:
                 issues.add(key, str(error))
                 return name, Profile([], how == "linear")
@@ -147,9 +138,7 @@ class TableReader:
             key = f"{key}.points"
         return name, Profile(self._points(key, points, name, is_switch), how == "linear")
 
-    def _points(
-        self, key: str, points: Any, name: str, is_switch: bool
-    ) -> list[tuple[float, float]]:
+    def _points(self, key: str, points: Any, name: str, is_switch: bool) -> list[tuple[float, float]]:
         issues, found = self.issues, []
         if not isinstance(points, list) or not points:
             issues.add(key, f"{show(points)}; allowed: [[time, value], …]")
@@ -193,9 +182,7 @@ class TableReader:
     def _request(self, key: str, given: Table) -> Request:
         values = read_table(self.issues, key, given, keys.REQUEST)
         when = values["time"] or Instant()
-        return Request(
-            self._instant(when, values["delay_s"], f"{key}.time"), values["action"] or ""
-        )
+        return Request(self._instant(when, values["delay_s"], f"{key}.time"), values["action"] or "")
 
     def _signal(self, key: str, given: Table) -> SignalValue:
         values = read_table(self.issues, key, given, keys.SIGNAL)
@@ -225,9 +212,7 @@ class TableReader:
             self.issues.add(f"{key}.for_s", "allowed: without end")
         if "share" in given and "period_s" not in given:
             self.issues.add(f"{key}.share", "allowed: together with period_s")
-        start, end = self._span(
-            key, values if "delay_s" not in taken else values | {"delay_s": 0.0}
-        )
+        start, end = self._span(key, values if "delay_s" not in taken else values | {"delay_s": 0.0})
         return Fault(
             kind=values["kind"] or "",
             where=values["where"],
@@ -253,9 +238,7 @@ class TableReader:
         values = read_table(issues, key, given, keys.EXPECT)
         said = [kind for kind in KINDS if kind in given]
         if len(said) != 1:
-            issues.add(
-                key, f"{' and '.join(said) or 'nothing'}; allowed: one of {', '.join(KINDS)}"
-            )
+            issues.add(key, f"{' and '.join(said) or 'nothing'}; allowed: one of {', '.join(KINDS)}")
             return Expectation("", "always", "")
         kind = said[0]
         if kind == "dtc":
@@ -272,9 +255,7 @@ class TableReader:
         if values["for_s"] and kind != "eventually":
             issues.add(f"{key}.for_s", f"{values['for_s']:g}; allowed: with eventually")
         if values["for_s"] > within:
-            issues.add(
-                f"{key}.for_s", f"{values['for_s']:g}; allowed: up to within_s, {within:g} s"
-            )
+            issues.add(f"{key}.for_s", f"{values['for_s']:g}; allowed: up to within_s, {within:g} s")
         opener = after.condition or after.time
         name = str(values["name"] or "")
         state = values["state"] or ""
@@ -286,10 +267,7 @@ def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
     """Return a fault that a program names; it has no start or end of its own. Raises ConfigError."""
     issues = ConfigIssues("`fault`")
     own = FAULT_KINDS[kind].keys if kind in FAULT_KINDS else ()
-    given = {
-        name: value.item() if isinstance(value, np.generic) else value
-        for name, value in values.items()
-    }
+    given = {name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()}
     known = {*_COMMON, *(key.name for key in own)}
     known_keys(issues, "", given, sorted(known))
     given = {name: value for name, value in given.items() if name in known}

@@ -54,9 +54,7 @@ class Key:
         return f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
 
 
-def read_table(
-    issues: ConfigIssues, prefix: str, given: Table, keys: Sequence[Key]
-) -> dict[str, Any]:
+def read_table(issues: ConfigIssues, prefix: str, given: Table, keys: Sequence[Key]) -> dict[str, Any]:
     """Return the values of a table by its keys; issues are noted."""
     known_keys(issues, prefix, given, [key.name for key in keys])
     found: dict[str, Any] = {}

@@ -48,13 +48,9 @@ def _setting_of(text: str) -> Setting:
         content = {"value": _plain_number(value)}
     names = tuple(key.strip().split("."))
     if not equals or not all(names) or len(content) > 1:
-        raise ConfigError(
-            f"`set` {shortened(text)}: allowed: KEY=VALUE, e.g. environment.road_slope_deg=8"
-        )
+        raise ConfigError(f"`set` {shortened(text)}: allowed: KEY=VALUE, e.g. environment.road_slope_deg=8")
     if len(names) > _DEEPEST:
-        raise ConfigError(
-            f"`set` {shortened(key)}: {len(names)} parts; allowed: TABLE.KEY, or left.TABLE.KEY"
-        )
+        raise ConfigError(f"`set` {shortened(key)}: {len(names)} parts; allowed: TABLE.KEY, or left.TABLE.KEY")
     return Setting(names, content["value"], "`set` ")
 
 
@@ -97,9 +93,7 @@ def apply_setting(raw: Table, setting: Setting) -> str:
             made = made or ".".join(setting.names[:depth])
         inner = place.setdefault(name, {})
         if not isinstance(inner, dict):
-            raise ConfigError(
-                f"{setting.source}{setting.key}: {name} is not a table; allowed: a key of one"
-            )
+            raise ConfigError(f"{setting.source}{setting.key}: {name} is not a table; allowed: a key of one")
         place = inner
     place[setting.names[-1]] = setting.value
     return made or setting.key

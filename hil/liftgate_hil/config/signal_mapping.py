@@ -14,14 +14,7 @@ from liftgate_hil.codec.bus_config import SignalMapping
 from liftgate_hil.config.enumerations import check_complete, check_values
 from liftgate_hil.config.signal_name import find_signal
 from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
-from liftgate_hil.config.units import (
-    SAME,
-    Conversion,
-    allowed_units,
-    conversion,
-    dimension_of,
-    dimensions_named,
-)
+from liftgate_hil.config.units import SAME, Conversion, allowed_units, conversion, dimension_of, dimensions_named
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import renamed_output
 from liftgate_plant.signals import Signal
@@ -45,16 +38,8 @@ def signal_mappings(
     old = {name: renamed_output(name) for name in given if section == "outputs"}
     for name, now in old.items():
         if now:
-            issues.add(
-                f"{section}.{name}",
-                f"no sensor measures it, so it is called {now} now; allowed: {now}",
-            )
-    known_keys(
-        issues,
-        section,
-        {name: value for name, value in given.items() if not old.get(name)},
-        quantities,
-    )
+            issues.add(f"{section}.{name}", f"no sensor measures it, so it is called {now} now; allowed: {now}")
+    known_keys(issues, section, {name: value for name, value in given.items() if not old.get(name)}, quantities)
     found = [
         _mapping(issues, section, quantity, quantities[quantity], given[quantity], messages)
         for quantity in given
@@ -64,12 +49,7 @@ def signal_mappings(
 
 
 def _mapping(
-    issues: ConfigIssues,
-    section: str,
-    quantity: str,
-    ours: Signal,
-    value: object,
-    messages: Mapping[str, Message],
+    issues: ConfigIssues, section: str, quantity: str, ours: Signal, value: object, messages: Mapping[str, Message]
 ) -> SignalMapping | None:
     key = f"{section}.{quantity}"
     given: Table = value if isinstance(value, dict) else {"signal": value}
@@ -125,9 +105,7 @@ def _given_factors(issues: ConfigIssues, key: str, given: Table) -> Conversion |
     return scale, offset
 
 
-def _given_values(
-    issues: ConfigIssues, key: str, given: Table, ours: Signal
-) -> dict[str, Any] | None:
+def _given_values(issues: ConfigIssues, key: str, given: Table, ours: Signal) -> dict[str, Any] | None:
     """Return `values`; None if they are not given."""
     if "values" not in given:
         if "unit" in given and ours.values:
@@ -191,8 +169,7 @@ def _own_labels(
         factor, offset = float(theirs.scale), float(theirs.offset)
         wanted = {each: labels[each] for each in ours.values}
         is_same = all(
-            factor * numbers[label] + offset == ours.values.index(each)
-            for each, label in wanted.items()
+            factor * numbers[label] + offset == ours.values.index(each) for each, label in wanted.items()
         )
         return None if is_same else wanted
     has = "no value table"

@@ -85,9 +85,7 @@ def _entries(content: Table, above: Names) -> Iterator[tuple[Names, Any]]:
 
 def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table) -> Spread:
     known_keys(issues, dotted, entry, _KEYS)
-    distribution = text(
-        issues, f"{dotted}.distribution", entry.get("distribution", "normal"), DISTRIBUTIONS
-    )
+    distribution = text(issues, f"{dotted}.distribution", entry.get("distribution", "normal"), DISTRIBUTIONS)
     ways = {"relative": ("relative",), "absolute": ("absolute",), "low and high": ("low", "high")}
     allowed = {"normal": 2, "lognormal": 1, "uniform": 3}.get(distribution, 3)
     choice = [way for way in list(ways)[:allowed] if all(each in entry for each in ways[way])]
@@ -95,8 +93,7 @@ def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table) ->
     if len(choice) != 1 or given != set(ways[choice[0]]):
         issues.add(
             dotted,
-            f"{show(entry)}; allowed: one of {', '.join(list(ways)[:allowed])} "
-            f"with distribution = {distribution}",
+            f"{show(entry)}; allowed: one of {', '.join(list(ways)[:allowed])} with distribution = {distribution}",
         )
     relative = _width(issues, f"{dotted}.relative", entry.get("relative", 0.0), 1.0)
     absolute = _width(issues, f"{dotted}.absolute", entry.get("absolute", 0.0), _MOST)
@@ -109,9 +106,7 @@ def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table) ->
         if low > high:
             issues.add(f"{dotted}.low", f"{low:g} above high = {high:g}; allowed: up to high")
         ends = (low, high)
-    return Spread(
-        names, distribution, relative, absolute, ends, _followers(issues, dotted, names, entry)
-    )
+    return Spread(names, distribution, relative, absolute, ends, _followers(issues, dotted, names, entry))
 
 
 def _width(issues: ConfigIssues, dotted: str, value: object, most: float) -> float:
@@ -129,9 +124,7 @@ def _followers(issues: ConfigIssues, dotted: str, names: Names, entry: Table) ->
         follower = (*names[:-2], *each.split("."))
         if key_of(follower) is None or (follower[-2] in DRIVE_TABLES) != is_drive:
             kind = "a drive" if is_drive else "the gate"
-            issues.add(
-                f"{dotted}.follow", f"{show(each)}; allowed: TABLE.KEY of a number of {kind}"
-            )
+            issues.add(f"{dotted}.follow", f"{show(each)}; allowed: TABLE.KEY of a number of {kind}")
         else:
             result.append(follower)
     return tuple(result)
@@ -185,12 +178,7 @@ def _draw(spread: Spread, nominal: float, seed: int, place: Names) -> float:
             return spread.ends[0] + share * (spread.ends[1] - spread.ends[0])
         return nominal + (2.0 * share - 1.0) * (spread.relative * abs(nominal) + spread.absolute)
     deviation = next(
-        (
-            each
-            for each in (gaussian(seed, k, channel) for k in range(_TRIALS))
-            if abs(each) <= _TAIL
-        ),
-        0.0,
+        (each for each in (gaussian(seed, k, channel) for k in range(_TRIALS)) if abs(each) <= _TAIL), 0.0
     )
     if spread.distribution == "lognormal":
         return nominal * math.exp(spread.relative * deviation)

@@ -20,8 +20,7 @@ DEEPEST = 16  # nested tables and lists, and parts of a key
 _MOST_KEYS = 20  # unknown keys that are reported one by one
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _LONG_KEY = re.compile(  # where a key may begin
-    rf"(?:^[ \t]*+\[{{0,2}}+|[{{,])[ \t]*+{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST}}}",
-    re.MULTILINE,
+    rf"(?:^[ \t]*+\[{{0,2}}+|[{{,])[ \t]*+{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST}}}", re.MULTILINE
 )
 
 
@@ -67,13 +66,7 @@ def _is_deeper(content: Table, levels: int) -> bool:
 
 
 def number(
-    issues: ConfigIssues,
-    key: str,
-    value: object,
-    low: float,
-    high: float,
-    unit: str = "",
-    least: float = 0.0,
+    issues: ConfigIssues, key: str, value: object, low: float, high: float, unit: str = "", least: float = 0.0
 ) -> float:
     """Return `value` as a float within [low, high], not between 0 and `least`; else NaN and an issue."""
     begin = f"0, or {least:g}" if least else f"{low:g}"
@@ -107,22 +100,16 @@ def table(issues: ConfigIssues, key: str, value: object) -> Table:
     return value
 
 
-def known_keys(
-    issues: ConfigIssues, prefix: str, given: Mapping[str, Any], known: Iterable[str]
-) -> None:
+def known_keys(issues: ConfigIssues, prefix: str, given: Mapping[str, Any], known: Iterable[str]) -> None:
     """Note an issue for each unknown key; beyond _MOST_KEYS of them only their number."""
     names = list(known)
     start = f"{prefix}." if prefix else ""
     unknown = [key for key in given if key not in names]
     for key in unknown[:_MOST_KEYS]:
-        issues.add(
-            f"{start}{shortened(key)}",
-            f"{show(given[key])}: unknown key; allowed: {', '.join(names)}",
-        )
+        issues.add(f"{start}{shortened(key)}", f"{show(given[key])}: unknown key; allowed: {', '.join(names)}")
     if len(unknown) > _MOST_KEYS:
         issues.add(
-            f"{start}{shortened(unknown[_MOST_KEYS])}",
-            f"and {len(unknown) - _MOST_KEYS - 1} more: unknown keys",
+            f"{start}{shortened(unknown[_MOST_KEYS])}", f"and {len(unknown) - _MOST_KEYS - 1} more: unknown keys"
         )
 
 

@@ -206,8 +206,6 @@ def allowed_units(signal: Signal) -> str:
 def spellings(signal: Signal) -> Mapping[str, Conversion]:
     """Return each spelling of a quantity's units with its conversion."""
     found = {
-        name: conversion(signal, name)
-        for names in _SPELLINGS[dimension_of(signal)].values()
-        for name in names
+        name: conversion(signal, name) for names in _SPELLINGS[dimension_of(signal)].values() for name in names
     }
     return {name: factors for name, factors in found.items() if factors is not None}

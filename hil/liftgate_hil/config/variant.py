@@ -47,9 +47,7 @@ class Variant(NamedTuple):
     """A variant of a vehicle file."""
 
     draw: int | None = None  # seed of a car drawn from the production; None: none is drawn
-    is_ideal: bool = (
-        False  # the thesis's plant: no sensor errors, torsion, source resistance or wear
-    )
+    is_ideal: bool = False  # the thesis's plant: no sensor errors, torsion, source resistance or wear
 
     def check(self) -> None:
         """Raise ConfigError if both a draw and the ideal car are requested."""
@@ -60,9 +58,7 @@ class Variant(NamedTuple):
 AS_FILED = Variant()
 
 
-def settings_for(
-    raw: Table, variant: Variant, settings: Sequence[Setting], source: str
-) -> list[Setting]:
+def settings_for(raw: Table, variant: Variant, settings: Sequence[Setting], source: str) -> list[Setting]:
     """Return the settings that turn the content `raw` into a variant, then `settings`. Raises ConfigError."""
     variant.check()
     if variant.is_ideal:
@@ -100,9 +96,7 @@ def _drawn(raw: Table, seed: int, settings: Sequence[Setting], source: str) -> l
     spreads = spreads_of(issues, nominal)
     issues.raise_if_any()
     if not spreads:
-        raise ConfigError(
-            f"`draw` {seed}: {source} has no table [spread]; allowed: a vehicle with one"
-        )
+        raise ConfigError(f"`draw` {seed}: {source} has no table [spread]; allowed: a vehicle with one")
     kept = {setting.names for setting in settings}
     return [
         Setting(names, value, f"`draw` {seed}: ")

@@ -25,9 +25,7 @@ from liftgate_plant.vehicle import DriveTables, Vehicle
 _ROUNDED = 1.01  # data sheets round the constants of a motor, and measurements scatter
 
 
-def load_vehicle(
-    path: Path, settings: Sequence[Setting] = (), variant: Variant = AS_FILED
-) -> Vehicle:
+def load_vehicle(path: Path, settings: Sequence[Setting] = (), variant: Variant = AS_FILED) -> Vehicle:
     """Return a variant of the vehicle of a file, with settings applied. Raises ConfigError with all issues."""
     raw = read_toml(path)
     origins = applied(raw, settings_for(raw, variant, settings, str(path)))
@@ -38,9 +36,7 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
     """Return the vehicle of a file's content; `source` names it in messages, `origins` is as in ConfigIssues."""
     issues = ConfigIssues(source, origins)
     # `identification` says how values were estimated; nothing here depends on it.
-    known_keys(
-        issues, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "spread", "identification"]
-    )
+    known_keys(issues, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "spread", "identification"])
     spreads_of(issues, raw)
     drives = raw.get("drives")
     if isinstance(drives, bool) or drives not in (1, 2):
@@ -115,12 +111,7 @@ def _drive_tables(issues: ConfigIssues, raw: Table, side: str) -> dict[str, dict
 
 
 def _fields(
-    issues: ConfigIssues,
-    prefix: str,
-    given: Table,
-    kind: type,
-    side: str = "",
-    own: Table | None = None,
+    issues: ConfigIssues, prefix: str, given: Table, kind: type, side: str = "", own: Table | None = None
 ) -> dict[str, Any]:
     """Return the fields of one table, converted to SI and radians; keys in `own` were given for one side."""
     keys = keys_of(kind)
@@ -162,9 +153,7 @@ def _points(issues: ConfigIssues, key: str, value: object, quantity: Quantity) -
     """Return pairs of a share and a value, the shares rising; issues are noted."""
     pairs = value if isinstance(value, list) else [value]
     if not isinstance(value, list) or not all(isinstance(p, list) and len(p) == 2 for p in pairs):
-        issues.add(
-            key, f"{show(value)}; allowed: [[share, value], …] with shares from 0 to 1, rising"
-        )
+        issues.add(key, f"{show(value)}; allowed: [[share, value], …] with shares from 0 to 1, rising")
         return ()
     result = tuple(
         (
@@ -175,10 +164,7 @@ def _points(issues: ConfigIssues, key: str, value: object, quantity: Quantity) -
     )
     for k in range(1, len(result)):
         if result[k][0] <= result[k - 1][0]:
-            issues.add(
-                f"{key}[{k}][0]",
-                f"{result[k][0]:g} after {result[k - 1][0]:g}; allowed: shares that rise",
-            )
+            issues.add(f"{key}[{k}][0]", f"{result[k][0]:g} after {result[k - 1][0]:g}; allowed: shares that rise")
     return result
 
 
@@ -260,9 +246,7 @@ def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
         frequency, freewheeling = own.bridge.pwm_frequency, own.bridge.freewheeling
         prefix = "bridge" if vehicle.left.bridge == vehicle.right.bridge else f"{side}.bridge"
         if frequency == 0.0 and freewheeling != "slow":
-            issues.add(
-                f"{prefix}.freewheeling", f"{freewheeling} without pwm_frequency; allowed: together"
-            )
+            issues.add(f"{prefix}.freewheeling", f"{freewheeling} without pwm_frequency; allowed: together")
         if prefix == "bridge":
             break
 

@@ -15,10 +15,7 @@ _COORDINATE = re.compile(r"(.+)\[([01])\]")
 
 
 def vehicle_text(
-    source: Path,
-    settings: Sequence[Setting],
-    values: Mapping[str, float],
-    origin: Mapping[str, Any],
+    source: Path, settings: Sequence[Setting], values: Mapping[str, float], origin: Mapping[str, Any]
 ) -> str:
     """Return the text of `source` with `settings` and `values` (by their dotted names) applied.
 

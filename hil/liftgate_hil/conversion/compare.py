@@ -154,9 +154,7 @@ def _pairs(tables: tuple[Recording, Recording], blocks: list[Iterator[Floats]]) 
     while first.has_more or second.has_more:
         bound = min(each.last_ns for each in (first, second))
         rows, others = first.taken(bound), second.taken(bound)
-        _, here, there = np.intersect1d(
-            _ns(rows), _ns(others), assume_unique=True, return_indices=True
-        )
+        _, here, there = np.intersect1d(_ns(rows), _ns(others), assume_unique=True, return_indices=True)
         alone = len(rows) - len(here), len(others) - len(there)
         yield _Pair(rows[here], others[there], alone)
 

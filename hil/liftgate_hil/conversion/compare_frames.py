@@ -10,12 +10,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.formats.recording import Recording
 
-_FIELDS = {
-    "identifier": "identifier",
-    "length": "length",
-    "is_sent": "direction",
-    "payload": "data",
-}
+_FIELDS = {"identifier": "identifier", "length": "length", "is_sent": "direction", "payload": "data"}
 _SAME_NS = 1000  # formats keep microseconds, rounded or truncated
 _COARSE_NS = 1_000_000  # resolution of the start time in ASC and TRC
 

@@ -51,9 +51,7 @@ def _never() -> bool:
     return False
 
 
-def convert(
-    source: Path, target: Path, rig: str | None = None, stopped: Callable[[], bool] = _never
-) -> Converted:
+def convert(source: Path, target: Path, rig: str | None = None, stopped: Callable[[], bool] = _never) -> Converted:
     """Write the recording in `source` to `target`, in the format of the target's suffix.
 
     `rig`, a rig or a database, decodes the frames into a table. A target that cannot hold the content unchanged is
@@ -78,9 +76,7 @@ def _checked(target: Path) -> Path:
 def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
     """Return the plan of a conversion. Raises ConfigError if the target can hold nothing of the recording."""
     form, has_frames = FORMATS[target.suffix], source.channel is not None
-    holds = " and ".join(
-        what for what, there in (("rows", source.signals), ("frames", has_frames)) if there
-    )
+    holds = " and ".join(what for what, there in (("rows", source.signals), ("frames", has_frames)) if there)
     notes = list(source.notes)
     try:
         lines_about(source.about)
@@ -109,9 +105,7 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
             if (source.signals and other.has_rows) or (has_frames and other.has_frames)
         )
         more = "" if source.signals else "; or `rig`, which decodes the frames into a table"
-        raise ConfigError(
-            f"{target}: cannot hold the {holds} of {source.path}; allowed: {able}{more}"
-        )
+        raise ConfigError(f"{target}: cannot hold the {holds} of {source.path}; allowed: {able}{more}")
     if source.signals and not form.has_rows:
         notes.append(f"{len(source.signals)} columns omitted: {target.suffix} holds frames only")
     if has_frames and not form.has_frames:
@@ -157,9 +151,7 @@ def _written(plan: _Plan, target: Path, stopped: Callable[[], bool]) -> Converte
 class _Copied:
     """Copier of rows and frames to a writer, roughly in order of time."""
 
-    def __init__(
-        self, plan: _Plan, recorder: Writer, target: Path, ended: Callable[[], bool]
-    ) -> None:
+    def __init__(self, plan: _Plan, recorder: Writer, target: Path, ended: Callable[[], bool]) -> None:
         self._plan, self._recorder, self._target, self._ended = plan, recorder, target, ended
         self._blocks = _checked_frames(plan.source, target) if plan.has_frames else iter(())
         self._waiting = next(self._blocks, None)
@@ -215,15 +207,11 @@ def _refuse(source: Recording, frame: np.void, called: str, target: Path) -> Non
     )
 
 
-def _check_rows(
-    source: Recording, rows: NDArray[np.float64], whole: list[int], target: Path
-) -> None:
+def _check_rows(source: Recording, rows: NDArray[np.float64], whole: list[int], target: Path) -> None:
     """Raise ConfigError if the target would lose something of a row. `whole` are the places of counts."""
     counts = rows[:, whole]
     if not (np.isnan(counts) | ((counts == np.round(counts)) & (np.abs(counts) < _MOST))).all():
-        raise ConfigError(
-            f"{source.path}: a count that is not an integer; allowed: integers below 2^53"
-        )
+        raise ConfigError(f"{source.path}: a count that is not an integer; allowed: integers below 2^53")
     if target.suffix == ".mcap":
         times = rows[:, 0]
         if not ((times >= 0.0) & (times < 1e9)).all():

@@ -80,9 +80,7 @@ class Decoder:
 
     def __init__(self, messages: Iterable[Message], source: str = "") -> None:
         self._source = source
-        self._messages = {
-            each.frame_id | (EXTENDED if each.is_extended_frame else 0): each for each in messages
-        }
+        self._messages = {each.frame_id | (EXTENDED if each.is_extended_frame else 0): each for each in messages}
         self._bits = {
             (message.name, signal.name): bits_of(signal)
             for message in self._messages.values()
@@ -166,9 +164,7 @@ def seen_in(blocks: Iterable[NDArray[np.void]], messages: Mapping[str, Message])
         sound = block["identifier"] & (REMOTE | ERROR) == 0
         found.update(np.unique(block["identifier"][sound] & ~FD).tolist())
     return [
-        each
-        for each in messages.values()
-        if each.frame_id | (EXTENDED if each.is_extended_frame else 0) in found
+        each for each in messages.values() if each.frame_id | (EXTENDED if each.is_extended_frame else 0) in found
     ]
 
 

@@ -38,13 +38,7 @@ if TYPE_CHECKING:
 Columns = Mapping[str, Floats]
 SUFFIXES = (".png", ".svg", ".html")
 MOST = 8  # most panels of a plot
-_USUAL = (
-    "gate_angle_deg",
-    "left_current_a",
-    "right_current_a",
-    "pinch_force_n",
-    "terminal_voltage_v",
-)
+_USUAL = ("gate_angle_deg", "left_current_a", "right_current_a", "pinch_force_n", "terminal_voltage_v")
 _WIDTH, _HEIGHT = 11.0, 2.1  # inch, of a panel
 _FONT = 10.0
 _DPI = 110
@@ -86,9 +80,7 @@ def one_of_each(names: Sequence[str]) -> list[str]:
     return list(found.values())
 
 
-def run_picture(
-    title: str, columns: Columns, panels: Sequence[Sequence[str]], units: Mapping[str, str]
-) -> Figure:
+def run_picture(title: str, columns: Columns, panels: Sequence[Sequence[str]], units: Mapping[str, str]) -> Figure:
     """Plot columns of one recording over time, one panel below the other."""
     with style():
         _settings()
@@ -98,9 +90,7 @@ def run_picture(
         for axis, names in zip(axes, panels, strict=True):
             for name, looks in zip(names, _repeated(len(names)), strict=True):
                 _draw(axis, columns["time_s"], columns[name], looks, _short(name))
-            axis.set_ylabel(
-                _label(names[0] if len(names) == 1 else _common(names), units[names[0]])
-            )
+            axis.set_ylabel(_label(names[0] if len(names) == 1 else _common(names), units[names[0]]))
             if len(names) > 1:
                 axis.legend(loc="upper right", ncols=len(names))
         axes[-1].set_xlabel("time [s]")
@@ -109,10 +99,7 @@ def run_picture(
 
 
 def two_pictures(
-    titles: tuple[str, str],
-    both: tuple[Columns, Columns],
-    names: Sequence[str],
-    units: Mapping[str, str],
+    titles: tuple[str, str], both: tuple[Columns, Columns], names: Sequence[str], units: Mapping[str, str]
 ) -> Figure:
     """Plot columns of two recordings over each other, and beside them second minus first."""
     first, second = both
@@ -158,12 +145,7 @@ def _settings() -> None:
     import matplotlib
 
     matplotlib.rcParams.update(
-        {
-            "font.size": _FONT,
-            "axes.labelsize": _FONT,
-            "axes.titlesize": _FONT,
-            "legend.fontsize": _FONT,
-        }
+        {"font.size": _FONT, "axes.labelsize": _FONT, "axes.titlesize": _FONT, "legend.fontsize": _FONT}
     )
 
 
@@ -181,9 +163,7 @@ def _repeated(count: int) -> list[tuple[str, Any, float]]:
     return [_LOOKS[k % len(_LOOKS)] for k in range(count)]
 
 
-def _draw(
-    axis: Axes, times: Floats, values: Floats, looks: tuple[str, Any, float], label: str
-) -> None:
+def _draw(axis: Axes, times: Floats, values: Floats, looks: tuple[str, Any, float], label: str) -> None:
     colour, dashes, width = looks
     line(axis, times, values, colour, linestyle=dashes, linewidth=width, label=label)
 

@@ -42,9 +42,7 @@ class DecodedRows(Recording):
 def decoded(source: Recording, rig: str) -> DecodedRows:
     """Decode the frames of a recording by a rig or a database. Raises ConfigError."""
     if source.channel is None:
-        raise ConfigError(
-            f"`rig` {rig}: allowed with a recording that holds frames; this one has rows"
-        )
+        raise ConfigError(f"`rig` {rig}: allowed with a recording that holds frames; this one has rows")
     messages = tuple(seen_in(source.frames(), messages_of(rig)))
     if not messages:
         raise ConfigError(f"`rig` {rig}: no frame of its messages is in {source.path}")
@@ -111,8 +109,6 @@ def columns_in(table: Recording, names: Sequence[str], window: Window) -> dict[s
     wanted = ["time_s", *names]
     blocks = list(window.of(table.rows(wanted)))
     if not blocks:
-        raise ConfigError(
-            f"{table.path}: no rows in the time window; allowed: a window that holds rows"
-        )
+        raise ConfigError(f"{table.path}: no rows in the time window; allowed: a window that holds rows")
     rows = np.concatenate(blocks)
     return {name: np.ascontiguousarray(rows[:, k]) for k, name in enumerate(wanted)}

@@ -162,15 +162,9 @@ class Live:
         row, control = self._row.tolist(), self._control
         truth, sensed = split(self._names, row)
         status = self._news.get("status") or {}
-        bench = {
-            name: float(self._row[self._names.index(name)])
-            for name in Bench._fields
-            if name in self._names
-        }
+        bench = {name: float(self._row[self._names.index(name)]) for name in Bench._fields if name in self._names}
         histograms = self._shared.histograms
-        late, took, delay = (
-            times_of(distribution(histograms[each])) for each in (LATENESS, EXECUTION, DELAY)
-        )
+        late, took, delay = (times_of(distribution(histograms[each])) for each in (LATENESS, EXECUTION, DELAY))
         return {
             "state": self._news["state"],
             "time_s": truth.get("time_s"),
@@ -196,10 +190,7 @@ class Live:
                 "bus_offs": int(control["bus_offs"][0]),
                 "not_shown": self._untold,
                 "overwritten": self._rows.lost + self._frames.lost,
-                **{
-                    name: status.get(name)
-                    for name in ("command_age_s", "accepted", "rejected", "foreign")
-                },
+                **{name: status.get(name) for name in ("command_age_s", "accepted", "rejected", "foreign")},
             },
             "in_force": self._news["in_force"],
         }
@@ -259,7 +250,4 @@ def _decoded(message: Message | None, payload: bytes) -> Told:
         found: Any = message.decode(payload, decode_choices=True, allow_truncated=True)
     except (cantools.database.DecodeError, ValueError, OverflowError):
         return {}
-    return {
-        name: value if isinstance(value, int | float) else str(value)
-        for name, value in found.items()
-    }
+    return {name: value if isinstance(value, int | float) else str(value) for name, value in found.items()}

@@ -33,9 +33,7 @@ class RecordingSource:
         if not len(self._last):
             raise ConfigError(f"{path}: no rows; allowed: a recording with rows")
         if not (np.diff(self._last[:, 0]) >= 0.0).all() or not np.isfinite(self._last[:, 0]).all():
-            raise ConfigError(
-                f"{path}: time_s: falls or is not finite; allowed: finite times in order"
-            )
+            raise ConfigError(f"{path}: time_s: falls or is not finite; allowed: finite times in order")
 
     def _thinned(self, table: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the last row of each `every` rows, and the lowest and highest values in these."""
@@ -114,8 +112,6 @@ def _keep(kept: list[list[np.ndarray]], rows: np.ndarray, every: int) -> None:
     parts = rows.reshape(-1, every, rows.shape[1])
     with np.errstate(all="ignore"):
         for own, each in zip(
-            kept,
-            (parts[:, -1], np.fmin.reduce(parts, axis=1), np.fmax.reduce(parts, axis=1)),
-            strict=True,
+            kept, (parts[:, -1], np.fmin.reduce(parts, axis=1), np.fmax.reduce(parts, axis=1)), strict=True
         ):
             own.append(each)

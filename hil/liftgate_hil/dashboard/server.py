@@ -162,9 +162,7 @@ class Page:
         except RunGoneError as error:
             return _refused(410, [str(error)])
         if not done:
-            said_so = (
-                "the run is waiting, for example for the ECU: it executes this when it continues"
-            )
+            said_so = "the run is waiting, for example for the ECU: it executes this when it continues"
             return _json({"waits": said_so}, 202)
         return _json(done)
 
@@ -255,9 +253,7 @@ class _Server(uvicorn.Server):
         yield
 
 
-def serve(
-    page: Page, wire: socket.socket, host: str, token: str, ready: Callable[[], None]
-) -> None:
+def serve(page: Page, wire: socket.socket, host: str, token: str, ready: Callable[[], None]) -> None:
     """Serve on a socket that listens at a host, until Ctrl-C or SIGTERM.
 
     `ready` is called as soon as these signals are handled.

@@ -52,11 +52,7 @@ class Answers:
             else:
                 self._times.append(1e-9 * float(frames["time_ns"][place]))
                 found[place] = self._mark(
-                    [
-                        code
-                        for code, status in answer.codes.items()
-                        if status & self._own.status_mask
-                    ]
+                    [code for code, status in answer.codes.items() if status & self._own.status_mask]
                 )
         return found
 

@@ -30,18 +30,13 @@ _NONE = -1
 IDLE, TO_BEGIN, AWAITS, IN_BLOCK = 0, 1, 2, 3  # states of sending
 
 # Why the last message was not sent, or not received: N_Result.
-OK, TIMEOUT_BS, TIMEOUT_CR, WRONG_SN, INVALID_FS, BUFFER_OVERFLOW, WAIT_OVERRUN, UNEXPECTED = range(
-    8
-)
+OK, TIMEOUT_BS, TIMEOUT_CR, WRONG_SN, INVALID_FS, BUFFER_OVERFLOW, WAIT_OVERRUN, UNEXPECTED = range(8)
 
 LINK = np.dtype(
     [
         ("send_id", "i8"),  # identifiers with SocketCAN's flags
         ("receive_id", "i8"),
-        (
-            "padding",
-            "i8",
-        ),  # byte that pads frames to eight bytes; -1: no padding
+        ("padding", "i8"),  # byte that pads frames to eight bytes; -1: no padding
         ("block_size", "i8"),  # requested when receiving; 0: no limit
         ("st_min", "i8"),  # requested when receiving, as a byte
         ("sending", "i8"),
@@ -74,9 +69,7 @@ class Link(NamedTuple):
     head: Any  # (1,) LINK
 
 
-def new_link(
-    send_id: int, receive_id: int, padding: int = 0xCC, block_size: int = 0, st_min: int = 0
-) -> Link:
+def new_link(send_id: int, receive_id: int, padding: int = 0xCC, block_size: int = 0, st_min: int = 0) -> Link:
     """Return an idle endpoint; `padding` -1: frames are not padded, `st_min`: the byte in its flow control."""
     head = np.zeros(1, dtype=LINK).view(np.recarray)
     head.send_id, head.receive_id, head.padding = send_id, receive_id, padding

@@ -20,8 +20,7 @@ class ResetWatch:
     def take(self, frames: Any) -> None:
         """Process frames (n,) LOGGED."""
         for row in frames[
-            (frames["identifier"] == self._own.request)
-            | (frames["identifier"] == self._own.response)
+            (frames["identifier"] == self._own.request) | (frames["identifier"] == self._own.response)
         ]:
             length = int(row["payload"][0])
             said = row["payload"][1 : 1 + min(length, 7)].tolist()

@@ -33,9 +33,7 @@ def read_request(status_mask: int) -> bytes:
     from udsoncan.services.ReadDTCInformation import ReadDTCInformation
 
     kind = ReadDTCInformation.Subfunction.reportDTCByStatusMask
-    return bytes(
-        ReadDTCInformation.make_request(subfunction=kind, status_mask=status_mask).get_payload()
-    )
+    return bytes(ReadDTCInformation.make_request(subfunction=kind, status_mask=status_mask).get_payload())
 
 
 def clear_request() -> bytes:

@@ -39,11 +39,7 @@ def read_codes(diagnostics: Diagnostics, bench: Bench) -> dict[str, int]:
     answer = services.answer_of(response)
     if answer is None or answer.codes is None:
         raise DiagnosticsError(f"{_READ}: malformed response: {response.hex(' ') or 'nothing'}")
-    return {
-        text_of(code): status
-        for code, status in answer.codes.items()
-        if status & diagnostics.status_mask
-    }
+    return {text_of(code): status for code, status in answer.codes.items() if status & diagnostics.status_mask}
 
 
 def clear_codes(diagnostics: Diagnostics, bench: Bench) -> None:

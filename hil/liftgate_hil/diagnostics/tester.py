@@ -195,9 +195,7 @@ def take_answer(tester: Tester, length: int, now_ns: int) -> None:
         head.asked = _NOTHING
         if row == _CLEAR:
             head.wants, head.next_ns = _READ, now_ns
-    elif answer[0] == service + _POSITIVE and (
-        service == CLEAR or (length >= 2 and answer[1] == sub_function)
-    ):
+    elif answer[0] == service + _POSITIVE and (service == CLEAR or (length >= 2 and answer[1] == sub_function)):
         end_once(head, NO_FAILURE, length)
 
 

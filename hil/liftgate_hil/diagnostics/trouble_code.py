@@ -30,6 +30,4 @@ def number_of(text: str) -> tuple[int, int]:
 
 def text_of(number: int) -> str:
     """Return the text of a number of three bytes, with the failure type: 0x9A0162 is B1A01-62."""
-    return (
-        f"{_AREAS[number >> 22 & 3]}{number >> 20 & 3}{number >> 8 & 0xFFF:03X}-{number & 0xFF:02X}"
-    )
+    return f"{_AREAS[number >> 22 & 3]}{number >> 20 & 3}{number >> 8 & 0xFFF:03X}-{number & 0xFF:02X}"

@@ -73,10 +73,7 @@ class Examination:
         )
 
     def _look_at_software(self) -> None:
-        self._add(
-            software.versions(),
-            software.model(compiler.enabled(), _is_compiled(), compiler.cache_folder()),
-        )
+        self._add(software.versions(), software.model(compiler.enabled(), _is_compiled(), compiler.cache_folder()))
 
     def _look_at_buses(self, detection: buses.Detection) -> None:
         self._add(buses.socketcan(), *buses.interfaces(ROOT, buses.ask_ip))
@@ -91,9 +88,7 @@ class Examination:
         plain = timing.measure(self.rate, self.duration)
         self._modes["without --realtime"] = plain
         mend = (
-            "run with --realtime"
-            if may
-            else "allow the FIFO priority as advised above, then run with --realtime"
+            "run with --realtime" if may else "allow the FIFO priority as advised above, then run with --realtime"
         )
         self._add(timing.lateness("lateness", plain, self.rate, mend))
         fifo = self._measure_fifo() if may or self.realtime else None

@@ -108,10 +108,7 @@ def swap(root: Path, locked: bool) -> Check:
     if used == 0.0 or locked:
         return Check("swap", "ok", f"{found}{', but --realtime locks memory' if used else ''}")
     return Check(
-        "swap",
-        "warning",
-        f"{found}, and memory is not locked",
-        "run with --realtime, or sudo swapoff -a",
+        "swap", "warning", f"{found}, and memory is not locked", "run with --realtime, or sudo swapoff -a"
     )
 
 

@@ -160,9 +160,7 @@ def governor(root: Path) -> Check:
 def virtual(root: Path) -> Check:
     """Check whether there is a hypervisor, which may take CPUs away unnoticed."""
     flags = re.search(r"^(?:flags|Features)\s*:(.*)$", read(root, "proc/cpuinfo"), re.MULTILINE)
-    kind = read(root, "sys/hypervisor/type") or read(
-        root, "sys/firmware/devicetree/base/hypervisor/compatible"
-    )
+    kind = read(root, "sys/hypervisor/type") or read(root, "sys/firmware/devicetree/base/hypervisor/compatible")
     if not kind and (flags is None or "hypervisor" not in flags[1].split()):
         return Check("virtual machine", "ok", "no")
     name = kind.strip("\0") or read(root, "sys/class/dmi/id/sys_vendor")
@@ -195,11 +193,7 @@ def clock(root: Path) -> Check:
     current = read(root, f"{_CLOCK}/current_clocksource")
     if not current:
         return Check("clock source", "ok", "not reported by this kernel")
-    others = [
-        name
-        for name in read(root, f"{_CLOCK}/available_clocksource").split()
-        if name not in _SLOW_CLOCKS
-    ]
+    others = [name for name in read(root, f"{_CLOCK}/available_clocksource").split() if name not in _SLOW_CLOCKS]
     if current not in _SLOW_CLOCKS:
         return Check("clock source", "ok", current)
     mend = "boot with tsc=reliable if the TSC is reliable (see dmesg | grep -i tsc)"

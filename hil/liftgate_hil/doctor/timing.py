@@ -114,9 +114,7 @@ def steal(root: Path) -> dict[str, tuple[int, int]]:
     return found
 
 
-def stolen_percent(
-    before: dict[str, tuple[int, int]], after: dict[str, tuple[int, int]]
-) -> dict[str, float]:
+def stolen_percent(before: dict[str, tuple[int, int]], after: dict[str, tuple[int, int]]) -> dict[str, float]:
     """Return the time that the host took from each CPU between two readings, in % of the total time."""
     return {
         name: 100.0 * (after[name][0] - taken) / max(after[name][1] - total, 1)
@@ -192,12 +190,7 @@ def tick_cost(tick: Distribution | None, rate: float) -> Check:
     )
 
 
-def verdict(
-    rate: float,
-    modes: dict[str, Wakeups],
-    tick: Distribution | None,
-    problems: int,
-) -> Check:
+def verdict(rate: float, modes: dict[str, Wakeups], tick: Distribution | None, problems: int) -> Check:
     """Judge this machine at a rate [Hz]; `modes` are "with --realtime" and "without --realtime"."""
     from liftgate_hil.loop.statistics import force_of
 
@@ -207,15 +200,9 @@ def verdict(
     # At equal rates the mode with fewer missed periods is the better one.
     best = max(modes, key=lambda mode: (rates[mode], -modes[mode].missed))
     late = modes[best].lateness.p99_us
-    others = [
-        f"{f'{rates[mode]} Hz' if rates[mode] else 'no rate'} {mode}"
-        for mode in modes
-        if mode != best
-    ]
+    others = [f"{f'{rates[mode]} Hz' if rates[mode] else 'no rate'} {mode}" for mode in modes if mode != best]
     found = f"for up to {rates[best]} Hz {best}{f' ({others[0]})' if others else ''}"
-    force = (
-        f"p99 lateness {late:.0f} µs is {force_of(late):.2f} N of pinch force on the 10 N/mm rod"
-    )
+    force = f"p99 lateness {late:.0f} µs is {force_of(late):.2f} N of pinch force on the 10 N/mm rod"
     quieter = "end other programs, isolate a CPU, follow the advice above"
     missed, percent = modes[best].missed_share, 100.0 * modes[best].missed_share
     level: Level = "ok"

@@ -32,16 +32,10 @@ class Adapter:
     kind = NO_ECU
 
     def __init__(
-        self,
-        rig: Rig,
-        drives: int,
-        shares_clock: bool = True,
-        calibration: Calibration = CALIBRATED,
+        self, rig: Rig, drives: int, shares_clock: bool = True, calibration: Calibration = CALIBRATED
     ) -> None:
         config = ecu_config(rig, drives, calibration)
-        self.shares_clock = (
-            shares_clock  # ECU time is the gate's, else it begins when the gate is first heard
-        )
+        self.shares_clock = shares_clock  # ECU time is the gate's, else it begins when the gate is first heard
         self._began = 0.0  # s of the ECU's clock, from which the times of events count
         self.node = Node(self.kind, config, wire.NO_PORT)
         self.state = NodeState(new_ecu(config, shares_clock), wire.new_port_state())
@@ -50,10 +44,7 @@ class Adapter:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
 
@@ -89,9 +80,7 @@ class Adapter:
 
     def reset(self) -> None:
         """Reset the ECU to the state in which it is switched on. Raises EcuError."""
-        self.state = NodeState(
-            new_ecu(self.node.reference, self.shares_clock), wire.new_port_state()
-        )
+        self.state = NodeState(new_ecu(self.node.reference, self.shares_clock), wire.new_port_state())
 
     def close(self) -> None:
         """Release what the adapter holds."""
@@ -103,11 +92,7 @@ class ReferenceEcu(Adapter):
     kind = REFERENCE
 
     def __init__(
-        self,
-        rig: Rig,
-        drives: int,
-        shares_clock: bool = True,
-        calibration: Calibration = CALIBRATED,
+        self, rig: Rig, drives: int, shares_clock: bool = True, calibration: Calibration = CALIBRATED
     ) -> None:
         check_rig(rig, drives)
         super().__init__(rig, drives, shares_clock, calibration)

@@ -83,13 +83,7 @@ def reference_at(guard: Any, place: float) -> tuple[float, float]:
 
 @compilable
 def watch(
-    constants: Constants,
-    guard: Any,
-    load: float,
-    position: float,
-    travel: float,
-    hidden: float,
-    in_seal: bool,
+    constants: Constants, guard: Any, load: float, position: float, travel: float, hidden: float, in_seal: bool
 ) -> Verdict:
     """Judge one cycle: compare the load with the reference, and update the guard.
 

@@ -54,8 +54,7 @@ def buttons_of(rig: Rig) -> Buttons:
 def nothing_pressed(buttons: Buttons) -> ButtonState:
     """Return the state before the first frame, in which no button is pressed."""
     return ButtonState(
-        nothing_received(buttons.bus, len(buttons.bus.signals)),
-        np.zeros(len(buttons.action), dtype=np.int64),
+        nothing_received(buttons.bus, len(buttons.bus.signals)), np.zeros(len(buttons.action), dtype=np.int64)
     )
 
 

@@ -36,9 +36,7 @@ class Calibration(NamedTuple):
     integral_time: float = 0.15  # s
     tie: float = 5.0  # 1/s, speed correction per count that one drive is ahead
     speed_window: float = 0.040  # s over which counts are differenced
-    counts_per_turn: float = (
-        4.0  # counts per motor revolution; measured where the bus carries the speed
-    )
+    counts_per_turn: float = 4.0  # counts per motor revolution; measured where the bus carries the speed
     turns_to_count: float = 20.0  # revolutions, after which the measured number is used
 
     # Anti-trap.
@@ -49,9 +47,7 @@ class Calibration(NamedTuple):
     excess_learned: float = 0.12  # A by which the load may exceed the learned reference
     excess_unlearned: float = 0.60  # A by which it may exceed this run's own recent load
     excess_share: float = 0.03  # share of the load itself, for ripple and warm magnets
-    excess_per_slope: float = (
-        2.0  # counts of position error, which matter where the reference is steep
-    )
+    excess_per_slope: float = 2.0  # counts of position error, which matter where the reference is steep
     reference_time: float = 0.50  # s, time constant for tracking what shifts the whole reference
     blank_time: float = 0.50  # s after a start during which nothing is judged
     detection_time: float = 0.005  # s for which the load must exceed its limit without a break
@@ -65,21 +61,15 @@ class Calibration(NamedTuple):
     seal_stall_time: float = 1.0  # s, the same in the seal zone
     hold_time: float = 0.25  # s of braking after a stop
     latch_pulse: float = 1.0  # s, longest release of the latch
-    learning_excess: float = (
-        3.5  # A over this run's own recent load that mark the end stop to be learned
-    )
+    learning_excess: float = 3.5  # A over this run's own recent load that mark the end stop to be learned
 
     learning_time: float = 0.025  # s for which that must last
-    most_squeezed: float = (
-        100.0  # counts at most from where the load rises to where the drives stand
-    )
+    most_squeezed: float = 100.0  # counts at most from where the load rises to where the drives stand
 
     # Plausibility. Sound drives of a production were seen 15 counts from their mean.
     feedback_timeout: float = 0.05  # s without a drive's feedback
     counts_apart: float = 40.0  # counts, deviation of a drive from the mean of both
-    frozen_time: float = (
-        0.5  # s for which a current's reading stays the same although the drive moves
-    )
+    frozen_time: float = 0.5  # s for which a current's reading stays the same although the drive moves
     frozen_counts: float = 20.0  # counts by which the drive must have moved meanwhile
     over_current: float = 45.0  # A
     over_current_time: float = 0.1  # s
@@ -89,12 +79,8 @@ class Calibration(NamedTuple):
     fall_counts: float = 20.0  # counts by which a standing gate may come down before it is held
     fall_hold_time: float = 10.0  # s of braking that hold it
     settling_time: float = 1.0  # s after a stop during which the gate settles
-    travel_change: float = (
-        20.0  # counts by which a new open end must be further to replace the known one
-    )
-    latch_zone: float = (
-        100.0  # counts above closed within which a report of the latch as closed is plausible
-    )
+    travel_change: float = 20.0  # counts by which a new open end must be further to replace the known one
+    latch_zone: float = 100.0  # counts above closed within which a report of the latch as closed is plausible
     hot: float = 110.0  # °C of a motor above which no motion begins
     cool: float = 90.0  # °C below which motions may begin again
 
@@ -123,7 +109,4 @@ PLACES = (0.0, 0.02, 0.05, 0.10, 0.20, 0.30, 0.50, 0.60, 0.70, 0.80, 0.90, 0.95,
 
 BINS = 100  # bins of the position-dependent load reference
 FINE = 34  # of these bins for the last counts before closed, 4 counts each
-FINE_FROM, FINE_TO = (
-    -40.0,
-    96.0,
-)  # counts; below 0 since the drives squeeze the mechanism on closing
+FINE_FROM, FINE_TO = (-40.0, 96.0)  # counts; below 0 since the drives squeeze the mechanism on closing

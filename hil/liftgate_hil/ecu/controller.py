@@ -242,17 +242,11 @@ def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveComma
         right = np.nan
     elif len(memory.drives) > 1:
         right = drive_duty(constants, memory, 1, wanted, feedback.voltage)
-    return DriveCommand(
-        left_duty=left,
-        right_duty=right,
-        latch_release=is_releasing(constants, memory),
-    )
+    return DriveCommand(left_duty=left, right_duty=right, latch_release=is_releasing(constants, memory))
 
 
 @compilable
-def drive_duty(
-    constants: Constants, memory: Memory, index: int, wanted: float, voltage: float
-) -> float:
+def drive_duty(constants: Constants, memory: Memory, index: int, wanted: float, voltage: float) -> float:
     """Return one drive's duty for the wanted speed, corrected by how far it is ahead of the drives' mean."""
     drive = memory.drives[index]
     ahead = drive.count - drive.start - gone(memory)

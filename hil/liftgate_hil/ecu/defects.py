@@ -21,12 +21,8 @@ class Defects(NamedTuple):
     latch_unseen: int = 0  # 1: the latch switch is ignored
     latch_believed: int = 0  # 1: the latch switch is believed far from closed, too
     one_drive_commanded: int = 0  # 1: the right drive is not driven
-    end_never_learned_again: int = (
-        0  # 1: a request to open does nothing where the gate is already open
-    )
-    goes_on_after_reset: int = (
-        0  # 1: the ECU closes the gate when it is switched on with the gate open
-    )
+    end_never_learned_again: int = 0  # 1: a request to open does nothing where the gate is already open
+    goes_on_after_reset: int = 0  # 1: the ECU closes the gate when it is switched on with the gate open
 
 
 NO_DEFECTS = Defects()

@@ -115,13 +115,7 @@ def serve(
 
 
 @compilable
-def answered(
-    server: Server,
-    state: ServerState,
-    statuses: NDArray[np.int64],
-    length: int,
-    now_ns: int,
-) -> int:
+def answered(server: Server, state: ServerState, statuses: NDArray[np.int64], length: int, now_ns: int) -> int:
     """Execute the request of `length` bytes in the link; return the length of the response in it; 0: none."""
     head, link = state.head[0], state.link.head[0]
     if head.session != _DEFAULT and now_ns > head.session_by_ns:
@@ -173,9 +167,7 @@ def done(state: ServerState, service: int, length: int) -> int:
 
 
 @compilable
-def clear_codes(
-    server: Server, state: ServerState, statuses: NDArray[np.int64], length: int
-) -> int:
+def clear_codes(server: Server, state: ServerState, statuses: NDArray[np.int64], length: int) -> int:
     """Clear all trouble codes, or one."""
     if length != 4:
         return -_BAD_LENGTH

@@ -101,9 +101,7 @@ def note_statuses(memory: Memory) -> None:
             begin_tests(statuses)
         elif code in (IS_OPEN, IS_CLOSED, TRAVEL_LEARNED):
             # The motion back after a trap or a block does not pass the tests.
-            has_turned = has_failed(statuses, TRAPPED_CLOSING) or has_failed(
-                statuses, BLOCKED_CLOSING
-            )
+            has_turned = has_failed(statuses, TRAPPED_CLOSING) or has_failed(statuses, BLOCKED_CLOSING)
             if not has_turned:
                 end_tests(statuses)
     control.noted = control.events
@@ -116,7 +114,5 @@ def events_since(memory: Memory, told: int) -> list[Event]:
 
 
 def _event(row: Any) -> Event:
-    text = TEXTS[int(row.code)].format(
-        load=row.load, expected=row.expected, limit=row.limit, travel=row.travel
-    )
+    text = TEXTS[int(row.code)].format(load=row.load, expected=row.expected, limit=row.limit, travel=row.travel)
     return Event(float(row.time), int(row.code), text)

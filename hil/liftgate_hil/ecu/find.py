@@ -22,9 +22,7 @@ _LIBRARY = re.compile(r".+\.(so|dylib|dll)(\.[0-9.]+)?$")
 _CLASS = re.compile(r"[\w.]+:\w+$")
 
 
-def adapter_for(
-    ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, coding: Coding = UNCODED
-) -> Adapter:
+def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, coding: Coding = UNCODED) -> Adapter:
     """Return the adapter of an ECU. Raises ConfigError.
 
     With `shares_clock` the clock by which the ECU gets requests is the gate's; otherwise it begins when the ECU
@@ -45,9 +43,7 @@ def adapter_for(
     if _CLASS.fullmatch(name):
         another = functools.partial(_instance_of, name)
         return PythonEcu(another(), rig, drives, shares_clock, another)
-    raise ConfigError(
-        f"`ecu` {name}: allowed: reference, the path of a shared library, MODULE:CLASS, or bus"
-    )
+    raise ConfigError(f"`ecu` {name}: allowed: reference, the path of a shared library, MODULE:CLASS, or bus")
 
 
 def check_ecu(ecu: Any) -> None:

@@ -53,9 +53,7 @@ def _of_class(module: str, name: str) -> dict[str, Any]:
 def _file_of(module: str) -> Path | None:
     """Return the path of a module's file, without running any code of the module."""
     found = getattr(sys.modules.get(module), "__file__", None)
-    if (
-        found is None and "." not in module and module not in sys.modules
-    ):  # for a submodule, its package would run
+    if found is None and "." not in module and module not in sys.modules:  # for a submodule, its package would run
         try:
             spec = importlib.util.find_spec(module)
         except (ImportError, ValueError):

@@ -34,9 +34,7 @@ class LibraryEcu(Adapter):
         try:
             self._library = ctypes.CDLL(str(self._path))
             names = ("create", "destroy", "step")
-            create, self._destroy, step = (
-                getattr(self._library, f"liftgate_ecu_{name}") for name in names
-            )
+            create, self._destroy, step = (getattr(self._library, f"liftgate_ecu_{name}") for name in names)
         except (OSError, AttributeError) as error:
             raise ConfigError(
                 f"`ecu` {path}: {error}; allowed: a shared library with the functions of liftgate_ecu.h"
@@ -65,9 +63,7 @@ class LibraryEcu(Adapter):
             super().reset()
             self._load(self._path)
             return
-        raise EcuError(
-            f"`ecu` {self._path}: cannot be reloaded; allowed: a library that can be unloaded"
-        )
+        raise EcuError(f"`ecu` {self._path}: cannot be reloaded; allowed: a library that can be unloaded")
 
     def close(self) -> None:
         """Destroy the library's ECU."""

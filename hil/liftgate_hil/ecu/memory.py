@@ -60,10 +60,7 @@ CONTROL = np.dtype(
     [
         ("state", "i8"),
         ("came_from", "i8"),  # the state before
-        (
-            "began_ns",
-            "i8",
-        ),  # when the ECU's clock began; -1: not yet, it begins when the gate is first heard
+        ("began_ns", "i8"),  # when the ECU's clock began; -1: not yet, it begins when the gate is first heard
         ("now", "f8"),  # s
         ("entered", "f8"),  # s, when the state was entered
         ("since", "f8"),  # s, the same, or when the latch released the gate
@@ -79,10 +76,7 @@ CONTROL = np.dtype(
         ("over", "f8"),  # s of over-current
         ("unlike", "f8"),  # s for which one drive has carried the whole load
         ("is_hot", "i8"),
-        (
-            "is_latch_told",
-            "i8",
-        ),  # 1: an implausible latch has been reported since the state was entered
+        ("is_latch_told", "i8"),  # 1: an implausible latch has been reported since the state was entered
         ("is_blind", "i8"),  # 1: this run is not supervised, by a defect
         ("is_zero_known", "i8"),
         ("request", "i8"),  # request of the driver that waits to be obeyed

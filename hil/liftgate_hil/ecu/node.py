@@ -32,9 +32,7 @@ class NodeState(NamedTuple):
 
 
 @compilable
-def ask(
-    node: Node, state: NodeState, requests: Requests, moments: Moments, now_ns: int, gate_ns: int
-) -> bool:
+def ask(node: Node, state: NodeState, requests: Requests, moments: Moments, now_ns: int, gate_ns: int) -> bool:
     """Make the requests that are due: at a time by the ECU's clock, or at a moment by the gate's.
 
     Returns whether an ECU reset is due first; after it, this function is called again.
@@ -64,9 +62,7 @@ def outgoing(node: Node, state: NodeState, count: int) -> Frames:
 
 
 @compilable
-def turn(
-    node: Node, state: NodeState, frames: Frames, now_ns: int
-) -> tuple[NodeState, Frames, bool]:
+def turn(node: Node, state: NodeState, frames: Frames, now_ns: int) -> tuple[NodeState, Frames, bool]:
     """Give the ECU its turn; return its state, what it sends, and whether it behaved as an ECU may."""
     if node.kind == REFERENCE:
         after, sent = reference.step(node.reference, state.reference, frames, now_ns)

@@ -34,12 +34,7 @@ class PythonEcu(Adapter):
     kind = PORT
 
     def __init__(
-        self,
-        ecu: Any,
-        rig: Rig,
-        drives: int,
-        shares_clock: bool = True,
-        another: Callable[[], Any] | None = None,
+        self, ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, another: Callable[[], Any] | None = None
     ) -> None:
         from liftgate_hil.transport.messages import message_of_fields
 
@@ -49,16 +44,12 @@ class PythonEcu(Adapter):
         self._reason = ""
         self._message_of = message_of_fields
         if isinstance(ecu, type) or not callable(_attribute(ecu, "step")):
-            raise ConfigError(
-                f"`ecu` {shown(ecu)}: allowed: an object with step(now_s, frames) -> frames"
-            )
+            raise ConfigError(f"`ecu` {shown(ecu)}: allowed: an object with step(now_s, frames) -> frames")
         self._request: Callable[[str], object] | None = _attribute(ecu, "request")
         period = _attribute(ecu, "period_s")
         seconds = rig.command_cycle_ms() * 1e-3 if period is None else period
         if not isinstance(seconds, int | float) or not 1e-6 <= seconds <= 60.0:
-            raise ConfigError(
-                f"`ecu` {shown(ecu)}: period_s {shown(period)}; allowed: 1e-6 to 60 s"
-            )
+            raise ConfigError(f"`ecu` {shown(ecu)}: period_s {shown(period)}; allowed: 1e-6 to 60 s")
         self._another = another
         self._callbacks = INT_OF_STEP(self._on_step), INT_OF_LONG_INT(self._on_request)
         step, request = (wire.address_of(each) for each in self._callbacks)
@@ -122,9 +113,7 @@ class PythonEcu(Adapter):
             self._error = error
         return 0
 
-    def _on_step(
-        self, instance: int, now_ns: int, inbox: int, count: int, outbox: int, capacity: int
-    ) -> int:
+    def _on_step(self, instance: int, now_ns: int, inbox: int, count: int, outbox: int, capacity: int) -> int:
         try:
             if self._error is not None:
                 return wire.BAD_COUNT
@@ -171,9 +160,7 @@ def _attribute(ecu: Any, name: str) -> Any:
             return getattr(ecu, name, None)
     except Exception as error:  # a property may raise anything
         said = f"{type(error).__name__}: {text_of(error)}{_place_of(error)}"
-        raise ConfigError(
-            f"`ecu` {shown(ecu)}: {name}: {said}; allowed: attributes that can be read"
-        ) from error
+        raise ConfigError(f"`ecu` {shown(ecu)}: {name}: {said}; allowed: attributes that can be read") from error
 
 
 def _place_of(error: BaseException) -> str:

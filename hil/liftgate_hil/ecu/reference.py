@@ -14,13 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames, empty_frames
-from liftgate_hil.codec.receive import (
-    NO_COUNTS,
-    Counts,
-    Reception,
-    nothing_received,
-    receive,
-)
+from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import encode
 from liftgate_hil.config.rig import COMMANDS, Rig
@@ -28,14 +22,7 @@ from liftgate_hil.diagnostics.isotp import MOST_SPOKEN
 from liftgate_hil.ecu.buttons import Buttons, ButtonState, buttons_of, nothing_pressed, pressed_in
 from liftgate_hil.ecu.calibration import CALIBRATED, Calibration
 from liftgate_hil.ecu.controller import COASTING, DriveCommand, Feedback, lose_feedback, update
-from liftgate_hil.ecu.diagnostics import (
-    Server,
-    ServerState,
-    has_work,
-    new_server,
-    serve,
-    server_of,
-)
+from liftgate_hil.ecu.diagnostics import Server, ServerState, has_work, new_server, serve, server_of
 from liftgate_hil.ecu.events import note_statuses
 from liftgate_hil.ecu.memory import NO_REQUEST, Constants, Memory, constants_of, new_memory
 from liftgate_hil.ecu.states import is_moving
@@ -102,8 +89,7 @@ def ecu_config(rig: Rig, drives: int, calibration: Calibration = CALIBRATED) -> 
         pages=max((int(outputs.messages[each].pages) for each in commands), default=1),
         needed=np.array(needed, dtype=np.int64),
         patience_ns=np.array(
-            [max(timeout_ns, int(inputs.messages[row].timeout_ns)) for row in needed],
-            dtype=np.int64,
+            [max(timeout_ns, int(inputs.messages[row].timeout_ns)) for row in needed], dtype=np.int64
         ),
         drives_rows=np.array(_current_rows(rig), dtype=np.int64),
         speed_rows=np.array(_speed_rows(rig), dtype=np.int64),
@@ -214,9 +200,7 @@ def feedback_of(config: EcuConfig, reception: Reception) -> tuple[bool, Feedback
         latched=latched > 0.5,
         caught=latched > 0.5 or values[OUT.latch_half] > 0.5,
         voltage=_NOMINAL_V if np.isnan(voltage) else float(voltage),
-        temperature=hotter_of(
-            values[OUT.left_motor_temperature], values[OUT.right_motor_temperature]
-        ),
+        temperature=hotter_of(values[OUT.left_motor_temperature], values[OUT.right_motor_temperature]),
         left_time=sample_time(config, reception, 0),
         right_time=sample_time(config, reception, 1),
     )
@@ -258,9 +242,7 @@ def percent_of(duty: float, signed: int) -> float:
 
 
 @compilable
-def command_frames(
-    config: EcuConfig, state: EcuState, command: DriveCommand, everything: bool
-) -> Frames:
+def command_frames(config: EcuConfig, state: EcuState, command: DriveCommand, everything: bool) -> Frames:
     """Return the frames that carry a command; they are valid until the next call.
 
     For a multiplexed message that is the next page or, with `everything`, all pages.
@@ -282,9 +264,7 @@ def command_frames(
 
 
 @compilable
-def step(
-    config: EcuConfig, state: EcuState, frames: Frames, now_ns: int
-) -> tuple[EcuState, Frames]:
+def step(config: EcuConfig, state: EcuState, frames: Frames, now_ns: int) -> tuple[EcuState, Frames]:
     """Take the frames received by a time [ns], and return the frames to send.
 
     These are a command where one is due, and the response to a diagnostic tester.

@@ -12,9 +12,7 @@ from liftgate_plant.compiler import compilable
 
 
 @compilable
-def measure_speed(
-    constants: Constants, drive: Any, count: float, turning: float, elapsed: float
-) -> None:
+def measure_speed(constants: Constants, drive: Any, count: float, turning: float, elapsed: float) -> None:
     """Take a sample of the count and of the motor's speed [rev/s], `elapsed` [s] after the last one.
 
     Without the motor's speed (NaN), the speed is the count's difference over a few cycles. `drive` is a record of

@@ -15,9 +15,7 @@ from liftgate_hil.codec.frames import EXTENDED, FD, Frames, empty_frames
 from liftgate_plant.compiler import call_long_int, call_step, compilable
 
 # struct liftgate_frame; `flags` and `data` are renamed, since numpy records have attributes of these names.
-FRAME = np.dtype(
-    [("id", "u4"), ("length", "u1"), ("format", "u1"), ("payload", "u1", (64,))], align=True
-)
+FRAME = np.dtype([("id", "u4"), ("length", "u1"), ("format", "u1"), ("payload", "u1", (64,))], align=True)
 FLAG_FD = 1
 CAPACITY = 1024  # frames per call, in either direction
 

@@ -72,9 +72,7 @@ def lines_about(about: str) -> list[str]:
     lines += [f"ecu = {_ecu_in_words(told['ecu'])}"] if "ecu" in told else []
     if "recorded" in told:
         when, before, after = (told["recorded"][name] for name in ("when", "before_s", "after_s"))
-        lines.append(
-            f"recorded only from {before:g} s before to {after:g} s after {' or '.join(when)}"
-        )
+        lines.append(f"recorded only from {before:g} s before to {after:g} s after {' or '.join(when)}")
     lines += [f"{name} = {x['path']}, SHA-256 {x['sha256']}" for name, x in told["files"].items()]
     return [printable(line) for line in lines]
 

@@ -80,9 +80,7 @@ class CsvWriter:
 
 
 _FEW = 3  # if fewer than a third of the columns are wanted, only their cells are parsed
-_DIGITS = (
-    b"0123456789+-.eE, \n"  # characters of rows in which each cell is a finite number, or empty
-)
+_DIGITS = b"0123456789+-.eE, \n"  # characters of rows in which each cell is a finite number, or empty
 _EMPTY = b"9.87654321e300"  # stands for an empty cell while numbers are parsed
 _LATEST_START = 1e10  # latest plausible start of a run, s since 1970
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -105,9 +103,7 @@ class CsvFile(Recording):
     def as_recording(self) -> CsvFile:
         """Return it as a recording: the time first, the last line whole. Raises ConfigError if it is none."""
         if self.names[:1] != ["time_s"]:
-            raise ConfigError(
-                f"{self.path}: time_s: missing; allowed: a recording whose first column is time_s"
-            )
+            raise ConfigError(f"{self.path}: time_s: missing; allowed: a recording whose first column is time_s")
         signals = {name: column_signal(name) for name in self.names if name != START_COLUMN}
         notes = (CUT,) if self.last else ()  # even if it has all cells, the last one may be cut off
         found = replace(self, signals=signals, notes=notes, is_strict=True)
@@ -119,9 +115,7 @@ class CsvFile(Recording):
         if not first.endswith(b"\n"):
             return found
         start = found._table(first, 1, [self.names.index(START_COLUMN)])[0, 0]
-        return replace(
-            found, start_ns=round(start * 1e6) * 1000 if 0.0 < start < _LATEST_START else 0
-        )
+        return replace(found, start_ns=round(start * 1e6) * 1000 if 0.0 < start < _LATEST_START else 0)
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these columns, one block at a time; an empty cell is NaN."""
@@ -276,14 +270,7 @@ def open_csv(path: Path) -> CsvFile:
     # A last line that is short was cut off, as by a full disk or a kill.
     is_short = bool(last.strip()) and last.count(delimiter.encode()) < len(names) - 1
     notes = (CUT,) if is_short and size - len(last) > end else ()
-    return CsvFile(
-        path=path,
-        names=names,
-        notes=notes,
-        delimiter=delimiter.encode(),
-        head=end,
-        last=last,
-    )
+    return CsvFile(path=path, names=names, notes=notes, delimiter=delimiter.encode(), head=end, last=last)
 
 
 def _checked(path: Path, text: bytes, at: int) -> bytes:
@@ -294,9 +281,7 @@ def _checked(path: Path, text: bytes, at: int) -> bytes:
         if not text.isascii():
             text.decode()
     except UnicodeDecodeError as error:
-        raise ConfigError(
-            f"{path}: cannot be read: not UTF-8 at byte {at + error.start}"
-        ) from error
+        raise ConfigError(f"{path}: cannot be read: not UTF-8 at byte {at + error.start}") from error
     return text
 
 

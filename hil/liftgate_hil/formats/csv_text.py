@@ -69,9 +69,7 @@ def put_word(out: NDArray[np.uint8], at: int, value: float) -> int:
 
 
 @compilable
-def put_number(
-    out: NDArray[np.uint8], at: int, digits: NDArray[np.uint8], read: int
-) -> tuple[int, int]:
+def put_number(out: NDArray[np.uint8], at: int, digits: NDArray[np.uint8], read: int) -> tuple[int, int]:
     """Copy the next number of the JSON text `digits`.
 
     It is searched from `read` on; return where it ends in `out`, and where in `digits`.
@@ -87,10 +85,7 @@ def put_number(
 
 @compilable
 def put_lines(
-    layout: Layout,
-    cells: NDArray[np.float64],
-    digits: NDArray[np.uint8],
-    out: NDArray[np.uint8],
+    layout: Layout, cells: NDArray[np.float64], digits: NDArray[np.uint8], out: NDArray[np.uint8]
 ) -> int:
     """Write the lines of these rows (m, n) of changing cells into `out`; return their length.
 
@@ -157,12 +152,7 @@ class CsvText:
         length = self._put(layout, cells, digits_of(cells, whole, alike), self._out)
         return self._out[:length].tobytes()
 
-    def _layout(
-        self,
-        first: NDArray[np.float64],
-        changes: NDArray[np.bool_],
-        alike: NDArray[np.int64],
-    ) -> Layout:
+    def _layout(self, first: NDArray[np.float64], changes: NDArray[np.bool_], alike: NDArray[np.int64]) -> Layout:
         """Return the layout of the lines: the first row's text without the cells that change."""
         pieces, ends, length = [], [], 0
         for place, (value, is_whole) in enumerate(zip(first.tolist(), self._whole, strict=True)):
@@ -201,9 +191,7 @@ def alike_columns(cells: NDArray[np.float64], whole: NDArray[np.bool_]) -> NDArr
     return found
 
 
-def digits_of(
-    cells: NDArray[np.float64], whole: NDArray[np.bool_], alike: NDArray[np.int64]
-) -> NDArray[np.uint8]:
+def digits_of(cells: NDArray[np.float64], whole: NDArray[np.bool_], alike: NDArray[np.int64]) -> NDArray[np.uint8]:
     """Return the JSON text of these cells (m, n), an array of rows, without integers and repeated columns.
 
     `whole` (n,) tells which columns hold integers, `alike` (n,) is that of `alike_columns`.

@@ -84,16 +84,12 @@ class ChunkWriter:
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Register a schema; return its id."""
-        schema = self._types.Schema(
-            id=len(self._schemas) + 1, name=name, encoding=encoding, data=data
-        )
+        schema = self._types.Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
         self._schemas.append(schema)
         self._append(_bytes_of(schema))
         return schema.id
 
-    def register_channel(
-        self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]
-    ) -> int:
+    def register_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
         """Register a channel; return its id."""
         channel = self._types.Channel(
             id=len(self._channels) + 1,
@@ -114,9 +110,7 @@ class ChunkWriter:
 
     def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Write an attachment without a time."""
-        attachment = self._types.Attachment(
-            create_time=0, log_time=0, name=name, media_type=media_type, data=data
-        )
+        attachment = self._types.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
         offset = self._stream.tell()
         length = self._write(attachment)
         self._attachments.append(
@@ -227,18 +221,14 @@ class ChunkWriter:
             data = b"".join(_bytes_of(record) for record in group)
             if data:
                 parts.append(data)
-                offset = self._types.SummaryOffset(
-                    group_opcode=opcode, group_start=at, group_length=len(data)
-                )
+                offset = self._types.SummaryOffset(group_opcode=opcode, group_start=at, group_length=len(data))
                 offsets.append(offset)
             at += len(data)
         summary = b"".join([*parts, *map(_bytes_of, offsets)])
         ahead = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, at)
         checksum = zlib.crc32(ahead, zlib.crc32(summary))
         self._stream.write(summary)
-        footer = self._types.Footer(
-            summary_start=start, summary_offset_start=at, summary_crc=checksum
-        )
+        footer = self._types.Footer(summary_start=start, summary_offset_start=at, summary_crc=checksum)
         self._write(footer)
         self._stream.write(_MAGIC)
 

@@ -12,14 +12,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import (
-    ERROR,
-    EXTENDED,
-    FD,
-    LOGGED,
-    MAX_BYTES,
-    REMOTE,
-)
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, LOGGED, MAX_BYTES, REMOTE
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats import mcap_layout as layout
@@ -85,10 +78,7 @@ class McapWriter:
         if not len(frames):
             return
         if not self._frames:
-            schema, bus = (
-                layout.frames_schema("CAN frame"),
-                {layout.BUS_NAME: plain_name(self._content.channel)},
-            )
+            schema, bus = (layout.frames_schema("CAN frame"), {layout.BUS_NAME: plain_name(self._content.channel)})
             self._frames = self._register(layout.FRAMES, "frame", schema, bus, layout.BUS)
         times = np.maximum(frames["time_ns"], 0).astype(np.int64)
         texts = frame_texts(frames, self._content.channel)
@@ -122,22 +112,14 @@ class McapWriter:
                 for field, name in zip(fields, names, strict=True)
             }
             schema = layout.rows_schema(topic, signals)
-            channel = self._register(
-                topic, topic.strip("/"), schema, {layout.PREFIX: prefix}, layout.ROWS
-            )
+            channel = self._register(topic, topic.strip("/"), schema, {layout.PREFIX: prefix}, layout.ROWS)
             whole = [content.row[name].is_whole for name in names]
             topics.append(Topic(channel, fields, [row[name] for name in names], whole))
         return topics
 
-    def _register(
-        self, topic: str, name: str, schema: bytes, metadata: dict[str, str], holds: str
-    ) -> int:
-        number = self._writer.register_schema(
-            f"liftgate_hil/{name}", layout.SCHEMA_ENCODING, schema
-        )
-        return self._writer.register_channel(
-            topic, layout.ENCODING, number, {layout.CONTENT: holds, **metadata}
-        )
+    def _register(self, topic: str, name: str, schema: bytes, metadata: dict[str, str], holds: str) -> int:
+        number = self._writer.register_schema(f"liftgate_hil/{name}", layout.SCHEMA_ENCODING, schema)
+        return self._writer.register_channel(topic, layout.ENCODING, number, {layout.CONTENT: holds, **metadata})
 
 
 def _nanoseconds(times: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -149,8 +131,7 @@ def _nanoseconds(times: NDArray[np.float64]) -> NDArray[np.int64]:
 def _block_of(channel: int, times: NDArray[np.int64], texts: Sequence[bytes], number: int) -> Block:
     """Return the messages of one channel as a block; `number` is the sequence number of the first one."""
     records = [
-        HEAD.pack(MESSAGE, HEAD.size - LENGTH_BEFORE + len(text), channel, number + k, time, time)
-        + text
+        HEAD.pack(MESSAGE, HEAD.size - LENGTH_BEFORE + len(text), channel, number + k, time, time) + text
         for k, (time, text) in enumerate(zip(times.tolist(), texts, strict=True))
     ]
     ends = np.cumsum([len(record) for record in records], dtype=np.uint64)
@@ -180,9 +161,7 @@ class McapFile(Recording):
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these columns, one block at a time. Raises ConfigError."""
-        asked = {
-            each.channel: [name for name in wanted if name in each.fields] for each in self.topics
-        }
+        asked = {each.channel: [name for name in wanted if name in each.fields] for each in self.topics}
         asked = {channel: names for channel, names in asked.items() if names} or {
             each.channel: [] for each in self.topics[:1]
         }
@@ -197,9 +176,7 @@ class McapFile(Recording):
         for messages in self._messages(fields):
             for each in messages:
                 told = self._told(each)
-                waiting[each.channel_id].append(
-                    [told.get(name) for name in fields[each.channel_id]]
-                )
+                waiting[each.channel_id].append([told.get(name) for name in fields[each.channel_id]])
             if count := min(map(len, waiting.values())):
                 yield self._joined([rows[:count] for rows in waiting.values()])[:, places]
                 waiting = {channel: rows[count:] for channel, rows in waiting.items()}
@@ -222,9 +199,7 @@ class McapFile(Recording):
         try:
             tables = [np.array(rows, dtype=np.float64) for rows in parts]
         except (TypeError, ValueError) as error:
-            raise ConfigError(
-                f"{self.path}: cannot be read: a field that is not a number"
-            ) from error
+            raise ConfigError(f"{self.path}: cannot be read: a field that is not a number") from error
         for table in tables[1:]:
             if not np.array_equal(table[:, 0], tables[0][:, 0], equal_nan=True):
                 raise ConfigError(f"{self.path}: cannot be read: topics with different times")
@@ -252,9 +227,7 @@ class McapFile(Recording):
         try:
             told = orjson.loads(message.data)
         except ValueError as error:
-            raise ConfigError(
-                f"{self.path}: cannot be read: a message is not JSON: {error}"
-            ) from error
+            raise ConfigError(f"{self.path}: cannot be read: a message is not JSON: {error}") from error
         if not isinstance(told, dict):
             raise ConfigError(f"{self.path}: cannot be read: a message that is not a JSON object")
         return told
@@ -267,21 +240,13 @@ class McapFile(Recording):
         if not channels:
             return
         with foreign_reader(self.path, "MCAP", "mcap"), self.path.open("rb") as stream:
-            for record in StreamReader(
-                stream, emit_chunks=True, record_size_limit=_LARGEST
-            ).records:
+            for record in StreamReader(stream, emit_chunks=True, record_size_limit=_LARGEST).records:
                 found: Sequence[Any] = (record,)
                 if isinstance(record, Chunk):
                     if record.uncompressed_size > _LARGEST:
-                        raise ConfigError(
-                            f"{self.path}: cannot be read: a chunk of more than 1 GiB"
-                        )
+                        raise ConfigError(f"{self.path}: cannot be read: a chunk of more than 1 GiB")
                     found = breakup_chunk(record, validate_crc=True)
-                ours = [
-                    each
-                    for each in found
-                    if isinstance(each, Message) and each.channel_id in channels
-                ]
+                ours = [each for each in found if isinstance(each, Message) and each.channel_id in channels]
                 if ours:
                     yield ours
 

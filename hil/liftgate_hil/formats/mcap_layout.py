@@ -80,8 +80,7 @@ def rows_schema(title: str, fields: Mapping[str, tuple[Signal, str]]) -> bytes:
 def frames_schema(title: str) -> bytes:
     """Return the schema of the topic of frames."""
     return _schema(
-        title,
-        {name: {"type": kind, "description": told} for name, (kind, told) in FRAME_FIELDS.items()},
+        title, {name: {"type": kind, "description": told} for name, (kind, told) in FRAME_FIELDS.items()}
     )
 
 

@@ -60,9 +60,7 @@ def put_bytes(out: NDArray[np.uint8], at: int, value: int, count: int) -> int:
 
 
 @compilable
-def put_head(
-    out: NDArray[np.uint8], at: int, length: int, channel: int, number: int, time_ns: int
-) -> None:
+def put_head(out: NDArray[np.uint8], at: int, length: int, channel: int, number: int, time_ns: int) -> None:
     """Write the head of a message record."""
     at = put_bytes(out, at, _MESSAGE, 1)
     at = put_bytes(out, at, length, 8)
@@ -128,10 +126,7 @@ class RowMessages:
         self._is_whole = np.array([each for topic in topics for each in topic.whole])
         self._whole = np.flatnonzero(self._is_whole)
         self._names = [
-            [
-                (b"," if k else b"{") + orjson.dumps(name) + b":"
-                for k, name in enumerate(topic.fields)
-            ]
+            [(b"," if k else b"{") + orjson.dumps(name) + b":" for k, name in enumerate(topic.fields)]
             for topic in topics
         ]
         self._channels = np.array([topic.channel for topic in topics], dtype=np.int64)

@@ -226,24 +226,17 @@ class Mf4File(Recording):
         """Yield the frames (n,) LOGGED, one block at a time; different kinds are merged in order of time."""
         with opened_mf4(self.path, in_blocks=True) as measured:
             parts = [
-                self._frames(measured, kind, (None, group, place))
-                for group, (kind, place) in self.buses.items()
+                self._frames(measured, kind, (None, group, place)) for group, (kind, place) in self.buses.items()
             ]
             yield from parts[0] if len(parts) == 1 else merged(parts)
 
-    def _frames(
-        self, measured: Any, kind: str, place: tuple[None, int, int]
-    ) -> Iterator[NDArray[np.void]]:
+    def _frames(self, measured: Any, kind: str, place: tuple[None, int, int]) -> Iterator[NDArray[np.void]]:
         for (signal,) in _blocks(measured, [place]):
             for flag in ("BRS", "ESI"):
                 if np.any(_field(signal.samples, kind, flag)):
-                    raise ConfigError(
-                        f"{self.path}: a frame has {flag} set; allowed: frames without {flag}"
-                    )
+                    raise ConfigError(f"{self.path}: a frame has {flag} set; allowed: frames without {flag}")
             if np.any(_field(signal.samples, kind, "BusChannel") != self.bus_number):
-                raise ConfigError(
-                    f"{self.path}: frames of several buses; allowed: frames of one bus"
-                )
+                raise ConfigError(f"{self.path}: frames of several buses; allowed: frames of one bus")
             yield _logged(signal.samples, kind, signal.timestamps)
 
 
@@ -327,11 +320,7 @@ def _blocks(measured: Any, asked: Sequence[tuple[None, int, int]]) -> Iterator[l
     count = measured.groups[asked[0][1]].channel_group.cycles_nr
     for first in range(0, count, _BLOCK):
         yield measured.select(
-            list(asked),
-            record_offset=first,
-            record_count=min(_BLOCK, count - first),
-            raw=True,
-            copy_master=False,
+            list(asked), record_offset=first, record_count=min(_BLOCK, count - first), raw=True, copy_master=False
         )
 
 

@@ -25,9 +25,7 @@ def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
     try:
         from asammdf import MDF
     except ImportError as error:
-        raise ConfigError(
-            f"{path}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
-        ) from error
+        raise ConfigError(f"{path}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'") from error
     check_file(path)
     _check_groups(path)
     said, logger = "", logging.getLogger("asammdf")
@@ -79,9 +77,7 @@ def _check_groups(path: Path) -> None:
             """Yield the first block below each block of a chain, from `block` on."""
             while block:
                 if block in seen:
-                    raise ConfigError(
-                        f"{path}: cannot be read: its blocks form a ring at byte {block}"
-                    )
+                    raise ConfigError(f"{path}: cannot be read: its blocks form a ring at byte {block}")
                 seen.add(block)
                 block, below = links_at(block)
                 yield below

@@ -93,9 +93,7 @@ def open_recording(path: Path) -> Recording:
     """Open the recording in a file, whose suffix selects the format. Raises ConfigError."""
     found = _opened(path)
     if not found.signals and found.channel is None:
-        raise ConfigError(
-            f"{path}: neither rows nor frames; allowed: a recording with rows or frames"
-        )
+        raise ConfigError(f"{path}: neither rows nor frames; allowed: a recording with rows or frames")
     return found
 
 
@@ -131,9 +129,7 @@ def check_file(argument: str, name: str, allowed: tuple[str, ...] = RECORDED) ->
         if path.is_dir():
             raise ConfigError(f"{what}: is a folder; allowed: a file of {', '.join(allowed)}")
     if path.suffix not in allowed:
-        raise ConfigError(
-            f"{what}: format {path.suffix or 'none'!r}; allowed: {', '.join(allowed)}"
-        )
+        raise ConfigError(f"{what}: format {path.suffix or 'none'!r}; allowed: {', '.join(allowed)}")
     form = FORMATS[path.suffix]
     try:
         if not path.parent.is_dir():
@@ -146,8 +142,7 @@ def check_file(argument: str, name: str, allowed: tuple[str, ...] = RECORDED) ->
         raise ConfigError(f"{what}: cannot be written: {error}") from error
     if form.module and importlib.util.find_spec(form.module) is None:
         raise ConfigError(
-            f"{what}: {path.suffix} needs {form.module}; "
-            f"allowed after: pip install 'liftgate-hil[{form.extra}]'"
+            f"{what}: {path.suffix} needs {form.module}; allowed after: pip install 'liftgate-hil[{form.extra}]'"
         )
     return path
 
@@ -176,11 +171,7 @@ def open_writer(
 
 
 def open_writers(
-    paths: Sequence[Path],
-    content: Content,
-    limit: Limit | None,
-    say: Say,
-    stack: contextlib.ExitStack,
+    paths: Sequence[Path], content: Content, limit: Limit | None, say: Say, stack: contextlib.ExitStack
 ) -> list[GuardedWriter]:
     """Open the writers of a run; the stack closes them. Raises ConfigError if a file cannot be written."""
     recorders = []

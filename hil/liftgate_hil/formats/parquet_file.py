@@ -39,10 +39,7 @@ class ParquetTableWriter:
                 )
                 for name in content.columns
             ],
-            metadata={
-                "title": content.title,
-                **({ABOUT_PARQUET: content.about} if content.about else {}),
-            },
+            metadata={"title": content.title, **({ABOUT_PARQUET: content.about} if content.about else {})},
         )
         # Dictionary encoding pays off where values repeat.
         self._writer: Any = parquet.ParquetWriter(stream, self._schema, use_dictionary=whole)
@@ -108,9 +105,7 @@ class ParquetFile(Recording):
         """Return it as a recording: columns of numbers, the time first. Raises ConfigError if it is none."""
         self._check(self.names)
         if self.names[:1] != ["time_s"]:
-            raise ConfigError(
-                f"{self.path}: time_s: missing; allowed: a recording whose first column is time_s"
-            )
+            raise ConfigError(f"{self.path}: time_s: missing; allowed: a recording whose first column is time_s")
         return self
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
@@ -148,20 +143,14 @@ def open_parquet(path: Path) -> ParquetFile:
         others = {
             each.name: str(each.type)
             for each in schema
-            if each.name not in whole
-            and not types.is_floating(each.type)
-            and not types.is_boolean(each.type)
+            if each.name not in whole and not types.is_floating(each.type) and not types.is_boolean(each.type)
         }
     names = list(schema.names)
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise ConfigError(f"{path}: {twice}: twice; allowed: once")
     units = {each.name: ((each.metadata or {}).get(b"unit") or b"").decode() for each in schema}
-    signals = {
-        name: column_signal(name, units[name], name in whole)
-        for name in names
-        if name not in others
-    }
+    signals = {name: column_signal(name, units[name], name in whole) for name in names if name not in others}
     about = (schema.metadata or {}).get(ABOUT_PARQUET.encode(), b"").decode(errors="replace")
     start = told.get(START_PARQUET.encode(), b"").decode(errors="replace")
     return ParquetFile(

@@ -126,9 +126,7 @@ class LogFile(Recording):
 
         where = f"{self.path}: the frame at {message.timestamp:.6f} s"
         if (name := _bus_of(self.path, message)) != self.channel:
-            raise ConfigError(
-                f"{where} is from another bus, {name}; allowed: frames from one bus, {self.channel}"
-            )
+            raise ConfigError(f"{where} is from another bus, {name}; allowed: frames from one bus, {self.channel}")
         if message.bitrate_switch or message.error_state_indicator:
             raise ConfigError(f"{where} has BRS or ESI set; allowed: frames without them")
         try:
@@ -156,11 +154,7 @@ def open_log(path: Path) -> LogFile:
         start_us = round(_start_of(path, reader, first) * 1e6)
     before_us = 0 if path.suffix.lower() == ".asc" else start_us
     return LogFile(
-        path=path,
-        channel=_bus_of(path, first),
-        start_ns=start_us * 1000,
-        notes=notes,
-        before_us=before_us,
+        path=path, channel=_bus_of(path, first), start_ns=start_us * 1000, notes=notes, before_us=before_us
     )
 
 
@@ -215,11 +209,7 @@ def reader_of(path: Path, is_whole: bool = True) -> Iterator[Any]:
     """
     from liftgate_hil.config.can_libraries import can
 
-    readers = {
-        ".log": can.CanutilsLogReader,
-        ".asc": can.ASCReader,
-        ".trc": can.TRCReader,
-    }
+    readers = {".log": can.CanutilsLogReader, ".asc": can.ASCReader, ".trc": can.TRCReader}
     kind = path.suffix.lower()
     with as_config_errors(path), all_understood(), path.open("rb") as stream:
         if kind == ".blf":

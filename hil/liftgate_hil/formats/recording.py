@@ -62,9 +62,7 @@ class Recording:
         """Read these columns; what is anything but finite numbers, or unreadable, is added to `issues`."""
         return self._series(self.rows(wanted), wanted, issues)
 
-    def _series(
-        self, blocks: Iterator[Floats], wanted: Sequence[str], issues: list[str]
-    ) -> dict[str, Series]:
+    def _series(self, blocks: Iterator[Floats], wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
         """Return blocks of rows as one series for each column; NaN is an empty cell."""
         try:
             found = list(blocks) if wanted else []
@@ -81,9 +79,7 @@ class Recording:
                 told = f"{values[bad[0]]} in row {bad[0] + 1}; allowed: a finite number"
                 issues.append(f"{self.path}: {name}: {told}")
             else:
-                result[name] = Series(
-                    np.ascontiguousarray(values), unit=self.units.get(name) or None
-                )
+                result[name] = Series(np.ascontiguousarray(values), unit=self.units.get(name) or None)
         return result
 
 

@@ -60,9 +60,7 @@ class SalvagedWriter:
             if not self._texts:
                 raise
             said = why(error) if isinstance(error, OSError) else str(error)
-            raise RecordingError(
-                f"{said}; the data recorded so far is in {self._names()}"
-            ) from error
+            raise RecordingError(f"{said}; the data recorded so far is in {self._names()}") from error
         for path, text in self._texts:
             text.close()
             path.unlink()

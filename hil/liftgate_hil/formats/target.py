@@ -13,10 +13,7 @@ from typing import BinaryIO
 
 from liftgate_hil.errors import ConfigError
 
-_WORDS = {
-    errno.ENXIO: "a pipe without a reader",
-    errno.EISDIR: "is a folder",
-}
+_WORDS = {errno.ENXIO: "a pipe without a reader", errno.EISDIR: "is a folder"}
 
 
 def is_special(path: Path) -> bool:

@@ -34,9 +34,7 @@ def coarse_of(problem: Problem) -> tuple[Problem, list[int]] | None:
     steps = _steps(problem.data, problem.longest)
     if steps < _LEAST_STEPS:
         return None
-    data = [
-        _coarse(each, changes) for each, changes in zip(problem.data, problem.changes, strict=True)
-    ]
+    data = [_coarse(each, changes) for each, changes in zip(problem.data, problem.changes, strict=True)]
     if _SAVES * _steps(data, _SPACING) > steps:
         return None
     coarse = problem.on(data, longest=_SPACING)
@@ -53,8 +51,7 @@ def _coarse(data: Data, changes: Rows) -> Data:
     rows = data.rows
     kept = _apart(rows, np.arange(len(rows)))
     places = {
-        name: _apart(data.times, np.flatnonzero(np.isfinite(values)))
-        for name, values in data.outputs.items()
+        name: _apart(data.times, np.flatnonzero(np.isfinite(values))) for name, values in data.outputs.items()
     }
     shown = np.unique(np.concatenate([[0, len(data.times) - 1], *places.values()]))
     outputs = {name: np.full(len(shown), np.nan) for name in places}
@@ -68,12 +65,7 @@ def _coarse(data: Data, changes: Rows) -> Data:
         inputs[:, _FLAGS] = np.rint(inputs[:, _FLAGS])
     times = data.times[shown]
     return replace(
-        data,
-        times=times,
-        inputs=inputs,
-        outputs=outputs,
-        decimation=Decimation(rows[kept], times),
-        whole=None,
+        data, times=times, inputs=inputs, outputs=outputs, decimation=Decimation(rows[kept], times), whole=None
     )
 
 

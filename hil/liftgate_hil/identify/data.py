@@ -27,9 +27,7 @@ class Data:
     times: Floats
     inputs: Floats  # (N, 14)
     outputs: Mapping[str, Floats]
-    through_sensors: bool = (
-        False  # a bus log: sensor readings, inputs at the timestamps of their frames
-    )
+    through_sensors: bool = False  # a bus log: sensor readings, inputs at the timestamps of their frames
     decimation: Decimation | None = None  # how the outputs follow from their values in all rows
     whole: Data | None = None  # the data before decimation
     after_motion: bool = False  # whether the caller states that it begins in a pause
@@ -72,9 +70,7 @@ def part_of(data: Data, first: int, last: int, zeros: Mapping[str, float]) -> Da
         own = np.append(own, times[-1])
     inputs = data.inputs[np.arange(begin - 1, begin - 1 + len(own)).clip(max=end - 1)]
     decimation = Decimation(own, times)
-    return replace(
-        data, times=times, inputs=inputs, outputs=outputs, decimation=decimation, whole=None
-    )
+    return replace(data, times=times, inputs=inputs, outputs=outputs, decimation=decimation, whole=None)
 
 
 def changes_of(data: Data) -> NDArray[np.intp]:

@@ -28,9 +28,7 @@ class Decimation:
     factor: int = 1  # one in `factor` of these samples is kept
     # For outputs without a sample in some rows: mask (N,) of the rows in which they have one.
     sampled: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
-    counts: frozenset[str] = (
-        frozenset()
-    )  # outputs that are not filtered, because a count has no noise
+    counts: frozenset[str] = frozenset()  # outputs that are not filtered, because a count has no noise
 
     @property
     def times(self) -> Floats:

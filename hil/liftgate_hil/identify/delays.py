@@ -13,16 +13,12 @@ from liftgate_hil.identify.weighting import errors_of, loss_of, weighting_of
 
 Floats = NDArray[np.float64]
 
-_DELAYS = 1e-3 * np.arange(
-    -20, 21
-)  # s, other delays to evaluate, relative to the one that was found
+_DELAYS = 1e-3 * np.arange(-20, 21)  # s, other delays to evaluate, relative to the one that was found
 _TRIES = 3  # searches from other delays, at most
 _BETTER = 1e-6  # relative decrease of the loss that makes another delay worth a search
 
 
-def at_best_delay(
-    problem: Problem, found: Found, report: Report | None, given_std: Floats | None
-) -> Found:
+def at_best_delay(problem: Problem, found: Found, report: Report | None, given_std: Floats | None) -> Found:
     """Return the search's end, or that of another search from a delay at which the loss is less.
 
     The loss at other delays assumes that all other unknowns follow to first order. Where a change of the inputs

@@ -17,27 +17,17 @@ from numpy.typing import NDArray
 from liftgate_hil.identify.limits import step_within_limits
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.statistics import normal_equations
-from liftgate_hil.identify.weighting import (
-    Weighting,
-    errors_of,
-    log_likelihood_deviance,
-    loss_of,
-    weighting_of,
-)
+from liftgate_hil.identify.weighting import Weighting, errors_of, log_likelihood_deviance, loss_of, weighting_of
 
 Floats = NDArray[np.float64]
-Report = Callable[
-    [int, float, float], None
-]  # iteration, loss, size of the step in standard deviations
+Report = Callable[[int, float, float], None]  # iteration, loss, size of the step in standard deviations
 
 STILL = 5e-3  # standard deviations below which a step no longer counts
 _WORTH = 0.5  # decrease of −log L that makes a step over wide differences worth a try
 _WORKED = 1e-3  # share of its promised decrease that a step must achieve
 _AS_PROMISED = (0.8, 1.25)  # range of the same share in which slopes are good for another step
 _NEAR = 1.0  # standard deviations within which slopes count as the same
-_GOOD = (
-    0.02  # share of the way from where slopes were taken below which a step by them is not accurate
-)
+_GOOD = 0.02  # share of the way from where slopes were taken below which a step by them is not accurate
 _SHRINKS = 0.5  # ratio of a step by the slopes of another point to the step before it, at most
 _FIRST, _FACTOR = 1e-3, 10.0  # damping: first value, factor by which it changes
 _MOST = 1e30  # damping beyond which a step is negligible
@@ -63,9 +53,7 @@ class Descent(NamedTuple):
     place: Place
     history: tuple[float, ...]  # loss after each step, the initial loss first
     stop_reason: str
-    slopes: (
-        Floats  # (rows, outputs, unknowns) near the end, by central differences where it converged
-    )
+    slopes: Floats  # (rows, outputs, unknowns) near the end, by central differences where it converged
 
 
 def place_at(problem: Problem, point: Floats, given_std: Floats | None) -> Place:
@@ -127,9 +115,7 @@ def descend(
         else:
             damping = max(_FACTOR * damping, _FIRST)
     if moved >= STILL:
-        return Descent(
-            place, tuple(history), f"not converged after {rounds} iterations", slopes.values
-        )
+        return Descent(place, tuple(history), f"not converged after {rounds} iterations", slopes.values)
     last, _, _ = _step(problem, place, slopes.values, free, 0.0)
     other = place_at(problem, place.point + last, given_std)
     if other.deviance < place.deviance:
@@ -184,9 +170,7 @@ def _tell(report: Report | None, history: Sequence[float], moved: float) -> None
         report(len(history) - 1, history[-1], moved)
 
 
-def leap(
-    problem: Problem, place: Place, given_std: Floats | None, widths: Floats
-) -> tuple[Place, float]:
+def leap(problem: Problem, place: Place, given_std: Floats | None, widths: Floats) -> tuple[Place, float]:
     """Return (a better place, or the same one; the decrease of −log L that a step promises).
 
     The step uses slopes over differences of these `widths`.

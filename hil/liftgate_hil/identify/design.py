@@ -44,12 +44,8 @@ class Ranked:
     """A candidate and the information that it would yield."""
 
     candidate: Candidate
-    log_det: (
-        float  # log10 det of the relative information; −inf: some parameters are not identifiable
-    )
-    relative_std: (
-        Floats  # (p,) expected standard deviations relative to the values; inf: not identifiable
-    )
+    log_det: float  # log10 det of the relative information; −inf: some parameters are not identifiable
+    relative_std: Floats  # (p,) expected standard deviations relative to the values; inf: not identifiable
 
 
 @dataclass(frozen=True)
@@ -131,9 +127,7 @@ def plan(
     total = np.zeros_like(matrices[0])
     order: list[Ranked] = []
     for _ in range(min(count, len(offered))):
-        sums = [
-            _ranked(each, total + matrix) for each, matrix in zip(offered, matrices, strict=True)
-        ]
+        sums = [_ranked(each, total + matrix) for each, matrix in zip(offered, matrices, strict=True)]
         best = max(range(len(sums)), key=lambda k: _order(sums[k]))
         total = total + matrices[best]
         order.append(sums[best])
@@ -160,10 +154,7 @@ def _information(
     columns = {"left_voltage_v": candidate.voltage, "road_slope_deg": slope}
     nothing = np.zeros(len(candidate.times))
     data = Data(
-        candidate.name,
-        candidate.times,
-        rows_of(columns, len(candidate.times)),
-        dict.fromkeys(outputs, nothing),
+        candidate.name, candidate.times, rows_of(columns, len(candidate.times)), dict.fromkeys(outputs, nothing)
     )
     problem = Problem(vehicle, model, sought, [data], outputs, angle_deg=candidate.angle_deg)
     known = problem.priors()[1]

@@ -23,9 +23,7 @@ _AT_BOUND = 1e-6  # of its size: distance from a bound at which an estimate coun
 _BESIDE, _BESIDE_STD, _BESIDE_MOST = 1e-5, 0.02, 1e-3
 
 
-def estimates_of(
-    problem: Problem, point: Floats, covariance: Floats, known: Uncertainty
-) -> list[Estimate]:
+def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Uncertainty) -> list[Estimate]:
     """Return the estimates at a point (n,) with its covariance (n, n): parameters, then unknowns.
 
     Each has a remark where it cannot be identified, or where a limit of the vehicle holds it.
@@ -51,9 +49,7 @@ def estimates_of(
         elif k in apart:
             remark = "cannot be separated from others"
         elif min(value - low[k], high[k] - value) <= _AT_BOUND * problem.sizes[k]:
-            remark = (
-                f"at its bound {float(low[k] if value - low[k] < high[k] - value else high[k]):g}"
-            )
+            remark = f"at its bound {float(low[k] if value - low[k] < high[k] - value else high[k]):g}"
         elif k in limits and len(limits) == 1:
             remark = f"at a limit for valid vehicles: {limits[k]}"
         elif k < len(problem.sought) and std > _largest_std(float(value), quantity):

@@ -51,10 +51,7 @@ class NothingToTellError(ValueError):
 
 @_FAR_AWAY
 def identify(
-    problem: Problem,
-    report: Report | None = None,
-    given_std: Floats | None = None,
-    profiles: Sequence[str] = (),
+    problem: Problem, report: Report | None = None, given_std: Floats | None = None, profiles: Sequence[str] = ()
 ) -> Identification:
     """Estimate the sought parameters.
 
@@ -134,10 +131,7 @@ def _uncertainty(
     known = statistics.uncertainty(statistics.information(found.slopes, root, inverse_std))
     covariance = known.covariance.copy()
     there = np.isfinite(problem.measured)
-    white = all(
-        statistics.is_white(errors[own])
-        for errors, own in zip(found.errors.T, there.T, strict=True)
-    )
+    white = all(statistics.is_white(errors[own]) for errors, own in zip(found.errors.T, there.T, strict=True))
     told = np.isfinite(np.diag(covariance))
     own = np.ix_(told, told)
     slopes = found.slopes if np.all(told) else found.slopes[:, :, told]

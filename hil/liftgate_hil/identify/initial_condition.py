@@ -98,9 +98,7 @@ def _moving(times: Floats, values: Floats, degree: int, share: float) -> tuple[f
     return first, std, largest
 
 
-def _beginning(
-    times: Floats, values: Floats, degree: int, window: float
-) -> tuple[float, float, float, float]:
+def _beginning(times: Floats, values: Floats, degree: int, window: float) -> tuple[float, float, float, float]:
     """Return value and slope at the first sample, and the standard deviations of both.
 
     They come from a polynomial through the first `window` seconds (ten samples at least).
@@ -196,9 +194,7 @@ def _position(data: Data) -> Floats | None:
     return None
 
 
-def _at_rest(
-    plant: Plant, data: Data, experiment: int, angle: float, quantum: float
-) -> InitialCondition:
+def _at_rest(plant: Plant, data: Data, experiment: int, angle: float, quantum: float) -> InitialCondition:
     """Return the initial condition of a gate that has long been at rest at a known angle [rad]."""
     start = REST._replace(angle=angle, latched=_latched(data, math.degrees(angle)))
     place = gate.extension(plant.link, angle) / plant.left.travel
@@ -247,12 +243,7 @@ def _shows_place(data: Data) -> bool:
 
 
 def _midway(
-    vehicle: Vehicle,
-    data: Data,
-    experiment: int,
-    full: bool,
-    moves: bool,
-    angle_deg: float | None,
+    vehicle: Vehicle, data: Data, experiment: int, full: bool, moves: bool, angle_deg: float | None
 ) -> InitialCondition:
     """Return the initial condition of a gate in motion, or at rest after a motion."""
     plant = plant_of(vehicle)

@@ -27,14 +27,10 @@ from liftgate_hil.identify.weighting import weighting_of
 
 Floats = NDArray[np.float64]
 Effects = NDArray[np.float32]  # Ψ (changes, rows, outputs): the outputs' units per second
-Change = tuple[
-    int, NDArray[np.intp]
-]  # experiment, indices into its `changes` of those in one cycle
+Change = tuple[int, NDArray[np.intp]]  # experiment, indices into its `changes` of those in one cycle
 
 _SHIFT = 5e-4  # s, half the width of a difference, at most; with less a sample beside a change would look smooth
-_SPACING = (
-    0.25  # of the changes' mean distance: half the width, and a gap within one cycle, at most
-)
+_SPACING = 0.25  # of the changes' mean distance: half the width, and a gap within one cycle, at most
 _STEP = 5e-3  # s, longest step of these simulations; compared with 1 ms, Ψ changes by 1 % at most
 _ROWS = 10_000_000  # rows of all simulations of changes, at most
 _SIGNS = 64  # simulations with random signs; the standard deviations are then accurate to 9 %
@@ -143,9 +139,7 @@ class _Moves:
         return effects
 
 
-def _products(
-    effects: Effects, slopes: Floats, errors: Floats, root: Floats
-) -> tuple[Floats, Floats, Floats]:
+def _products(effects: Effects, slopes: Floats, errors: Floats, root: Floats) -> tuple[Floats, Floats, Floats]:
     """Return Ψᵀ Λ⁻¹ Ψ, Ψᵀ Λ⁻¹ ψ and Ψᵀ Λ⁻¹ ε."""
     count = len(effects)
     own, cross, seen = (np.zeros((count, n)) for n in (count, slopes.shape[2], 1))

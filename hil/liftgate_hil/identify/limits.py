@@ -54,9 +54,7 @@ def step_within_limits(
     return step
 
 
-def _limit(
-    start: Floats, way: Floats, first: float, last: float, allowed: Allowed
-) -> tuple[float, float]:
+def _limit(start: Floats, way: Floats, first: float, last: float, allowed: Allowed) -> tuple[float, float]:
     """Return two adjacent shares of a way, the first allowed and the second not.
 
     They are found by bisection between `first`, which is allowed, and `last`, which is not.
@@ -103,9 +101,7 @@ def _share_beside(aside: Floats, step: Floats, share: float, allowed: Allowed) -
     return None
 
 
-def _within_cuts(
-    matrix: Floats, gradient: Floats, low: Floats, high: Floats, cuts: Sequence[Cut]
-) -> Floats:
+def _within_cuts(matrix: Floats, gradient: Floats, low: Floats, high: Floats, cuts: Sequence[Cut]) -> Floats:
     """Return the minimiser within bounds and half-spaces, by adapting their weights in turn (Hildreth 1957).
 
     Each half-space pushes the step back as far as it must, and no further.

@@ -49,9 +49,7 @@ def in_segments(problem: Problem) -> Problem | None:
                 continue  # the latch holds the gate, wherever the drives push
             segments.append(part_of(data, first, last, zeros))
             left, right, speed = (float(column[first]) for column in path)
-            start = REST._replace(
-                balanced=1.0, speed=speed, left_position=left, right_ahead=right - left
-            )
+            start = REST._replace(balanced=1.0, speed=speed, left_position=left, right_ahead=right - left)
             beginnings.append(InitialCondition(start, ()))
     if not segments:
         return None
@@ -80,9 +78,7 @@ def _zero(problem: Problem, number: int, name: str) -> float:
     return 0.0
 
 
-def _path(
-    problem: Problem, plant: Plant, number: int, data: Data
-) -> tuple[Floats, Floats, Floats] | None:
+def _path(problem: Problem, plant: Plant, number: int, data: Data) -> tuple[Floats, Floats, Floats] | None:
     """Return the measured left position, right position and speed (n,) each, smoothed."""
     found = {}
     for side in ("left", "right"):

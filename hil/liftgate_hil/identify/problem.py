@@ -70,9 +70,7 @@ class Problem:
     is_delay_sought: bool = False
     speed_window: float = 0.0  # s before a sample, over which a measured speed is averaged
     longest: float = 1e-3  # s, longest step of a simulation
-    refused_by: Checks = (
-        nothing_refused  # a search visits only vehicles with which these find nothing wrong
-    )
+    refused_by: Checks = nothing_refused  # a search visits only vehicles with which these find nothing wrong
     evaluations: int = 0
     beginnings: Sequence[InitialCondition] = ()  # default: estimated from the data
     unknowns: list[Unknown] = field(init=False)
@@ -85,10 +83,7 @@ class Problem:
         full = MODELS[self.model] == 0
         ahead = _DELAY if self.is_delay_sought else max(-self.delay, 0.0)
         if ahead > 0.0:
-            self.data = [
-                without_end(each, min(ahead, _END * float(np.ptp(each.times))))
-                for each in self.data
-            ]
+            self.data = [without_end(each, min(ahead, _END * float(np.ptp(each.times)))) for each in self.data]
         self.changes = [changes_of(data) for data in self.data]
         if not self.beginnings:
             angles = self.angle_deg
@@ -124,9 +119,7 @@ class Problem:
         self.outputs = [self.outputs[column] for column in kept]
         self.measured = self.measured[:, kept]
         self._counted = {
-            kept.index(column): earlier
-            for column, earlier in self._counted.items()
-            if column in kept
+            kept.index(column): earlier for column, earlier in self._counted.items() if column in kept
         }
         return kept
 
@@ -198,9 +191,7 @@ class Problem:
         self.evaluations += 1
         return self.on_all_cpus(lambda _: self.prediction(point, late), [0])[0]
 
-    def on_all_cpus(
-        self, simulate: Callable[[Item], Result], items: Sequence[Item]
-    ) -> list[Result]:
+    def on_all_cpus(self, simulate: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """Return `simulate` of each item, in their order, computed by threads on all CPUs.
 
         `simulate` calls `prediction`. Machine code that is missing is compiled beforehand, in the calling thread,
@@ -247,12 +238,7 @@ class Problem:
         return np.column_stack([data.thinned(name, rows[:, column]) for name, column in shown])
 
     def _rows(
-        self,
-        vehicle: Vehicle,
-        plant: Plant,
-        point: Floats,
-        number: int,
-        late: Floats | None = None,
+        self, vehicle: Vehicle, plant: Plant, point: Floats, number: int, late: Floats | None = None
     ) -> Floats:
         values = point[len(self.sought) :]
         data, start = self.data[number], self.beginnings[number].start
@@ -281,9 +267,7 @@ class Problem:
         )[kept]
         if self.speed_window > 0.0:
             for speed, position in ((2, 4), (3, 5)):
-                out[:, speed] = _mean_speed(
-                    data.rows, out[:, position], out[:, speed], self.speed_window
-                )
+                out[:, speed] = _mean_speed(data.rows, out[:, position], out[:, speed], self.speed_window)
         out[:, 4] += aside.get("left_offset", 0.0)
         out[:, 5] += aside.get("right_offset", 0.0)
         return out

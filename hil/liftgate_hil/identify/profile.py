@@ -14,9 +14,7 @@ from liftgate_hil.identify.search import Found, search
 Floats = NDArray[np.float64]
 
 
-def profile(
-    problem: Problem, found: Found, number: int, estimate: Estimate, given_std: Floats | None
-) -> Profile:
+def profile(problem: Problem, found: Found, number: int, estimate: Estimate, given_std: Floats | None) -> Profile:
     """Return the profile likelihood: one parameter held around its estimate, all others estimated anew.
 
     Priors count as they do in the search.
@@ -52,8 +50,6 @@ def _crossing(values: Floats, deviances: Floats, side: int) -> float:
         a, b = deviances[k], deviances[k + side]
         if a <= limit < b:
             # Deviances grow with the square of the distance: interpolate their roots.
-            share = (math.sqrt(limit) - math.sqrt(max(a, 0.0))) / (
-                math.sqrt(b) - math.sqrt(max(a, 0.0))
-            )
+            share = (math.sqrt(limit) - math.sqrt(max(a, 0.0))) / (math.sqrt(b) - math.sqrt(max(a, 0.0)))
             return float(values[k] + share * (values[k + side] - values[k]))
     return math.nan

@@ -62,9 +62,7 @@ class Frame(NamedTuple):
     phases: NDArray[np.int64]
 
 
-def series_of(
-    output: str, frame: Frame, measured: Floats, simulated: Floats, before: Floats | None
-) -> Series:
+def series_of(output: str, frame: Frame, measured: Floats, simulated: Floats, before: Floats | None) -> Series:
     """Return the series of one output, from columns with a row for each time, without rows that have no sample."""
     there = np.isfinite(measured)
     y, model = measured[there], simulated[there]
@@ -73,11 +71,7 @@ def series_of(
     for number, name in enumerate(PHASES):
         own = errors[frame.phases[there] == number]
         if len(own):
-            parts[name] = (
-                float(np.sqrt(np.mean(own**2))),
-                float(np.max(np.abs(own))),
-                len(own),
-            )
+            parts[name] = (float(np.sqrt(np.mean(own**2))), float(np.max(np.abs(own))), len(own))
     earlier = before[there] if before is not None else np.zeros(0)
     return Series(
         output=output,
@@ -104,9 +98,7 @@ def _is_rounding(measured: Floats, errors: Floats) -> bool:
     return bool(np.sqrt(np.mean(errors**2)) <= _ROUNDING * step / math.sqrt(12.0))
 
 
-def speed_series(
-    output: str, frame: Frame, position: Floats, simulated: Floats, before: Floats | None
-) -> Series:
+def speed_series(output: str, frame: Frame, position: Floats, simulated: Floats, before: Floats | None) -> Series:
     """Return the speed of a drive of which only the position was measured, as a series.
 
     It consists of the slopes of the measured and of the simulated position, computed alike.
@@ -132,9 +124,7 @@ def local_slope(times: Floats, values: Floats) -> Floats:
     return local_line(times, values, times)[1]
 
 
-def local_line(
-    times: Floats, values: Floats, at: Floats, half_width: float = 0.05
-) -> tuple[Floats, Floats]:
+def local_line(times: Floats, values: Floats, at: Floats, half_width: float = 0.05) -> tuple[Floats, Floats]:
     """Return value and slope (n,) `at` times (n,) of the straight line through all samples within `half_width` s.
 
     The line is fitted by least squares; where there are no samples, the nearest one is used, with slope 0.

@@ -102,9 +102,7 @@ class Identification:
     history: Floats  # (iterations + 1,), loss after each iteration, the initial loss first
     experiments: tuple[Experiment, ...]
     profiles: tuple[Profile, ...] = ()
-    input_jitter: float = (
-        0.0  # s, standard deviation of the inputs' timestamps about the time of their effect
-    )
+    input_jitter: float = 0.0  # s, standard deviation of the inputs' timestamps about the time of their effect
     notes: tuple[str, ...] = field(default_factory=tuple)  # what was done to the data
 
 

@@ -51,9 +51,7 @@ def angle_at(link: Linkage, extended: float) -> float:
 
 
 @compilable
-def static_electrics(
-    plant: Plant, state: State, inputs: Inputs, step: float
-) -> tuple[Electric, Electric]:
+def static_electrics(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[Electric, Electric]:
     """Return both windings without inductance: (R I + R_s d dᵀ) i = d U + u − c2Φ n, linear in the speed."""
     source = plant.source_resistance
     left, right = plant.left, plant.right
@@ -99,18 +97,14 @@ def shaft_limit(plant: Plant, load: Load, force: float, speed: float, lever: flo
     limit = abs(plant.left.torque_per_force / lever) * plant.hinge.coulomb
     for drive in (plant.left, plant.right):
         if drive.active > 0.0:
-            cold = transmission.temperature_factor(
-                drive.friction_temperature, load.ambient_temperature
-            )
+            cold = transmission.temperature_factor(drive.friction_temperature, load.ambient_temperature)
             limit += cold * friction.level(drive.friction, speed)
             limit += drive.load_friction * drive.torque_per_force * abs(force)
     return limit
 
 
 @compilable
-def step_rigid(
-    plant: Plant, state: State, inputs: Inputs, step: float, order: int
-) -> tuple[State, Flow]:
+def step_rigid(plant: Plant, state: State, inputs: Inputs, step: float, order: int) -> tuple[State, Flow]:
     """Return the state `step` seconds later by the model of `order` 3 or 2, and the course of the currents.
 
     The inputs hold during the step.
@@ -167,20 +161,14 @@ def step_rigid(
     after_l = next_motor(left, state.left, path_l, new, position, ambient, step)
     after_r = next_motor(right, state.right, path_r, new, position, ambient, step)
     # The angle is not integrated: it follows from the position.
-    return State(
-        after_l, after_r, state.gate_angle, state.gate_rate, 0.0, 0.0, 0.0, state.latch
-    ), Flow(path_l, path_r)
+    return State(after_l, after_r, state.gate_angle, state.gate_rate, 0.0, 0.0, 0.0, state.latch), Flow(
+        path_l, path_r
+    )
 
 
 @compilable
 def path_of(
-    drive: Drive,
-    electric: Electric,
-    state: DriveState,
-    coast: float,
-    speed: float,
-    step: float,
-    order: int,
+    drive: Drive, electric: Electric, state: DriveState, coast: float, speed: float, step: float, order: int
 ) -> CurrentPath:
     """Return the course of one motor's current during the step.
 
@@ -195,13 +183,7 @@ def path_of(
 
 @compilable
 def next_motor(
-    drive: Drive,
-    state: DriveState,
-    path: CurrentPath,
-    speed: float,
-    position: float,
-    ambient: float,
-    step: float,
+    drive: Drive, state: DriveState, path: CurrentPath, speed: float, position: float, ambient: float, step: float
 ) -> DriveState:
     """Return one motor's state after a step with that current, at the common speed and position."""
     winding, housing, fuse = warmed(drive, state, path, ambient, step)

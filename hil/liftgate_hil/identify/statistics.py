@@ -17,22 +17,16 @@ Floats = NDArray[np.float64]
 
 LAGS = 25
 BAND = 2.5758  # half width of the 99 % band of the standard normal distribution
-_SIGNIFICANT = (
-    1e-3  # of the Ljung-Box test: share of white residuals that are called not white, at most
-)
+_SIGNIFICANT = 1e-3  # of the Ljung-Box test: share of white residuals that are called not white, at most
 _FAR_OUT = 700.0  # half a χ² beyond which the tail counts as 0
 _SAME = 10  # samples of the same value, at least, that share one rounding error
 _SAME_LEVEL = 1e-7  # of an output's range: distance within which two levels are the same
-_APART = (
-    1e-10  # eigenvalue of the normalised information below which a direction is not identifiable
-)
+_APART = 1e-10  # eigenvalue of the normalised information below which a direction is not identifiable
 _PART = 5e-3  # share of a parameter in such directions at which it is named
 _BLOCK = 16384  # rows that are summed at a time
 _BINS = 200  # bins of time for the long-run covariance, at least
 _LINK = 0.05  # common share of two parameters at which they are named together
-_ROUNDING = (
-    1e-7  # component that rounding leaves in such a direction for parameters unrelated to it
-)
+_ROUNDING = 1e-7  # component that rounding leaves in such a direction for parameters unrelated to it
 
 
 class Uncertainty(NamedTuple):
@@ -159,11 +153,7 @@ def score_series(times: Floats, measured: Floats, scores: Floats) -> Floats:
     Bins are as wide as the outputs' samples are apart, where that makes enough bins: rows without a sample, and
     outputs that are sampled in turn, would hide the correlation of the scores.
     """
-    spacings = [
-        float(np.median(np.diff(times[there])))
-        for there in np.isfinite(measured).T
-        if np.sum(there) > 1
-    ]
+    spacings = [float(np.median(np.diff(times[there]))) for there in np.isfinite(measured).T if np.sum(there) > 1]
     if not spacings:
         return scores
     width = max(min(spacings), min(max(spacings), (times[-1] - times[0]) / _BINS))
@@ -319,10 +309,7 @@ def criteria(loss: float, deviance: float, samples: int, rows: int, unknowns: in
     spare = rows - unknowns - 1
     correction = 2.0 * unknowns * (unknowns + 1.0) / spare if spare > 0 else math.nan
     return Criteria(
-        loss * (1.0 + share) / (1.0 - share),
-        aic,
-        aic + correction,
-        likelihood + unknowns * math.log(rows),
+        loss * (1.0 + share) / (1.0 - share), aic, aic + correction, likelihood + unknowns * math.log(rows)
     )
 
 

@@ -54,9 +54,7 @@ _CREEP = 0.1  # rev/s; far below it the hinge's friction has no definite directi
 class Start(NamedTuple):
     """The beginning of a trajectory."""
 
-    balanced: (
-        float  # 1.0: the gate is where its drives hold it; 0.0: cold, at rest, drives in mid-play
-    )
+    balanced: float  # 1.0: the gate is where its drives hold it; 0.0: cold, at rest, drives in mid-play
     latched: float
     left_current: float
     right_current: float

@@ -52,9 +52,7 @@ def sampled_rows(measured: Floats) -> int:
 
 def errors_of(measured: Floats, predicted: Floats) -> Floats:
     """Return the errors ε = y − ŷ (rows, outputs), 0 where there is no sample; a diverged ŷ counts as _HUGE."""
-    predicted = np.where(
-        np.abs(predicted) < _HUGE, predicted, _HUGE
-    )  # NaN is not less, so it is replaced too
+    predicted = np.where(np.abs(predicted) < _HUGE, predicted, _HUGE)  # NaN is not less, so it is replaced too
     return np.where(np.isfinite(measured), measured - predicted, 0.0)
 
 
@@ -87,9 +85,7 @@ def log_likelihood_deviance(measured: Floats, errors: Floats, weighting: Weighti
     return float(np.sum(counts * np.log(np.diag(weighting.covariance)))) + excess
 
 
-def loss_of(
-    measured: Floats, weighting: Weighting, errors: Floats, given_std: Floats | None
-) -> float:
+def loss_of(measured: Floats, weighting: Weighting, errors: Floats, given_std: Floats | None) -> float:
     """Return the loss of prediction errors (rows, outputs).
 
     It is the determinant of their covariance or, if the standard deviations of the noise are given, the sum of

@@ -15,9 +15,7 @@ from typing import TypeVar
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_MOST_ROWS = (
-    4_000_000  # rows of all simulations that run at a time; each needs some 150 bytes a row
-)
+_MOST_ROWS = 4_000_000  # rows of all simulations that run at a time; each needs some 150 bytes a row
 _this_thread = threading.local()
 
 
@@ -25,9 +23,7 @@ class UnwantedError(Exception):
     """Raised in a worker whose result is no longer needed."""
 
 
-def on_all_cpus(
-    function: Callable[[Item], Result], items: Sequence[Item], rows: int
-) -> list[Result]:
+def on_all_cpus(function: Callable[[Item], Result], items: Sequence[Item], rows: int) -> list[Result]:
     """Return `function` of each item, in their order, computed by threads on all CPUs.
 
     `rows` is the number of rows of one simulation, which limits how many run at a time. An exception of

@@ -48,11 +48,7 @@ class Envelope:
 
     def _coarsen(self) -> None:
         half = -(-self._most // 2)
-        for kept, joined in (
-            (self._times, np.fmin),
-            (self._low, np.fmin),
-            (self._high, np.fmax),
-        ):
+        for kept, joined in ((self._times, np.fmin), (self._low, np.fmin), (self._high, np.fmax)):
             even, odd = kept[0::2], kept[1::2]
             together = even.copy()
             together[: len(odd)] = joined(even[: len(odd)], odd)

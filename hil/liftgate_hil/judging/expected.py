@@ -77,9 +77,7 @@ def expected_of(
     expectations = [*expectations, *awaited]
     issues = ConfigIssues(source)
 
-    def condition_of(
-        of: Expectation, key: str, text: str, is_never: bool = False
-    ) -> Condition | None:
+    def condition_of(of: Expectation, key: str, text: str, is_never: bool = False) -> Condition | None:
         try:
             made = parsed(text, parameters, messages)
         except ValueError as error:
@@ -126,9 +124,7 @@ def codes_of(
         return ()
     key, source = f"{asking[0].key}.dtc", asking[0].source
     if diagnostics is None:
-        said = (
-            "the rig has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
-        )
+        said = "the rig has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
         issues.add_of(source, key, f"{asking[0].condition}: {said}")
     if not services.is_there():
         issues.add_of(source, key, f"{asking[0].condition}: trouble codes {services.MISSING}")
@@ -161,16 +157,7 @@ def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations
         row.within, row.hold = each.within, each.hold
         row.stretch_first, row.stretch_count = room, math.ceil(min(each.hold, end) * rate) + 2
         room += int(row.stretch_count) if each.hold else 0
-    for name in (
-        "begin",
-        "end",
-        "decided_at",
-        "margin",
-        "margin_at",
-        "since",
-        "false_at",
-        "late_at",
-    ):
+    for name in ("begin", "end", "decided_at", "margin", "margin_at", "since", "false_at", "late_at"):
         progress[name] = math.nan
     issues = ConfigIssues("")
     tables = Expectations(

@@ -35,9 +35,7 @@ def failure_of(expectation: Expectation, condition: Condition, progress: Any, la
     text = f"{expectation.condition}{held}"
     if not math.isnan(progress.late_at):
         return f"{text}: true at {shown_time(progress.late_at)}, allowed until {shown_time(last)}; by then {found}"
-    return (
-        f"{text}: not true from {shown_time(progress.begin)} to {shown_time(last)}; at best {found}"
-    )
+    return f"{text}: not true from {shown_time(progress.begin)} to {shown_time(last)}; at best {found}"
 
 
 def shown_time(time: float) -> str:
@@ -66,14 +64,10 @@ def _measured(condition: Condition, progress: Any) -> str:
     allowed = _NEGATED[sign] if negated(condition)[decider] else sign
     if allowed == "==":
         off = _with_unit(f"{abs(margin):.4g}", unit)
-        return (
-            f"{named}: {off} from {_with_unit(f'{limit:.10g}', unit)}, the only value allowed, {at}"
-        )
+        return f"{named}: {off} from {_with_unit(f'{limit:.10g}', unit)}, the only value allowed, {at}"
     measured = limit + margin if allowed in (">", ">=", "!=") else limit - margin
     shown = _with_unit(_told_apart(measured, limit), unit)
-    return (
-        f"{named}: {shown}, allowed {_ALLOWED[allowed]} {_with_unit(f'{limit:.10g}', unit)}, {at}"
-    )
+    return f"{named}: {shown}, allowed {_ALLOWED[allowed]} {_with_unit(f'{limit:.10g}', unit)}, {at}"
 
 
 def _sides(comparison: Comparison) -> tuple[str, str, float]:

@@ -27,10 +27,7 @@ class TimedFault:
 
 
 def brief_faults(
-    faults: Sequence[TimedFault],
-    came: Mapping[tuple[str, float | str], float],
-    last: float,
-    step: float,
+    faults: Sequence[TimedFault], came: Mapping[tuple[str, float | str], float], last: float, step: float
 ) -> list[str]:
     """Return a note for each fault that was in force, but for less time than it needs.
 
@@ -42,9 +39,7 @@ def brief_faults(
     for each in faults:
         start = _time_of(each.start, 0.0, came)
         end = _time_of(each.end, each.start.condition or each.start.time, came)
-        if (
-            end < start - SLACK
-        ):  # it came true before the delay of the start was over: its next time is unknown
+        if end < start - SLACK:  # it came true before the delay of the start was over: its next time is unknown
             continue
         end = math.inf if math.isnan(end) else max(end, start + step)
         end = min(end, start + each.length, last)
@@ -56,9 +51,7 @@ def brief_faults(
     return found
 
 
-def _time_of(
-    instant: Instant, after: float | str, came: Mapping[tuple[str, float | str], float]
-) -> float:
+def _time_of(instant: Instant, after: float | str, came: Mapping[tuple[str, float | str], float]) -> float:
     """Return the time of an instant [s]; NaN: it has not come."""
     if not instant.condition:
         return instant.time

@@ -18,10 +18,7 @@ from liftgate_hil.judging.expected import Expected, tables_of
 from liftgate_hil.judging.failure import failure_of, shown_time
 from liftgate_hil.judging.fault_times import brief_faults
 from liftgate_hil.judging.stepped_again import LONGEST, StepAgain, stepped_again
-from liftgate_hil.judging.table import (
-    SLACK,
-    judge_block,
-)
+from liftgate_hil.judging.table import SLACK, judge_block
 from liftgate_hil.judging.timeliness import Timeliness
 from liftgate_hil.judging.verdict import DIRECT, ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
@@ -49,12 +46,7 @@ class Judge:
     """
 
     def __init__(
-        self,
-        expected: Expected,
-        rate: float,
-        end: float,
-        tolerance: float | None = None,
-        silence: float = LONGEST,
+        self, expected: Expected, rate: float, end: float, tolerance: float | None = None, silence: float = LONGEST
     ) -> None:
         self.expected = expected
         self._silence = silence
@@ -65,9 +57,7 @@ class Judge:
         self._not_made = 0.0  # stimuli that could not be applied, at the last row
         self._frames = no_logged()
         self._marks = _NO_MARKS
-        self._answers = (
-            Answers(expected.diagnostics, expected.codes) if expected.diagnostics else None
-        )
+        self._answers = Answers(expected.diagnostics, expected.codes) if expected.diagnostics else None
         self._run = compiled(judge_block)
         self._tables, self._judged = tables_of(expected, rate, end)
         self._judge(np.zeros((0, ROW_WIDTH)), no_logged(), _NO_MARKS)  # compiles in advance
@@ -111,11 +101,7 @@ class Judge:
         return int(self._run(self._tables, self._judged, rows, frames, payloads, marks, self.end))
 
     def verdicts(
-        self,
-        error: str = "",
-        late: str = "",
-        gaps: Sequence[Gap] = (),
-        again: StepAgain | None = None,
+        self, error: str = "", late: str = "", gaps: Sequence[Gap] = (), again: StepAgain | None = None
     ) -> list[Verdict]:
         """Return the verdicts in the order of the file.
 
@@ -184,17 +170,12 @@ class Judge:
                 known = self._in_gaps(place, Verdict("", INCONCLUSIVE, reason=never), gaps).reason
                 reason = known if known == never else f"{waiting.key}: {known}"
                 found = [
-                    Verdict(each.name, INCONCLUSIVE, reason=reason)
-                    if each.verdict == PASS
-                    else each
+                    Verdict(each.name, INCONCLUSIVE, reason=reason) if each.verdict == PASS else each
                     for each in found
                 ]
         if not late:
             return found
-        return [
-            each if each.verdict == ERROR else Verdict(each.name, INCONCLUSIVE, reason=late)
-            for each in found
-        ]
+        return [each if each.verdict == ERROR else Verdict(each.name, INCONCLUSIVE, reason=late) for each in found]
 
     def window(self, place: int) -> tuple[float, float] | None:
         """Return from when to when [s] an expectation is judged, as far as known; None: it is not open yet."""
@@ -285,9 +266,7 @@ class Judge:
         begins, ends = shown_time(progress.begin), shown_time(end)
         if progress.counted == 0:
             why = f"; the ECU refused {answers.refused}" if answers.refused else ""
-            return (
-                f"no response to reading the trouble codes in its window, {begins} to {ends}{why}"
-            )
+            return f"no response to reading the trouble codes in its window, {begins} to {ends}{why}"
         last = answers.last_before(end + SLACK)
         if expectation.is_always and end - last > answers.longest_wait + SLACK:
             came = shown_time(last)
@@ -301,9 +280,7 @@ class Judge:
         progress = self._judged.progress[place]
         end = min(float(progress.end), self.end)
         last = end if math.isfinite(end) else self._last
-        return failure_of(
-            self.expected.expectations[place], self.expected.conditions[place], progress, last
-        )
+        return failure_of(self.expected.expectations[place], self.expected.conditions[place], progress, last)
 
     def notes(self) -> list[str]:
         """Return notes on stimuli that may explain verdicts: faults that were in force too briefly to matter."""

@@ -51,15 +51,8 @@ def stepped_again(
             said = f"stepped again with the commands as they arrived{how}: {other.verdict}"
             return Verdict(verdict.name, INCONCLUSIVE, reason=f"{why}; {said}", method=REPLAY)
     if verdict.margin is None:  # a trouble code: only the ECU's responses are known
-        return Verdict(
-            verdict.name,
-            INCONCLUSIVE,
-            reason=f"{why}; without a margin its effect cannot be bounded",
-        )
-    margins = [
-        verdict.margin,
-        *(each.margin for each in others.values() if each.margin is not None),
-    ]
+        return Verdict(verdict.name, INCONCLUSIVE, reason=f"{why}; without a margin its effect cannot be bounded")
+    margins = [verdict.margin, *(each.margin for each in others.values() if each.margin is not None)]
     uncertainty = max(margins) - min(margins) + found.changes[place] + force
     # Where a comparison with `==` holds its margin is 0; so it is all around, where its uncertainty is 0, too.
     is_within = abs(verdict.margin) <= uncertainty and uncertainty > 0.0
@@ -69,7 +62,5 @@ def stepped_again(
         if verdict.margin == 0.0:  # such as that of a comparison with `==`
             said = "a margin of 0 leaves no room for that"
         reason = f"{why}; stepped again, {said}"
-        return Verdict(
-            verdict.name, INCONCLUSIVE, reason=reason, uncertainty=uncertainty, method=REPLAY
-        )
+        return Verdict(verdict.name, INCONCLUSIVE, reason=reason, uncertainty=uncertainty, method=REPLAY)
     return replace(verdict, method=REPLAY, uncertainty=uncertainty)

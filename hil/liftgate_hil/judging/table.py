@@ -39,10 +39,7 @@ PROGRESS = np.dtype(
         ("end", "f8"),
         ("ticks", "i8"),  # in the window
         ("counted", "i8"),  # ticks in the window in which the condition has a value
-        (
-            "is_decided",
-            "i8",
-        ),  # it was false once (always), or true (eventually): no later tick changes that
+        ("is_decided", "i8"),  # it was false once (always), or true (eventually): no later tick changes that
         ("decided_at", "f8"),  # s
         ("margin", "f8"),  # so far; NaN: none
         ("margin_at", "f8"),  # s
@@ -52,10 +49,7 @@ PROGRESS = np.dtype(
         ("false_at", "f8"),  # s, the last tick in which the condition was false
         ("head", "i8"),
         ("tail", "i8"),
-        (
-            "late_at",
-            "f8",
-        ),  # s, when the condition came true (eventually) only after the window; NaN: it did not
+        ("late_at", "f8"),  # s, when the condition came true (eventually) only after the window; NaN: it did not
     ]
 )
 
@@ -139,9 +133,7 @@ def signals_in(
 
 
 @compilable
-def opened(
-    expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]
-) -> None:
+def opened(expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]) -> None:
     """Set when the window of expectation `which` begins and ends.
 
     With an opening condition it begins at the first row of this block in which the condition is true, and stays
@@ -170,14 +162,7 @@ def note_margin(progress: Any, kind: int, time: float, margin: float, decider: i
 
 @compilable
 def note_stretch(
-    own: Any,
-    progress: Any,
-    ring: Any,
-    step: float,
-    time: float,
-    truth: bool,
-    margin: float,
-    decider: int,
+    own: Any, progress: Any, ring: Any, step: float, time: float, truth: bool, margin: float, decider: int
 ) -> None:
     """Add one tick to an expectation that must hold for some time.
 
@@ -189,9 +174,7 @@ def note_stretch(
         progress.since, progress.head, progress.tail = time, 0, 0  # the ring buffer starts again
     if not truth:
         progress.false_at = time
-    while progress.tail > progress.head and (
-        ring[first + (progress.tail - 1) % count].margin >= margin
-    ):
+    while progress.tail > progress.head and (ring[first + (progress.tail - 1) % count].margin >= margin):
         progress.tail -= 1
     row = ring[first + progress.tail % count]
     row.time, row.margin, row.decider = time, margin, decider
@@ -226,13 +209,7 @@ def has_held(progress: Any, begin: float, step: float) -> bool:
 
 @compilable
 def note_late(
-    own: Any,
-    progress: Any,
-    step: float,
-    work: Work,
-    rows: NDArray[np.float64],
-    first: int,
-    last: int,
+    own: Any, progress: Any, step: float, work: Work, rows: NDArray[np.float64], first: int, last: int
 ) -> None:
     """Note when the condition becomes true for the first time, in the ticks from `first` to before `last`.
 
@@ -253,9 +230,7 @@ def note_late(
 
 
 @compilable
-def note_ticks(
-    own: Any, progress: Any, work: Work, rows: NDArray[np.float64], first: int, last: int
-) -> None:
+def note_ticks(own: Any, progress: Any, work: Work, rows: NDArray[np.float64], first: int, last: int) -> None:
     """Add the ticks from `first` to before `last` to an expectation that a single tick decides."""
     is_always, best, best_at, decided_at = own.kind == ALWAYS, progress.margin, -1, -1
     for i in range(first, last):
@@ -274,9 +249,7 @@ def note_ticks(
 
 
 @compilable
-def judge_one(
-    expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]
-) -> None:
+def judge_one(expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]) -> None:
     """Judge a block for one expectation."""
     own, progress = expectations.rows[which], judged.progress[which]
     if np.isnan(progress.begin):
@@ -301,23 +274,14 @@ def judge_one(
     if own.hold == 0.0:
         note_ticks(own, progress, work, rows, first, behind)
     else:
-        note_stretches(
-            own, progress, judged.stretches, expectations.step, work, rows, first, behind
-        )
+        note_stretches(own, progress, judged.stretches, expectations.step, work, rows, first, behind)
     if may_be_late and behind < len(rows) and progress.is_decided == 0:
         note_late(own, progress, expectations.step, work, rows, behind, len(rows))
 
 
 @compilable
 def note_stretches(
-    own: Any,
-    progress: Any,
-    ring: Any,
-    step: float,
-    work: Work,
-    rows: NDArray[np.float64],
-    first: int,
-    last: int,
+    own: Any, progress: Any, ring: Any, step: float, work: Work, rows: NDArray[np.float64], first: int, last: int
 ) -> None:
     """Add the ticks from `first` to before `last` to an expectation that must hold for some time."""
     for i in range(first, last):

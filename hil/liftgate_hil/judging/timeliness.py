@@ -79,9 +79,7 @@ class Timeliness:
     def worst(self, begin: float, end: float) -> Lateness:
         """Return the longest lateness from a time [s] to another."""
         self._look()
-        hit = [
-            each for each in self._late if each.begin <= end + SLACK and each.end >= begin - SLACK
-        ]
+        hit = [each for each in self._late if each.begin <= end + SLACK and each.end >= begin - SLACK]
         delay = max((each.delay for each in self._within(begin, end)), default=0.0)
         if not hit:
             return Lateness(delay, "")

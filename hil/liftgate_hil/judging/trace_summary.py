@@ -16,13 +16,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.codec.watch import signal_unit
 from liftgate_hil.conditions.condition import COLUMN, SIGNAL, unit_of_column
-from liftgate_hil.judging.comparisons import (
-    Comparison,
-    Side,
-    comparisons_of,
-    shown_name,
-    sides_of,
-)
+from liftgate_hil.judging.comparisons import Comparison, Side, comparisons_of, shown_name, sides_of
 from liftgate_hil.judging.envelope import MOST_BINS, Envelope
 from liftgate_hil.judging.expected import Expected, tables_of
 from liftgate_hil.judging.judge import Judge
@@ -76,10 +70,7 @@ class TraceSummarizer:
     def __init__(self, judge: Judge, rate: float) -> None:
         expected = judge.expected
         self._expected, self._judge, self._rate = expected, judge, rate
-        self._parts = [
-            _Part.of(expected, place)
-            for place in range(len(expected.expectations) - expected.awaited)
-        ]
+        self._parts = [_Part.of(expected, place) for place in range(len(expected.expectations) - expected.awaited)]
         sides = {side.text: side for part in self._parts for side in part.sides}
         self._sides = list(sides.values())
         self._whole = Envelope(len(self._sides))
@@ -177,13 +168,7 @@ class _Part:
         sides = _with_parts(sides_of([*condition, *opening]), expected)
         return cls(condition, opening, sides[:MOST_CURVES], max(len(sides) - MOST_CURVES, 0), [])
 
-    def take(
-        self,
-        window: tuple[float, float] | None,
-        closest: float,
-        times: Floats,
-        values: Floats,
-    ) -> None:
+    def take(self, window: tuple[float, float] | None, closest: float, times: Floats, values: Floats) -> None:
         """Add the ticks in and around the window once it is open, and those around the margin.
 
         Ticks that were added before are skipped. When the margin moves to another tick, its envelope starts again.
@@ -232,9 +217,7 @@ class _Bus:
         for first in range(0, len(rows), BLOCK):
             block = rows[first : first + BLOCK]
             payloads = np.ascontiguousarray(frames["payload"])
-            seen = self._run(
-                self._tables, self._judged, block, frames, payloads, _NO_MARKS, math.inf
-            )
+            seen = self._run(self._tables, self._judged, block, frames, payloads, _NO_MARKS, math.inf)
             found[first : first + BLOCK] = self._judged.signals[: len(block)]
             frames = frames[seen:]
         self._frames = np.array(frames)

@@ -58,13 +58,7 @@ class Episode:
         self._owns_memory = memory is None
         self._adapter = adapter
         self._sinks = sinks
-        self._script = Script(
-            stimuli=stimuli,
-            ticks=0,
-            is_last=0,
-            is_recorded=int(is_recorded),
-            edges=ANY,
-        )
+        self._script = Script(stimuli=stimuli, ticks=0, is_last=0, is_recorded=int(is_recorded), edges=ANY)
         # After a precondition the ECU has already had its turn at this time.
         has_begun = int(stimuli.origin[0] > 0)
         self._now = Stretch(state, adapter.state, has_begun=has_begun, pending=0, outcome=DONE)
@@ -90,13 +84,7 @@ class Episode:
     def begin(self) -> None:
         """Compile, or read the cache, before the run begins."""
         script = self._script._replace(ticks=0, stimuli=copied(self._script.stimuli))
-        self._run(
-            self.config,
-            self._adapter.node,
-            self._now._replace(has_begun=1),
-            script,
-            self.memory.shared,
-        )
+        self._run(self.config, self._adapter.node, self._now._replace(has_begun=1), script, self.memory.shared)
 
     def run(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
         """Run until `ticks` ticks are done. Raises PlantDivergedError, EcuError."""

@@ -44,9 +44,7 @@ _nanosleep = System("nanosleep", "i", "ll")
 class Buffers(NamedTuple):
     """Headers and buffers for a batch in one direction. A header is 64 bytes (struct mmsghdr)."""
 
-    headers: NDArray[
-        np.int64
-    ]  # (n, 8): name, name length, iovec, its length, control, its length, flags, length
+    headers: NDArray[np.int64]  # (n, 8): name, name length, iovec, its length, control, its length, flags, length
     vectors: NDArray[np.int64]  # (n, 2): address, bytes
     rows: NDArray[np.uint8]  # (n, 80) frames
     control: NDArray[np.int64]  # (n, 8) ancillary data
@@ -58,9 +56,7 @@ class Reading(NamedTuple):
 
     count: int  # type: ignore[assignment]  # shadows tuple.count
     error: int  # errno of a failure, 0: none
-    dropped: (
-        int  # the kernel's count of frames it dropped since the socket was opened; -1: not reported
-    )
+    dropped: int  # the kernel's count of frames it dropped since the socket was opened; -1: not reported
 
 
 class Writing(NamedTuple):
@@ -91,9 +87,7 @@ def make_buffers() -> Buffers:
 
 
 @compilable
-def read_frames(
-    descriptor: int, buffers: Buffers, frames: Frames, stamps: NDArray[np.int64]
-) -> Reading:
+def read_frames(descriptor: int, buffers: Buffers, frames: Frames, stamps: NDArray[np.int64]) -> Reading:
     """Read the datagrams that are there, at most as many as `frames` has room for; never waits.
 
     Datagrams that are no frames are skipped, but count: a socket whose other end is closed returns empty datagrams

@@ -34,9 +34,7 @@ class EnergyWatch:
         self._constants = constants
         self._is_able = is_rigid(plant.torsion) and plant.latch.half == 0.0 and not has_faults
         self._over: tuple[tuple[float, ...], Potential] | None = None
-        self._least = self._start = (
-            math.nan
-        )  # J, of the stretch that the last block has left unfinished
+        self._least = self._start = math.nan  # J, of the stretch that the last block has left unfinished
 
     def gain(self, rows: Floats, given: Floats) -> int | None:
         """Return the first of these rows (n, columns) in which the gate has gained too much energy; None: in none.
@@ -102,8 +100,5 @@ def motion_of(rows: Floats) -> Motion:
         return DriveMotion(*(column(f"{side}_{name}") for name in names))
 
     return Motion(
-        np.radians(column("gate_angle_deg")),
-        np.radians(column("gate_rate_degps")),
-        drive("left"),
-        drive("right"),
+        np.radians(column("gate_angle_deg")), np.radians(column("gate_rate_degps")), drive("left"), drive("right")
     )

@@ -51,9 +51,7 @@ def most_frames(config: LoopConfig) -> int:
 
 
 @compilable
-def note_exchange(
-    shared: Shared, given: Frames, heard: Frames, time_ns: int, is_recorded: int
-) -> None:
+def note_exchange(shared: Shared, given: Frames, heard: Frames, time_ns: int, is_recorded: int) -> None:
     """Count the bits of a tick's frames in both directions; if they are recorded, put them into the ring."""
     count_bits(shared, given)
     count_bits(shared, heard)
@@ -63,9 +61,7 @@ def note_exchange(
 
 
 @compilable
-def run_stretch(
-    config: LoopConfig, node: Node, start: Stretch, script: Script, shared: Shared
-) -> Stretch:
+def run_stretch(config: LoopConfig, node: Node, start: Stretch, script: Script, shared: Shared) -> Stretch:
     """Run on from the end of the last stretch, and return the end of this one.
 
     It ends at `script.ticks`, where a ring of `shared` could overflow, when its `stop` is set, or with an outcome
@@ -99,9 +95,7 @@ def run_stretch(
                     given = received(stimuli, config.inputs, to_gate, start_ns, config.seed)
                 place = next_row(shared)
                 row = shared.rows[place : place + 1]
-                loop, heard, is_sound = advance(
-                    gate, loop, stimuli, given, row, ON_TIME, False, stopping
-                )
+                loop, heard, is_sound = advance(gate, loop, stimuli, given, row, ON_TIME, False, stopping)
                 control.rows += 1
                 now_ns = loop.tick * config.step_ns
                 if given.count + heard.count > 0:

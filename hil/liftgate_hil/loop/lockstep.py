@@ -29,9 +29,7 @@ class Lockstep(NamedTuple):
     say: Callable[[str], None] = lambda text: None
 
 
-def run_lockstep(
-    loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Callable[[], bool]
-) -> None:
+def run_lockstep(loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Callable[[], bool]) -> None:
     """Advance one command period for each command frame that comes; the bus is the clock. Raises OverrunError.
 
     What was sent before "ready" was dropped when the loop began: otherwise an ECU that answers every frame would

@@ -101,9 +101,7 @@ class Realtime:
             self._latency = os.open(path, os.O_WRONLY)
             os.write(self._latency, struct.pack("i", 0))  # µs
         except OSError as error:
-            self._refuse(
-                f"no deep sleep of the CPU: {path}: {error.strerror}; to get it: write permission on it"
-            )
+            self._refuse(f"no deep sleep of the CPU: {path}: {error.strerror}; to get it: write permission on it")
 
 
 def ask_for_fifo(priority: int, thread: int = 0) -> str:

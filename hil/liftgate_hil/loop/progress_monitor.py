@@ -32,9 +32,7 @@ if TYPE_CHECKING:
 _EVERY_S = 0.1  # between two looks
 _PATIENCE_S = 2.0  # without a command, after which it reports that it waits
 _REFUSED = (REMOTE_FRAME, WRONG_LENGTH, OUT_OF_RANGE, BAD_CHECKSUM, BAD_COUNTER)
-_ANGLE, _LEFT, _RIGHT = (
-    COLUMN_PLACE[name] for name in ("gate_angle_deg", "left_current_a", "right_current_a")
-)
+_ANGLE, _LEFT, _RIGHT = (COLUMN_PLACE[name] for name in ("gate_angle_deg", "left_current_a", "right_current_a"))
 
 
 class Moment(NamedTuple):
@@ -167,8 +165,7 @@ class ProgressMonitor:
         if cause == BAD_CHECKSUM:
             signal = (options and options.checksum) or "checksum"
             found, expected = (
-                int(each) & 0xFFFFFFFFFFFFFFFF
-                for each in (refusal.checksum, refusal.right_checksum)
+                int(each) & 0xFFFFFFFFFFFFFFFF for each in (refusal.checksum, refusal.right_checksum)
             )
             if found == expected:
                 return f"{head}: data ID or counter does not belong to this message ({signal} is correct)"

@@ -20,12 +20,7 @@ from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, in_force
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH, Bench
-from liftgate_hil.stimuli.stimulus_plan import (
-    StimulusPlan,
-    not_made,
-    received,
-    turns,
-)
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, turns
 from liftgate_hil.transport.base import Transport, drained
 from liftgate_plant.compiler import compilable, compiled
 
@@ -138,17 +133,11 @@ class Loop:
         """
         count, bus = frames.count, self.config.inputs
         ages_ns = time.monotonic_ns() - self.transport.came_ns
-        fresh = [
-            row
-            for row in range(count)
-            if not is_stale(bus, int(frames.identifiers[row]), int(ages_ns[row]))
-        ]
+        fresh = [row for row in range(count) if not is_stale(bus, int(frames.identifiers[row]), int(ages_ns[row]))]
         self.frames_stale += count - len(fresh)
         if len(fresh) == count:
             return frames
-        return Frames(
-            len(fresh), frames.identifiers[fresh], frames.lengths[fresh], frames.data[fresh]
-        )
+        return Frames(len(fresh), frames.identifiers[fresh], frames.lengths[fresh], frames.data[fresh])
 
     def _step(self, frames: Frames, is_silent: bool, is_stop: bool) -> None:
         self.ticks_missed += is_silent

@@ -31,12 +31,7 @@ from liftgate_hil.loop.rings import (
 from liftgate_hil.loop.tick import LoopConfig, LoopState, in_force
 from liftgate_hil.signals import Bench
 from liftgate_hil.stimuli.bus_faults import restamp
-from liftgate_hil.stimuli.stimulus_plan import (
-    StimulusPlan,
-    not_made,
-    received,
-    turns,
-)
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, turns
 from liftgate_plant.compiler import System, compilable, outlined
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
@@ -212,9 +207,7 @@ def arrived_by(room: Room, first: int, count: int, time_ns: int) -> int:
 
 
 @compilable
-def handed_out(
-    bus: BusConfig, shared: Shared, room: Room, first: int, last: int, time_ns: int
-) -> Frames:
+def handed_out(bus: BusConfig, shared: Shared, room: Room, first: int, last: int, time_ns: int) -> Frames:
     """Return the frames of `room` from `first` to before `last`, for a tick at a time on the monotonic clock.
 
     Their arrivals go to `room.given_stamps`; stale frames are left out and counted.
@@ -234,9 +227,7 @@ def handed_out(
 
 
 @compilable
-def wait_for_ticks(
-    config: LoopConfig, params: RunParams, shared: Shared, room: Room, done: int
-) -> bool:
+def wait_for_ticks(config: LoopConfig, params: RunParams, shared: Shared, room: Room, done: int) -> bool:
     """Wait until the tick after the first `done` is due, and receive the frames that have come meanwhile.
 
     Returns False if the loop has fallen too far behind.
@@ -254,9 +245,7 @@ def wait_for_ticks(
 
 
 @compilable
-def frames_for_tick(
-    config: LoopConfig, state: LoopState, params: RunParams, shared: Shared, room: Room
-) -> Frames:
+def frames_for_tick(config: LoopConfig, state: LoopState, params: RunParams, shared: Shared, room: Room) -> Frames:
     """Return the frames for the next tick to be computed, after the bus faults have been applied.
 
     Stores in `room.pace` the tick's reference time (when it was due, if it is caught up, else now), and the
@@ -296,9 +285,7 @@ def note_given(
 
 
 @compilable
-def send_replies(
-    shared: Shared, params: RunParams, room: Room, replies: Frames, stopping: bool
-) -> None:
+def send_replies(shared: Shared, params: RunParams, room: Room, replies: Frames, stopping: bool) -> None:
     """Send the frames of a tick, and note how long the command that they answer has waited."""
     pace, unsent = room.pace[0], 0
     if replies.count > 0:
@@ -353,9 +340,7 @@ def run_realtime(
             bench = Bench(missed, dropped, 1e-9 * pace.waited_ns, not_made(stimuli))
             place = next_row(shared)
             row = shared.rows[place : place + 1]
-            state, replies, is_sound = advance(
-                gate, state, stimuli, given, row, bench, is_silent, stopping
-            )
+            state, replies, is_sound = advance(gate, state, stimuli, given, row, bench, is_silent, stopping)
             control.rows += 1
             note_given(config, before, state, room, given, params.command)
             note_arrivals(shared, given, room.given_stamps, pace.start_ns)

@@ -135,9 +135,7 @@ class RealtimeRun:
             for peer in self.peers if self.state.tick == 0 else ():
                 peer.poll(0)
         thread = threading.Thread(
-            target=self._in_thread,
-            args=(_FOREVER if ticks is None else ticks,),
-            name="real-time loop",
+            target=self._in_thread, args=(_FOREVER if ticks is None else ticks,), name="real-time loop"
         )
         control = self.memory.shared.control[0]
         thread.start()
@@ -223,9 +221,7 @@ class RealtimeRun:
                 self.realtime.enter()
             self._entered.set()
             params, shared = self._course(ticks), self.memory.shared
-            self.state, self.outcome = self._run(
-                self.config, self.state, params, shared, self._room
-            )
+            self.state, self.outcome = self._run(self.config, self.state, params, shared, self._room)
         except BaseException as error:  # raised by `run`
             self._failure = error
         finally:
@@ -271,9 +267,7 @@ class RealtimeRun:
             return
         lost, come = heard.lost, heard.take()
         if heard.lost > lost:
-            self.say(
-                f"{heard.lost - lost} frames were overwritten before they were checked for bench commands"
-            )
+            self.say(f"{heard.lost - lost} frames were overwritten before they were checked for bench commands")
         for observer in self.observers:
             observer.look(come, int(self.memory.shared.control.tick[0]) * self.config.step)
 

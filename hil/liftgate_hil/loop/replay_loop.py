@@ -106,24 +106,15 @@ def due_by(schedule: Schedule, now_ns: int, most: int) -> int:
 
 
 @compilable
-def hand_over(
-    schedule: Schedule, params: PlayParams, shared: Shared, room: Room, count: int
-) -> None:
+def hand_over(schedule: Schedule, params: PlayParams, shared: Shared, room: Room, count: int) -> None:
     """Send the next frames, and note how late they are: from when each was due until it was accepted."""
     position = schedule.position[0]
     first = position.played % len(schedule.due)
     end = first + count
     for place in range(first, end):
         # Before they are sent: whoever receives them at the wire's other end may look at once.
-        schedule.handed[(position.accepted + place - first) % len(schedule.handed)] = schedule.due[
-            place
-        ]
-    frames = Frames(
-        count,
-        schedule.identifiers[first:end],
-        schedule.lengths[first:end],
-        schedule.data[first:end],
-    )
+        schedule.handed[(position.accepted + place - first) % len(schedule.handed)] = schedule.due[place]
+    frames = Frames(count, schedule.identifiers[first:end], schedule.lengths[first:end], schedule.data[first:end])
     missed = send(shared, params, room, frames, params.patience)
     sent_ns = clock_ns(_MONOTONIC, room)
     position.accepted += count - missed
@@ -141,9 +132,7 @@ def play(schedule: Schedule, params: PlayParams, shared: Shared, room: Room) -> 
     room.drained[0] = position.start_ns
     listened, is_starved = position.start_ns, False
     while control.stop == 0:
-        is_whole = (
-            position.is_whole != 0
-        )  # read first: all frames put in before it was set are in the ring
+        is_whole = position.is_whole != 0  # read first: all frames put in before it was set are in the ring
         left = position.written - position.played
         now = clock_ns(_MONOTONIC, room)
         if left == 0:

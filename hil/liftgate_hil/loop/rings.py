@@ -42,20 +42,11 @@ CONTROL = np.dtype(
         ("last_error", "i8"),  # errno of the wire's last error
         ("bus_off", "i8"),  # 1: the controller last reported bus-off
         ("bus_offs", "i8"),  # times it went bus-off
-        (
-            "turn_late_ns",
-            "i8",
-        ),  # written from outside: how late an ECU in this process got its turn
-        (
-            "line_late_ns",
-            "i8",
-        ),  # written from outside: longest wait of a frame of the gate on its way
+        ("turn_late_ns", "i8"),  # written from outside: how late an ECU in this process got its turn
+        ("line_late_ns", "i8"),  # written from outside: longest wait of a frame of the gate on its way
         ("foreign", "i8"),  # times that an ECU's own code began or ended; odd: it runs
         ("beats", "i8"),  # heartbeats of the thread that supervises the run
-        (
-            "pulse",
-            "i8",
-        ),  # heartbeats of a thread that needs only the interpreter lock, see `worker`
+        ("pulse", "i8"),  # heartbeats of a thread that needs only the interpreter lock, see `worker`
     ]
 )
 
@@ -128,9 +119,7 @@ class Memory:
     through the descriptor, as far as the kernel supports that seal.
     """
 
-    def __init__(
-        self, rows: int, frames: int, descriptor: int | None = None, others_write: bool = False
-    ) -> None:
+    def __init__(self, rows: int, frames: int, descriptor: int | None = None, others_write: bool = False) -> None:
         self.sizes = (rows, frames)
         parts: list[tuple[Any, tuple[int, ...]]] = [
             (CONTROL, (1,)),

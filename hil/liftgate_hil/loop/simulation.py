@@ -18,11 +18,7 @@ from liftgate_hil.signals import ON_TIME, ROW_WIDTH
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.samples import Samples
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, note_tick, turns
-from liftgate_hil.stimuli.timeline import (
-    obstacle_at,
-    profiles_over,
-    supply_rise_over,
-)
+from liftgate_hil.stimuli.timeline import obstacle_at, profiles_over, supply_rise_over
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.compiler import compilable, compiled, unflattened
 from liftgate_plant.constants import Constants
@@ -72,12 +68,7 @@ class OfflineState(NamedTuple):
 
 @compilable
 def inputs_at(
-    offline: Offline,
-    gate: Constants,
-    row: Floats,
-    time: float,
-    arming: ObstacleArming,
-    state: State,
+    offline: Offline, gate: Constants, row: Floats, time: float, arming: ObstacleArming, state: State
 ) -> tuple[ObstacleArming, Inputs]:
     """Return the obstacle's arming, and the inputs of the step from a time [s] on.
 
@@ -94,9 +85,7 @@ def inputs_at(
 
 
 @compilable
-def block(
-    offline: Offline, start: OfflineState, rows: Floats, out: Floats
-) -> tuple[OfflineState, int, bool]:
+def block(offline: Offline, start: OfflineState, rows: Floats, out: Floats) -> tuple[OfflineState, int, bool]:
     """Step through input rows (n, inputs), writing the state before each step to `out` (n, ROW_WIDTH).
 
     Returns the state, how many rows were written, and whether all states were sound. It ends before a state that
@@ -109,9 +98,7 @@ def block(
     most_edges = edges[0] + len(memory.edges.rows) // 2
     stimuli, k = offline.stimuli, 0
     while k < rows.shape[0] and sound and edges[0] <= most_edges:
-        gate = unflattened(
-            stimuli.faults.row, offline.constants
-        )  # outside the inner loop, as in `episode`
+        gate = unflattened(stimuli.faults.row, offline.constants)  # outside the inner loop, as in `episode`
         while k < rows.shape[0] and sound and edges[0] <= most_edges:
             time = done * offline.step
             if turns(stimuli, time):
@@ -121,9 +108,7 @@ def block(
             shown = dynamics.outputs(gate.plant, state, begun)
             view = sensors.View(state, begun, shown, flow)
             when = sensors.tick_of(gate.sensors, offline.seed, done, offline.step)
-            memory, sensed = sensors.sense(
-                gate.sensors, gate.faults, gate.plant, view, memory, when
-            )
+            memory, sensed = sensors.sense(gate.sensors, gate.faults, gate.plant, view, memory, when)
             contact = pinched(
                 contact, gate.plant, begun.load.obstacle, state, shown.pinch_force,
                 time, offline.step,
@@ -143,9 +128,7 @@ def block(
     return after, k, sound
 
 
-def simulate(
-    offline: Offline, state: State, samples: Samples, steps: int, every: int = 1
-) -> Iterator[Block]:
+def simulate(offline: Offline, state: State, samples: Samples, steps: int, every: int = 1) -> Iterator[Block]:
     """Yield the rows of every `every`-th step, and all Hall edges, in blocks. Raises PlantDivergedError.
 
     They go from the initial state to that after `steps` steps. The next few blocks are computed while the caller
@@ -162,9 +145,7 @@ def simulate(
             pool.shutdown(cancel_futures=True)
 
 
-def _blocks(
-    offline: Offline, state: State, samples: Samples, steps: int, every: int
-) -> Iterator[Block]:
+def _blocks(offline: Offline, state: State, samples: Samples, steps: int, every: int) -> Iterator[Block]:
     run = compiled(block)
     memory = sensors.initial_sensors(offline.constants.sensors, state, RING_SIZE)
     flow, sound = integrate.resting(state), True

@@ -22,9 +22,7 @@ class BusLoad:
     def add(self, frames: Frames) -> None:
         """Count the bits of frames, in either direction."""
         count = frames.count
-        self.bits += sum(
-            map(bits_of, frames.identifiers[:count].tolist(), frames.lengths[:count].tolist())
-        )
+        self.bits += sum(map(bits_of, frames.identifiers[:count].tolist(), frames.lengths[:count].tolist()))
 
     def percent(self, bitrate: float, seconds: float) -> float:
         """Return the share of the bus's time that frames took [%]."""
@@ -87,9 +85,7 @@ class Summary:
     link: LinkCounts = field(default_factory=LinkCounts)
     link_error: str = ""  # the system's text for the last error
     recordings: list[str] = field(default_factory=list)  # files that were written
-    recording_windows: int | None = (
-        None  # triggers around which it was recorded; None: recorded as a whole
-    )
+    recording_windows: int | None = None  # triggers around which it was recorded; None: recorded as a whole
     recording_lost_rows: int = 0  # rows that the recorder was too slow for
     unseen_rows: int = 0  # rows and frames not judged because an ECU in this process held that up
     injections: int = 0  # injections of a test bench that were carried out

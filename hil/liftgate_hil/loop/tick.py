@@ -28,13 +28,7 @@ from liftgate_hil.codec.receive import (
     rejected,
 )
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.codec.transmit import (
-    Transmission,
-    first_transmission,
-    is_due,
-    told_of,
-    transmit,
-)
+from liftgate_hil.codec.transmit import Transmission, first_transmission, is_due, told_of, transmit
 from liftgate_hil.signals import (
     EDGE_NUMBERS,
     IN,
@@ -78,9 +72,7 @@ class LoopConfig(NamedTuple):
     signed_left: int  # 1: the duty's sign is the direction
     signed_right: int
     latch_mapped: int  # 0: no signal releases the latch, so opening drives do
-    hold_message: (
-        int  # row in `outputs` that reports the largest pinch force since its last frame; −1: none
-    )
+    hold_message: int  # row in `outputs` that reports the largest pinch force since its last frame; −1: none
     obstacle_distance: float  # m, of the panel's obstacle from the hinge
     step: float  # s
     step_ns: int
@@ -224,9 +216,7 @@ def surroundings(
 
 
 @compilable
-def command(
-    config: LoopConfig, values: NDArray[np.float64], stop: bool
-) -> tuple[DriveInput, DriveInput]:
+def command(config: LoopConfig, values: NDArray[np.float64], stop: bool) -> tuple[DriveInput, DriveInput]:
     """Return the inputs of the left and the right bridge for the commands received; after a stop they coast."""
     if stop:
         return drive_input(COAST, 0.0), drive_input(COAST, 0.0)
@@ -280,12 +270,7 @@ def edge_times(halls: Any, now: float) -> EdgeTimes:
 
 @compilable
 def line_up(
-    values: NDArray[np.float64],
-    sensed: Sensed,
-    truth: Truth,
-    status: Status,
-    outside: Outside,
-    edges: EdgeTimes,
+    values: NDArray[np.float64], sensed: Sensed, truth: Truth, status: Status, outside: Outside, edges: EdgeTimes
 ) -> None:
     """Fill the values of all outputs (OUTPUT_COUNT,)."""
     fill(values, OUT_ROWS.sensed, sensed)
@@ -309,9 +294,7 @@ def tick(
     timeouts = state.timeouts + forget_stale(config.inputs, reception, start_ns)
     left, right = command(config, reception.values, outside.is_stop)
     opening = left.duty > 0.0 or right.duty > 0.0
-    arming, load = surroundings(
-        config, reception.values, outside, opening, state.arming, state.plant
-    )
+    arming, load = surroundings(config, reception.values, outside, opening, state.arming, state.plant)
     frictions = frictions_in(config.friction, config.plant, state.plant, config.step)
     inputs = disturbed(Inputs(left, right, load, frictions), config.faults)
     plant_state, flow = integrate.advance(config.plant, state.plant, inputs, config.step)
@@ -320,9 +303,7 @@ def tick(
     shown = dynamics.outputs(config.plant, plant_state, inputs)
     view = sensors.View(plant_state, inputs, shown, flow)
     when = sensors.tick_of(config.sensors, config.seed, done, config.step)
-    memory, sensed = sensors.sense(
-        config.sensors, config.faults, config.plant, view, state.sensors, when
-    )
+    memory, sensed = sensors.sense(config.sensors, config.faults, config.plant, view, state.sensors, when)
     contact = pinched(
         state.pinch, config.plant, load.obstacle, plant_state, shown.pinch_force,
         done * config.step, config.step,

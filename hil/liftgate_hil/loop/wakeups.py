@@ -24,12 +24,7 @@ Result = TypeVar("Result")
 
 @compilable
 def note_wakeups(
-    period_ns: int,
-    count: int,
-    long_ns: int,
-    histogram: NDArray[np.int64],
-    stop: NDArray[np.int64],
-    room: Room,
+    period_ns: int, count: int, long_ns: int, histogram: NDArray[np.int64], stop: NDArray[np.int64], room: Room
 ) -> tuple[int, int]:
     """Wake up for `count` periods on absolute deadlines, as the real-time loop does.
 
@@ -71,9 +66,7 @@ def measure_wakeups(
     return distribution(histogram), int(missed), int(long)
 
 
-def in_own_thread(
-    action: Callable[[], Result], end: Callable[[], None], realtime: Realtime | None
-) -> Result:
+def in_own_thread(action: Callable[[], Result], end: Callable[[], None], realtime: Realtime | None) -> Result:
     """Return what `action` returns, in a thread like that of the real-time loop.
 
     `end` makes it return early, for Ctrl-C.

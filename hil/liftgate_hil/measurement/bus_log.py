@@ -28,11 +28,7 @@ from liftgate_plant.signals import Sensed, Signal, bus_name, signals_of
 
 # Our columns by the bus quantities that correspond to exactly one.
 _PANEL = {bus_name(column, signal): column for column, signal in PROFILES.items()}
-_SENSED = {
-    bus_name(column, signal): column
-    for column, signal in signals_of(Sensed).items()
-    if column in OUTPUTS
-}
+_SENSED = {bus_name(column, signal): column for column, signal in signals_of(Sensed).items() if column in OUTPUTS}
 _COMMANDS = Command._fields
 _SIDES = ("left", "right")
 _OUT_OF_TURN_NS = 10_000_000
@@ -70,9 +66,7 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
     if frames.count == 0:
         raise ConfigError(f"{path}: no frame of the rig; allowed: {_called(rig, messages)}")
     if not np.all(np.abs(seconds - seconds[0]) <= _LONGEST_S):  # rejects NaN, too
-        raise ConfigError(
-            f"{path}: invalid times; allowed: within {_LONGEST_S:g} s of the first frame"
-        )
+        raise ConfigError(f"{path}: invalid times; allowed: within {_LONGEST_S:g} s of the first frame")
     # Loggers have timestamps in microseconds; a float of seconds since 1970 is no more precise.
     times = np.round((seconds - seconds[0]) * 1e6).astype(np.int64) * 1000
     times = _in_order(path, times)
@@ -133,10 +127,7 @@ def _called(rig: Rig, messages: Sequence[str]) -> str:
 
 
 def tracks_of(
-    layout: BusConfig,
-    names: Mapping[str, Signal],
-    frames: Frames,
-    times: NDArray[np.int64],
+    layout: BusConfig, names: Mapping[str, Signal], frames: Frames, times: NDArray[np.int64]
 ) -> tuple[dict[str, Track], Counts]:
     """Return the track of each quantity, and the counts of the frames; `times` [ns] are theirs, and rise."""
     at, which, values, counts = events_in(layout, frames, times, len(names))
@@ -157,11 +148,7 @@ def _add(one: Counts, other: Counts) -> Counts:
 def refusals_in(counts: Counts) -> list[str]:
     """Return notes on frames that were refused or lost."""
     causes = ("remote", "wrong_length", "out_of_range", "checksum", "counter", "unqualified")
-    told = [
-        f"{getattr(counts, cause)} {cause.replace('_', ' ')}"
-        for cause in causes
-        if getattr(counts, cause)
-    ]
+    told = [f"{getattr(counts, cause)} {cause.replace('_', ' ')}" for cause in causes if getattr(counts, cause)]
     notes = []
     if told:
         refused = rejected(counts) + counts.unqualified
@@ -180,11 +167,7 @@ def _late_panel(given: Mapping[str, Track], before: Mapping[str, float]) -> list
 
 
 def _check_content(
-    path: Path,
-    rig: Rig,
-    given: Mapping[str, Track],
-    sensed: Mapping[str, Track],
-    counts: Counts,
+    path: Path, rig: Rig, given: Mapping[str, Track], sensed: Mapping[str, Track], counts: Counts
 ) -> None:
     """Raise ConfigError unless there are commands and sensor values."""
     issues = []
@@ -195,9 +178,7 @@ def _check_content(
         ("sensor", any(len(track.times) for track in sensed.values()), rig.outputs),
     ):
         if not found:
-            names = list(
-                dict.fromkeys(wire.message for wire in wires if wire.quantity not in _PANEL)
-            )
+            names = list(dict.fromkeys(wire.message for wire in wires if wire.quantity not in _PANEL))
             issues.append(f"{path}: no valid {what} frame{why}; allowed: {_called(rig, names)}")
     if issues:
         raise ConfigError(issues)
@@ -219,10 +200,7 @@ def _check_ranges(path: Path, columns: Mapping[str, Floats]) -> None:
 
 
 def _inputs(
-    wired: set[str],
-    given: Mapping[str, Track],
-    marks: NDArray[np.int64],
-    before: Mapping[str, float],
+    wired: set[str], given: Mapping[str, Track], marks: NDArray[np.int64], before: Mapping[str, float]
 ) -> dict[str, Floats]:
     """Return the input columns at these times [ns]."""
     columns = {}

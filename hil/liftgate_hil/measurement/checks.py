@@ -88,9 +88,7 @@ def _soundness(measurement: Measurement) -> list[str]:
         bad = ~np.isfinite(values) if name in INPUTS else np.isinf(values)
         if np.any(bad):
             row = int(np.argmax(bad))
-            issues.append(
-                f"{name}: {values[row]} in row {row + 1}; allowed: {signal.low:g} to {signal.high:g}"
-            )
+            issues.append(f"{name}: {values[row]} in row {row + 1}; allowed: {signal.low:g} to {signal.high:g}")
         samples = int(np.sum(np.isfinite(values)))
         if name in OUTPUTS and samples < MIN_ROWS <= rows:
             issues.append(f"{name}: {samples} samples; allowed: {MIN_ROWS} or more")
@@ -200,11 +198,7 @@ def _angle_and_position(measurement: Measurement, side: str, known: Expected) ->
 
 def _position(measurement: Measurement, side: str, known: Expected) -> Floats | None:
     count = measurement.columns.get(f"{side}_hall_count")
-    if (
-        count is not None
-        and known.hall_counts
-        and f"{side}_position_rev" not in measurement.columns
-    ):
+    if count is not None and known.hall_counts and f"{side}_position_rev" not in measurement.columns:
         return count / known.hall_counts
     return measurement.columns.get(f"{side}_position_rev")
 

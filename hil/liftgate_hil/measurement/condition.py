@@ -26,9 +26,7 @@ def rows(measurement: Measurement, kept: NDArray[np.int64] | slice) -> Measureme
     )
 
 
-def cut_time(
-    measurement: Measurement, start: float | None = None, end: float | None = None
-) -> Measurement:
+def cut_time(measurement: Measurement, start: float | None = None, end: float | None = None) -> Measurement:
     """Return the rows from `start` to `end` [s], both included, with unchanged times.
 
     Raises ConfigError if there are none.
@@ -45,16 +43,11 @@ def cut_time(
         )
     if len(kept) == len(times):
         return measurement
-    return noted(
-        rows(measurement, kept),
-        f"cut to {low:g} ... {high:g} s: {len(kept)} of {len(times)} rows",
-    )
+    return noted(rows(measurement, kept), f"cut to {low:g} ... {high:g} s: {len(kept)} of {len(times)} rows")
 
 
 def angles_of(
-    measurement: Measurement,
-    angle_of_position: Callable[[float], float] | None,
-    hall_counts: float | None = None,
+    measurement: Measurement, angle_of_position: Callable[[float], float] | None, hall_counts: float | None = None
 ) -> Floats | None:
     """Return the gate angle [deg] in each row: measured, else from a drive's position [rev], else from its count.
 

@@ -9,14 +9,7 @@ import numpy as np
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.open import WITH_ROWS, open_file
 from liftgate_hil.measurement.mapping import ColumnMap
-from liftgate_hil.measurement.table import (
-    INPUT_KIND,
-    RECORDED_NOTE,
-    SIDES,
-    Reading,
-    read_series,
-    shift_inputs,
-)
+from liftgate_hil.measurement.table import INPUT_KIND, RECORDED_NOTE, SIDES, Reading, read_series, shift_inputs
 from liftgate_hil.stimuli.samples import Floats, Samples
 
 

@@ -39,9 +39,7 @@ class LogFrames(NamedTuple):
     silences: tuple[tuple[float, float], ...]
 
 
-def read_frames(
-    path: Path, messages: Collection[str], rig: Rig, others: Collection[int] = ()
-) -> LogFrames:
+def read_frames(path: Path, messages: Collection[str], rig: Rig, others: Collection[int] = ()) -> LogFrames:
     """Read the frames of these messages of the rig, and those of other identifiers.
 
     Raises ConfigError if the log cannot be read.
@@ -78,16 +76,12 @@ def _by_python_can(path: Path, wanted: Collection[int]) -> LogFrames:
         frames.data[row, : len(payload)] = np.frombuffer(payload, dtype=np.uint8)
     own = frames._replace(count=len(rows))
     notes = (CUT,) if has_rest else ()
-    return LogFrames(
-        np.array(times, dtype=np.float64), own, notes, watch.span, tuple(watch.silences)
-    )
+    return LogFrames(np.array(times, dtype=np.float64), own, notes, watch.span, tuple(watch.silences))
 
 
 def frames_in(path: Path) -> tuple[Floats, Frames]:
     """Return the times [s] and frames in an MF4 or MCAP file, in order of time."""
-    if (
-        path.suffix.lower() == ".mf4"
-    ):  # any bus log: a recording has neither several buses nor bit rate switches
+    if path.suffix.lower() == ".mf4":  # any bus log: a recording has neither several buses nor bit rate switches
         from liftgate_hil.formats.mf4_file import data_frames_in
 
         parts = data_frames_in(path)
@@ -96,9 +90,7 @@ def frames_in(path: Path) -> tuple[Floats, Frames]:
     frames = np.concatenate([no_logged(), *parts])
     frames = frames[np.argsort(frames["time_ns"], kind="stable")]
     # Not multiplied by 1e-9: only division gives the float nearest to a whole number of microseconds.
-    return frames["time_ns"] / 1e9, Frames(
-        len(frames), frames["identifier"], frames["length"], frames["payload"]
-    )
+    return frames["time_ns"] / 1e9, Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
 
 
 class _Watch:
@@ -178,9 +170,7 @@ def _by_lines(path: Path, wanted: Collection[int]) -> Found | None:
                 payload = b"" if is_remote else bytes.fromhex(data.decode())
                 _check_length(payload, time)
                 times.append(time)
-                rows.append(
-                    (names[name] | (REMOTE if is_remote else 0) | (FD if fd else 0), payload)
-                )
+                rows.append((names[name] | (REMOTE if is_remote else 0) | (FD if fd else 0), payload))
             if end != len(lines):
                 return None
     return times, rows, watch
@@ -188,6 +178,4 @@ def _by_lines(path: Path, wanted: Collection[int]) -> Found | None:
 
 def _check_length(payload: bytes, time: float) -> None:
     if len(payload) > _MOST_BYTES:
-        raise ValueError(
-            f"{len(payload)} bytes in a frame at {time} s; allowed: up to {_MOST_BYTES}"
-        )
+        raise ValueError(f"{len(payload)} bytes in a frame at {time} s; allowed: up to {_MOST_BYTES}")

@@ -102,9 +102,7 @@ def _from_file(name: str, issues: ConfigIssues, known: Mapping[str, Signal]) -> 
     return result
 
 
-def _checked(
-    ours: str, theirs: Theirs, issues: ConfigIssues, known: Mapping[str, Signal]
-) -> ColumnMap:
+def _checked(ours: str, theirs: Theirs, issues: ConfigIssues, known: Mapping[str, Signal]) -> ColumnMap:
     if ours not in known:
         issues.add(ours, f"unknown column; allowed: {', '.join(known)}")
         return {}

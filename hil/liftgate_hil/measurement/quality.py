@@ -68,10 +68,7 @@ def report_gaps(measurement: Measurement) -> Measurement:
 
 
 def outliers(
-    values: Floats,
-    allowance: Floats | None = None,
-    half_window: int = HALF_WINDOW,
-    limit: float = 6.0,
+    values: Floats, allowance: Floats | None = None, half_window: int = HALF_WINDOW, limit: float = 6.0
 ) -> NDArray[np.int64]:
     """Return the rows of a column's outliers (Hampel's filter, by the median absolute deviation).
 
@@ -143,9 +140,7 @@ def find_outliers(measurement: Measurement, known: Expected) -> Mapping[str, NDA
     return {name: rows for name, rows in found.items() if len(rows)}
 
 
-def report_outliers(
-    measurement: Measurement, drop: bool, known: Expected | None = None
-) -> Measurement:
+def report_outliers(measurement: Measurement, drop: bool, known: Expected | None = None) -> Measurement:
     """Return the measurement with a note on each column with outliers; `drop` makes these NaN."""
     found = find_outliers(measurement, known or Expected())
     columns = dict(measurement.columns)

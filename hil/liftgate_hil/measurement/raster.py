@@ -65,8 +65,7 @@ def thinned(data: Data, rate: float | None, factor: int, quantum: float) -> Data
     raster = None if rate is None else _raster(data, rate)
     if not is_even(rows if raster is None else raster):
         raise ConfigError(
-            f"{data.name}: `decimate` {factor}: the rows are not evenly spaced; "
-            "allowed: with `resample` HZ"
+            f"{data.name}: `decimate` {factor}: the rows are not evenly spaced; allowed: with `resample` HZ"
         )
     there = {name: np.isfinite(values) for name, values in data.outputs.items()}
     decimation = Decimation(
@@ -90,18 +89,14 @@ def thinned(data: Data, rate: float | None, factor: int, quantum: float) -> Data
     issues = check(few)
     if issues:
         raise ConfigError(issues)
-    return dataclasses.replace(
-        data, times=few.times, outputs=outputs, decimation=decimation, whole=data
-    )
+    return dataclasses.replace(data, times=few.times, outputs=outputs, decimation=decimation, whole=data)
 
 
 def _raster(data: Data, rate: float) -> Floats:
     first, last = data.times[0], data.times[-1]
     count = math.floor((last - first) * rate * (1.0 + 1e-12) + 1e-6) + 1
     if count > _MOST:
-        raise ConfigError(
-            f"{data.name}: `resample` {rate:g}: {count} rows; allowed: up to {_MOST:g}"
-        )
+        raise ConfigError(f"{data.name}: `resample` {rate:g}: {count} rows; allowed: up to {_MOST:g}")
     # By rounding the last time may be beyond the last row.
     raster: Floats = np.minimum(first + np.arange(count, dtype=np.float64) / rate, last)
     return raster

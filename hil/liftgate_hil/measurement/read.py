@@ -18,10 +18,7 @@ if TYPE_CHECKING:
 
 
 def read_measurement(
-    path: Path,
-    mapping: ColumnMap,
-    rig: Rig | Callable[[], Rig],
-    before: Mapping[str, float] | None = None,
+    path: Path, mapping: ColumnMap, rig: Rig | Callable[[], Rig], before: Mapping[str, float] | None = None
 ) -> Measurement:
     """Read the measurement in a file. Raises ConfigError with all issues.
 

@@ -23,10 +23,7 @@ RECORDED = ("left_coast", "latched")
 RECORDED_NOTE = "a recording of the emulator: each input is taken from the next row"
 _VOLTAGES = ("voltage_v", "left_voltage_v", "right_voltage_v")
 # Columns that state what drives the motors.
-DRIVES = (
-    *_VOLTAGES,
-    *(f"{side}_{what}" for side in SIDES for what in ("duty", "coast")),
-)
+DRIVES = (*_VOLTAGES, *(f"{side}_{what}" for side in SIDES for what in ("duty", "coast")))
 # Unit that a column out of its range probably has, by the ending of its name.
 _RATHER = {"_duty": "%", "_a": "mA", "_v": "mV"}
 
@@ -49,9 +46,7 @@ def read_table(path: Path, file: Recording, mapping: ColumnMap) -> Measurement:
     own = {name: each for name, each in own.items() if len(each[0])}
     times = shared
     if times is None:  # to the nanosecond: channels of one raster differ by rounding
-        times = np.unique(
-            np.concatenate([np.zeros(0), *(np.round(at, 9) for at, _ in own.values())])
-        )
+        times = np.unique(np.concatenate([np.zeros(0), *(np.round(at, 9) for at, _ in own.values())]))
     return _measurement(reading, times, own, shared is not None)
 
 
@@ -102,16 +97,12 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> R
     if not by_rows:
         names.pop("time_s", "")
     if "time_s" in mapping and not by_rows:
-        issues.append(
-            f"{path}: time_s: mapped; allowed: not mapped, MF4 channels have their own times"
-        )
+        issues.append(f"{path}: time_s: mapped; allowed: not mapped, MF4 channels have their own times")
     if "time_s" not in (*names, *mapping) and by_rows:
         issues.append(f"{path}: time_s: missing; allowed: a column of seconds, or `map` time_s=...")
     for what, columns in kinds:
         if not any(column in (*names, *mapping) for column in columns):
-            issues.append(
-                f"{path}: no {what} column; allowed: {', '.join(columns)}, others by `map`"
-            )
+            issues.append(f"{path}: no {what} column; allowed: {', '.join(columns)}, others by `map`")
     told = {*names, *mapping}
     if kinds is _KINDS and told.isdisjoint(DRIVES) and not told.isdisjoint(INPUTS):
         issues.append(
@@ -131,9 +122,7 @@ def _choose(names: dict[str, str], mapping: ColumnMap, recorded: bool) -> None:
         for name in _VOLTAGES:
             if name not in mapping:
                 names.pop(name, None)
-    chosen = [
-        [name for name in _driving(side) if name in mapping and name in names] for side in SIDES
-    ]
+    chosen = [[name for name in _driving(side) if name in mapping and name in names] for side in SIDES]
     for side, own in zip(SIDES, chosen, strict=True):
         for name in _driving(side):
             # The voltage of both drives is left out only if each drive has another column.
@@ -145,9 +134,7 @@ def _driving(side: str) -> tuple[str, ...]:
     return ("voltage_v", f"{side}_voltage_v", f"{side}_duty")
 
 
-def _other_units(
-    file: Recording, names: dict[str, str], path: Path, known: tuple[str, ...]
-) -> list[str]:
+def _other_units(file: Recording, names: dict[str, str], path: Path, known: tuple[str, ...]) -> list[str]:
     """Return issues for headers like left_current_ma.
 
     Each counts as its column, so that it is reported once only.
@@ -159,9 +146,7 @@ def _other_units(
             continue
         ours, unit = meant
         if ours != "time_s" or file.sample == "row":
-            issues.append(
-                f"{path}: {name}: unexpected unit; allowed: `map` '{ours}={name}[{unit}]'"
-            )
+            issues.append(f"{path}: {name}: unexpected unit; allowed: `map` '{ours}={name}[{unit}]'")
             names[ours] = name
     return issues
 
@@ -191,9 +176,7 @@ def _converted(reading: Reading, ours: str, series: Series, mapping: ColumnMap) 
         name = reading.names[ours]
         called = ours if name == ours else f"{ours} ({name})"
         hint = f"; or `map` '{ours}={name}[unit]'" if theirs is None else ""
-        reading.issues.append(
-            f"{reading.path}: {called}: unit {unit!r}; allowed: {allowed_units(ours)}{hint}"
-        )
+        reading.issues.append(f"{reading.path}: {called}: unit {unit!r}; allowed: {allowed_units(ours)}{hint}")
         factors = (1.0, 0.0)
     if (scale, offset, *factors) == (1.0, 0.0, 1.0, 0.0):
         return series
@@ -243,10 +226,7 @@ def time_issue(times: Floats, word: str) -> str:
     late = np.flatnonzero(np.diff(times) <= 0.0)
     if len(late):
         at = int(late[0]) + 1
-        return (
-            f"{word} {at + 1}; allowed: finite and rising "
-            f"({times[at]:.9g} s after {times[at - 1]:.9g} s)"
-        )
+        return f"{word} {at + 1}; allowed: finite and rising ({times[at]:.9g} s after {times[at - 1]:.9g} s)"
     return ""
 
 
@@ -260,10 +240,7 @@ def _own_samples(series: Series, shared: Floats | None) -> tuple[Floats, Floats]
 
 
 def _measurement(
-    reading: Reading,
-    times: Floats,
-    own: Mapping[str, tuple[Floats, Floats]],
-    by_rows: bool,
+    reading: Reading, times: Floats, own: Mapping[str, tuple[Floats, Floats]], by_rows: bool
 ) -> Measurement:
     """Return the measurement: all columns over one time base."""
     columns: dict[str, Floats] = {}

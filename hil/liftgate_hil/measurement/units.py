@@ -10,12 +10,7 @@ from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
 from liftgate_plant.signals import TIME, Signal
 
 # Columns that a file may hold; `voltage_v` is the voltage of both drives.
-KNOWN: Mapping[str, Signal] = {
-    "time_s": TIME,
-    "voltage_v": INPUTS["left_voltage_v"],
-    **INPUTS,
-    **OUTPUTS,
-}
+KNOWN: Mapping[str, Signal] = {"time_s": TIME, "voltage_v": INPUTS["left_voltage_v"], **INPUTS, **OUTPUTS}
 
 
 def conversion(column: str, unit: str, known: Mapping[str, Signal] = KNOWN) -> Conversion | None:

@@ -7,15 +7,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.e2e import check_state
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
-from liftgate_hil.codec.receive import (
-    NO_COUNTS,
-    Counts,
-    Reception,
-    counted,
-    judge,
-    nothing_received,
-    take,
-)
+from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, counted, judge, nothing_received, take
 from liftgate_hil.codec.refusals import ACCEPTED
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.measurement.measurement import Floats
@@ -72,11 +64,7 @@ def walk(
             table = layout.messages[message]
             for row in range(table.first, table.first + table.count):
                 if not np.isnan(read[row]):
-                    at[used], which[used], values[used] = (
-                        now,
-                        layout.signals[row].quantity,
-                        read[row],
-                    )
+                    at[used], which[used], values[used] = (now, layout.signals[row].quantity, read[row])
                     used += 1
     if frames.count > 0:
         last = times[frames.count - 1]
@@ -86,13 +74,7 @@ def walk(
 
 @compilable
 def note_stale(
-    layout: BusConfig,
-    current: Reception,
-    now: int,
-    at: Integers,
-    which: Integers,
-    values: Floats,
-    used: int,
+    layout: BusConfig, current: Reception, now: int, at: Integers, which: Integers, values: Floats, used: int
 ) -> int:
     """Forget messages that have timed out by now, as `receive.forget_stale` does; return the number of events."""
     for message in range(len(layout.messages)):

@@ -27,14 +27,7 @@ from liftgate_hil.loop.histogram import BINS, NOTHING, Distribution, distributio
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.loop.priority import Realtime, wake_sharply
 from liftgate_hil.loop.realtime_loop import clock_ns, make_room
-from liftgate_hil.loop.replay_loop import (
-    TRIAL_NS,
-    Schedule,
-    empty_schedule,
-    params_for,
-    play,
-    put,
-)
+from liftgate_hil.loop.replay_loop import TRIAL_NS, Schedule, empty_schedule, params_for, play, put
 from liftgate_hil.loop.rings import LATENESS, Memory
 from liftgate_hil.loop.statistics import told
 from liftgate_hil.replay.selection import Course, Selection, has_sent, playable
@@ -176,13 +169,9 @@ class Player:
         self.played = Played()
         self._source = open_recording(replay.recording)
         if self._source.channel is None:
-            raise ConfigError(
-                f"{self._source.path}: holds only rows; allowed: a recording with frames"
-            )
+            raise ConfigError(f"{self._source.path}: holds only rows; allowed: a recording with frames")
         self._replay = _directed(replay, self._source)
-        self._course = Course(
-            self._replay.speed, self._replay.selection.begin, self._replay.selection.end
-        )
+        self._course = Course(self._replay.speed, self._replay.selection.begin, self._replay.selection.end)
         self.played.direction = self._replay.selection.direction
         self._schedule = empty_schedule()
         self._blocks = self._all_blocks()
@@ -319,11 +308,7 @@ class Player:
     def _seconds(self) -> float:
         """Return when the last frame that was played was due [s since the beginning]."""
         schedule, position = self._schedule, self._schedule.position[0]
-        return (
-            float(schedule.due[(position.played - 1) % len(schedule.due)]) * 1e-9
-            if position.played
-            else 0.0
-        )
+        return float(schedule.due[(position.played - 1) % len(schedule.due)]) * 1e-9 if position.played else 0.0
 
     def _sum_up(self, line: Line, memory: Memory, histogram: NDArray[np.int64] | None) -> None:
         """Sum up the result; the counts of a line are complete when it is closed."""
@@ -346,9 +331,7 @@ class Player:
             frames_not_sent=link.send_failures,
             clock_set_back=self._course.set_back,
             ring_empty=int(position.starved),
-            lateness=distribution(
-                memory.shared.histograms[LATENESS] if histogram is None else histogram
-            ),
+            lateness=distribution(memory.shared.histograms[LATENESS] if histogram is None else histogram),
             link=link,
             link_error=os.strerror(int(control.last_error)) if control.last_error else "",
         )

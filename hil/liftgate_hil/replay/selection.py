@@ -41,9 +41,7 @@ class Selection:
             allowed = ", ".join(DIRECTIONS)
             raise ConfigError(f"`direction` {self.direction}: allowed: {allowed}")
         if not self.begin < self.end:
-            raise ConfigError(
-                f"`from` {self.begin:g}: not before `to` {self.end:g}; allowed: before `to`"
-            )
+            raise ConfigError(f"`from` {self.begin:g}: not before `to` {self.end:g}; allowed: before `to`")
 
     def of(self, blocks: Blocks) -> Blocks:
         """Yield the selected frames."""

@@ -29,14 +29,7 @@ Floats = NDArray[np.float64]
 INK, GRID, MEASURED, FINAL, INITIAL, MARK = (
     "#1c2126", "#d9dde2", "#8c939c", "#0072b2", "#d55e00", "#009e73",
 )  # fmt: skip
-VARIABLES = {
-    INK: "ink",
-    GRID: "grid",
-    MEASURED: "measured",
-    FINAL: "final",
-    INITIAL: "initial",
-    MARK: "mark",
-}
+VARIABLES = {INK: "ink", GRID: "grid", MEASURED: "measured", FINAL: "final", INITIAL: "initial", MARK: "mark"}
 WIDTH = 7.6  # inch, width of the page's text
 LIMIT = 1500  # points of a drawn line: two for each pixel of its width
 
@@ -150,9 +143,7 @@ def svg(figure: Figure, name: str, title: str) -> str:
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     box = re.search(r'viewBox="[^"]*"', text)
-    head = (
-        f'<svg class="plot" role="img" aria-label="{escape(clean(title))}" {box[0] if box else ""}>'
-    )
+    head = f'<svg class="plot" role="img" aria-label="{escape(clean(title))}" {box[0] if box else ""}>'
     text = head + text[text.index(">") + 1 :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)

@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from liftgate_hil.identify.result import Experiment, Series
-from liftgate_hil.report.drawing import (
-    FINAL,
-    INITIAL,
-    INK,
-    MARK,
-    MEASURED,
-    limits,
-    line,
-    new_figure,
-    style,
-)
+from liftgate_hil.report.drawing import FINAL, INITIAL, INK, MARK, MEASURED, limits, line, new_figure, style
 from liftgate_hil.report.numbers import axis_label, column_label, fit, significant
 
 if TYPE_CHECKING:
@@ -43,11 +33,7 @@ def trace_figure(experiment: Experiment) -> Figure:
     with style():
         figure = new_figure(1.5 + 1.75 * len(rows))
         axes = figure.subplots(
-            len(rows) + 1,
-            1,
-            sharex=True,
-            squeeze=False,
-            height_ratios=[0.55, *[1.0] * len(rows)],
+            len(rows) + 1, 1, sharex=True, squeeze=False, height_ratios=[0.55, *[1.0] * len(rows)]
         )[:, 0]
         line(axes[0], experiment.times, experiment.voltage, INK, linewidth=1.0)
         axes[0].set_ylabel("voltage [V]")
@@ -70,15 +56,7 @@ def _traces(axis: Axes, series: Series) -> None:
     line(axis, series.times, measured, MEASURED, linewidth=0.9, label="measured")
     fits = f"fit {fit(series.fit_percent)} %"
     if len(before):
-        line(
-            axis,
-            series.times,
-            before,
-            INITIAL,
-            linestyle=(0, (5, 2)),
-            linewidth=1.2,
-            label="initial model",
-        )
+        line(axis, series.times, before, INITIAL, linestyle=(0, (5, 2)), linewidth=1.2, label="initial model")
         fits = f"fit {fit(series.fit_before)} → {fit(series.fit_percent)} %"
     name = "estimated model" if len(before) else "model"
     line(axis, series.times, final, FINAL, linewidth=1.4, label=name)

@@ -8,17 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from liftgate_hil.identify.result import Identification, Profile
-from liftgate_hil.report.drawing import (
-    FINAL,
-    INITIAL,
-    INK,
-    MARK,
-    WIDTH,
-    limits,
-    log_axis,
-    new_figure,
-    style,
-)
+from liftgate_hil.report.drawing import FINAL, INITIAL, INK, MARK, WIDTH, limits, log_axis, new_figure, style
 from liftgate_hil.report.numbers import clean
 
 if TYPE_CHECKING:
@@ -81,9 +71,7 @@ def parameter_figure(result: Identification) -> Figure:
         if low > 0.0 and high / low > 6.0:
             log_axis(axis, "x")
             if high / low < 100.0:
-                axis.xaxis.set_minor_formatter(
-                    lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else ""
-                )
+                axis.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")
         axis.set_xlim(low, high)
         axis.set_ylim(len(shown) - 0.4, -0.6)
         labels = [

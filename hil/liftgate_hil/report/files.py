@@ -44,9 +44,7 @@ def check_target(path: str, flag: str) -> None:
         if not path or target.is_dir():
             raise ConfigError(f"{flag} {path}: is a folder; allowed: the name of a file")
         if not target.parent.is_dir():
-            raise ConfigError(
-                f"{flag} {path}: no folder {target.parent}; allowed: an existing folder"
-            )
+            raise ConfigError(f"{flag} {path}: no folder {target.parent}; allowed: an existing folder")
         exists = target.exists()
     except OSError as error:  # for example a name that is too long
         raise ConfigError(f"{flag} {path}: {error.strerror}") from error

@@ -73,9 +73,7 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
     found: list[str] = []
     for experiment in result.experiments:
         worse = [each.output for each in experiment.series if each.fit_percent < 0.0]
-        coloured = [
-            each.output for each in experiment.series if not each.is_white and not each.excuse
-        ]
+        coloured = [each.output for each in experiment.series if not each.is_white and not each.excuse]
         name = clean(experiment.name, 60)
         if worse:
             found.append(f"{name}: fit below 0 %, worse than the mean value: {_listed(worse)}")
@@ -87,10 +85,7 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
     return found
 
 
-EXCUSES = {
-    "rounding": "not white: rounding of the data",
-    "slopes": "not white: derived from the position",
-}
+EXCUSES = {"rounding": "not white: rounding of the data", "slopes": "not white: derived from the position"}
 
 
 def _listed(names: Iterable[str]) -> str:
@@ -119,9 +114,7 @@ def series_of(experiments: Sequence[Experiment], column: str) -> list[Series]:
     return [each for one in experiments for each in one.series if each.output == column]
 
 
-def mean_over(
-    experiments: Sequence[Experiment], figure: Callable[[Series], float]
-) -> dict[str, float]:
+def mean_over(experiments: Sequence[Experiment], figure: Callable[[Series], float]) -> dict[str, float]:
     """Return the mean of a statistic over experiments for each output; undefined values (NaN) do not count."""
     means = {}
     for column in columns_of(experiments):

@@ -7,13 +7,7 @@ from collections.abc import Sequence
 from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.report import figures, figures_estimates
 from liftgate_hil.report.drawing import svg
-from liftgate_hil.report.findings import (
-    EXCUSES,
-    experiment_warnings,
-    strong_correlations,
-    warnings_of,
-    whiteness,
-)
+from liftgate_hil.report.findings import EXCUSES, experiment_warnings, strong_correlations, warnings_of, whiteness
 from liftgate_hil.report.numbers import (
     column_label,
     deviation,
@@ -94,17 +88,7 @@ def _parameters(estimates: Sequence[Estimate]) -> str:
         )
         for each in estimates
     ]
-    heads = (
-        "parameter",
-        "",
-        "value",
-        "std",
-        "std %",
-        "initial",
-        "change %",
-        "unit",
-        "identifiable",
-    )
+    heads = ("parameter", "", "value", "std", "std %", "initial", "change %", "unit", "identifiable")
     return table(heads, rows, ("name", "soft", "r", "r", "r", "r", "r", "n", ""))
 
 
@@ -123,14 +107,10 @@ def _correlation(result: Identification) -> str:
     if len(result.parameters) < 2:
         return ""
     pairs = [
-        f"{one} and {other}: {r:+.3f}: hard to separate"
-        for one, other, r in strong_correlations(result)[:10]
+        f"{one} and {other}: {r:+.3f}: hard to separate" for one, other, r in strong_correlations(result)[:10]
     ]
     drawing = svg(figures_estimates.correlation_figure(result), "correlation", "Correlation")
-    caption = (
-        "Correlation of the estimates. Condition number: "
-        f"{significant(result.condition_number, 3)}."
-    )
+    caption = f"Correlation of the estimates. Condition number: {significant(result.condition_number, 3)}."
     return figure(drawing, caption, small=len(result.parameters) < 8) + bullets(pairs)
 
 
@@ -143,9 +123,7 @@ def _profiles(result: Identification) -> str:
         "Twice the loss in log-likelihood when a parameter is fixed and the others are estimated again; "
         "shaded: the 95 % interval. A flat curve means a parameter that is not identifiable."
     )
-    return figure(drawing, caption) + table(
-        ("95 % interval", "from", "to"), rows, ("name", "r", "r")
-    )
+    return figure(drawing, caption) + table(("95 % interval", "from", "to"), rows, ("name", "r", "r"))
 
 
 def _states(estimates: Sequence[Estimate]) -> str:

@@ -81,12 +81,9 @@ def validation_json(result: Validation) -> dict[str, Any]:
         "vehicle": result.vehicle,
         "fit_percent": _map(mean_over(experiments, lambda each: each.fit_percent)),
         "rms": {
-            name: _number(_rms([(each.rms, len(each.times)) for each in rows]))
-            for name, rows in columns.items()
+            name: _number(_rms([(each.rms, len(each.times)) for each in rows])) for name, rows in columns.items()
         },
-        "maximum": {
-            name: _largest([each.maximum for each in rows]) for name, rows in columns.items()
-        },
+        "maximum": {name: _largest([each.maximum for each in rows]) for name, rows in columns.items()},
         "phases": {name: _pooled(rows) for name, rows in columns.items()},
         "whiteness": {name: all(each.is_white for each in rows) for name, rows in columns.items()},
         "experiments": [_experiment(each, before=False) for each in experiments],
@@ -135,11 +132,7 @@ def _experiment(experiment: Experiment, *, before: bool) -> dict[str, Any]:
         "name": experiment.name,
         "fit_percent": {each.output: _number(each.fit_percent) for each in experiment.series},
         **(
-            {
-                "fit_percent_initial": {
-                    each.output: _number(each.fit_before) for each in experiment.series
-                }
-            }
+            {"fit_percent_initial": {each.output: _number(each.fit_before) for each in experiment.series}}
             if before
             else {}
         ),

@@ -95,17 +95,14 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence
 
     def row(cells: Sequence[str], tag: str) -> str:
         inside = "".join(
-            f'<{tag} class="{name}">{text(cell)}</{tag}>'
-            if name
-            else f"<{tag}>{text(cell)}</{tag}>"
+            f'<{tag} class="{name}">{text(cell)}</{tag}>' if name else f"<{tag}>{text(cell)}</{tag}>"
             for cell, name in zip(cells, classes, strict=True)
         )
         return f"<tr>{inside}</tr>"
 
     body = "\n".join(row(each, "td") for each in rows)
     return (
-        f'<div class="wide"><table>\n<thead>{row(heads, "th")}</thead>\n'
-        f"<tbody>\n{body}\n</tbody>\n</table></div>"
+        f'<div class="wide"><table>\n<thead>{row(heads, "th")}</thead>\n<tbody>\n{body}\n</tbody>\n</table></div>'
     )
 
 
@@ -113,9 +110,7 @@ def pairs(rows: Sequence[tuple[str, str]]) -> str:
     """Return a table of names and values, texts or Markup, without a head."""
     if not rows:
         return ""
-    body = "\n".join(
-        f"<tr><td>{text(name)}</td><td>{text(value)}</td></tr>" for name, value in rows
-    )
+    body = "\n".join(f"<tr><td>{text(name)}</td><td>{text(value)}</td></tr>" for name, value in rows)
     return f'<div class="wide"><table class="pairs">\n{body}\n</table></div>'
 
 

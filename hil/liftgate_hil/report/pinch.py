@@ -45,9 +45,7 @@ ORIGINS: Mapping[float, str] = {
 }
 OWN_LIMIT = "set by the scenario, not by a rule known here (UN R21: 100 N; EN 12453: 400 and 150 N)"
 _MOVES = 0.5  # deg/s, speed from which on the gate moves back
-_STOPS = (
-    0.1  # of its highest speed back, below which it coasts to a stop, or creeps on by its springs
-)
+_STOPS = 0.1  # of its highest speed back, below which it coasts to a stop, or creeps on by its springs
 
 
 class PinchEvent(NamedTuple):
@@ -114,10 +112,7 @@ class PinchEvent(NamedTuple):
 
     def lines(self) -> list[str]:
         """Return the event as lines of text."""
-        said = [
-            f"pinch force at most {self.force_n:.1f} N, at {self.time_s:.3f} s and "
-            f"{self.angle_deg:.2f} deg"
-        ]
+        said = [f"pinch force at most {self.force_n:.1f} N, at {self.time_s:.3f} s and {self.angle_deg:.2f} deg"]
         for limit, over in zip(LIMITS, self.longest_s, strict=True):
             margin = limit.force - self.force_n
             told = f"{margin:.1f} N left" if margin >= 0.0 else f"{-margin:.1f} N over"

@@ -16,9 +16,7 @@ class Progress:
 
     def update(self, iteration: int, loss: float, step: float) -> None:
         """Show an iteration: its loss and the size of the step that led there."""
-        self._show(
-            f"iteration {iteration}  loss {significant(loss, 6)}  step {significant(step, 3)}"
-        )
+        self._show(f"iteration {iteration}  loss {significant(loss, 6)}  step {significant(step, 3)}")
 
     def close(self) -> None:
         """Clear the line for what is printed next."""

@@ -10,17 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.report.drawing import (
-    FINAL,
-    GRID,
-    INITIAL,
-    INK,
-    MARK,
-    line,
-    new_figure,
-    png,
-    style,
-)
+from liftgate_hil.report.drawing import FINAL, GRID, INITIAL, INK, MARK, line, new_figure, png, style
 from liftgate_hil.report.pinch import LIMITS, Limit, PinchEvent
 
 if TYPE_CHECKING:
@@ -92,12 +82,7 @@ def run_figure(picture: RunPicture) -> Figure:
         from matplotlib.axes import Axes
 
         matplotlib.rcParams.update(
-            {
-                "font.size": _FONT,
-                "axes.labelsize": _FONT,
-                "axes.titlesize": _FONT + 1.0,
-                "legend.fontsize": _SMALL,
-            }
+            {"font.size": _FONT, "axes.labelsize": _FONT, "axes.titlesize": _FONT + 1.0, "legend.fontsize": _SMALL}
         )
         figure = new_figure(_SIZE[1], _SIZE[0])
         figure.suptitle(picture.title, fontsize=_FONT + 3.0)
@@ -166,16 +151,7 @@ def _draw_event(axes: Iterable[Axes], whole: RunPicture) -> None:
             for axis in (force, angle, current):
                 axis.axvline(time, color=INK, linewidth=0.9, linestyle=":")
             place = force.get_xaxis_transform()
-            force.text(
-                time,
-                0.99,
-                name,
-                transform=place,
-                rotation=90,
-                ha="right",
-                va="top",
-                fontsize=_SMALL,
-            )
+            force.text(time, 0.99, name, transform=place, rotation=90, ha="right", va="top", fontsize=_SMALL)
     _draw_reversal(angle, event)
     current.set_xlim(low, high)
     current.set_xlabel("time [s]")

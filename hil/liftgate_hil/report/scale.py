@@ -9,9 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-_CRUSHED = (
-    0.05  # of an axis: least share that a signal may shrink to so that a distant limit is shown
-)
+_CRUSHED = 0.05  # of an axis: least share that a signal may shrink to so that a distant limit is shown
 _FLAT = 1e-6  # in the files' units, and relative to the value: span of a constant signal, at most
 _LEAST = 1e-9  # the same: span that an axis may resolve, at least
 _LARGEST = 1e30  # magnitude of the values that are drawn, at most

@@ -6,13 +6,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 
 from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
-from liftgate_hil.report.findings import (
-    EXCUSES,
-    experiment_warnings,
-    strong_correlations,
-    warnings_of,
-    whiteness,
-)
+from liftgate_hil.report.findings import EXCUSES, experiment_warnings, strong_correlations, warnings_of, whiteness
 from liftgate_hil.report.numbers import (
     clean,
     deviation,
@@ -81,9 +75,7 @@ def _joined(sections: Iterable[list[str]]) -> str:
 
 
 def _wrapped(text: str, indent: str) -> list[str]:
-    return textwrap.wrap(
-        text, WIDTH - 2, initial_indent=indent, subsequent_indent=" " * len(indent)
-    )
+    return textwrap.wrap(text, WIDTH - 2, initial_indent=indent, subsequent_indent=" " * len(indent))
 
 
 def _bullets(texts: Iterable[str]) -> list[str]:
@@ -132,20 +124,11 @@ def _states(estimates: Sequence[Estimate]) -> list[str]:
 
 
 def _pairs(result: Identification) -> list[str]:
-    return [
-        f"{clean(one)} and {clean(other)}: {r:+.3f}"
-        for one, other, r in strong_correlations(result)[:10]
-    ]
+    return [f"{clean(one)} and {clean(other)}: {r:+.3f}" for one, other, r in strong_correlations(result)[:10]]
 
 
 def _profiles(result: Identification) -> list[str]:
-    rows = [
-        (
-            clean(each.name, 30),
-            f"{_bound(each.low)} … {_bound(each.high)}",
-        )
-        for each in result.profiles
-    ]
+    rows = [(clean(each.name, 30), f"{_bound(each.low)} … {_bound(each.high)}") for each in result.profiles]
     return table(("", ""), rows, "ll")[1:] if rows else []
 
 
@@ -197,9 +180,7 @@ def _fits(experiments: Sequence[Experiment], *, before: bool) -> list[str]:
         rows = [
             (
                 clean(each.output, 30),
-                f"{fit(each.fit_before)} -> {fit(each.fit_percent)}"
-                if before
-                else fit(each.fit_percent),
+                f"{fit(each.fit_before)} -> {fit(each.fit_percent)}" if before else fit(each.fit_percent),
                 significant(each.rms, 3),
                 significant(each.maximum, 3),
                 _residual(each),

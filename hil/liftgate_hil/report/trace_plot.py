@@ -154,11 +154,9 @@ def _panel(panel: Panel, times: Floats, x: Axis, top: float) -> list[str]:
 
 def _value_ticks(panel: Panel, y: Axis) -> list[tuple[float, str]]:
     if panel.names:
-        return [
-            (value, clean(f"{value:g} {name}", 11))
-            for value, name in panel.names.items()
-            if y.inside(value)
-        ][:12]
+        return [(value, clean(f"{value:g} {name}", 11)) for value, name in panel.names.items() if y.inside(value)][
+            :12
+        ]
     return ticks(y.low, y.high, 5)
 
 
@@ -253,19 +251,13 @@ def _window(picture: Picture, x: Axis, top: float, bottom: float) -> list[str]:
     elif end > x.high + _TICK:
         ends = f"{ends} →"
     anchors = ["start", "end"]
-    if (
-        last - first < _LETTER * (len(opens) + len(ends)) + 20
-    ):  # not enough room for both labels between the ends
+    if last - first < _LETTER * (len(opens) + len(ends)) + 20:  # not enough room for both labels between the ends
         if last + _LETTER * len(ends) < _WIDTH:
             anchors = ["end" if first - _LETTER * len(opens) > 0 else "start", "start"]
             last += 4 if anchors[0] == "end" else max(0.0, first + _LETTER * len(opens) + 12 - last)
         else:
             anchors, first = ["end", "end"], min(first, last - _LETTER * len(ends) - 12)
-    return [
-        *found,
-        _words(first, 12, opens, anchors[0], "soft"),
-        _words(last, 12, ends, anchors[1], "soft"),
-    ]
+    return [*found, _words(first, 12, opens, anchors[0], "soft"), _words(last, 12, ends, anchors[1], "soft")]
 
 
 def _decided(picture: Picture, x: Axis, top: float, bottom: float) -> list[str]:
@@ -288,10 +280,7 @@ def _seconds(time: float) -> str:
 
 def _words(across: float, down: float, said: str, anchor: str, kind: str = "") -> str:
     name = f' class="{kind}"' if kind else ""
-    return (
-        f'<text{name} x="{_n(across)}" y="{_n(down)}" text-anchor="{anchor}">'
-        f"{text(clean(said, 120))}</text>"
-    )
+    return f'<text{name} x="{_n(across)}" y="{_n(down)}" text-anchor="{anchor}">{text(clean(said, 120))}</text>'
 
 
 def _n(value: float) -> str:

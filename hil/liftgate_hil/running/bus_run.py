@@ -173,11 +173,7 @@ def bus_run_of(execution: Execution, stack: contextlib.ExitStack) -> BusRun:
         state=state,
         phases=[] if peers else list(phases_of(plan.setup, rig, plan.config.step)),
         peers=peers,
-        sinks=[
-            *execution.sinks,
-            *([log] if log else []),
-            *([Progress(memory)] if memory else []),
-        ],
+        sinks=[*execution.sinks, *([log] if log else []), *([Progress(memory)] if memory else [])],
         log=log,
         observers=observers,
         restarts=restarts,

@@ -65,9 +65,7 @@ class _Watcher(compiler.Watcher):
 
 
 @contextlib.contextmanager
-def told_of_compiling(
-    listener: Listener, stopped: Callable[[], bool] = lambda: False
-) -> Iterator[None]:
+def told_of_compiling(listener: Listener, stopped: Callable[[], bool] = lambda: False) -> Iterator[None]:
     """Context in which compilations are reported to a listener; GivenUpError ends them when it is `stopped`.
 
     Raises LiftgateError where the compiler's process was killed from outside.

@@ -160,11 +160,7 @@ class Restarts:
 
 
 def restarts_of(
-    rig: Rig,
-    stimuli: StimulusPlan,
-    say: Callable[[str], None],
-    waits: bool,
-    stopped: Callable[[], bool],
+    rig: Rig, stimuli: StimulusPlan, say: Callable[[str], None], waits: bool, stopped: Callable[[], bool]
 ) -> Restarts | None:
     """Return the resets of an ECU by the rig's program; None: it is reset in another way, or not at all."""
     reset = rig.driver.reset

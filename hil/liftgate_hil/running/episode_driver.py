@@ -52,9 +52,7 @@ class EpisodeDriver:
         )
         # Too fast for a story: the result has it.
         before, reception = int(stimuli.origin[0]), episode.state.reception
-        episode.monitor = ProgressMonitor(
-            plan.rig, plan.config, reception, listener, ticks_before=before
-        )
+        episode.monitor = ProgressMonitor(plan.rig, plan.config, reception, listener, ticks_before=before)
         stack.callback(episode.close)
         listener.starts(f"{plan.setup.vehicle_name} without a bus")
         if plan.way is not None:

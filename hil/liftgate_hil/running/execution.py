@@ -48,7 +48,5 @@ class Execution:
             return stimuli, state
         actions = plan.setup.scenario.precondition
         config, adapter = plan.config, self.adapter
-        state = gone_through(
-            config, state, stimuli, adapter, actions, self.stopped, self.foreign_code
-        )
+        state = gone_through(config, state, stimuli, adapter, actions, self.stopped, self.foreign_code)
         return stimuli, state

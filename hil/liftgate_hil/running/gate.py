@@ -32,12 +32,7 @@ from liftgate_hil.formats.edges import DRIVES, Edge, edges_since
 from liftgate_hil.loop.episode import DIVERGED, Script, Stretch, run_stretch
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.running.commands.by_hand import (
-    STIFFNESS,
-    held_obstacle,
-    obstacle_in,
-    surroundings_in,
-)
+from liftgate_hil.running.commands.by_hand import STIFFNESS, held_obstacle, obstacle_in, surroundings_in
 from liftgate_hil.running.commands.loop_target import LoopTarget
 from liftgate_hil.running.commands.orders import Orders
 from liftgate_hil.running.cyclic_command import CyclicCommand
@@ -78,9 +73,7 @@ class Gate:
         ideal: bool = False,
     ) -> None:
         variant = variant_of(draw, ideal)
-        setup = setup_of(
-            vehicle=vehicle, settings=settings, initial=initial, seed=seed, variant=variant
-        )
+        setup = setup_of(vehicle=vehicle, settings=settings, initial=initial, seed=seed, variant=variant)
         self.rig = rig = rig_of(rig)
         rate = checked("rate", rate)
         self._vehicle = vehicle = setup.vehicle
@@ -88,9 +81,7 @@ class Gate:
         self._config = loop_config_of(vehicle, rig, rate, setup.seed)
         opening = opening_of(rig, has_operator=True)
         stimuli = planned_stimuli(setup, rig, opening=opening)
-        target = LoopTarget(
-            stimuli, setup, rig, opening.signals, restart=_cannot_reset, make_room=self._make_room
-        )
+        target = LoopTarget(stimuli, setup, rig, opening.signals, restart=_cannot_reset, make_room=self._make_room)
         self._orders = Orders(rig, target.layer(BENCH))
         self._target = target.layer(OPERATOR)
         self._faults: list[InjectedFault] = []
@@ -99,16 +90,8 @@ class Gate:
         self._is_closed = False
         self._bus = Adapter(rig, vehicle.drives)
         self._command = CyclicCommand(rig, self._config, self._bus.node.reference)
-        self._script = Script(
-            stimuli=stimuli,
-            ticks=0,
-            is_last=0,
-            is_recorded=1,
-            edges=RING_SIZE // 2,
-        )
-        self._now = Stretch(
-            start_of(self._config, setup.start_angle, RING_SIZE), self._bus.state, 1, 0, 0
-        )
+        self._script = Script(stimuli=stimuli, ticks=0, is_last=0, is_recorded=1, edges=RING_SIZE // 2)
+        self._now = Stretch(start_of(self._config, setup.start_angle, RING_SIZE), self._bus.state, 1, 0, 0)
         self._run = compiled(run_stretch)
         self._row = np.full(len(COLUMN_PLACE), np.nan)
         self._distance = vehicle.gate.length
@@ -152,11 +135,7 @@ class Gate:
     def _columns(self, prefix: str) -> dict[str, float]:
         if self._now.loop.tick == 0:
             return {}
-        names = [
-            name
-            for name in columns_of(self._drives)
-            if name.startswith(SENSED_PREFIX) == bool(prefix)
-        ]
+        names = [name for name in columns_of(self._drives) if name.startswith(SENSED_PREFIX) == bool(prefix)]
         return {name.removeprefix(prefix): float(self._row[COLUMN_PLACE[name]]) for name in names}
 
     @property
@@ -186,9 +165,7 @@ class Gate:
         """
         self._check_open()
         if command is not None:
-            raise ConfigError(
-                f"`command` {show(command)}: allowed: None, or quantities by their names"
-            )
+            raise ConfigError(f"`command` {show(command)}: allowed: None, or quantities by their names")
         if quantities:
             self._command.change(quantities)
         else:
@@ -271,9 +248,7 @@ class Gate:
         self._target.set_signals({name: math.nan if number is None else number}, rest=rest)
         self._signals.add(name)
 
-    def fault(
-        self, kind: str, where: str | None = None, *, seed: int = 0, **values: Any
-    ) -> InjectedFault:
+    def fault(self, kind: str, where: str | None = None, *, seed: int = 0, **values: Any) -> InjectedFault:
         """Inject a fault from the next tick on; the returned object has `clear()`, which ends it.
 
         `kind` is one of docs/scenario.md, `where` names the drive (`left`, `right`, `both`) or the message, and

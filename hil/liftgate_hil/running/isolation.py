@@ -42,11 +42,7 @@ class Answer(NamedTuple):
 
 
 def run_isolated(
-    worker: str,
-    plan: bytes,
-    step: float,
-    stopped: Callable[[], bool] = lambda: False,
-    hang_s: float | None = None,
+    worker: str, plan: bytes, step: float, stopped: Callable[[], bool] = lambda: False, hang_s: float | None = None
 ) -> Answer:
     """Return the answer of a module, the worker, to a pickled plan; early if it is `stopped`.
 

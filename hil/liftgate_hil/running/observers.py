@@ -43,12 +43,7 @@ class Observers:
         """Kinds of faults injected during the run by the test bench or an attached client."""
         return {kind for each in (self.orders, self.operator) if each for kind in each.kinds}
 
-    def let_in(
-        self,
-        about: Description,
-        memory: Memory,
-        stack: contextlib.ExitStack,
-    ) -> None:
+    def let_in(self, about: Description, memory: Memory, stack: contextlib.ExitStack) -> None:
         """Let clients attach, where they may, until the stack is left."""
         if self.server is None or self.operator is None:
             return

@@ -37,9 +37,7 @@ class Files:
         from liftgate_hil.formats.open import check_file
 
         given = [value] if isinstance(value, str | Path) else value
-        is_list = isinstance(given, Sequence) and all(
-            isinstance(each, str | Path) for each in given
-        )
+        is_list = isinstance(given, Sequence) and all(isinstance(each, str | Path) for each in given)
         if not is_list:
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return ()
@@ -78,21 +76,11 @@ class RunOptions:
         float | None, Option(_SECONDS, "model time", "S", "the scenario's, else until stopped")
     ] = None
     overrun_limit: Annotated[
-        float,
-        Option(
-            Number(1e-3, 3600.0, "s"),
-            "end with an error when the loop falls this far behind",
-            "S",
-        ),
+        float, Option(Number(1e-3, 3600.0, "s"), "end with an error when the loop falls this far behind", "S")
     ] = 1.0
     wall_timeout: Annotated[
         float | None,
-        Option(
-            _SECONDS,
-            "end with an error when lockstep has waited this long for a command",
-            "S",
-            "no limit",
-        ),
+        Option(_SECONDS, "end with an error when lockstep has waited this long for a command", "S", "no limit"),
     ] = None
     record: Annotated[
         tuple[Path, ...],
@@ -114,9 +102,7 @@ class RunOptions:
     ] = None
     record_keep: Annotated[
         int | None,
-        Option(
-            Whole(2, 10**9), "keep only the last N of these files", "N", "all", needs="record_limit"
-        ),
+        Option(Whole(2, 10**9), "keep only the last N of these files", "N", "all", needs="record_limit"),
     ] = None
     record_when: Annotated[
         tuple[str, ...],
@@ -130,29 +116,18 @@ class RunOptions:
     ] = ()
     record_before: Annotated[
         float | None,
-        Option(
-            _AROUND_S, "also record this long before that", "S", f"{AROUND:g}", needs="record_when"
-        ),
+        Option(_AROUND_S, "also record this long before that", "S", f"{AROUND:g}", needs="record_when"),
     ] = None
     record_after: Annotated[
         float | None,
-        Option(
-            _AROUND_S, "also record this long after that", "S", f"{AROUND:g}", needs="record_when"
-        ),
+        Option(_AROUND_S, "also record this long after that", "S", f"{AROUND:g}", needs="record_when"),
     ] = None
     realtime: Annotated[
-        bool,
-        Option(Flag(), "request FIFO scheduling, locked memory and a CPU; refusals are reported"),
+        bool, Option(Flag(), "request FIFO scheduling, locked memory and a CPU; refusals are reported")
     ] = False
     cpu: Annotated[
         int | None,
-        Option(
-            Whole(0, 1023),
-            "the CPU for --realtime",
-            "N",
-            "an isolated one, else the last",
-            needs="realtime",
-        ),
+        Option(Whole(0, 1023), "the CPU for --realtime", "N", "an isolated one, else the last", needs="realtime"),
     ] = None
 
     @classmethod
@@ -191,8 +166,7 @@ class RunOptions:
 
 
 OPTIONS: Mapping[str, Option] = {
-    name: hint.__metadata__[0]
-    for name, hint in get_type_hints(RunOptions, include_extras=True).items()
+    name: hint.__metadata__[0] for name, hint in get_type_hints(RunOptions, include_extras=True).items()
 }
 
 

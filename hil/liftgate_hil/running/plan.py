@@ -102,9 +102,7 @@ def plan_of(job: Job) -> Plan:
     return planned(job, setup, rig, way, sources_of(_files_of(job, setup, rig)))
 
 
-def planned(
-    job: Job, setup: Setup, rig: Rig, way: Way | None, sources: Mapping[str, Source]
-) -> Plan:
+def planned(job: Job, setup: Setup, rig: Rig, way: Way | None, sources: Mapping[str, Source]) -> Plan:
     """Return the plan of a job whose objects are loaded. Raises ConfigError with all issues."""
     options = job.options
     if way is None and job.ecu == ON_A_BUS:
@@ -146,9 +144,7 @@ def _periods(scenario: Scenario, rate: float) -> list[str]:
         shares = [share for share in (each.share, 1.0 - each.share) if share > 0.0]
         if each.period and min(shares) * each.period * rate < 1.0 - 1e-9:
             said = f"on or off for less than a tick of {1e3 / rate:g} ms"
-            found.append(
-                f"{each.key}.period_s: {each.period:g}: {said}; allowed: at least a tick of each"
-            )
+            found.append(f"{each.key}.period_s: {each.period:g}: {said}; allowed: at least a tick of each")
     return found
 
 

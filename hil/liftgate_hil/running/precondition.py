@@ -18,13 +18,7 @@ from liftgate_hil.codec.frames import FD
 from liftgate_hil.config.driver import Reset
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.diagnostics import services
-from liftgate_hil.diagnostics.tester import (
-    NO_FAILURE,
-    Tester,
-    asking_once,
-    failure_of,
-    is_asking_once,
-)
+from liftgate_hil.diagnostics.tester import NO_FAILURE, Tester, asking_once, failure_of, is_asking_once
 from liftgate_hil.errors import PreconditionError
 from liftgate_hil.loop.precondition import LONGEST_MOTION, StandstillDetector
 from liftgate_hil.running.ecu_reset import Program
@@ -222,9 +216,7 @@ def _before(setup: Setup, action: str = "") -> Setup:
     at the scenario's time 0.
     """
     scenario = setup.scenario
-    signals = [
-        each if each.when == Instant() else replace(each, when=NEVER) for each in scenario.signals
-    ]
+    signals = [each if each.when == Instant() else replace(each, when=NEVER) for each in scenario.signals]
     bare = replace(
         scenario,
         stimuli=NO_STIMULI,

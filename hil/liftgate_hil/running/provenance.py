@@ -80,11 +80,7 @@ def _origin(
         "initial_deg": math.degrees(setup.start_angle),
         "parameters": dict(scenario.parameters),
         **more,
-        "files": {
-            name: _file(name, path)
-            for name, path in found.items()
-            if path.name and not issue_with(path)
-        },
+        "files": {name: _file(name, path) for name, path in found.items() if path.name and not issue_with(path)},
         "vehicle": _plain(setup.vehicle),
     }
     return json.dumps(told, indent=1, allow_nan=False, ensure_ascii=False)

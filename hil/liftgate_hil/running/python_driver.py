@@ -103,9 +103,7 @@ class PythonDriver:
 
         return go
 
-    def _clocked(
-        self, loop: Loop, clock: RealtimeClock, ticks: int | None, stopped: Callable[[], bool]
-    ) -> None:
+    def _clocked(self, loop: Loop, clock: RealtimeClock, ticks: int | None, stopped: Callable[[], bool]) -> None:
         """Run the loop on the clock of the options until `ticks` are done (None: no limit) or it is stopped."""
         options, rig = self._run.plan.options, self._run.plan.rig
         if options.clock == "realtime":

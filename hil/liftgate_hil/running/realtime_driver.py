@@ -80,9 +80,7 @@ class RealtimeDriver:
             realtime=self._realtime,
         )
 
-    def _phase_begun(
-        self, made: Callable[[StimulusPlan], RealtimeRun], phase: Phase, is_first: bool
-    ) -> Going:
+    def _phase_begun(self, made: Callable[[StimulusPlan], RealtimeRun], phase: Phase, is_first: bool) -> Going:
         """Begin a phase before time 0: what goes on with it from a state."""
         before = made(phase.stimuli)
         before.sinks, before.is_last, before.is_first = [phase.end], False, is_first

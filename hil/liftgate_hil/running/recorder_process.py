@@ -89,9 +89,7 @@ class RecorderProcess:
         finally:
             os.close(given)
             os.close(told)
-        self._reader = threading.Thread(
-            target=self._read, args=(heard,), name="recorder's answers", daemon=True
-        )
+        self._reader = threading.Thread(target=self._read, args=(heard,), name="recorder's answers", daemon=True)
         self._reader.start()
         self.lost_rows = 0
         self.windows: int | None = None  # how many were recorded; None: no trigger
@@ -103,8 +101,7 @@ class RecorderProcess:
         if "ready" not in answer:
             self._kill()
             raise ConfigError(
-                answer.get("issues")
-                or f"`record` {self._names}: the recording process could not be started"
+                answer.get("issues") or f"`record` {self._names}: the recording process could not be started"
             )
         self._is_ready = True
 
@@ -125,9 +122,7 @@ class RecorderProcess:
         self._kill()
         if is_late:
             said = f"the files were not complete after {patience:.0f} s"
-            raise RecordingError(
-                f"`record` {self._names}: {said}; the recording process was killed"
-            )
+            raise RecordingError(f"`record` {self._names}: {said}; the recording process was killed")
         if answer is None:
             raise RecordingError(self._ended())
         self.lost_rows, self.files = int(answer["lost"]), answer["files"]
@@ -189,9 +184,7 @@ def _decoded(line: str) -> dict[str, Any]:
 class RingRecorder:
     """Passes rows and frames from the rings to the writers."""
 
-    def __init__(
-        self, memory: Memory, writers: Sequence[Writer], sieve: Sieve | None = None
-    ) -> None:
+    def __init__(self, memory: Memory, writers: Sequence[Writer], sieve: Sieve | None = None) -> None:
         shared = memory.shared
         self._rows = RingReader(shared.rows, shared.control, "rows")
         self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)

@@ -16,9 +16,7 @@ _ROWS = 100  # rows that are buffered before they are written
 class Sieve(Protocol):
     """Selects the rows and frames of a run that are recorded."""
 
-    def kept(
-        self, rows: NDArray[np.float64], frames: Any, come: Any
-    ) -> tuple[NDArray[np.float64], Any]:
+    def kept(self, rows: NDArray[np.float64], frames: Any, come: Any) -> tuple[NDArray[np.float64], Any]:
         """Return the rows and frames to be recorded now: of these, and of earlier ones.
 
         `rows` and `frames` are in the order of time; `come` are the frames that the loop has logged meanwhile.
@@ -28,9 +26,7 @@ class Sieve(Protocol):
 class RecordingSink:
     """Passes rows and frames to writers, small blocks together; with a sieve only those that it selects."""
 
-    def __init__(
-        self, writers: Sequence[Writer], epoch_ns: int = 0, sieve: Sieve | None = None
-    ) -> None:
+    def __init__(self, writers: Sequence[Writer], epoch_ns: int = 0, sieve: Sieve | None = None) -> None:
         self._writers, self._sieve = writers, sieve
         self._rows: list[NDArray[np.float64]] = []
         self._frames: list[Any] = []

@@ -49,9 +49,7 @@ class Trigger(NamedTuple):
     before: float  # s recorded before a condition is true
     after: float  # s recorded after it was true
     rate: float  # Hz, of the rows
-    tables: (
-        Expectations  # the same conditions, and the bus signals they read; none is an expectation
-    )
+    tables: Expectations  # the same conditions, and the bus signals they read; none is an expectation
 
 
 def trigger_of(
@@ -173,9 +171,7 @@ class Triggered:
         self._pending = 0  # frames that were logged and wait for their turn
         self._true_at(np.zeros((0, ROW_WIDTH)), no_logged())  # compile before time counts
 
-    def kept(
-        self, rows: NDArray[np.float64], frames: Any, come: Any
-    ) -> tuple[NDArray[np.float64], Any]:
+    def kept(self, rows: NDArray[np.float64], frames: Any, come: Any) -> tuple[NDArray[np.float64], Any]:
         """Return the rows and frames to write: those in a window, earlier buffered ones included.
 
         `frames` are in the order of time and due to be written; `come` are those just logged, in which the
@@ -203,9 +199,7 @@ class Triggered:
         come = np.concatenate([self._unread, come])
         truths = np.zeros(len(rows), dtype=np.int8)
         payloads = np.ascontiguousarray(come["payload"])
-        seen = self._run(
-            self._trigger.tables, self._judged, rows, come.view(np.recarray), payloads, truths
-        )
+        seen = self._run(self._trigger.tables, self._judged, rows, come.view(np.recarray), payloads, truths)
         self._unread = come[seen:]
         times: NDArray[np.float64] = rows[truths != 0, _TIME]
         return times

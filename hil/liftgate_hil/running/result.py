@@ -41,12 +41,8 @@ class Result:
     pinch_time_s: float = math.nan  # when the pinch force was largest; NaN: nothing was pinched
     expectations: Mapping[str, Verdict] = field(default_factory=dict)
     sources: Mapping[str, Source] = field(default_factory=dict)  # vehicle, rig, dbc, scenario, ecu
-    trace: Mapping[str, NDArray[np.float64]] = field(
-        default_factory=dict
-    )  # kept rows, if requested
-    trace_summaries: Mapping[str, TraceSummary] = field(
-        default_factory=dict
-    )  # by expectation, if requested
+    trace: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)  # kept rows, if requested
+    trace_summaries: Mapping[str, TraceSummary] = field(default_factory=dict)  # by expectation, if requested
     notes: tuple[str, ...] = ()  # observations that may explain the verdict
     late: str = ""  # when the bench was too late, or what it has not done; "": neither is known
 
@@ -83,9 +79,7 @@ def result_of(
     trace = next((each.columns() for each in sinks if isinstance(each, Trace)), {})
     judge = next((each for each in sinks if isinstance(each, Judge)), None)
     verdicts = (
-        judge.verdicts(reason, not_made or _lateness(summary, extremes), again=again)
-        if judge is not None
-        else []
+        judge.verdicts(reason, not_made or _lateness(summary, extremes), again=again) if judge is not None else []
     )
     high = extremes.high if extremes.high is not None else np.full(len(COLUMNS), np.nan)
     low = extremes.low if extremes.low is not None else high
@@ -103,9 +97,7 @@ def result_of(
         recording=tuple(map(Path, summary.recordings)),
         pinch_time_s=extremes.pinch_time,
         trace=trace,
-        trace_summaries=next(
-            (each.trace_summaries() for each in sinks if isinstance(each, TraceSummarizer)), {}
-        ),
+        trace_summaries=next((each.trace_summaries() for each in sinks if isinstance(each, TraceSummarizer)), {}),
         late=not_made or ("" if judge is None else judge.late()),
         notes=tuple(judge.notes()) if judge is not None else (),
     )
@@ -126,9 +118,7 @@ def nothing_of(job: Job, reason: str, ticks: int) -> Result:
         maxima=nothing,
         minima=nothing,
         events=(),
-        summary=Summary(
-            clock=job.options.clock, ticks=ticks, model_time_s=ticks / job.options.rate
-        ),
+        summary=Summary(clock=job.options.clock, ticks=ticks, model_time_s=ticks / job.options.rate),
         recording=job.options.record,
         trace=Trace(job.trace).columns() if job.trace else {},
     )

@@ -143,9 +143,7 @@ def _unpacked(payload: bytes) -> object:
     try:
         answer = pickle.loads(payload)
     except Exception as error:  # it may hold an object of the ECU's
-        raise EcuError(
-            f"the run's answer cannot be read: {type(error).__name__}: {error}"
-        ) from error
+        raise EcuError(f"the run's answer cannot be read: {type(error).__name__}: {error}") from error
     if not isinstance(answer, Result | LiftgateError):
         raise EcuError(f"the run's answer is {shown(answer)}")
     return answer

@@ -32,11 +32,7 @@ from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
 
 def vehicle_from(
-    name: str | Path,
-    settings: Sequence[str] = (),
-    *,
-    draw: int | None = None,
-    ideal: bool = False,
+    name: str | Path, settings: Sequence[str] = (), *, draw: int | None = None, ideal: bool = False
 ) -> Vehicle:
     """Load a vehicle by a shipped name or a path, with KEY=VALUE settings applied.
 
@@ -58,9 +54,7 @@ def rig_from(name: str | Path) -> Rig:
     return load_rig(find_config("rigs", str(name)))
 
 
-def scenario_from(
-    name: str | Path | None, parameters: Mapping[str, float] | None = None
-) -> Scenario:
+def scenario_from(name: str | Path | None, parameters: Mapping[str, float] | None = None) -> Scenario:
     """Load a scenario by a shipped name or a path, its parameters replaced; None: an empty one.
 
     Raises ConfigError.
@@ -72,9 +66,7 @@ def scenario_from(
 
 
 def vehicle_of(
-    vehicle: str | Path | Vehicle,
-    settings: Sequence[str] = (),
-    variant: Variant = AS_FILED,
+    vehicle: str | Path | Vehicle, settings: Sequence[str] = (), variant: Variant = AS_FILED
 ) -> Vehicle:
     """Return a vehicle: loaded by name or path as a variant, with settings applied, or the object given.
 
@@ -85,9 +77,7 @@ def vehicle_of(
     if not isinstance(vehicle, Vehicle):
         raise ConfigError(f"`vehicle` {show(vehicle)}: allowed: a shipped name, a file, a Vehicle")
     if settings:
-        raise ConfigError(
-            f"`settings` {', '.join(settings)}: allowed with a vehicle by its name or file"
-        )
+        raise ConfigError(f"`settings` {', '.join(settings)}: allowed with a vehicle by its name or file")
     if variant != AS_FILED:
         asked = "`ideal`" if variant.is_ideal else f"`draw` {variant.draw}"
         raise ConfigError(f"{asked}: allowed with a vehicle by its name or file")
@@ -110,9 +100,7 @@ def rig_of(rig: str | Path | Rig | None, scenario: Scenario | None = None) -> Ri
     return rig
 
 
-def scenario_of(
-    scenario: str | Path | Scenario | None, parameters: Mapping[str, float] | None = None
-) -> Scenario:
+def scenario_of(scenario: str | Path | Scenario | None, parameters: Mapping[str, float] | None = None) -> Scenario:
     """Return a scenario: loaded by name or path, its parameters replaced, or the object given; None: an empty one.
 
     Raises ConfigError.
@@ -120,13 +108,9 @@ def scenario_of(
     if isinstance(scenario, str | Path):
         return scenario_from(str(scenario), parameters)
     if scenario is not None and not isinstance(scenario, Scenario):
-        raise ConfigError(
-            f"`scenario` {show(scenario)}: allowed: a shipped name, a file, a Scenario, or None"
-        )
+        raise ConfigError(f"`scenario` {show(scenario)}: allowed: a shipped name, a file, a Scenario, or None")
     if parameters:
-        raise ConfigError(
-            f"`parameters` {', '.join(parameters)}: allowed with a scenario by its name or file"
-        )
+        raise ConfigError(f"`parameters` {', '.join(parameters)}: allowed with a scenario by its name or file")
     return no_scenario() if scenario is None else scenario
 
 
@@ -144,9 +128,7 @@ def angle_from(initial: float | str, open_angle: float, others: str = "") -> flo
         degrees = math.nan
     top = math.degrees(open_angle)
     if not 0.0 <= degrees <= top:
-        raise ConfigError(
-            f"`initial` {_short(initial)}: allowed: {others}closed, open, or 0 to {top:g} degrees"
-        )
+        raise ConfigError(f"`initial` {_short(initial)}: allowed: {others}closed, open, or 0 to {top:g} degrees")
     return math.radians(degrees)
 
 
@@ -192,9 +174,7 @@ def setup_of(
         )
     built = (
         load_vehicle(
-            find_config("vehicles", str(vehicle), called),
-            [*scenario.settings, *settings_of(settings)],
-            variant,
+            find_config("vehicles", str(vehicle), called), [*scenario.settings, *settings_of(settings)], variant
         )
         if is_named
         else vehicle_of(vehicle, settings, variant)
@@ -244,7 +224,5 @@ def start_of(config: LoopConfig, angle: float = 0.0, edges: int = 64) -> LoopSta
     There is a ring for the last `edges` Hall edges.
     """
     is_closed = angle == 0.0
-    state = (
-        closed_state(config.plant, config.load) if is_closed else initial_state(config.plant, angle)
-    )
+    state = closed_state(config.plant, config.load) if is_closed else initial_state(config.plant, angle)
     return initial_loop(config, state, edges)

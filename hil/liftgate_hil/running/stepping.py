@@ -36,9 +36,7 @@ from liftgate_hil.stimuli.bus_fault_tables import RECEIVED
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_plant.compiler import INT_OF_STEP, GivenUpError
 
-_SAME_DEG = (
-    0.2  # by which a gate stepped again may differ from the recorded one: a few ticks' motion
-)
+_SAME_DEG = 0.2  # by which a gate stepped again may differ from the recorded one: a few ticks' motion
 _MOST = 2_000_000  # frames and rows that are kept; more are too many to step again
 
 
@@ -120,9 +118,7 @@ class StepsAgain:
     expected: Expected
     rate: float  # Hz
     end: float  # s, of the run and of every window
-    angles: NDArray[
-        np.float64
-    ]  # deg, the gate's in each tick of the run: it must move as it did then
+    angles: NDArray[np.float64]  # deg, the gate's in each tick of the run: it must move as it did then
     stopped: Callable[[], bool] = _never
     _known: dict[float, _Stepped | None] = field(default_factory=dict)  # by commands' shift [s]
 
@@ -208,9 +204,7 @@ class _CommandPlayer(Adapter):
     def reset(self) -> None:
         """Do nothing: a reset does not change what the ECU has sent."""
 
-    def _on_step(
-        self, instance: int, now_ns: int, inbox: int, count: int, outbox: int, capacity: int
-    ) -> int:
+    def _on_step(self, instance: int, now_ns: int, inbox: int, count: int, outbox: int, capacity: int) -> int:
         first, last = self._next, self._next
         most = min(len(self._due_ns), first + capacity)
         while last < most and self._due_ns[last] <= now_ns:

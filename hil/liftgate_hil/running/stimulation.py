@@ -20,14 +20,7 @@ from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle import faults_with
 from liftgate_hil.diagnostics import services
-from liftgate_hil.diagnostics.tester import (
-    NO_FAILURE,
-    NO_RESPONSE,
-    Tester,
-    failure_of,
-    is_asking_once,
-    tester_of,
-)
+from liftgate_hil.diagnostics.tester import NO_FAILURE, NO_RESPONSE, Tester, failure_of, is_asking_once, tester_of
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.judging.expected import codes_of
 from liftgate_hil.loop.simulation import Offline
@@ -57,11 +50,7 @@ _FIXED = {
 
 
 def planned_stimuli(
-    setup: Setup,
-    rig: Rig,
-    is_on_bus: bool = False,
-    awaited: Sequence[Request] = (),
-    opening: Opening = CLOSED,
+    setup: Setup, rig: Rig, is_on_bus: bool = False, awaited: Sequence[Request] = (), opening: Opening = CLOSED
 ) -> StimulusPlan:
     """Return the stimulus plan of a run before its first tick.
 
@@ -106,9 +95,7 @@ def presses_of(scenario: Scenario, rig: Rig) -> list[SignalChange]:
     for action in dict.fromkeys((*scenario.precondition, *actions)):
         if action not in buttons:
             where = "[reset]" if action == "reset" else f"[requests] {action}"
-            issues.add(
-                "request", f"{action}: allowed on a bus with {where} in the rig {rig.source}"
-            )
+            issues.add("request", f"{action}: allowed on a bus with {where} in the rig {rig.source}")
     if rig.driver.reset is not None and rig.driver.reset.uds and not services.is_there():
         issues.take([f"{rig.source}: reset.uds: resets over UDS {services.MISSING}"])
     issues.raise_if_any()
@@ -153,9 +140,7 @@ def off_not_made(scenario: Scenario, injected: Collection[str]) -> str:
     """Return why `bus_off` faults, of the scenario or injected, cannot be made on a real bus; "": none is."""
     found = [each.key for each in scenario.faults if each.kind == "bus_off"]
     found += ["injected"] if "bus_off" in injected else []
-    return "; ".join(
-        f"{key}: bus_off: a real controller cannot be taken off its bus from here" for key in found
-    )
+    return "; ".join(f"{key}: bus_off: a real controller cannot be taken off its bus from here" for key in found)
 
 
 def offline_of(setup: Setup, step: float) -> Offline:
@@ -221,9 +206,7 @@ def _stimuli(
     return stimuli
 
 
-def _tester(
-    scenario: Scenario, rig: Rig | None, issues: ConfigIssues, reset: bytes
-) -> Tester | None:
+def _tester(scenario: Scenario, rig: Rig | None, issues: ConfigIssues, reset: bytes) -> Tester | None:
     """Return the tester of the ECU's diagnostics; None: there is nothing to do for it.
 
     It reads trouble codes where there is a bus and the scenario has expectations of them, and resets the ECU by
@@ -239,10 +222,7 @@ def _tester(
 
 
 def _conditions(
-    scenario: Scenario,
-    vehicle: Vehicle,
-    messages: Mapping[str, Message] | None,
-    issues: ConfigIssues,
+    scenario: Scenario, vehicle: Vehicle, messages: Mapping[str, Message] | None, issues: ConfigIssues
 ) -> Callable[[Instant], Condition]:
     """Return a function that returns the condition of a scenario's instant."""
 
@@ -277,11 +257,7 @@ def injections_of(
 
 
 def _injections(
-    faults: Sequence[Fault],
-    vehicle: Vehicle,
-    rig: Rig | None,
-    issues: ConfigIssues,
-    restbus: Collection[str] = (),
+    faults: Sequence[Fault], vehicle: Vehicle, rig: Rig | None, issues: ConfigIssues, restbus: Collection[str] = ()
 ) -> list[Injection]:
     """Return an injection for each fault; one with issues has only what could be determined."""
     changed = [_changed_by(each, vehicle, faults, issues) for each in faults]
@@ -394,7 +370,5 @@ def _changed_by(
         if after[name] != number and not (math.isnan(after[name]) and math.isnan(number))
     }
     if not found and value_of(vehicle, parameter) != value:
-        issues.take(
-            [f"{fault.key}.key: {show(key)}: allowed: a parameter that affects the running gate"]
-        )
+        issues.take([f"{fault.key}.key: {show(key)}: allowed: a parameter that affects the running gate"])
     return found

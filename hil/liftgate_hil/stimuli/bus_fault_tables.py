@@ -123,10 +123,7 @@ def row_of(fault: int, own: BusFault) -> tuple[float, ...]:
 
 
 def bus_faults_of(
-    faults: Sequence[tuple[int, BusFault]],
-    messages: int,
-    slots: int = 0,
-    always_received: Sequence[int] = (),
+    faults: Sequence[tuple[int, BusFault]], messages: int, slots: int = 0, always_received: Sequence[int] = ()
 ) -> BusFaults:
     """Return the tables of faults, each with its row in `faults`, with `slots` free rows at the end.
 

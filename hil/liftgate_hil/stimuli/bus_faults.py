@@ -310,9 +310,7 @@ def enqueue(faults: BusFaults, room: Frames, place: int, direction: int, due_ns:
 
 
 @compilable
-def change(
-    fault: Any, held: Any, bus: BusConfig, message: int, room: Frames, place: int, seed: int
-) -> None:
+def change(fault: Any, held: Any, bus: BusConfig, message: int, room: Frames, place: int, seed: int) -> None:
     """Change a frame of `room` by a fault."""
     table, data, length = bus.messages[message], room.data, room.lengths[place]
     if fault.kind == CORRUPTED:

@@ -58,13 +58,9 @@ CLOSED = Opening(0, (), ())
 class CommandQueue(NamedTuple):
     """Commands that wait for the next tick, and the rows that the tables keep free for their faults."""
 
-    head: NDArray[
-        np.int64
-    ]  # (2,) commands posted (by the posting side), commands taken (by the loop)
+    head: NDArray[np.int64]  # (2,) commands posted (by the posting side), commands taken (by the loop)
     commands: Any  # (LENGTH,) COMMAND
-    faults: (
-        Any  # (LENGTH,) FAULT, of a command that begins one; (0,) without slots, like the next two
-    )
+    faults: Any  # (LENGTH,) FAULT, of a command that begins one; (0,) without slots, like the next two
     edits: Any  # (LENGTH, n) EDIT
     bus: Any  # (LENGTH,) BUS_FAULT
     first: NDArray[np.int64]  # (2,) the first slot's row in `faults`, and in `bus_faults`
@@ -90,9 +86,7 @@ def has_room(queue: CommandQueue, commands: int) -> bool:
 
 def post_values(queue: CommandQueue, values: Mapping[str, float]) -> bool:
     """Post held values by their names; return False, and post none of them, where the queue has no room."""
-    runs: list[
-        tuple[int, list[float]]
-    ] = []  # the first one's place, and those held one after the other
+    runs: list[tuple[int, list[float]]] = []  # the first one's place, and those held one after the other
     for place in sorted(map(NAMES.index, values)):
         if not runs or runs[-1][0] + len(runs[-1][1]) != place or len(runs[-1][1]) == _MOST_VALUES:
             runs.append((place, []))
@@ -108,11 +102,7 @@ def post_values(queue: CommandQueue, values: Mapping[str, float]) -> bool:
 
 
 def post_fault(
-    queue: CommandQueue,
-    slot: int,
-    injection: Injection | None,
-    places: Mapping[str, int],
-    layer: int,
+    queue: CommandQueue, slot: int, injection: Injection | None, places: Mapping[str, int], layer: int
 ) -> None:
     """Post a fault for a slot, in force from the next tick until another command ends it; None ends it.
 
@@ -135,9 +125,7 @@ def post_fault(
     queue.head[0] += 1
 
 
-def post_signal(
-    queue: CommandQueue, place: int, value: float, instead_of: float, rest: float, layer: int
-) -> None:
+def post_signal(queue: CommandQueue, place: int, value: float, instead_of: float, rest: float, layer: int) -> None:
     """Post a value for a signal of the restbus in a layer, valid from the next tick on; see COMMAND."""
     command = _next_of(queue)
     command.what, command.place, command.value = _SIGNAL, place, value
@@ -189,9 +177,7 @@ def take_commands(
 
 
 @compilable
-def begin(
-    queue: CommandQueue, faults: FaultTable, bus_faults: BusFaults, at: int, now: float
-) -> None:
+def begin(queue: CommandQueue, faults: FaultTable, bus_faults: BusFaults, at: int, now: float) -> None:
     """Begin, change or end the fault in a command's slot now."""
     command, own = queue.commands[at], queue.faults[at]
     row = queue.first[0] + command.place

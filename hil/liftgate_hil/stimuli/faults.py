@@ -27,10 +27,7 @@ FAULT = np.dtype(
         ("period", "f8"),  # s; 0: always on
         ("share", "f8"),  # of each period, from its start, in which it is on
         ("ramp", "f8"),  # s from no effect to full effect
-        (
-            "rank",
-            "i8",
-        ),  # order of injection; 0: a fault of the scenario, in the order of the file
+        ("rank", "i8"),  # order of injection; 0: a fault of the scenario, in the order of the file
         ("first", "i8"),  # its first row in `edits`
         ("count", "i8"),
     ]
@@ -74,9 +71,7 @@ class FaultTable(NamedTuple):
     next: NDArray[np.float64]  # (1,) s, time of the next check
 
 
-def faults_of(
-    constants: Constants, injections: Sequence[Injection], sheet: Sheet, slots: int = 0
-) -> FaultTable:
+def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Sheet, slots: int = 0) -> FaultTable:
     """Return the fault tables of a gate, with `slots` free rows at the end; their moments go to the sheet."""
     numbers = numbers_of(constants)
     places = {name: place for place, name in enumerate(numbers)}

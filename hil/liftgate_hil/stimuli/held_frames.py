@@ -12,12 +12,7 @@ from liftgate_hil.codec.checksum import put_checksum
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
 from liftgate_hil.codec.receive import counter_of, find_message
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.stimuli.bus_fault_tables import (
-    COUNTER,
-    EVERY,
-    FROZEN,
-    BusFaults,
-)
+from liftgate_hil.stimuli.bus_fault_tables import COUNTER, EVERY, FROZEN, BusFaults
 from liftgate_plant.compiler import compilable
 
 
@@ -54,9 +49,7 @@ def holds(held: Any, table: Any) -> bool:
 
 
 @compilable
-def keep_before(
-    fault: Any, held: Any, bus: BusConfig, message: int, frames: Frames, place: int
-) -> None:
+def keep_before(fault: Any, held: Any, bus: BusConfig, message: int, frames: Frames, place: int) -> None:
     """Keep a frame that a fault will hold if it comes into force before the next frame."""
     is_whole = frames.lengths[place] == bus.messages[message].length
     if fault.kind == FROZEN or (fault.kind == COUNTER and is_whole):
@@ -64,18 +57,14 @@ def keep_before(
 
 
 @compilable
-def keep_last(
-    faults: BusFaults, bus: BusConfig, message: int, frames: Frames, place: int, direction: int
-) -> None:
+def keep_last(faults: BusFaults, bus: BusConfig, message: int, frames: Frames, place: int, direction: int) -> None:
     """Keep the last frame of a message as it was delivered."""
     if message < faults.last.shape[1]:
         keep(faults.last[direction - 1, message], bus, message, frames, place)
 
 
 @compilable
-def find_held(
-    faults: BusFaults, fault: Any, held: Any, bus: BusConfig, message: int, direction: int
-) -> None:
+def find_held(faults: BusFaults, fault: Any, held: Any, bus: BusConfig, message: int, direction: int) -> None:
     """Copy the frame that was delivered last to a fault that has just been injected, as the one it holds."""
     if fault.kind not in (FROZEN, COUNTER) or message >= faults.last.shape[1]:
         return

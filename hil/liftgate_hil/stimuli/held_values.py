@@ -13,11 +13,7 @@ from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.signals import Surroundings
 
 # Surroundings (NaN: none), an obstacle (stiffness NaN: none), timing.
-NAMES = (
-    *Surroundings._fields,
-    *(f"obstacle_{name}" for name in Obstacle._fields),
-    *Timing._fields,
-)
+NAMES = (*Surroundings._fields, *(f"obstacle_{name}" for name in Obstacle._fields), *Timing._fields)
 HELD: Any = namedtuple("Held", NAMES)(*range(len(NAMES)))
 HELD_SURROUNDINGS = Surroundings(**{name: getattr(HELD, name) for name in Surroundings._fields})
 HELD_OBSTACLE = Obstacle(**{name: getattr(HELD, f"obstacle_{name}") for name in Obstacle._fields})

@@ -93,9 +93,7 @@ class Sheet:
         self._rows: list[tuple[int, float, float, int]] = []
         self.instants: list[Instant] = []
 
-    def place(
-        self, instant: Instant, after: tuple[float, int] = (0.0, BY_TIME)
-    ) -> tuple[float, int]:
+    def place(self, instant: Instant, after: tuple[float, int] = (0.0, BY_TIME)) -> tuple[float, int]:
         """Return the time and the row of the moment of an instant, of which one counts.
 
         Its condition does not count before `after`, which is such a pair, too.
@@ -147,9 +145,7 @@ def necessary(condition: Condition) -> _Range:
     return found if isinstance(found, tuple) else _ANY_RANGE
 
 
-def _of_two(
-    code: int, left: _Range | str | float | None, right: _Range | str | float | None
-) -> _Range | None:
+def _of_two(code: int, left: _Range | str | float | None, right: _Range | str | float | None) -> _Range | None:
     """Return what is known of two operands that an operation joins."""
     if code == AND:
         return next((each for each in (left, right) if isinstance(each, tuple)), None)
@@ -182,14 +178,7 @@ def time_of(moments: Moments, time: float, moment: int) -> float:
 def note_frames_for(moments: Moments, frames: Frames) -> None:
     """Update the bus signals that conditions refer to from frames."""
     for i in range(frames.count):
-        watch(
-            moments.bus,
-            moments.values[0],
-            int(frames.identifiers[i]),
-            int(frames.lengths[i]),
-            frames.data,
-            i,
-        )
+        watch(moments.bus, moments.values[0], int(frames.identifiers[i]), int(frames.lengths[i]), frames.data, i)
 
 
 @compilable

@@ -33,9 +33,7 @@ def is_same_place(a: Obstacle, b: Obstacle) -> bool:
 
 
 @compilable
-def armed(
-    arming: ObstacleArming, obstacle: Obstacle, angle: float
-) -> tuple[ObstacleArming, Obstacle]:
+def armed(arming: ObstacleArming, obstacle: Obstacle, angle: float) -> tuple[ObstacleArming, Obstacle]:
     """Return the new arming state and the obstacle as it acts on the gate.
 
     An obstacle that is put where the gate already is (a rod under the closed gate) does not act before the gate

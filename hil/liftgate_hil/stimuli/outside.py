@@ -11,11 +11,7 @@ from typing import NamedTuple
 from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.held_values import HELD_OBSTACLE, HELD_SURROUNDINGS, HELD_TIMING
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
-from liftgate_hil.stimuli.timeline import (
-    obstacle_at,
-    profiles_over,
-    supply_rise_over,
-)
+from liftgate_hil.stimuli.timeline import obstacle_at, profiles_over, supply_rise_over
 from liftgate_plant.compiler import compilable, picked
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.signals import Surroundings
@@ -38,12 +34,7 @@ class Outside(NamedTuple):
 
 @compilable
 def outside_at(
-    stimuli: StimulusPlan,
-    time: float,
-    step: float,
-    ticks_missed: int,
-    is_silent: bool,
-    is_stop: bool,
+    stimuli: StimulusPlan, time: float, step: float, ticks_missed: int, is_silent: bool, is_stop: bool
 ) -> Outside:
     """Return the stimuli that act during the step [s] from a time on."""
     timeline, held = stimuli.timeline, stimuli.held

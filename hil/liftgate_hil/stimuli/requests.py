@@ -13,12 +13,7 @@ from numpy.typing import NDArray
 from liftgate_hil.stimuli.moments import Instant, Moments, Sheet
 from liftgate_plant.compiler import compilable
 
-ACTIONS = (
-    "stop",
-    "open",
-    "close",
-    "reset",
-)  # by their numbers; a C library gets the first three
+ACTIONS = ("stop", "open", "close", "reset")  # by their numbers; a C library gets the first three
 RESET = ACTIONS.index("reset")
 BUTTONS = ("open", "close", "stop")
 REQUESTS = (*BUTTONS, "reset")

@@ -15,13 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.bus_config import (
-    ANY,
-    SignalMapping,
-    build_bus_config,
-    mapping_named,
-    tables_named,
-)
+from liftgate_hil.codec.bus_config import ANY, SignalMapping, build_bus_config, mapping_named, tables_named
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.tables import BusConfig
@@ -104,10 +98,7 @@ class Restbus(NamedTuple):
 
 
 def restbus_of(
-    changes: Sequence[SignalChange],
-    sheet: Sheet,
-    tables: BusTables = NO_BUS,
-    later: Sequence[str] = (),
+    changes: Sequence[SignalChange], sheet: Sheet, tables: BusTables = NO_BUS, later: Sequence[str] = ()
 ) -> Restbus:
     """Return the restbus of the signals that change, and of those that may get a value `later`.
 
@@ -168,9 +159,7 @@ def going_on(before: Restbus, after: Restbus) -> None:
 
 
 @compilable
-def with_restbus(
-    restbus: Restbus, moments: Moments, frames: Frames, time: float, now_ns: int
-) -> Frames:
+def with_restbus(restbus: Restbus, moments: Moments, frames: Frames, time: float, now_ns: int) -> Frames:
     """Return the frames that the gate sends in a tick, followed by those of the restbus that are due.
 
     `time` [s] is the scenario's. The result is valid until the next tick.
@@ -182,10 +171,7 @@ def with_restbus(
     if not is_due(restbus.transmission, now_ns, False, False):
         return frames
     return Frames(
-        beside(restbus, frames, now_ns),
-        restbus.room.identifiers,
-        restbus.room.lengths,
-        restbus.room.data,
+        beside(restbus, frames, now_ns), restbus.room.identifiers, restbus.room.lengths, restbus.room.data
     )
 
 

@@ -12,34 +12,15 @@ from liftgate_hil.codec.frames import Frames
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.conditions.condition import Condition
 from liftgate_hil.conditions.parser import parsed
-from liftgate_hil.diagnostics.tester import (
-    Tester,
-    no_tester,
-    tester_hears,
-    wants_reset,
-    with_requests,
-)
+from liftgate_hil.diagnostics.tester import Tester, no_tester, tester_hears, wants_reset, with_requests
 from liftgate_hil.stimuli.bus_fault_tables import RECEIVED, SENT, BusFaults, bus_faults_of
 from liftgate_hil.stimuli.bus_faults import note_force, on_bus
-from liftgate_hil.stimuli.command_queue import (
-    CLOSED,
-    CommandQueue,
-    Opening,
-    command_queue_of,
-    take_commands,
-)
+from liftgate_hil.stimuli.command_queue import CLOSED, CommandQueue, Opening, command_queue_of, take_commands
 from liftgate_hil.stimuli.faults import FaultTable, Injection, faults_of, is_changed
 from liftgate_hil.stimuli.held_values import nothing_held
 from liftgate_hil.stimuli.moments import Instant, Moments, Sheet, note_moments
 from liftgate_hil.stimuli.requests import Request, Requests, requests_of, take_due
-from liftgate_hil.stimuli.restbus import (
-    NO_BUS,
-    BusTables,
-    Restbus,
-    SignalChange,
-    restbus_of,
-    with_restbus,
-)
+from liftgate_hil.stimuli.restbus import NO_BUS, BusTables, Restbus, SignalChange, restbus_of, with_restbus
 from liftgate_hil.stimuli.timeline import Profile, TimedObstacle, Timeline, timeline_of
 from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.constants import Constants
@@ -127,13 +108,7 @@ def take_posted(stimuli: StimulusPlan, time: float) -> None:
     queue = stimuli.queue
     if queue.head[0] != queue.head[1]:
         take_commands(
-            queue,
-            stimuli.held,
-            stimuli.faults,
-            stimuli.bus_faults,
-            stimuli.restbus,
-            stimuli.tester,
-            time,
+            queue, stimuli.held, stimuli.faults, stimuli.bus_faults, stimuli.restbus, stimuli.tester, time
         )
 
 
@@ -148,18 +123,14 @@ def turns(stimuli: StimulusPlan, time: float) -> bool:
 
 
 @compilable
-def note_tick(
-    stimuli: StimulusPlan, rows: NDArray[np.float64], given: Frames, heard: Frames
-) -> None:
+def note_tick(stimuli: StimulusPlan, rows: NDArray[np.float64], given: Frames, heard: Frames) -> None:
     """Update the moments from a tick: its row (1, ROW_WIDTH) and its frames in both directions."""
     if note_moments(stimuli.moments, rows, given, heard):
         stimuli.faults.next[0] = _AT_ONCE
 
 
 @compilable
-def received(
-    stimuli: StimulusPlan, bus: BusConfig, frames: Frames, now_ns: int, seed: int
-) -> Frames:
+def received(stimuli: StimulusPlan, bus: BusConfig, frames: Frames, now_ns: int, seed: int) -> Frames:
     """Return the frames that reach the gate, as the faults on the bus leave them; `bus` is what it receives.
 
     The tester receives the same frames.

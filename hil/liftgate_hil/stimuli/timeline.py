@@ -58,9 +58,7 @@ class TimedObstacle(NamedTuple):
 
 
 def timeline_of(
-    profiles: Mapping[str, Profile],
-    obstacles: Sequence[TimedObstacle] = (),
-    sheet: Sheet | None = None,
+    profiles: Mapping[str, Profile], obstacles: Sequence[TimedObstacle] = (), sheet: Sheet | None = None
 ) -> Timeline:
     """Return the tables of profiles, by columns of Surroundings, and of obstacles; moments go to the sheet."""
     sheet = sheet or Sheet()
@@ -79,9 +77,7 @@ def timeline_of(
         for name, value in each.obstacle._asdict().items():
             row[name] = value
     return Timeline(
-        channels.view(np.recarray),
-        np.array(knots, dtype=np.float64).reshape(-1, 2),
-        rows.view(np.recarray),
+        channels.view(np.recarray), np.array(knots, dtype=np.float64).reshape(-1, 2), rows.view(np.recarray)
     )
 
 

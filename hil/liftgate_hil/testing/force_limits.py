@@ -22,10 +22,7 @@ def limits_section(outcomes: Sequence[Outcome]) -> str:
     for outcome in outcomes:
         for force, name in _limits_of(outcome):
             users.setdefault(force, []).append(f"{outcome.case.file}: {name}")
-    rows = [
-        (f"{force:g} N", ORIGINS.get(force, OWN_LIMIT), _named(users[force]))
-        for force in sorted(users)
-    ]
+    rows = [(f"{force:g} N", ORIGINS.get(force, OWN_LIMIT), _named(users[force])) for force in sorted(users)]
     if not rows:
         return ""
     return section(

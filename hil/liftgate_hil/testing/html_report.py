@@ -75,12 +75,7 @@ class SuiteReport:
                 self._figures[outcome.case.file, expectation.name] = found
         return replace(outcome, result=replace(result, trace_summaries={}))
 
-    def html(
-        self,
-        outcomes: Sequence[Outcome],
-        provenance: Provenance,
-        matrix: Matrix | None = None,
-    ) -> str:
+    def html(self, outcomes: Sequence[Outcome], provenance: Provenance, matrix: Matrix | None = None) -> str:
         """Return the page; `matrix` is the result of mutation testing, where there was any."""
         verdict = verdict_of(outcomes)
         return page(
@@ -96,10 +91,7 @@ class SuiteReport:
                 section(
                     f"{subject_of(outcomes).capitalize()}s",
                     self._note(outcomes),
-                    *(
-                        scenario_section(place, each, self._figures)
-                        for place, each in enumerate(outcomes)
-                    ),
+                    *(scenario_section(place, each, self._figures) for place, each in enumerate(outcomes)),
                 ),
                 section("Provenance", _origin(outcomes, provenance)),
             ],
@@ -113,8 +105,7 @@ class SuiteReport:
         if lacking > 0 and min(self._left.values()) <= 0:
             most = (MOST_PASSED + MOST_OTHERS) / 1e6
             note += (
-                f" To keep the page small, pictures take {most:.0f} MB at most: "
-                f"{lacking} expectations have none."
+                f" To keep the page small, pictures take {most:.0f} MB at most: {lacking} expectations have none."
             )
         return f'<p class="soft">{text(note)}</p>'
 
@@ -125,9 +116,7 @@ def _summary(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
     told = ", ".join(f"{counts[name]} {name}" for name in (PASS, FAIL, INCONCLUSIVE, ERROR))
     scenarios = [each.verdict for each in outcomes]
     by_scenario = ", ".join(
-        f"{scenarios.count(name)} {name}"
-        for name in (PASS, FAIL, INCONCLUSIVE, ERROR)
-        if name in scenarios
+        f"{scenarios.count(name)} {name}" for name in (PASS, FAIL, INCONCLUSIVE, ERROR) if name in scenarios
     )
     setups = [each.case.plan.setup for each in outcomes]
     what = subject_of(outcomes)
@@ -255,9 +244,7 @@ def _short_names(outcomes: Sequence[Outcome]) -> list[str]:
     return [str(Path(each.case.file).relative_to(folder)) for each in outcomes]
 
 
-def _all(
-    outcomes: Sequence[Outcome],
-) -> Iterable[tuple[int, int, Outcome, Expectation, Verdict]]:
+def _all(outcomes: Sequence[Outcome]) -> Iterable[tuple[int, int, Outcome, Expectation, Verdict]]:
     for place, outcome in enumerate(outcomes):
         expectations = outcome.case.plan.setup.scenario.expectations
         pairs = zip(expectations, outcome.expectations, strict=True)
@@ -273,9 +260,7 @@ def _link(place: int, said: str, number: int | None = None) -> Markup:
 def _origin(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
     """Return all source files, each once, with the digests of their contents."""
     found: Mapping[tuple[str, str], str] = {
-        (each.path, each.sha256): name
-        for outcome in outcomes
-        for name, each in outcome.case.plan.sources.items()
+        (each.path, each.sha256): name for outcome in outcomes for name, each in outcome.case.plan.sources.items()
     }
     rows = [(name, path, digest) for (path, digest), name in found.items()]
     features = f"processor features: {provenance.processor_features}"

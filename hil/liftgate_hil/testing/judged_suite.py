@@ -37,15 +37,12 @@ def runs_of(names: Sequence[str], is_one: bool = False) -> list[tuple[Path, ...]
         seen.add(real)
         found.setdefault(Path() if is_one else path.with_suffix(""), []).append(path)
     groups = [
-        tuple(sorted(paths, key=lambda path: (path.suffix.lower() in BUS_LOGS, path)))
-        for paths in found.values()
+        tuple(sorted(paths, key=lambda path: (path.suffix.lower() in BUS_LOGS, path))) for paths in found.values()
     ]
     return sorted(groups, key=lambda paths: str(paths[0]))
 
 
-def cases_of(
-    runs: Sequence[tuple[Path, ...]], about: Expectations, is_reported: bool = True
-) -> list[Case]:
+def cases_of(runs: Sequence[tuple[Path, ...]], about: Expectations, is_reported: bool = True) -> list[Case]:
     """Return a case for each run; `is_reported`: with its files' hashes."""
     scenario = about.setup.scenario
     files = {"scenario": Path(scenario.source)}
@@ -64,10 +61,7 @@ def cases_of(
 
 
 def judge_suite(
-    cases: Sequence[Case],
-    about: Expectations,
-    is_summarized: bool,
-    stopped: Callable[[], bool] = lambda: False,
+    cases: Sequence[Case], about: Expectations, is_summarized: bool, stopped: Callable[[], bool] = lambda: False
 ) -> Iterator[tuple[Outcome, Sequence[str]]]:
     """Judge the cases, and yield the outcome and the notes of each.
 

@@ -96,9 +96,7 @@ def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
 
 def _case(verdict: Verdict, name: str, seconds: float) -> ElementTree.Element:
     """Return the `testcase` element of an expectation; `name` is its class name, `seconds` its duration."""
-    case = ElementTree.Element(
-        "testcase", classname=name, name=_text(verdict.name), time=f"{seconds:.3f}"
-    )
+    case = ElementTree.Element("testcase", classname=name, name=_text(verdict.name), time=f"{seconds:.3f}")
     if verdict.verdict != PASS:
         kind = "failure" if verdict.verdict == FAIL else "error"
         said = _text(line_of(verdict))
@@ -116,9 +114,7 @@ def _add_properties(suite: ElementTree.Element, outcome: Outcome) -> None:
         told = [("scenario", setup.scenario.source)]
         told += [("recording", str(path)) for path in outcome.case.recordings]
     told += [("requirement", each) for each in setup.scenario.requirement]
-    told += [
-        (f"parameter.{name}", f"{value:g}") for name, value in setup.scenario.parameters.items()
-    ]
+    told += [(f"parameter.{name}", f"{value:g}") for name, value in setup.scenario.parameters.items()]
     for name, value in told:
         ElementTree.SubElement(properties, "property", name=_text(name), value=_text(value))
 

@@ -12,9 +12,7 @@ _MOST = 6  # expectations that are named
 def mutants_section(matrix: Matrix) -> str:
     """Return the section: defects of the reference ECU, and the expectations that find them."""
     killed = len(matrix.killed)
-    rows = [
-        (each.name, each.meaning, _killers(matrix.kills(each.name))) for each in MUTANTS.values()
-    ]
+    rows = [(each.name, each.meaning, _killers(matrix.kills(each.name))) for each in MUTANTS.values()]
     idle = matrix.prove_nothing
     nothing = [f"{file}: {name}" for file, name in idle]
     parts = [

@@ -25,9 +25,7 @@ class Matrix:
     """
 
     cases: Sequence[Case]
-    verdicts: dict[tuple[str, str, str], str] = field(
-        default_factory=dict
-    )  # by mutant, file, expectation
+    verdicts: dict[tuple[str, str, str], str] = field(default_factory=dict)  # by mutant, file, expectation
 
     def add(self, mutant: str, outcome: Outcome) -> None:
         """Add the outcome of a scenario with a mutant."""
@@ -77,15 +75,11 @@ class Matrix:
                 {
                     "name": each.name,
                     "meaning": each.meaning,
-                    "killed_by": [
-                        {"file": file, "expectation": name} for file, name in self.kills(each.name)
-                    ],
+                    "killed_by": [{"file": file, "expectation": name} for file, name in self.kills(each.name)],
                 }
                 for each in MUTANTS.values()
             ],
-            "prove_nothing": [
-                {"file": file, "expectation": name} for file, name in self.prove_nothing
-            ],
+            "prove_nothing": [{"file": file, "expectation": name} for file, name in self.prove_nothing],
         }
 
     def lines(self) -> Iterator[str]:

@@ -23,9 +23,7 @@ def expectation_svgs(
 ) -> list[str]:
     """Return pictures for a page: around the window, and around the margin where it is too small there."""
     views = [trace_summary.view]
-    if trace_summary.near is not None and _span(trace_summary.view) > _CLOSE * _span(
-        trace_summary.near
-    ):
+    if trace_summary.near is not None and _span(trace_summary.view) > _CLOSE * _span(trace_summary.near):
         views.append(trace_summary.near)
     found = []
     for place, view in enumerate(views):
@@ -125,9 +123,7 @@ def _draw(panel: Panel, curve: Curve) -> None:
         panel.lines.append(Line(curve.side.text, curve.low, curve.high))
 
 
-def _level(
-    sign: str, value: float, comparison: Comparison, is_trigger: bool, panel: Panel
-) -> Level:
+def _level(sign: str, value: float, comparison: Comparison, is_trigger: bool, panel: Panel) -> Level:
     unit = f" {comparison.left.unit}" if comparison.left.unit else ""
     named = panel.names.get(value)
     said = f"{sign} {value:.6g}{unit}" + (f" ({named})" if named else "")
@@ -135,16 +131,10 @@ def _level(
 
 
 def _margin_on(
-    panel: Panel,
-    expectation: Expectation,
-    verdict: Verdict,
-    trace_summary: TraceSummary,
-    view: View,
+    panel: Panel, expectation: Expectation, verdict: Verdict, trace_summary: TraceSummary, view: View
 ) -> Margin | None:
     """Return the margin between a signal and its limit, or between two signals; None: not on this panel."""
-    decider = next(
-        (each for each in trace_summary.condition if each.text == verdict.decided_by), None
-    )
+    decider = next((each for each in trace_summary.condition if each.text == verdict.decided_by), None)
     if decider is None or verdict.margin is None or verdict.margin_time_s is None:
         return None
     labels = [line.label for line in panel.lines]
@@ -165,9 +155,7 @@ def _margin_on(
     limit = decider.limit
     if limit is not None:
         reach = abs(verdict.margin)
-        found = [
-            (_distance(line, bins, value), value) for value in (limit[2] - reach, limit[2] + reach)
-        ]
+        found = [(_distance(line, bins, value), value) for value in (limit[2] - reach, limit[2] + reach)]
         (_, place), value = min(found)
         return Margin(_time_of(view, bins, place, verdict), limit[2], value, label, stretch)
     other = decider.right.text

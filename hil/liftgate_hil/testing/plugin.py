@@ -38,9 +38,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the plugin's command-line options."""
     group = parser.getgroup("liftgate", "lift gate emulator")
     told = "for scenario files and the fixture"
-    group.addoption(
-        "--liftgate-ecu", metavar="reference|LIBRARY|MODULE:CLASS|bus", help=f"the ECU {told}"
-    )
+    group.addoption("--liftgate-ecu", metavar="reference|LIBRARY|MODULE:CLASS|bus", help=f"the ECU {told}")
     group.addoption("--liftgate-bus", metavar="INTERFACE:CHANNEL", help="the bus with the ECU")
     group.addoption("--liftgate-vehicle", metavar="NAME|FILE", help=f"the vehicle {told}")
     group.addoption("--liftgate-rig", metavar="NAME|FILE", help=f"the rig {told}")
@@ -107,9 +105,7 @@ def node_names(names: Sequence[str]) -> list[str]:
     They are without `::`, which ends a part, and without brackets, which begin a parameter's; `--lf`, JUnit and
     the command line split an id by them.
     """
-    plain = [
-        _NOT_IN_A_NODE.sub(lambda found: _INSTEAD.get(found[0][0], " "), each) for each in names
-    ]
+    plain = [_NOT_IN_A_NODE.sub(lambda found: _INSTEAD.get(found[0][0], " "), each) for each in names]
     taken = {name for name, own in zip(names, plain, strict=True) if name == own}
     found = []
     for name, own in zip(names, plain, strict=True):
@@ -149,9 +145,7 @@ class ExpectationItem(pytest.Item):
         if self._verdict.verdict != "pass":
             raise NotAsExpectedError(self._verdict)
 
-    def repr_failure(
-        self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None
-    ) -> str | Any:
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> str | Any:
         """Return a verdict's failure in words, without a traceback."""
         if isinstance(excinfo.value, NoVerdictError | NotAsExpectedError):
             return str(excinfo.value)
@@ -253,13 +247,9 @@ class Liftgate:
 
 
 @pytest.fixture
-def liftgate(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Liftgate]:
+def liftgate(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Liftgate]:
     """Provide `liftgate.gate(...)` and `liftgate.run(...)`; a failed test's recordings are kept and reported."""
-    made = Liftgate(
-        request.config, tmp_path_factory.mktemp("liftgate", numbered=True) / "recordings"
-    )
+    made = Liftgate(request.config, tmp_path_factory.mktemp("liftgate", numbered=True) / "recordings")
     yield made
     has_failed = request.node.stash.get(_FAILED, False)
     made.close(is_kept=has_failed)

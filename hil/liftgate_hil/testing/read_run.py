@@ -51,9 +51,7 @@ def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
     files = [opened(path) for path in paths]
     tables = [each for each in files if each.is_ours]
     if len(tables) > 1:
-        raise ConfigError(
-            f"{tables[1].path}: a second table of a run; allowed: one table and a bus log"
-        )
+        raise ConfigError(f"{tables[1].path}: a second table of a run; allowed: one table and a bus log")
     issues: list[str] = []
     places = _places(files, asked, issues)
     for file in files:
@@ -87,9 +85,7 @@ def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
     return run
 
 
-Places = Mapping[
-    str, tuple[RunFile | None, str]
-]  # by our columns: the file (None: the bus), and the name there
+Places = Mapping[str, tuple[RunFile | None, str]]  # by our columns: the file (None: the bus), and the name there
 
 
 def _places(files: Sequence[RunFile], asked: Asked, issues: list[str]) -> Places:
@@ -122,16 +118,12 @@ def _place_of(files: Sequence[RunFile], theirs: Theirs) -> tuple[RunFile | None,
     return None, ""
 
 
-def _no_such(
-    files: Sequence[RunFile], rig: Rig, ours: str, theirs: Theirs, has_frames: bool
-) -> str:
+def _no_such(files: Sequence[RunFile], rig: Rig, ours: str, theirs: Theirs, has_frames: bool) -> str:
     there = [name for file in files for name in file.names if name][:_SHOWN]
     paths = ", ".join(str(each.path) for each in files)
     bus = f"{'or ' if there else ''}a signal of {rig.source}" if has_frames else ""
     allowed = "; ".join(filter(None, [", ".join(there), bus]))
-    return (
-        f"{paths}: {ours}: no column {theirs.name!r}; allowed: {allowed or 'a file with columns'}"
-    )
+    return f"{paths}: {ours}: no column {theirs.name!r}; allowed: {allowed or 'a file with columns'}"
 
 
 def _messages(places: Places, files: Sequence[RunFile], asked: Asked) -> list[str]:
@@ -156,9 +148,7 @@ def _set_clocks(files: Sequence[RunFile]) -> None:
     others = [each for each in files if each.span is not None and each not in by_wall]
     if not by_wall:
         return
-    start_us = max(
-        (each.table.start_ns // 1000 for each in files if each.is_ours and each.table), default=0
-    )
+    start_us = max((each.table.start_ns // 1000 for each in files if each.is_ours and each.table), default=0)
     if others and not start_us:
         said = f"wall-clock timestamps, but none in {others[0].path}"
         raise ConfigError(
@@ -191,12 +181,7 @@ def _frames(files: Iterable[RunFile]) -> Any:
 
 
 def _tracks(
-    files: Sequence[RunFile],
-    places: Places,
-    frames: Any,
-    asked: Asked,
-    notes: list[str],
-    issues: list[str],
+    files: Sequence[RunFile], places: Places, frames: Any, asked: Asked, notes: list[str], issues: list[str]
 ) -> dict[str, Track]:
     """Return the samples of all columns found."""
     tracks: dict[str, Track] = {}
@@ -321,11 +306,7 @@ def _by_raster(
     asked: Asked,
 ) -> RecordedRun:
     """Return the run in ticks of an even raster, from the first sample to the last one of all files."""
-    spans = [
-        [round(1e6 * end) - each.zero_us for end in each.span]
-        for each in files
-        if each.span is not None
-    ]
+    spans = [[round(1e6 * end) - each.zero_us for end in each.span] for each in files if each.span is not None]
     paths = ", ".join(str(each.path) for each in files)
     if not spans:
         raise ConfigError(f"{paths}: no signal of the expectations in it")
@@ -337,9 +318,5 @@ def _by_raster(
             f"{paths}: {last - first + 1} ticks of {step_us:g} µs; allowed: up to {_MOST_ROWS}, at a lower `rate`"
         )
     times = np.arange(first, last + 1) / asked.rate
-    gaps = [
-        gap
-        for name, track in tracks.items()
-        for gap in track.gaps(name, last_us, asked.longest_gap)
-    ]
+    gaps = [gap for name, track in tracks.items() for gap in track.gaps(name, last_us, asked.longest_gap)]
     return RecordedRun(times, asked.rate, tracks, frames, has_frames, gaps, notes)

@@ -185,11 +185,7 @@ def judged(
 
 
 def _stepped_again(
-    paths: Sequence[Path],
-    about: Expectations,
-    judge: Judge,
-    made: list[StepsAgain | None],
-    late: float,
+    paths: Sequence[Path], about: Expectations, judge: Judge, made: list[StepsAgain | None], late: float
 ) -> SteppedAgain | None:
     """Step the gate of a recorded run again, see `judging.stepped_again`; `made` keeps what steps it.
 
@@ -207,9 +203,7 @@ def _steps_again(paths: Sequence[Path], about: Expectations, judge: Judge) -> St
         return None
     commands = frozenset(rig.identifier(each.message) for each in rig.inputs)
     asked = replace(
-        about.asked,
-        columns=about.asked.columns | {"gate_angle_deg"},
-        others=about.asked.others | commands,
+        about.asked, columns=about.asked.columns | {"gate_angle_deg"}, others=about.asked.others | commands
     )
     run = read_run(paths, asked)
     if not run.has_frames or run.lacks("gate_angle_deg") or run.lacks("ticks_missed"):
@@ -231,17 +225,13 @@ def _steps_again(paths: Sequence[Path], about: Expectations, judge: Judge) -> St
     )
 
 
-def _not_made(
-    about: Expectations, run: RecordedRun, watch: ResetWatch | None, end: float | None
-) -> str:
+def _not_made(about: Expectations, run: RecordedRun, watch: ResetWatch | None, end: float | None) -> str:
     """Return the requests and stimuli that the run, to its `end` [s], could not apply; "": none.
 
     This is as far as its frames show it; its rows show the rest.
     """
     found = "" if watch is None else reset_failure(watch.failure, about.rig)
-    is_asked = about.asked.may_be_silent or any(
-        each.action == "reset" for each in about.setup.scenario.requests
-    )
+    is_asked = about.asked.may_be_silent or any(each.action == "reset" for each in about.setup.scenario.requests)
     is_ours = not run.lacks("ticks_missed")
     if found or not (is_asked and is_ours):
         return found

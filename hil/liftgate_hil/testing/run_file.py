@@ -32,9 +32,7 @@ class RunFile:
     is_ours: bool = False  # whether the table is a recording of this program with a row per tick
     has_frames: bool = False
     log: LogFrames | None = None
-    samples: dict[str, tuple[Floats, Floats, str]] = field(
-        default_factory=dict
-    )  # times, values, unit
+    samples: dict[str, tuple[Floats, Floats, str]] = field(default_factory=dict)  # times, values, unit
     span: tuple[float, float] | None = None  # s, first and last of all its times
     zero_us: int = 0  # µs, the run's start by its clock
 
@@ -43,19 +41,13 @@ class RunFile:
         """Names of the file's columns."""
         if self.table is None:
             return []
-        return (
-            list(self.table.signals)
-            if self.is_ours
-            else [each for each in self.table.names if each != FRAME]
-        )
+        return list(self.table.signals) if self.is_ours else [each for each in self.table.names if each != FRAME]
 
     @property
     def notes(self) -> list[str]:
         """Remarks on what was noticed in the file, which they name."""
         own = () if self.table is None else self.table.notes
-        return [
-            f"{self.path}: {note}" for note in (*own, *(() if self.log is None else self.log.notes))
-        ]
+        return [f"{self.path}: {note}" for note in (*own, *(() if self.log is None else self.log.notes))]
 
     def read(self, names: Sequence[str], mapping: ColumnMap, issues: list[str]) -> None:
         """Read these columns, by the file's own names, with their times; issues are added to `issues`."""
@@ -85,9 +77,7 @@ class RunFile:
         self.span = float(times[0]), float(times[-1])
         return True
 
-    def _read_theirs(
-        self, file: Recording, names: Sequence[str], mapping: ColumnMap, issues: list[str]
-    ) -> None:
+    def _read_theirs(self, file: Recording, names: Sequence[str], mapping: ColumnMap, issues: list[str]) -> None:
         shared = None
         if file.sample == "row":
             theirs = mapping.get("time_s", Theirs("time_s"))
@@ -99,9 +89,7 @@ class RunFile:
             series = file.read(list(dict.fromkeys([name, *names])), issues)
             if name not in series:
                 return
-            shared = converted(
-                series[name].values, "time_s", theirs, series[name].unit, self.path, issues
-            )
+            shared = converted(series[name].values, "time_s", theirs, series[name].unit, self.path, issues)
             if not self._is_sound(shared, issues):
                 return
         else:

@@ -39,9 +39,7 @@ def value_names(rig: Rig) -> Names:
     return found
 
 
-def figures_of(
-    drawings: Sequence[str], verdict: Verdict, trace_summary: TraceSummary, left_out: int
-) -> str:
+def figures_of(drawings: Sequence[str], verdict: Verdict, trace_summary: TraceSummary, left_out: int) -> str:
     """Return pictures, around the window and around the margin, with their captions."""
     found = []
     for drawing, view in zip(drawings, (trace_summary.view, trace_summary.near), strict=False):
@@ -69,18 +67,14 @@ def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, s
     parts = [
         f'<section class="scenario" id="s{place + 1}">',
         f"<h3>{badge(outcome.verdict)} {text(outcome.case.file)}</h3>",
-        f"<p>{text(' '.join(str(scenario.description).split()))}</p>"
-        if scenario.description
-        else "",
+        f"<p>{text(' '.join(str(scenario.description).split()))}</p>" if scenario.description else "",
         alert([outcome.reason] if outcome.reason else []),
         pairs(_facts(outcome)),
         f"<h4>What happens</h4>\n{bullets(told)}" if told else "",
         "<h4>What is expected</h4>",
         *(
             _expectation(f"s{place + 1}e{k + 1}", each, verdict, figures, outcome.case.file)
-            for k, (each, verdict) in enumerate(
-                zip(scenario.expectations, outcome.expectations, strict=True)
-            )
+            for k, (each, verdict) in enumerate(zip(scenario.expectations, outcome.expectations, strict=True))
         ),
         "</section>",
     ]
@@ -127,11 +121,7 @@ def _start(outcome: Outcome) -> str:
 
 
 def _expectation(
-    target: str,
-    expectation: Expectation,
-    verdict: Verdict,
-    figures: Mapping[tuple[str, str], str],
-    file: str,
+    target: str, expectation: Expectation, verdict: Verdict, figures: Mapping[tuple[str, str], str], file: str
 ) -> str:
     instant = decided(expectation, verdict)
     is_sharp = instant is not None and verdict.time_s != verdict.margin_time_s

@@ -76,9 +76,7 @@ class Outcome:
         summary = self.result.summary
         if why := summary.refusals_told():
             came = summary.received.accepted + rejected(summary.received)
-            found.append(
-                f"{rejected(summary.received)} of {came} frames to the gate were refused: {why}"
-            )
+            found.append(f"{rejected(summary.received)} of {came} frames to the gate were refused: {why}")
         elif not (self.reason or self.case.recordings) and (silence := summary.silence_told()):
             found.append(silence)
         found += self.result.notes
@@ -102,9 +100,7 @@ def scenario_files(paths: Sequence[str]) -> list[Path]:
         if path.is_dir():
             inside = sorted(each for each in path.rglob("*.toml") if may_be_scenario(each))
             if not inside:
-                raise ConfigError(
-                    f"{path}: no scenario with [[expect]]; allowed: a folder with scenarios"
-                )
+                raise ConfigError(f"{path}: no scenario with [[expect]]; allowed: a folder with scenarios")
             found += inside
         else:
             found.append(path if is_there(path) else find_config("scenarios", name, "PATH"))
@@ -195,16 +191,13 @@ def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome
             reason = f"stopped at {result.summary.model_time_s:.3f} s"
     found = result.expectations if result is not None and not reason else {}
     verdicts = tuple(
-        found.get(each.name) or Verdict(each.name, ERROR, reason=reason)
-        for each in scenario.expectations
+        found.get(each.name) or Verdict(each.name, ERROR, reason=reason) for each in scenario.expectations
     )
     verdict = worst([*(each.verdict for each in verdicts), *([ERROR] if reason else [])])
     return Outcome(case, verdict, reason, verdicts, result, time.monotonic() - began)
 
 
-def run_until_decided(
-    case: Case, retries: int, stopped: Callable[[], bool] = lambda: False
-) -> Outcome:
+def run_until_decided(case: Case, retries: int, stopped: Callable[[], bool] = lambda: False) -> Outcome:
     """Run a case, and again while it is inconclusive, up to `retries` times; return the last outcome.
 
     The outcome has all earlier attempts, none of which can have failed: a case that fails is not run again.

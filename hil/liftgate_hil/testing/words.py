@@ -40,9 +40,7 @@ def window_words(expectation: Expectation, window: tuple[float, float] | None) -
     """Return in words what opens the window, how long it is, and from when to when it was open."""
     after = expectation.after
     opener = f"once {after}" if isinstance(after, str) else f"from {after:g} s"
-    length = (
-        f"within {expectation.within:g} s" if math.isfinite(expectation.within) else "to the end"
-    )
+    length = f"within {expectation.within:g} s" if math.isfinite(expectation.within) else "to the end"
     came = "never opened" if window is None else f"{window[0]:.6g} to {window[1]:.6g} s"
     return f"{opener}, {length}: {came}"
 
@@ -74,8 +72,7 @@ def _asked(action: str) -> str:
 def _profile(name: str, profile: Profile) -> str:
     unit = PROFILES[name].unit if name in PROFILES else ""
     points = [
-        f"{value:g}{f' {unit}' if unit else ''} at {time:g} s"
-        for time, value in profile.points[:_MOST_POINTS]
+        f"{value:g}{f' {unit}' if unit else ''} at {time:g} s" for time, value in profile.points[:_MOST_POINTS]
     ]
     rest = len(profile.points) - len(points)
     more = f", and {rest} more points" if rest else ""
@@ -102,11 +99,7 @@ def _fault(fault: Fault) -> str:
     meaning = f" ({kind.meaning})" if kind is not None else ""
     where = f", {fault.where}" if fault.where else ""
     own = _values(fault.values)
-    again = (
-        f", in the first {100.0 * fault.share:g} % of every {fault.period:g} s"
-        if fault.period
-        else ""
-    )
+    again = f", in the first {100.0 * fault.share:g} % of every {fault.period:g} s" if fault.period else ""
     return f"fault {fault.kind}{where}{own}: {_span(fault.start, fault.end)}{again}{meaning}"
 
 

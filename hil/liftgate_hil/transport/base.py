@@ -87,9 +87,7 @@ class Line(Protocol):
         """Close the wire once all that was sent is on it."""
 
 
-_STAMPED_NS = (
-    3_600_000_000_000  # age up to which a timestamp is taken for one of this machine's wall clock
-)
+_STAMPED_NS = 3_600_000_000_000  # age up to which a timestamp is taken for one of this machine's wall clock
 _UNKNOWN_NS = 20_000_000  # time without a read after which frames without a timestamp may be old
 WAIT_S = 0.01  # s of one wait for a frame; below _UNKNOWN_NS, so that a frame just awaited is not taken for old
 _EMPTY = 3  # reads in a row without a frame that end draining: one may have read what is no frame

@@ -24,9 +24,7 @@ CAPACITY = 256
 # Interfaces whose timestamps are times of arrival on the wall clock; those of others are the time at which a
 # message was read (slcan), or of a clock of their own.
 _STAMPING = ("socketcan", "udp_multicast", "virtual")
-_READS = (
-    2 * CAPACITY
-)  # reads in one call, so that a flood of frames that do not count cannot hold up the loop
+_READS = 2 * CAPACITY  # reads in one call, so that a flood of frames that do not count cannot hold up the loop
 _LOST = 10  # failures in a row after which a bus is taken for lost
 _RETRY = 0.1  # s between two attempts to open a bus that was lost
 
@@ -72,9 +70,7 @@ class CanTransport:
             else:
                 self._recv = bus.recv
         except Exception as error:  # drivers may raise anything
-            raise TransportError(
-                f"{self._interface}:{self.name}: cannot be opened: {words_of(error)}"
-            ) from error
+            raise TransportError(f"{self._interface}:{self.name}: cannot be opened: {words_of(error)}") from error
         return bus
 
     def _reopen(self, timeout: float) -> None:
@@ -173,9 +169,7 @@ class CanTransport:
     def counts(self) -> LinkCounts:
         """Return the counts of errors in both directions so far."""
         sending, receiving = self._sending, self._receiving
-        return receiving._replace(
-            send_failures=sending.send_failures, send_queue_full=sending.send_queue_full
-        )
+        return receiving._replace(send_failures=sending.send_failures, send_queue_full=sending.send_queue_full)
 
     def close(self) -> None:
         """Shut the bus down."""

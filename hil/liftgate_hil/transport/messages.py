@@ -43,9 +43,7 @@ def fields_of(message: object) -> Fields:
     try:
         number, asked = _whole(message.arbitration_id), _whole(message.dlc)
     except TypeError:
-        raise NotAFrameError(
-            f"{shown(message)}; allowed: a whole number as identifier and as length"
-        ) from None
+        raise NotAFrameError(f"{shown(message)}; allowed: a whole number as identifier and as length") from None
     if not isinstance(message.data, bytes | bytearray | memoryview):
         raise NotAFrameError(f"{shown(message)}; allowed: bytes as data")
     data = b"" if message.is_remote_frame else bytes(message.data)
@@ -53,9 +51,7 @@ def fields_of(message: object) -> Fields:
     # An error frame's identifier is its class, which may have 29 bits, whatever its format.
     is_wide = message.is_extended_id or message.is_error_frame
     if not 0 <= number < 1 << (29 if is_wide else 11):
-        raise NotAFrameError(
-            f"{shown(message)}; allowed: identifiers of 11 bits, extended ones of 29"
-        )
+        raise NotAFrameError(f"{shown(message)}; allowed: identifiers of 11 bits, extended ones of 29")
     if not 0 <= length <= (MAX_BYTES if message.is_fd else _CLASSIC_BYTES):
         raise NotAFrameError(f"{shown(message)}; allowed: up to 8 bytes, with CAN FD 64")
     if message.is_remote_frame and message.is_fd:
@@ -83,9 +79,7 @@ def logged_message(row: Any) -> can.Message:
     return _message(row["identifier"], row["length"], row["payload"], row["time_ns"] * 1e-9)
 
 
-def _message(
-    identifier: int, length: int, payload: NDArray[np.uint8], time_s: float
-) -> can.Message:
+def _message(identifier: int, length: int, payload: NDArray[np.uint8], time_s: float) -> can.Message:
     """Return the message of an identifier with its flags and a padded payload."""
     identifier, length = int(identifier), int(length)
     flags = _FD_FLAG if identifier & FD and not identifier & REMOTE else 0

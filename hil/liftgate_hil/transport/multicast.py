@@ -82,9 +82,7 @@ def check_route(group: str) -> None:
     """Raise TransportError if there is no route to a group, which python-can would not explain."""
     is_ipv4 = ipaddress.ip_address(group).version == 4
     try:
-        with socket.socket(
-            socket.AF_INET if is_ipv4 else socket.AF_INET6, socket.SOCK_DGRAM
-        ) as probe:
+        with socket.socket(socket.AF_INET if is_ipv4 else socket.AF_INET6, socket.SOCK_DGRAM) as probe:
             probe.connect((group, 1))  # sends nothing
     except OSError as error:
         if error.errno not in (errno.ENETUNREACH, errno.EADDRNOTAVAIL, errno.ENODEV):
@@ -149,9 +147,7 @@ def unpacked(data: bytes, timestamp: float) -> can.Message:
         raise NotAFrameError(f"{type(error).__name__}: {error}") from error
 
 
-def _is_of_this_machine(
-    sender: tuple[Any, ...], group: ipaddress.IPv4Address | ipaddress.IPv6Address
-) -> bool:
+def _is_of_this_machine(sender: tuple[Any, ...], group: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
     """Whether a sender's address is one of this machine, by asking the kernel.
 
     The kernel reaches an address of its own from that very address, and accepts no packet from outside that

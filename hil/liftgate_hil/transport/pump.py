@@ -55,22 +55,15 @@ class Pump:
         self._before_start = 0
         self._was_up = True
         self._failure: BaseException | None = None  # exception that ended a thread
-        self._control: Any = (
-            None  # row of the loop's CONTROL, into which the delay of its frames is written
-        )
+        self._control: Any = None  # row of the loop's CONTROL, into which the delay of its frames is written
         self._sent_ns = 0  # when the driver had accepted the last frame, on the monotonic clock
         self._threads = [
             threading.Thread(target=self._guarded, args=(way,), name=name, daemon=True)
-            for name, way in (
-                (f"{self.name} in", self._inwards),
-                (f"{self.name} out", self._outwards),
-            )
+            for name, way in ((f"{self.name} in", self._inwards), (f"{self.name} out", self._outwards))
         ]
         for thread in self._threads:
             thread.start()
-        self.threads: Sequence[int] = [
-            each.native_id for each in self._threads if each.native_id is not None
-        ]
+        self.threads: Sequence[int] = [each.native_id for each in self._threads if each.native_id is not None]
 
     def watch(self, control: Any) -> str | None:
         """Return "is lost" or "is back" on a change, else None; raise TransportError if a thread has ended."""

@@ -82,9 +82,7 @@ def open_port(url: str, baudrate: int) -> Any:
 
     port = serial.serial_for_url(url, baudrate, do_not_open=True, timeout=0, exclusive=True)
     if is_selectable(port):
-        port.write_timeout = (
-            0  # the others do not support it, or take 0 for a timeout that is too short
-        )
+        port.write_timeout = 0  # the others do not support it, or take 0 for a timeout that is too short
     try:
         port.open()
     except BaseException:

@@ -67,9 +67,7 @@ def open_socket(name: str, is_fd: bool) -> socket.socket:
     try:
         if is_fd:
             if _ask(raw, _SIOCGIFMTU, name) < _CANFD_MTU:
-                raise OSError(
-                    errno.EINVAL, f"not set up for CAN FD; allowed after: ip link set {name} mtu 72"
-                )
+                raise OSError(errno.EINVAL, f"not set up for CAN FD; allowed after: ip link set {name} mtu 72")
             raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
         raw.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ALL_ERRORS)
         raw.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
@@ -79,9 +77,7 @@ def open_socket(name: str, is_fd: bool) -> socket.socket:
         except OSError:  # not permitted; as much as the kernel allows
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         raw.bind((name,))
-        raw.getsockopt(
-            socket.SOL_SOCKET, socket.SO_ERROR
-        )  # clears the error "is down", which is known already
+        raw.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)  # clears the error "is down", which is known already
     except OSError:
         raw.close()
         raise
@@ -121,9 +117,7 @@ class LinkEvents:
         at = 0
         while at + _HEADER.size <= len(data):
             length, kind, _, flags = _HEADER.unpack_from(data, at)
-            if kind in (_NEWLINK, _DELLINK) and self._is_ours(
-                data[at + _HEADER.size : at + length]
-            ):
+            if kind in (_NEWLINK, _DELLINK) and self._is_ours(data[at + _HEADER.size : at + length]):
                 states.append(ABSENT if kind == _DELLINK else state_of(flags))
             at += max(-(-length // 4) * 4, _HEADER.size)
         return states
@@ -156,9 +150,7 @@ class SocketCan:
             self._index = socket.if_nametoindex(name)
             self._socket = open_socket(name, is_fd)
         except OSError as error:
-            raise TransportError(
-                f"socketcan:{name}: cannot be opened: {error.strerror or error}"
-            ) from error
+            raise TransportError(f"socketcan:{name}: cannot be opened: {error.strerror or error}") from error
         self._events = LinkEvents(name)
         self._state = interface_state(name)
         self.descriptor = self._socket.fileno()
@@ -191,17 +183,13 @@ class SocketCan:
         if self._state == before:
             return BRIEFLY if self._state == UP and self._losses > losses else None
         if self._state in (BUS_OFF, STOPPED):
-            restart = (
-                f"to restart it automatically: ip link set {self.name} type can restart-ms 100"
-            )
+            restart = f"to restart it automatically: ip link set {self.name} type can restart-ms 100"
             return f"{self._state}; {restart}"
         return self._state
 
     def counts(self) -> LinkCounts:
         """Return the counts of losses, bus-offs and frames before the start."""
-        return LinkCounts(
-            losses=self._losses, bus_offs=self._bus_offs, before_start=self._before_start
-        )
+        return LinkCounts(losses=self._losses, bus_offs=self._bus_offs, before_start=self._before_start)
 
     def close(self) -> None:
         """Close the socket, and stop listening to link events."""

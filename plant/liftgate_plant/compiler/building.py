@@ -117,7 +117,5 @@ def _import_numba() -> None:
         import numba.np.arraymath as asked
     finally:
         del sys.modules[probe]
-    if hasattr(
-        asked, "_HAVE_BLAS"
-    ):  # others may compile such products: numba checks again when they do
+    if hasattr(asked, "_HAVE_BLAS"):  # others may compile such products: numba checks again when they do
         asked._HAVE_BLAS = importlib.util.find_spec("scipy") is not None

@@ -20,10 +20,7 @@ from liftgate_plant.compiler.kinds import Kind
 
 _PDEATHSIG = 1  # PR_SET_PDEATHSIG
 _LOOK_S = 0.1
-_START = (
-    "import sys, json; sys.path[:] = json.loads(sys.argv[1]); "
-    f"from {__name__} import main; sys.exit(main())"
-)
+_START = f"import sys, json; sys.path[:] = json.loads(sys.argv[1]); from {__name__} import main; sys.exit(main())"
 
 
 class Request(NamedTuple):
@@ -78,9 +75,7 @@ def compile_apart(request: Request, look: Callable[[], None]) -> Any:
 
 def main() -> int:
     """Run the compiler's process; exit code 1: the caller has to compile it itself."""
-    ctypes.CDLL(None).prctl(
-        _PDEATHSIG, signal.SIGKILL, 0, 0, 0
-    )  # ends with its parent, as nobody waits then
+    ctypes.CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # ends with its parent, as nobody waits then
     try:
         request: Request = pickle.load(sys.stdin.buffer)
     except Exception:  # what cannot be imported here, the caller can still compile

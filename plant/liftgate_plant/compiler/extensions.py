@@ -41,10 +41,7 @@ _INT, _LONG = _KINDS["i"], _KINDS["l"]
 
 _typed(last_error, lambda: signature(_INT))
 _typed(call_long_int, lambda address, a, b: _INT(_LONG, _LONG, _INT))
-_typed(
-    call_step,
-    lambda address, a, b, c, d, e, f: _INT(_LONG, _LONG, _LONG, _LONG, _INT, _LONG, _INT),
-)
+_typed(call_step, lambda address, a, b, c, d, e, f: _INT(_LONG, _LONG, _LONG, _LONG, _INT, _LONG, _INT))
 _typed(fill, lambda target, at, numbers: types.void(target, types.intp, numbers))
 _typed(picked, lambda source, places: _tuple_of(source.dtype, places)(source, places))
 _typed(unflattened, lambda row, like: like(row, like))
@@ -52,9 +49,7 @@ _typed(with_item, lambda numbers, place, value: numbers(numbers, types.intp, typ
 _typed(overlay, lambda upper, lower: lower(upper, lower))
 _typed(
     put_text,
-    lambda target, at, source, start, length: types.void(
-        target, types.intp, source, types.intp, types.intp
-    ),
+    lambda target, at, source, start, length: types.void(target, types.intp, source, types.intp, types.intp),
 )
 _typed(all_finite, lambda numbers: signature(types.boolean, numbers))
 
@@ -66,9 +61,7 @@ def _tuple_of(item: Any, places: Any) -> Any:
 @lower_builtin(last_error)
 def _read_errno(context: Any, builder: Any, signature: Any, values: Any) -> Any:
     kind = ir.FunctionType(ir.IntType(32).as_pointer(), [])
-    return builder.load(
-        builder.call(cgutils.get_or_insert_function(builder.module, kind, _ERRNO), [])
-    )
+    return builder.load(builder.call(cgutils.get_or_insert_function(builder.module, kind, _ERRNO), []))
 
 
 @lower_builtin(call_long_int, _LONG, _LONG, _INT)
@@ -133,8 +126,7 @@ def _replace_one(context: Any, builder: Any, signature: Any, arguments: Any) -> 
 @lower_builtin(overlay, types.BaseTuple, types.BaseTuple)
 def _choose_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     upper, lower = (
-        _values_of(builder, kind, value)
-        for kind, value in zip(signature.args, arguments, strict=True)
+        _values_of(builder, kind, value) for kind, value in zip(signature.args, arguments, strict=True)
     )
     chosen = [
         builder.select(builder.fcmp_unordered("uno", above, above), below, above)

@@ -54,12 +54,7 @@ def is_possible() -> bool:
 
 def _names_in(classes: Iterable[type]) -> set[str]:
     """Return the names of attributes, and the texts, in the code of these classes."""
-    codes = [
-        each.__code__
-        for owner in classes
-        for each in vars(owner).values()
-        if inspect.isfunction(each)
-    ]
+    codes = [each.__code__ for owner in classes for each in vars(owner).values() if inspect.isfunction(each)]
     texts = {text for code in codes for text in code.co_consts if isinstance(text, str)}
     return texts.union(*(code.co_names for code in codes))
 
@@ -170,9 +165,7 @@ def _link(library: Any, module: Any) -> None:
     for each in _below(library):
         is_helper = isinstance(each, HelperLibrary)
         # preserve: another entry point may want it too
-        module.link_in(
-            each._final_module if is_helper else each._get_module_for_linking(), preserve=True
-        )
+        module.link_in(each._final_module if is_helper else each._get_module_for_linking(), preserve=True)
 
 
 def _below(library: Any) -> list[Any]:

@@ -96,9 +96,7 @@ def _kind_of(numba_type: Any) -> Kind:
     if isinstance(numba_type, types.Array):
         return Array(np.dtype("f8"), numba_type.ndim, "A", False)  # one of the arguments
     for letter, kind in {"b": types.Boolean, "i": types.Integer, "f": types.Float}.items():
-        if (
-            isinstance(numba_type, kind) and numba_type != types.uint64
-        ):  # whose values may be too large
+        if isinstance(numba_type, kind) and numba_type != types.uint64:  # whose values may be too large
             return Number(letter)
     if isinstance(numba_type, types.NoneType):
         return Nothing()
@@ -191,8 +189,7 @@ class _Reader:
         self._builder = builder
         self._memory = memory
         self._slots: Iterator[Any] = (
-            builder.load(builder.gep(memory, [_INT(place)]))
-            for place in range(packing.HEAD, 1 << 30)
+            builder.load(builder.gep(memory, [_INT(place)])) for place in range(packing.HEAD, 1 << 30)
         )
         self._fits = _array_check(builder.module, memory.type)
 
@@ -234,10 +231,7 @@ class _Reader:
         array = self._context.make_array(numba_type)(self._context, builder)
         data = _field(builder, object_, packing.DATA)
         shape, strides = (
-            [
-                _field(builder, _field(builder, object_, where), 8 * axis)
-                for axis in range(kind.ndim)
-            ]
+            [_field(builder, _field(builder, object_, where), 8 * axis) for axis in range(kind.ndim)]
             for where in (packing.SHAPE, packing.STRIDES)
         )
         populate_array(
@@ -295,16 +289,12 @@ def _owner_of(context: Any, builder: Any, part: Any, value: Any) -> Any:
                 for at in (packing.DATA, packing.SHAPE, packing.STRIDES)]  # fmt: skip
     data, shape, strides = (builder.load(each) for each in pointers)
     same = builder.icmp_unsigned("==", data, builder.ptrtoint(array.data, _WORD))
-    axes = builder.load(
-        builder.inttoptr(builder.add(owner, _WORD(packing.NDIM)), _INT.as_pointer())
-    )
+    axes = builder.load(builder.inttoptr(builder.add(owner, _WORD(packing.NDIM)), _INT.as_pointer()))
     same = builder.and_(same, builder.icmp_unsigned("==", axes, _INT(part.ndim)))
     for base, mine in ((shape, array.shape), (strides, array.strides)):
         for axis in range(part.ndim):
             pointer = builder.inttoptr(builder.add(base, _WORD(8 * axis)), _WORD.as_pointer())
-            equal = builder.icmp_unsigned(
-                "==", builder.load(pointer), builder.extract_value(mine, axis)
-            )
+            equal = builder.icmp_unsigned("==", builder.load(pointer), builder.extract_value(mine, axis))
             same = builder.and_(same, equal)
     with builder.if_then(builder.not_(same), likely=False):
         builder.ret(_INT(STRANGE_ARRAY))

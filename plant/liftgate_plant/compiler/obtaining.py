@@ -50,9 +50,7 @@ def _from_disk(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:
         return _in_turn(function, kinds, path, turn)
 
 
-def _in_turn(
-    function: Callable[..., Any], kinds: tuple[Kind, ...], path: Path, turn: storage.Turn
-) -> Stored:
+def _in_turn(function: Callable[..., Any], kinds: tuple[Kind, ...], path: Path, turn: storage.Turn) -> Stored:
     began = time.monotonic()
     while not turn.taken():
         watcher().waits(function.__qualname__, time.monotonic() - began)

@@ -124,9 +124,7 @@ class _Packing:
         return name
 
     def _take_apart(self, name: str, kind: Tuple) -> None:
-        self.steps.append(
-            f"if type({name}) is not {self._constant(kind.type or tuple)}: return None"
-        )
+        self.steps.append(f"if type({name}) is not {self._constant(kind.type or tuple)}: return None")
         place = len(self.steps)
         self.steps.append("")  # placeholder: this step goes before those of its parts
         parts = "".join(f"{self.name_of(each)}, " for each in kind.parts)

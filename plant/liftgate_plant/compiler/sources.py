@@ -161,8 +161,6 @@ def _text_of(value: Any) -> str:
         return f"{type(value).__qualname__}({', '.join(map(_text_of, value))})"
     if isinstance(value, frozenset):
         return f"{{{', '.join(sorted(map(_text_of, value)))}}}"
-    if isinstance(
-        value, int | float | complex | str | bytes | enum.Enum | np.dtype | System | None
-    ):
+    if isinstance(value, int | float | complex | str | bytes | enum.Enum | np.dtype | System | None):
         return f"{type(value).__qualname__} {value!r}"
     return type(value).__qualname__  # not a constant for numba

@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 ROOM = 32  # bytes that machine code copies at once
 
 
-def put_text(
-    target: NDArray[np.uint8], at: int, source: NDArray[np.uint8], start: int, length: int
-) -> None:
+def put_text(target: NDArray[np.uint8], at: int, source: NDArray[np.uint8], start: int, length: int) -> None:
     """Copy `length` bytes of `source` (m,) from `start` on to `target` (n,) from `at` on.
 
     The source may lie before the target in the same array. Of the target's ROOM bytes from `at` on, those behind

@@ -80,6 +80,5 @@ def noisy(columns: Mapping[str, Floats], kept: tuple[str, ...] = KEPT) -> dict[s
     random = np.random.default_rng(2008)
     sizes = {"left_current_a": 0.05, "right_current_a": 0.05, "gate_angle_deg": 0.1}
     return {
-        name: columns[name] + sizes.get(name, 0.0) * random.standard_normal(len(columns[name]))
-        for name in kept
+        name: columns[name] + sizes.get(name, 0.0) * random.standard_normal(len(columns[name])) for name in kept
     }

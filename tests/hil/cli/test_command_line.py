@@ -134,9 +134,7 @@ def test_without_a_bus_the_message_says_how_to_name_one(
     assert "socketcan:vcan0" in line
 
 
-def test_a_bus_that_cannot_be_opened_is_one_line_and_exit_code_1(
-    capsys: pytest.CaptureFixture[str],
-):
+def test_a_bus_that_cannot_be_opened_is_one_line_and_exit_code_1(capsys: pytest.CaptureFixture[str]):
     assert call("--bus", "socketcan:nosuch0") == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "socketcan:nosuch0: cannot be opened" in line
@@ -163,31 +161,23 @@ def test_an_ecu_tells_what_it_could_not_read(
     assert capsys.readouterr().err.endswith("link: 3 unreadable frames, 2 refused frames\n")
 
 
-def test_all_faults_of_a_vehicle_are_told_line_by_line(
-    capsys: pytest.CaptureFixture[str], bus: str
-):
+def test_all_faults_of_a_vehicle_are_told_line_by_line(capsys: pytest.CaptureFixture[str], bus: str):
     lines = complaint(
         capsys, "--bus", bus, "--set", "motor.resistance=-1", "--set", "gate.mass=abc",
         "--set", "supply.volts=3",
     )  # fmt: skip
     assert len(lines) == 3
-    for line, key in zip(
-        sorted(lines), ("gate.mass", "motor.resistance", "supply.volts"), strict=True
-    ):
+    for line, key in zip(sorted(lines), ("gate.mass", "motor.resistance", "supply.volts"), strict=True):
         assert key in line
         assert "allowed" in line
 
 
-def test_faults_leave_no_recording_behind(
-    capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path
-):
+def test_faults_leave_no_recording_behind(capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path):
     complaint(capsys, "--bus", bus, "--record", str(tmp_path / "a.csv"), "--record", "b.pcap")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_one_file_cannot_take_two_recordings(
-    capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path
-):
+def test_one_file_cannot_take_two_recordings(capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path):
     name = str(tmp_path / "a.log")
     lines = complaint(
         capsys, "--bus", bus, "--clock", "free", "--duration", "0.01",
@@ -225,9 +215,7 @@ def test_a_scenario_says_how_long_and_the_flag_has_the_last_word(
     assert ticks[0] - ticks[1] == 100
 
 
-def test_a_rig_on_another_database_needs_no_more_than_its_file(
-    capsys: pytest.CaptureFixture[str], bus: str
-):
+def test_a_rig_on_another_database_needs_no_more_than_its_file(capsys: pytest.CaptureFixture[str], bus: str):
     rig = ROOT / "tests/system/foreign/foreign.toml"
     assert call(
         "--bus", bus, "--rig", str(rig), "--clock", "free", "--duration", "0.1", "--json"
@@ -270,9 +258,7 @@ def test_a_full_disk_is_told_in_one_line_after_the_motors_are_off(
     assert last.data[7] & 3 == 3  # stopped
 
 
-def test_an_interrupt_before_the_bus_is_open_leaves_no_traceback(
-    monkeypatch: pytest.MonkeyPatch, bus: str
-):
+def test_an_interrupt_before_the_bus_is_open_leaves_no_traceback(monkeypatch: pytest.MonkeyPatch, bus: str):
     def interrupted(args: object) -> int:
         raise KeyboardInterrupt
 
@@ -303,10 +289,7 @@ def test_too_few_files_that_may_be_open_are_told(tmp_path: Path, limit: int):
         capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert done.returncode == 1
-    assert (
-        done.stderr
-        == "liftgate-hil: Too many open files; allowed: a limit of 64 or more (ulimit -n)\n"
-    )
+    assert done.stderr == "liftgate-hil: Too many open files; allowed: a limit of 64 or more (ulimit -n)\n"
 
 
 def test_a_faulty_vehicle_file_ends_the_process_with_2_and_no_traceback(tmp_path: Path):
@@ -359,9 +342,7 @@ def test_the_version_is_that_of_the_installed_package():
         _ = liftgate_hil.nosuch
 
 
-def test_the_version_of_sources_that_were_never_installed_is_unknown(
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_the_version_of_sources_that_were_never_installed_is_unknown(monkeypatch: pytest.MonkeyPatch):
     def missing(name: str) -> str:
         raise metadata.PackageNotFoundError(name)
 
@@ -403,8 +384,5 @@ def test_a_run_that_falls_too_far_behind_says_so_and_is_inconclusive(
     monkeypatch.setattr(RealtimeDriver, "advance", behind)
     assert call("--bus", bus, "--duration", "60", "--quiet") == 3
     told = capsys.readouterr().err
-    assert (
-        told
-        == "liftgate-hil: the bench was late: the loop fell more than --overrun-limit (1 ms) behind\n"
-    )
+    assert told == "liftgate-hil: the bench was late: the loop fell more than --overrun-limit (1 ms) behind\n"
     assert lh.run(scenario="demo", bus=bus, clock="realtime", ecu="bus").verdict == "inconclusive"

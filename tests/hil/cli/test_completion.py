@@ -34,9 +34,7 @@ def needs(shell: str) -> None:
 
 def told(command: list[str], folder: Path) -> list[str]:
     """The words that a shell prints."""
-    done = subprocess.run(
-        command, cwd=folder, check=True, capture_output=True, text=True, timeout=60
-    )
+    done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True, timeout=60)
     return [line.split("\t")[0] for line in done.stdout.splitlines()]
 
 
@@ -72,10 +70,7 @@ def test_a_shell_completes_what_can_be_meant(
 ) -> None:
     needs(complete.__name__)
     (tmp_path / "mine.toml").write_text("")
-    assert (
-        complete(scripts[complete.__name__], tmp_path, "liftgate-hil", *words)[: len(expected)]
-        == expected
-    )
+    assert complete(scripts[complete.__name__], tmp_path, "liftgate-hil", *words)[: len(expected)] == expected
 
 
 @pytest.mark.parametrize("shell", SHELLS)
@@ -85,9 +80,7 @@ def test_every_script_is_one_that_its_shell_reads(scripts: dict[str, Path], shel
 
 
 @pytest.mark.parametrize("shell", SHELLS)
-def test_every_script_knows_all_subcommands_flags_and_shipped_names(
-    scripts: dict[str, Path], shell: str
-) -> None:
+def test_every_script_knows_all_subcommands_flags_and_shipped_names(scripts: dict[str, Path], shell: str) -> None:
     text = scripts[shell].read_text()
     flags = {flag for action in whole_parser()._actions for flag in action.option_strings}
     assert "--overrun-limit" in flags

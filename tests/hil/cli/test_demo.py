@@ -120,22 +120,12 @@ def test_a_good_demo_has_no_failures() -> None:
     ("changes", "expected"),
     [
         ({"force": 0.0}, "the gate never met the obstacle"),
+        ({"force": 512.34}, "pinch force 512.3 N; allowed: up to 400 N (EN 12453, building doors)"),
         (
-            {"force": 512.34},
-            "pinch force 512.3 N; allowed: up to 400 N (EN 12453, building doors)",
-        ),
-        (
-            {
-                "trace": columns_with(
-                    pinch_force_n=np.where(abs(SHOWN_TIMES - 19.0) < 0.495, 200, 0)
-                )
-            },
+            {"trace": columns_with(pinch_force_n=np.where(abs(SHOWN_TIMES - 19.0) < 0.495, 200, 0))},
             "pinch force over 150 N for 0.990 s; allowed: up to 0.75 s (EN 12453, building doors)",
         ),
-        (
-            {"events": [Event(0.5, STARTS_OPENING, "opening")]},
-            "the ECU did not detect the obstacle",
-        ),
+        ({"events": [Event(0.5, STARTS_OPENING, "opening")]}, "the ECU did not detect the obstacle"),
         ({"trace": columns_with(gate_rate_degps=np.full(4200, -1.0))}, "the gate did not reverse"),
         (
             {"trace": columns_with(gate_rate_degps=np.where(SHOWN_TIMES < 19.4, RATES, 0.0))},
@@ -145,19 +135,14 @@ def test_a_good_demo_has_no_failures() -> None:
             {"trace": columns_with(latched=np.zeros(4200))},
             "the gate did not close and latch at the end (it stands at 0.0 deg)",
         ),
-        (
-            {"summary": Summary(ticks=42_001, command_timeouts=3)},
-            "3 command time-outs: the ECU was too late",
-        ),
+        ({"summary": Summary(ticks=42_001, command_timeouts=3)}, "3 command time-outs: the ECU was too late"),
         (
             {"verdict": "fail", "reason": "closes and latches: false at the end"},
             "closes and latches: false at the end",
         ),
     ],
 )
-def test_each_thing_that_a_demo_does_not_show_is_told(
-    changes: dict[str, Any], expected: str
-) -> None:
+def test_each_thing_that_a_demo_does_not_show_is_told(changes: dict[str, Any], expected: str) -> None:
     assert faults(shown(**changes)) == [expected]
 
 
@@ -179,9 +164,7 @@ FAILED: dict[str, Any] = {"force": 0.0}
         ({"late": LATE, "summary": Summary(clock="free"), **FAILED}, ""),
     ],
 )
-def test_a_machine_that_was_too_busy_is_no_failure_of_the_loop(
-    changes: dict[str, Any], said: str
-) -> None:
+def test_a_machine_that_was_too_busy_is_no_failure_of_the_loop(changes: dict[str, Any], said: str) -> None:
     assert busy_with(shown(**changes), is_ours=True) == said
 
 
@@ -226,15 +209,10 @@ def test_all_failures_are_told_at_once() -> None:
         ({}, "no command arrived: the ECU sent nothing"),
         ({"accepted": 5}, "5 commands were accepted, and none of them moved a drive"),
         ({"checksum": 4, "foreign": 3}, "no command was accepted, 4 were rejected"),
-        (
-            {"foreign": 3},
-            "no command was accepted, 3 frames have identifiers that the rig does not receive",
-        ),
+        ({"foreign": 3}, "no command was accepted, 3 frames have identifiers that the rig does not receive"),
     ],
 )
-def test_a_gate_that_never_moved_names_the_cause_first(
-    received: dict[str, int], cause: str
-) -> None:
+def test_a_gate_that_never_moved_names_the_cause_first(received: dict[str, int], cause: str) -> None:
     still = columns_with(gate_angle_deg=np.zeros(4200), pinch_force_n=np.zeros(4200))
     summary = Summary(ticks=42_001, received=NO_COUNTS._replace(**received))
     found = faults(shown(trace=still, summary=summary), tells=False)
@@ -260,9 +238,7 @@ def test_with_our_own_ecu_it_passes_and_writes_recordings_and_a_picture(
     assert (folder / "demo.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_without_recordings_it_writes_nothing(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_recordings_it_writes_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert demo("--no-record") == 0
     assert list(folder.iterdir()) == []
     assert "written" not in capsys.readouterr().out
@@ -274,9 +250,7 @@ def test_a_folder_that_is_not_there_is_made(folder: Path) -> None:
     assert found == ["demo.csv", "demo.log", "demo.png"]
 
 
-def test_a_folder_that_cannot_be_made_is_told(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_that_cannot_be_made_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "taken").write_text("a file")
     assert demo("--output", "taken/new") == 2
     assert "--output taken/new: cannot be created: Not a directory" in capsys.readouterr().err
@@ -289,10 +263,7 @@ def test_what_is_asked_for_is_recorded_all_the_same(folder: Path) -> None:
 
 @pytest.mark.parametrize("clock", ["free", "realtime"])
 def test_a_precondition_that_does_not_end_is_told_and_inconclusive(
-    folder: Path,
-    capsys: pytest.CaptureFixture[str],
-    clock: str,
-    monkeypatch: pytest.MonkeyPatch,
+    folder: Path, capsys: pytest.CaptureFixture[str], clock: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("liftgate_hil.loop.precondition.LONGEST_MOTION", 0.5)
     assert main(["demo", "--no-record", "--clock", clock]) == 3
@@ -300,17 +271,13 @@ def test_a_precondition_that_does_not_end_is_told_and_inconclusive(
     assert line.startswith("liftgate-hil: precondition: open: the gate still moves, or a drive is ")
 
 
-def test_an_ecu_that_never_opens_fails_with_the_reasons(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_ecu_that_never_opens_fails_with_the_reasons(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert demo("--ecu", "demo_ecus:Silent", "--no-record") == 1
     lines = capsys.readouterr().err.splitlines()
     assert "liftgate-hil demo: failed: the gate never met the obstacle" in lines
 
 
-def test_an_obstacle_that_the_ecu_does_not_feel_fails(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_obstacle_that_the_ecu_does_not_feel_fails(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # What the ECU sees of the current is nothing, and of the speed what counts tell.
     rig = folder / "deaf.toml"
     lines = find_config("rigs", "liftgate").read_text().splitlines()
@@ -321,9 +288,7 @@ def test_an_obstacle_that_the_ecu_does_not_feel_fails(
 
 
 @pytest.mark.parametrize("arguments", [["--duration", "1"], ["--scenario", "other.toml"]])
-def test_a_part_of_it_and_another_scenario_are_not_judged(
-    folder: Path, arguments: list[str]
-) -> None:
+def test_a_part_of_it_and_another_scenario_are_not_judged(folder: Path, arguments: list[str]) -> None:
     (folder / "other.toml").write_text("duration = 1.0\n")
     assert demo("--ecu", "demo_ecus:Silent", "--no-record", *arguments) == 0
 
@@ -446,14 +411,7 @@ def test_its_summary_is_json_when_asked(folder: Path, capsys: pytest.CaptureFixt
     assert summary["minima"]["gate_angle_deg"] < 0.1
     origin = summary["provenance"]
     assert origin["command_line"] == "liftgate-hil demo --clock free --json --no-record"
-    assert set(origin["sources"]) == {
-        "vehicle",
-        "rig",
-        "dbc",
-        "scenario",
-        "included 1",
-        "included 2",
-    }
+    assert set(origin["sources"]) == {"vehicle", "rig", "dbc", "scenario", "included 1", "included 2"}
 
 
 def test_its_json_is_the_same_again_on_a_date_that_is_given(
@@ -518,17 +476,13 @@ def test_an_ecus_process_that_fails_ends_the_run_with_its_cause(
     assert told in capsys.readouterr().err
 
 
-def test_an_ecus_process_may_tell_more_than_a_pipe_holds(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_an_ecus_process_may_tell_more_than_a_pipe_holds(capsys: pytest.CaptureFixture[str]) -> None:
     code = "import sys; sys.stderr.write('x' * 1_000_000 + '\\necu   1.250 s  opening\\n')"
     child = EcuProcess([sys.executable, "-c", code], Teller(is_quiet=False), is_ours=True)
     until = time.monotonic() + 60.0
     while not child.has_ended() and time.monotonic() < until:
         time.sleep(0.01)
-    assert [(event.time, event.text) for event in child.end(False, has_taken_part=True)] == [
-        (1.25, "opening")
-    ]
+    assert [(event.time, event.text) for event in child.end(False, has_taken_part=True)] == [(1.25, "opening")]
     assert capsys.readouterr().err == "x" * 1_000_000 + "\necu   1.250 s  opening\n"
 
 
@@ -539,10 +493,7 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(
         (["--record", "."], "--record .: is a folder; allowed: a file of .csv, .parquet"),
         (["--set", "gate.hinge=3"], "3 is not a point; allowed: [x, y], each of -10 to 10 m"),
         (["--rig", "their.dbc"], "their.dbc: a database, not a rig; allowed: a rig in TOML ("),
-        (
-            ["--ecu", f"{__name__}:NoStep"],
-            f"--ecu an object of {__name__}.NoStep: allowed: an object with step(",
-        ),
+        (["--ecu", f"{__name__}:NoStep"], f"--ecu an object of {__name__}.NoStep: allowed: an object with step("),
     ],
 )
 def test_what_is_wrong_is_said_as_a_user_would(

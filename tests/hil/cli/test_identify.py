@@ -117,9 +117,7 @@ def test_opening_and_closing_on_a_slope_are_identified_together(
     assert [each["name"] for each in result["experiments"]] == [str(each) for each in files]
 
 
-def test_each_file_may_begin_at_an_angle_of_its_own(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_each_file_may_begin_at_an_angle_of_its_own(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     # A current alone does not say where the gate is.
     files = []
     for initial, volts in (("closed", 9.0), ("open", -9.0)):
@@ -130,10 +128,7 @@ def test_each_file_may_begin_at_an_angle_of_its_own(
     assert_true(result, TRUTH)
     assert result["initial_states"] == {}
     for text, said in (
-        (
-            "closed,open,open",
-            "--initial closed,open,open: 3 values for 2 files; allowed: one for all",
-        ),
+        ("closed,open,open", "--initial closed,open,open: 3 values for 2 files; allowed: one for all"),
         ("closed,ajar", "--initial ajar: allowed: auto, pause, closed, open"),
     ):
         lines = complaint(capsys, "identify", *files, "--estimate", NAMES, "--initial", text)
@@ -169,20 +164,13 @@ def test_unlike_drives_are_told_apart_by_their_own_columns(
     ]
 
 
-def test_a_drive_that_was_not_measured_is_not_made_up(
-    capsys: pytest.CaptureFixture[str], opening: Path
-) -> None:
+def test_a_drive_that_was_not_measured_is_not_made_up(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     result = found(capsys, opening, "--estimate", "left.motor.resistance,right.motor.inductance")
-    assert result["identifiable"] == {
-        "left.motor.resistance": True,
-        "right.motor.inductance": False,
-    }
+    assert result["identifiable"] == {"left.motor.resistance": True, "right.motor.inductance": False}
     assert result["parameters"]["right.motor.inductance"]["remark"]
 
 
-def test_data_cut_in_mid_motion_still_tell_the_truth(
-    capsys: pytest.CaptureFixture[str], opening: Path
-) -> None:
+def test_data_cut_in_mid_motion_still_tell_the_truth(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     result = found(capsys, opening, "--estimate", NAMES, "--from", 0.8)
     assert_true(result, TRUTH, largest=0.2)
     assert result["initial_states"]
@@ -199,9 +187,7 @@ def test_thinned_data_still_tell_the_truth(
         assert_true(result, TRUTH)
         samples = [each["samples"]["gate_angle_deg"] for each in result["experiments"]]
         assert samples == [count - 2 for count in counts]
-        notes = [
-            note for note in result["notes"] if "decimated by 3 after a low-pass filter" in note
-        ]
+        notes = [note for note in result["notes"] if "decimated by 3 after a low-pass filter" in note]
         assert [f": {count} samples of" in note for count, note in zip(counts, notes, strict=True)]
         assert all(("resampled to 200 Hz" in note) == bool(more) for note in notes)
     lines = complaint(capsys, "identify", opening, slow, "--estimate", NAMES, "--decimate", 150)
@@ -271,9 +257,7 @@ def test_the_saved_vehicle_keeps_comments_and_settings_and_can_be_used_again(
     assert call("simulate", "--vehicle", again, "--voltage", 9, "--duration", 0.1) == 0
 
 
-def test_what_cannot_be_told_stays_as_it_was_in_the_saved_vehicle(
-    opening: Path, tmp_path: Path
-) -> None:
+def test_what_cannot_be_told_stays_as_it_was_in_the_saved_vehicle(opening: Path, tmp_path: Path) -> None:
     saved = tmp_path / "saved.toml"
     names = "left.motor.resistance,right.motor.inductance"
     assert call("identify", opening, "--estimate", names, "--quiet", "--save-vehicle", saved) == 0
@@ -305,9 +289,7 @@ def test_a_resistance_far_too_large_to_begin_with_is_no_fault_of_the_currents(
     assert_true(found(capsys, opening, *flags), {"motor.resistance": TRUTH["motor.resistance"]})
 
 
-def test_bounds_hold_and_are_told_where_they_do(
-    capsys: pytest.CaptureFixture[str], opening: Path
-) -> None:
+def test_bounds_hold_and_are_told_where_they_do(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     lines = complaint(
         capsys, "identify", opening, "--estimate", "motor.resistance",
         "--bounds", "motor.resistance=0.7:0.72",
@@ -315,12 +297,8 @@ def test_bounds_hold_and_are_told_where_they_do(
     assert "motor.resistance: at its bound 0.72" in lines[0]
 
 
-def test_a_prior_that_is_sure_wins_over_the_data(
-    capsys: pytest.CaptureFixture[str], opening: Path
-) -> None:
-    result = found(
-        capsys, opening, "--estimate", "motor.resistance", "--prior", "motor.resistance=0.8:1e-9"
-    )
+def test_a_prior_that_is_sure_wins_over_the_data(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+    result = found(capsys, opening, "--estimate", "motor.resistance", "--prior", "motor.resistance=0.8:1e-9")
     assert result["parameters"]["motor.resistance"]["value"] == pytest.approx(0.8, abs=1e-6)
 
 
@@ -329,10 +307,7 @@ def test_a_prior_that_is_sure_wins_over_the_data(
     [
         ([], ["--estimate: missing"]),
         (["--estimate", " , "], ["--estimate: missing"]),
-        (
-            ["--estimate", "motor.resistence,gear.foo"],
-            ["motor.resistence: no such", "gear.foo: no such"],
-        ),
+        (["--estimate", "motor.resistence,gear.foo"], ["motor.resistence: no such", "gear.foo: no such"]),
         (["--estimate", "motor.resistance,motor.resistance"], ["motor.resistance: given twice"]),
         (
             ["--estimate", "motor.resistance,left.motor.resistance"],
@@ -406,9 +381,7 @@ def test_faults_of_all_files_come_at_once(
     empty.write_text("", encoding="utf-8")
     rubbish = tmp_path / "rubbish.mf4"
     rubbish.write_bytes(bytes(range(256)) * 20)
-    lines = complaint(
-        capsys, "identify", opening, empty, rubbish, tmp_path / "none.csv", "--preset", "thesis-1"
-    )
+    lines = complaint(capsys, "identify", opening, empty, rubbish, tmp_path / "none.csv", "--preset", "thesis-1")
     assert [name in line for name, line in zip(("empty", "rubbish", "none"), lines, strict=True)]
 
 
@@ -420,19 +393,11 @@ def _spoiled(columns: dict[str, Floats], how: str) -> dict[str, Floats]:
     currents = {"left_current_a": noise, "gate_angle_deg": 2.0 * noise}
     volts = {"time_s": times, "voltage_v": columns["left_voltage_v"]}
     return {
-        "no input": {
-            "time_s": times,
-            "road_slope_deg": rest,
-            "left_current_a": columns["left_current_a"],
-        },
+        "no input": {"time_s": times, "road_slope_deg": rest, "left_current_a": columns["left_current_a"]},
         "no output": volts,
         "no time": {name: each for name, each in columns.items() if name != "time_s"},
         "time backwards": {**columns, "time_s": np.append(times[:-1], 0.5)},
-        "milliseconds": {
-            **volts,
-            "time_s": 1e3 * times,
-            "left_current_a": columns["left_current_a"],
-        },
+        "milliseconds": {**volts, "time_s": 1e3 * times, "left_current_a": columns["left_current_a"]},
         "mA": {**columns, "left_current_a": 1e3 * columns["left_current_a"]},
         "three times the voltage": {
             **columns,
@@ -440,25 +405,14 @@ def _spoiled(columns: dict[str, Floats], how: str) -> dict[str, Floats]:
             "right_voltage_v": 3.0 * columns["right_voltage_v"],
         },
         "a current that is noise": {**volts, "left_current_a": noise},
-        "rpm": {
-            **columns,
-            "left_speed_rps": 60.0 * np.gradient(columns["left_hall_count"] / 4.0, times),
-        },
+        "rpm": {**columns, "left_speed_rps": 60.0 * np.gradient(columns["left_hall_count"] / 4.0, times)},
         "rad": {**columns, "gate_angle_deg": np.radians(columns["gate_angle_deg"])},
         "angle down": {**columns, "gate_angle_deg": -columns["gate_angle_deg"]},
         "nothing driven": {**columns, "left_voltage_v": rest, "right_voltage_v": rest},
-        "nothing happens": {
-            "time_s": times,
-            "voltage_v": rest,
-            "left_current_a": rest,
-            "left_hall_count": rest,
-        },
+        "nothing happens": {"time_s": times, "voltage_v": rest, "left_current_a": rest, "left_hall_count": rest},
         "noise": {**volts, **currents},
         "noise at rest": {"time_s": times, "voltage_v": rest, **currents},
-        "input with a hole": {
-            **columns,
-            "left_voltage_v": np.where(np.arange(len(times)) == 300, np.nan, 1.0),
-        },
+        "input with a hole": {**columns, "left_voltage_v": np.where(np.arange(len(times)) == 300, np.nan, 1.0)},
         "few rows": {name: each[:3] for name, each in columns.items()},
     }[how]
 
@@ -486,17 +440,11 @@ def _spoiled(columns: dict[str, Floats], how: str) -> dict[str, Floats]:
     ],
 )
 def test_garbage_gives_one_line_and_no_number(
-    capsys: pytest.CaptureFixture[str],
-    columns: dict[str, Floats],
-    tmp_path: Path,
-    how: str,
-    said: str,
+    capsys: pytest.CaptureFixture[str], columns: dict[str, Floats], tmp_path: Path, how: str, said: str
 ) -> None:
     path = write_columns(tmp_path / "spoiled.csv", _spoiled(columns, how))
     saved = tmp_path / "saved.toml"
-    lines = complaint(
-        capsys, "identify", path, "--estimate", "motor.resistance", "--save-vehicle", saved
-    )
+    lines = complaint(capsys, "identify", path, "--estimate", "motor.resistance", "--save-vehicle", saved)
     assert len(lines) == 1
     assert str(path) in lines[0]
     assert said in lines[0]
@@ -530,9 +478,7 @@ def test_a_plan_ranks_experiments_and_writes_no_report_that_there_is_none_of(
     assert lines == ["liftgate-hil: --html: not with --plan"]
 
 
-def test_an_interrupt_ends_it_without_a_crash_or_half_a_result(
-    opening: Path, tmp_path: Path
-) -> None:
+def test_an_interrupt_ends_it_without_a_crash_or_half_a_result(opening: Path, tmp_path: Path) -> None:
     """Steps so short that a simulation takes seconds: the interrupt comes while machine code runs."""
     result = tmp_path / "result.json"
     arguments = ["identify", str(opening), "--estimate", NAMES, "--step", "1e-5", "--quiet"]
@@ -573,9 +519,7 @@ def test_a_model_without_end_stops_sees_the_travel_alone(
     assert out["gate_angle_deg"].max() > 80.0
     path = write_columns(tmp_path / "whole.csv", noisy(out, (*KEPT, "gate_angle_deg")))
     flags = ("--estimate", "motor.resistance", "--set", "motor.torque_constant=0.0113")
-    result = found(
-        capsys, path, *flags, "--set", "motor.rotor_inertia=1.6e-5", "--model", "third-order"
-    )
+    result = found(capsys, path, *flags, "--set", "motor.rotor_inertia=1.6e-5", "--model", "third-order")
     (cut,) = [note for note in result["notes"] if "cut to" in note]
     assert "79.5 deg" in cut
     assert result["fit_percent"]["left_current_a"] > 80.0

@@ -66,10 +66,7 @@ def test_what_was_found_is_not_saved_beside_an_initial_value_that_does_not_go_wi
     args = parser.parse_args([str(weak), "--estimate", names, "--quiet", "--save-vehicle", target])
     result = command.identified(args)
     torque, speed = result.parameters
-    found = (
-        dataclasses.replace(torque, identifiable=False),
-        dataclasses.replace(speed, value=0.0755),
-    )
+    found = (dataclasses.replace(torque, identifiable=False), dataclasses.replace(speed, value=0.0755))
     with pytest.raises(ConfigError) as caught:
         command._vehicle_text(args, dataclasses.replace(result, parameters=found))
     (line,) = caught.value.issues

@@ -25,11 +25,7 @@ needs_compiler = pytest.mark.skipif(
 
 def contents(folder: Path) -> dict[str, bytes]:
     """Every file under a folder."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_the_folder_is_made_with_its_parents_and_every_file_is_named(
@@ -39,9 +35,7 @@ def test_the_folder_is_made_with_its_parents_and_every_file_is_named(
     assert main(["init", str(folder)]) == 0
     out = capsys.readouterr().out
     written = contents(folder)
-    assert {"liftgate.dbc", "vehicle.toml", "rig.toml", "scenario.toml", "test_gate.py"} < set(
-        written
-    )
+    assert {"liftgate.dbc", "vehicle.toml", "rig.toml", "scenario.toml", "test_gate.py"} < set(written)
     assert {"ecu/Makefile", "ecu/ecu.c", "ecu/liftgate_serial.h"} < set(written)
     assert all(Path(name).name in out for name in written)
     assert f"cd {shlex.quote(str(folder))}" in out
@@ -117,9 +111,7 @@ def test_what_would_be_overwritten_is_listed_and_nothing_is_written(
     }  # fmt: skip
 
 
-def test_every_command_of_the_folder_s_readme_is_printed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_every_command_of_the_folder_s_readme_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["init", str(tmp_path / "gate")]) == 0
     out = capsys.readouterr().out
     text = (tmp_path / "gate/README.md").read_text()
@@ -156,9 +148,7 @@ def test_every_copy_is_valid_and_the_rig_is_on_the_database_beside_it(tmp_path: 
     compile((tmp_path / "gate/test_gate.py").read_text(), "test_gate.py", "exec")
 
 
-def test_copies_may_be_changed_where_the_shipped_files_may_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_copies_may_be_changed_where_the_shipped_files_may_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     root = tmp_path / "installed"
     for name in ("dbc", "configs"):
         shutil.copytree(shipped.data_root() / name, root / name)
@@ -223,10 +213,7 @@ def test_the_copied_ecu_takes_python_from_the_path(tmp_path: Path):
 
 @pytest.mark.parametrize("is_active", [True, False])
 def test_the_next_steps_name_a_python_that_has_this_package(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    is_active: bool,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], is_active: bool
 ):
     here = str(Path(sys.executable).with_name("python3"))
     monkeypatch.setattr(shutil, "which", lambda name: here if is_active else "/usr/bin/python3")

@@ -147,10 +147,7 @@ def test_one_of_several_that_cannot_be_read_is_an_error_among_the_others(
     (folder / "broken.csv").write_text("time_s,gate_rate_degps\n0,x\n")
     assert judged("broken.csv", "b.csv", "b.log", "--json", "own.json") == 2
     out = capsys.readouterr().out
-    assert (
-        "error        broken.csv\n    broken.csv: gate_rate_degps: 'x' in row 1; allowed: a number"
-        in out
-    )
+    assert "error        broken.csv\n    broken.csv: gate_rate_degps: 'x' in row 1; allowed: a number" in out
     told = json.loads((folder / "own.json").read_text())
     assert [each["verdict"] for each in told["scenarios"]] == ["pass", "error"]
 
@@ -160,11 +157,7 @@ def test_a_column_of_ours_may_be_taken_for_another(folder: Path) -> None:
     found = lh.judge([folder / "c.csv"], folder / "s.toml", maps=maps)
     assert found["moves"].margin == pytest.approx(46.0, abs=1.0)
     with pytest.raises(ConfigError, match=r"no column 'Gate\.Nobody'; allowed: "):
-        lh.judge(
-            [folder / "a.csv", folder / "a.log"],
-            folder / "s.toml",
-            maps=["gate_rate_degps=Gate.Nobody"],
-        )
+        lh.judge([folder / "a.csv", folder / "a.log"], folder / "s.toml", maps=["gate_rate_degps=Gate.Nobody"])
 
 
 def test_a_foreign_car_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:

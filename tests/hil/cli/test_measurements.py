@@ -8,11 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from liftgate_hil.cli.measurements import (
-    add_measurement_arguments,
-    angle_of_position,
-    measurements_from,
-)
+from liftgate_hil.cli.measurements import add_measurement_arguments, angle_of_position, measurements_from
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.measurement import Measurement
 from liftgate_hil.running.setup import vehicle_from
@@ -95,8 +91,7 @@ def test_units_are_held_against_the_vehicle(drive: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         measure(drive, "--map", "left_current_a=left_current_a[A]*100")
     assert caught.value.issues == [
-        f"{drive}: left_current_a: 8000 in row 1001: is it mA? "
-        "allowed: up to 169.5 A with this vehicle"
+        f"{drive}: left_current_a: 8000 in row 1001: is it mA? allowed: up to 169.5 A with this vehicle"
     ]
 
 
@@ -116,9 +111,7 @@ def test_from_comes_before_to(drive: Path) -> None:
         ["--from", "inf"],
     ],
 )
-def test_bad_flags_are_refused(
-    drive: Path, flags: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_flags_are_refused(drive: Path, flags: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         measure(drive, *flags)
     assert caught.value.code == 2

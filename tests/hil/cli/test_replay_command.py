@@ -33,21 +33,8 @@ def test_it_tells_how_late_the_frames_were(log: Path, capsys: pytest.CaptureFixt
     assert capsys.readouterr() == ("", "")
 
 
-def test_json_has_the_distribution_and_where_it_is_from(
-    log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    line = [
-        "replay",
-        str(log),
-        *BUS,
-        "--json",
-        "--only",
-        "0x100",
-        "--from",
-        "0.01",
-        "--end",
-        "0.05",
-    ]
+def test_json_has_the_distribution_and_where_it_is_from(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["replay", str(log), *BUS, "--json", "--only", "0x100", "--from", "0.01", "--end", "0.05"]
     assert main([*line, "--times", "2", "--speed", "4"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["frames_sent"], told["rounds"], told["stop_reason"]) == (20, 2, "end")
@@ -85,11 +72,7 @@ def test_a_bus_that_cannot_be_opened_ends_it(log: Path, capsys: pytest.CaptureFi
 
 @pytest.mark.parametrize(
     ("more", "number", "code"),
-    [
-        ([], signal.SIGINT, 130),
-        ([], signal.SIGTERM, 143),
-        (["--loop"], signal.SIGINT, 0),
-    ],
+    [([], signal.SIGINT, 130), ([], signal.SIGTERM, 143), (["--loop"], signal.SIGINT, 0)],
 )
 def test_stopped_before_its_end_it_says_how_far_it_came(
     log: Path, capsys: pytest.CaptureFixture[str], more: list[str], number: int, code: int

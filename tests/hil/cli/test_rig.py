@@ -43,19 +43,12 @@ def test_the_shipped_rig_is_fine_and_shows_all_it_maps(capsys: pytest.CaptureFix
 def test_a_foreign_rig_shows_units_conversions_and_ranges(capsys: pytest.CaptureFixture[str]):
     assert main(["rig", "check", str(FOREIGN), "--vehicle", "compact", "--rate", "2000"]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
-    assert (
-        "left_current StromLinks [mA] -> [A] -81.923 to 81.897 A in steps of 0.02 [A] = 0.001 [mA]"
-        in lines
-    )
-    assert any(
-        "coast = Frei, open = Auf, close = Zu, brake = Halt (by the rig)" in x for x in lines
-    )
+    assert "left_current StromLinks [mA] -> [A] -81.923 to 81.897 A in steps of 0.02 [A] = 0.001 [mA]" in lines
+    assert any("coast = Frei, open = Auf, close = Zu, brake = Halt (by the rig)" in x for x in lines)
     assert lines[-1].endswith("fits compact at 2000 Hz")
 
 
-def test_issues_come_with_the_table_of_what_could_be_made_out(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_issues_come_with_the_table_of_what_could_be_made_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     wires = 'left_current = "Out.Volt"\ngate_angle = "Fine.Angle"\n'
     path = write_rig(tmp_path, DATABASE, RIG + wires)
     assert main(["rig", "check", str(path)]) == 2
@@ -73,16 +66,11 @@ def test_what_the_vehicle_and_the_rate_do_not_allow_is_an_issue_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     wires = 'left_current = "Fine.Current"\n[messages.Fine]\ncycle_ms = 2\n'
-    database = DATABASE.replace(
-        '"rad" ECU', '"rad" ECU\n SG_ Current : 16|16@1+ (1,0) [0|0] "mA" ECU'
-    )
+    database = DATABASE.replace('"rad" ECU', '"rad" ECU\n SG_ Current : 16|16@1+ (1,0) [0|0] "mA" ECU')
     path = write_rig(tmp_path, database, RIG + wires)
     assert main(["rig", "check", str(path), "--rate", "200", "--set", "supply.voltage=14"]) == 2
     faults = capsys.readouterr().err.splitlines()
-    assert (
-        "Fine.Current has the range -0.0005 to 65.54 A, any motion of this vehicle needs"
-        in faults[0]
-    )
+    assert "Fine.Current has the range -0.0005 to 65.54 A, any motion of this vehicle needs" in faults[0]
     assert "messages.Fine.cycle_ms: 2; allowed: 5 or more, a tick at --rate 200 Hz" in faults[1]
 
 
@@ -128,9 +116,7 @@ def test_what_cannot_be_read_is_told_with_exit_2(
     assert said in capsys.readouterr().err
 
 
-def test_labels_of_a_database_cannot_speak_to_the_terminal(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_labels_of_a_database_cannot_speak_to_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = write_rig(tmp_path, DATABASE.replace('"rad"', '"\x1b[2Jrad"'), RIG)
     main(["rig", "draft", str(path.with_name("their.dbc"))])
     main(["rig", "check", str(path)])
@@ -139,9 +125,7 @@ def test_labels_of_a_database_cannot_speak_to_the_terminal(
 
 
 @pytest.mark.parametrize("database", ["", ".", "/"])
-def test_a_folder_without_a_name_is_no_database_to_draft_from(
-    database: str, capsys: pytest.CaptureFixture[str]
-):
+def test_a_folder_without_a_name_is_no_database_to_draft_from(database: str, capsys: pytest.CaptureFixture[str]):
     assert main(["rig", "draft", database]) == 2
     assert "is a folder; allowed: a file" in capsys.readouterr().err
 

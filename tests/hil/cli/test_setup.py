@@ -53,9 +53,7 @@ def rows_of(command: str, folder: Path, scenario: Path, more: list[str]) -> str:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_what_a_scenario_says_is_as_if_flags_said_it(command: str, tmp_path: Path) -> None:
-    by_flags = rows_of(
-        command, tmp_path, scenario_file(tmp_path, ""), flags(command, SAID, SETTINGS)
-    )
+    by_flags = rows_of(command, tmp_path, scenario_file(tmp_path, ""), flags(command, SAID, SETTINGS))
     assert "right_current_a" not in by_flags.splitlines()[0]
     by_itself = rows_of(command, tmp_path, scenario_file(tmp_path, saying()), [])
     assert by_itself == by_flags
@@ -85,14 +83,10 @@ def test_the_rig_of_a_scenario_makes_the_frames(command: str, tmp_path: Path) ->
     assert not foreign & ours
 
 
-def test_a_class_in_the_working_directory_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_class_in_the_working_directory_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ecu = "class Ecu:\n    def step(self, now_s, frames):\n        return []\n"
     (tmp_path / "silent_ecu.py").write_text(ecu)
-    (tmp_path / "numpy.py").write_text(
-        "raise SystemExit('code of the working directory was run')\n"
-    )
+    (tmp_path / "numpy.py").write_text("raise SystemExit('code of the working directory was run')\n")
     monkeypatch.chdir(tmp_path)
     line = ["demo", "--clock", "free", "--quiet", "--no-record", "--duration", "0.1"]
     assert main([*line, "--ecu", "silent_ecu:Ecu"]) == 0

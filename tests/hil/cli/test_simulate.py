@@ -193,10 +193,7 @@ def test_a_bad_input_file_is_refused_with_what_is_allowed(
     ],
 )
 def test_bad_flags_are_refused(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["simulate", *arguments]) == 2
@@ -276,9 +273,7 @@ def test_an_input_that_would_run_for_hours_wants_a_duration(
     assert len(simulate(tmp_path, "--input", str(source), "--duration", "0.1")["time_s"]) == 101
 
 
-def test_motors_that_nothing_drives_are_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_motors_that_nothing_drives_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     simulate(tmp_path, "--duration", "0.01")
     assert "no --voltage and no --input: 0 V, which brakes the motors" in capsys.readouterr().err
     source = tmp_path / "in.csv"
@@ -373,9 +368,7 @@ def test_edges_stand_in_the_order_of_time(tmp_path: Path) -> None:
         ["--voltage", "12", "--duration", "1", "--output", "{edges}"],
     ],
 )
-def test_a_refused_command_leaves_the_edges_file_as_it_was(
-    tmp_path: Path, refused: list[str]
-) -> None:
+def test_a_refused_command_leaves_the_edges_file_as_it_was(tmp_path: Path, refused: list[str]) -> None:
     edges = tmp_path / "edges.csv"
     edges.write_text("time_s,voltage_v\n0,12\n1,12\n")
     before = edges.read_bytes()
@@ -438,14 +431,10 @@ def test_a_file_that_cannot_take_edges_is_refused(
     assert f"--edges {target}" in capsys.readouterr().err
 
 
-def test_an_input_that_is_a_link_to_itself_is_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_input_that_is_a_link_to_itself_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     loop = tmp_path / "in.csv"
     loop.symlink_to(loop)
     with pytest.raises(SystemExit) as left:
-        raise SystemExit(
-            main(["simulate", "--input", str(loop), "--output", str(tmp_path / "o.csv")])
-        )
+        raise SystemExit(main(["simulate", "--input", str(loop), "--output", str(tmp_path / "o.csv")]))
     assert left.value.code == 2
     assert "Too many levels of symbolic links" in capsys.readouterr().err

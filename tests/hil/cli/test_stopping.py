@@ -24,9 +24,7 @@ class Clock:
         self.timers: list[tuple[float, ...]] = []
         monkeypatch.setattr(stopping.time, "monotonic", lambda: self.now)
         monkeypatch.setattr(stopping.signal, "raise_signal", self.ends.append)
-        monkeypatch.setattr(
-            stopping.signal, "setitimer", lambda _, *times: self.timers.append(times)
-        )
+        monkeypatch.setattr(stopping.signal, "setitimer", lambda _, *times: self.timers.append(times))
 
 
 @pytest.fixture
@@ -98,9 +96,7 @@ def test_an_interrupt_is_raised_but_not_out_of_an_import(clock: Clock) -> None:
     with pytest.raises(KeyboardInterrupt):
         interrupt(signal.SIGINT, None)
     assert clock.ends == []
-    frozen = compile(
-        "handler(2, __import__('sys')._getframe())", "<frozen importlib._bootstrap>", "exec"
-    )
+    frozen = compile("handler(2, __import__('sys')._getframe())", "<frozen importlib._bootstrap>", "exec")
     with pytest.raises(KeyboardInterrupt):  # the fake end is none
         exec(frozen, {"handler": interrupt})
     assert clock.ends == [signal.SIGINT]

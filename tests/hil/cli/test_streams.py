@@ -59,9 +59,7 @@ def test_a_reader_that_goes_is_nobody_to_tell(name: str, tmp_path: Path) -> None
     assert "liftgate-hil: " not in said
 
 
-@pytest.mark.parametrize(
-    "setting", ["PYTHONIOENCODING=ascii", "LC_ALL=C PYTHONUTF8=0 PYTHONCOERCECLOCALE=0"]
-)
+@pytest.mark.parametrize("setting", ["PYTHONIOENCODING=ascii", "LC_ALL=C PYTHONUTF8=0 PYTHONCOERCECLOCALE=0"])
 def test_letters_that_an_encoding_lacks_are_escaped(setting: str, tmp_path: Path) -> None:
     done = subprocess.run(
         ["bash", "-c", f'{setting} "$@"', "bash", *COMMAND, "demo", "--duration", "0.1", "--no-record"],
@@ -93,9 +91,7 @@ def test_an_interrupt_before_there_is_anything_to_end_is_an_exit_code(
 def test_a_verdict_that_cannot_be_written_is_an_error_and_no_fail(
     tmp_path: Path, more: tuple[str, ...], redirected: str, said: str
 ) -> None:
-    (tmp_path / "s.toml").write_text(
-        'duration = 0.1\n[[expect]]\nname = "x"\nalways = "gate_angle_deg < 90"\n'
-    )
+    (tmp_path / "s.toml").write_text('duration = 0.1\n[[expect]]\nname = "x"\nalways = "gate_angle_deg < 90"\n')
     done = subprocess.run(
         ["bash", "-c", f'"$@" {redirected}', "bash", *COMMAND, "test", "s.toml", *more],
         cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, check=False,

@@ -38,9 +38,7 @@ def told(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO, *flags: str) -> l
     return [each for each in states if "compil" not in each]  # where nothing is on the disk yet
 
 
-def test_a_terminal_sees_one_line_that_follows_the_suite(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_terminal_sees_one_line_that_follows_the_suite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     states = told(monkeypatch, Terminal())
     assert [each for each in states if each] == [

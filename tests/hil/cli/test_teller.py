@@ -33,9 +33,7 @@ def test_a_line_says_where_the_run_is():
         "     1.2 s   12.50 deg    1.50 A  -0.25 A  command 12 ms  accepted 12  sent 30"
     )
     worse = STATUS._replace(command_age_s=None, rejected=2, foreign=9, overruns=7)
-    assert line_of(worse, 200).endswith(
-        "no command  overruns 7  rejected 2  foreign 9  accepted 12  sent 30"
-    )
+    assert line_of(worse, 200).endswith("no command  overruns 7  rejected 2  foreign 9  accepted 12  sent 30")
 
 
 def test_what_has_no_room_is_left_out_whole():
@@ -59,9 +57,7 @@ def test_the_line_is_rewritten_and_makes_room_for_what_is_said(terminal: Termina
     assert terminal.getvalue().endswith("\r\x1b[K")
 
 
-def test_the_line_never_fills_a_narrow_terminal(
-    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
-):
+def test_the_line_never_fills_a_narrow_terminal(terminal: Terminal, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(terminal, "fileno", lambda: 2)
     monkeypatch.setattr("os.get_terminal_size", lambda _: SimpleNamespace(columns=30))
     Teller(is_quiet=False).status(STATUS)
@@ -101,9 +97,7 @@ def test_where_there_is_no_terminal_each_thing_is_told_once(capsys: pytest.Captu
 
 
 @pytest.mark.parametrize("is_json", [False, True])
-def test_quiet_is_quiet_and_beside_json_only_what_goes_wrong_is_told(
-    terminal: Terminal, is_json: bool
-):
+def test_quiet_is_quiet_and_beside_json_only_what_goes_wrong_is_told(terminal: Terminal, is_json: bool):
     teller = Teller(is_quiet=not is_json, is_json=is_json)
     teller.starts("suv")
     teller.compiles("compiling the model", 3.0)

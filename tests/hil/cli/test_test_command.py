@@ -47,17 +47,9 @@ def scenario(name: str, *expectations: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("expectations", "code"),
-    [
-        ((RESTS,), 0),
-        ((RESTS, MOVES), 1),
-        ((RESTS, NEVER), 3),
-        ((MOVES, NEVER), 1),
-    ],
+    ("expectations", "code"), [((RESTS,), 0), ((RESTS, MOVES), 1), ((RESTS, NEVER), 3), ((MOVES, NEVER), 1)]
 )
-def test_the_exit_code_is_that_of_the_worst_verdict(
-    expectations: tuple[str, ...], code: int
-) -> None:
+def test_the_exit_code_is_that_of_the_worst_verdict(expectations: tuple[str, ...], code: int) -> None:
     assert main(["test", scenario("s.toml", *expectations)]) == code
 
 
@@ -79,11 +71,7 @@ def test_the_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert told["verdict"] == "fail"
     assert told["expectations"]["inconclusive_share"] == pytest.approx(1 / 3)
     first, second = told["scenarios"]
-    assert (first["file"], first["verdict"], first["requirement"]) == (
-        "a.toml",
-        "fail",
-        ["LG-1", "LG-2"],
-    )
+    assert (first["file"], first["verdict"], first["requirement"]) == ("a.toml", "fail", ["LG-1", "LG-2"])
     rests, moves = first["expectations"]
     assert rests == {
         "name": "rests", "verdict": "pass", "margin": 1.0, "margin_unit": "deg", "time_s": 0.001, "reason": "",
@@ -203,9 +191,7 @@ def test_an_ecu_that_says_nothing_to_the_gate_is_told_and_may_print(
     assert "its own words" in error
 
 
-def test_one_of_the_shipped_scenarios_is_named_with_its_folder(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_one_of_the_shipped_scenarios_is_named_with_its_folder(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", "pack/stop_button"]) == 0
     assert "stops: pass" in capsys.readouterr().out
     for name in ("pack/none", "../none", "none"):
@@ -216,9 +202,7 @@ def test_one_of_the_shipped_scenarios_is_named_with_its_folder(
     assert "pack/NAME" in error
 
 
-def test_a_margin_and_what_decided_have_each_their_time(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_margin_and_what_decided_have_each_their_time(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", scenario("s.toml", MOVES), "--vehicle", "suv"]) == 1
     assert main(["test", "pack/crank_dip"]) == 0
     line = next(each for each in capsys.readouterr().out.splitlines() if "turns back" in each)
@@ -285,19 +269,14 @@ def test_an_ecu_that_fails_is_an_error_and_the_next_scenario_runs(
         ("not TOML", "not valid TOML"),
     ],
 )  # fmt: skip
-def test_mistakes_are_told_before_anything_runs(
-    text: str, said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_mistakes_are_told_before_anything_runs(text: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     Path("s.toml").write_text(text)
     assert main(["test", "s.toml"]) == 2
     assert said in capsys.readouterr().err
 
 
 def test_all_mistakes_of_all_files_come_at_once(capsys: pytest.CaptureFixture[str]) -> None:
-    names = [
-        scenario("a.toml", RESTS.replace("always", "allways")),
-        scenario("b.toml", "[[fault]]\nkind = 'x'\n"),
-    ]
+    names = [scenario("a.toml", RESTS.replace("always", "allways")), scenario("b.toml", "[[fault]]\nkind = 'x'\n")]
     assert main(["test", *names]) == 2
     told = capsys.readouterr().err
     assert "a.toml: expect[0].allways" in told
@@ -318,9 +297,7 @@ def test_all_mistakes_of_all_files_come_at_once(capsys: pytest.CaptureFixture[st
         (["s.toml", "--ecu", "bus"], "--bus: missing"),
     ],
 )
-def test_wrong_usage_is_told(
-    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_usage_is_told(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     scenario("s.toml", RESTS)
     Path("empty").mkdir()
     assert main(["test", *arguments]) == 2

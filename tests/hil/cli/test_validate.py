@@ -30,9 +30,7 @@ def fit(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any
     return result
 
 
-def test_the_true_model_leaves_the_noise_alone(
-    capsys: pytest.CaptureFixture[str], opening: Path
-) -> None:
+def test_the_true_model_leaves_the_noise_alone(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     result = fit(capsys, opening, *settings(TRUTH))
     assert result["rms"]["left_current_a"] == pytest.approx(0.05, rel=0.1)
     assert result["rms"]["gate_angle_deg"] == pytest.approx(0.1, rel=0.1)
@@ -40,9 +38,7 @@ def test_the_true_model_leaves_the_noise_alone(
     assert result["whiteness"]["left_current_a"]
 
 
-def test_a_wrong_model_fits_worse_and_is_not_adapted(
-    capsys: pytest.CaptureFixture[str], opening: Path
-) -> None:
+def test_a_wrong_model_fits_worse_and_is_not_adapted(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     right = fit(capsys, opening, *settings(TRUTH))
     wrong = fit(capsys, opening)
     for name in ("left_current_a", "left_position_rev", "gate_angle_deg"):
@@ -68,10 +64,7 @@ def test_what_identify_could_not_tell_is_left_as_it_is(
 ) -> None:
     path = tmp_path / "result.json"
     content = {
-        "parameters": {
-            "motor.resistance": {"value": TRUTH["motor.resistance"]},
-            "gate.mass": {"value": 999.0},
-        },
+        "parameters": {"motor.resistance": {"value": TRUTH["motor.resistance"]}, "gate.mass": {"value": 999.0}},
         "identifiable": {"motor.resistance": True, "gate.mass": False},
     }
     path.write_text(json.dumps(content), encoding="utf-8")
@@ -87,8 +80,7 @@ def test_what_identify_could_not_tell_is_left_as_it_is(
         ("[1]", "allowed: a result written by identify"),
         ('{"parameters": {}}', "allowed: a result written by identify"),
         (
-            '{"parameters": {"motor.resistance": {"value": null}}, '
-            '"identifiable": {"motor.resistance": true}}',
+            '{"parameters": {"motor.resistance": {"value": null}}, "identifiable": {"motor.resistance": true}}',
             "allowed: a result written by identify",
         ),
         (
@@ -141,9 +133,7 @@ def test_result_and_page_say_which_files_they_are_from(
         assert each in shown
 
 
-def test_the_text_names_file_output_and_fit(
-    capsys: pytest.CaptureFixture[str], opening: Path
-) -> None:
+def test_the_text_names_file_output_and_fit(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     assert call("validate", opening, "--outputs", "current", *settings(TRUTH)) == 0
     text = capsys.readouterr().out
     assert opening.name in text
@@ -151,9 +141,7 @@ def test_the_text_names_file_output_and_fit(
     assert "gate_angle_deg" not in text
 
 
-def test_an_output_named_twice_counts_once(
-    capsys: pytest.CaptureFixture[str], opening: Path
-) -> None:
+def test_an_output_named_twice_counts_once(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     once = fit(capsys, opening, "--outputs", "current")
     twice = fit(capsys, opening, "--outputs", "current,current")
     assert twice.pop("provenance") != once.pop("provenance")  # another command line

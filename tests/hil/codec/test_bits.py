@@ -72,17 +72,14 @@ def array_of(payload: bytes) -> np.ndarray:
 @given(payloads, places(32))
 def test_bits_are_read_one_by_one_from_the_lowest(payload: bytes, place: Place):
     expected = sum(
-        (payload[number // 8] >> (number % 8) & 1) << index
-        for index, number in enumerate(bits_of(place))
+        (payload[number // 8] >> (number % 8) & 1) << index for index, number in enumerate(bits_of(place))
     )
     assert extract(array_of(payload), 0, *place[:4]) == expected
 
 
 @CALM
 @given(payloads, places(32), st.data())
-def test_writing_changes_no_bit_outside_the_place(
-    payload: bytes, place: Place, data: st.DataObject
-):
+def test_writing_changes_no_bit_outside_the_place(payload: bytes, place: Place, data: st.DataObject):
     raw = data.draw(st.integers(0, (1 << place.length) - 1))
     after = array_of(payload)
     insert(after, 0, *place[:4], np.int64(raw))
@@ -120,8 +117,7 @@ def test_floats_come_back_bit_by_bit(place: Place, value: float, double: bool):
     frame = np.zeros((1, MAX), dtype=np.uint8)
     write_number(frame, 0, place, value)
     raw = sum(
-        (int(frame[0, number // 8]) >> (number % 8) & 1) << index
-        for index, number in enumerate(bits_of(place))
+        (int(frame[0, number // 8]) >> (number % 8) & 1) << index for index, number in enumerate(bits_of(place))
     )
     written = raw.to_bytes(length // 8, "little")
     back = read_number(frame, 0, place)
@@ -150,12 +146,8 @@ def test_the_frame_checksum_is_the_crc_over_identifier_and_payload_but_its_own_b
     assert got == j1850(identifier, payload, skip)
 
 
-@pytest.mark.parametrize(
-    ("kind", "expected"), [(XOR8, 0x23 ^ 0x01 ^ 1 ^ 4), (SUM8, 0x23 + 1 + 1 + 4)]
-)
-def test_xor_and_sum_checksums_cover_identifier_and_payload_but_their_own_byte(
-    kind: int, expected: int
-):
+@pytest.mark.parametrize(("kind", "expected"), [(XOR8, 0x23 ^ 0x01 ^ 1 ^ 4), (SUM8, 0x23 + 1 + 1 + 4)])
+def test_xor_and_sum_checksums_cover_identifier_and_payload_but_their_own_byte(kind: int, expected: int):
     frame = array_of(bytes([1, 0xEE, 4]).ljust(MAX, b"\xa5"))
     assert sum_of(kind, 0x123, frame, 3, 1) == expected & 0xFF
 

@@ -22,9 +22,7 @@ from liftgate_plant.compiler import compiled
 CYCLE = 10_000_000
 
 
-def bus_of(
-    bits: int, counter: Any, sending: bool = False, order: str = "little_endian"
-) -> BusConfig:
+def bus_of(bits: int, counter: Any, sending: bool = False, order: str = "little_endian") -> BusConfig:
     start = 3 if order == "little_endian" else 5
     signals = [Signal("Counter", start, bits, order), Signal("Value", 72, 8, "little_endian")]
     message = Message(0x123, "M", 10, signals, cycle_time=10)
@@ -50,9 +48,7 @@ def countings(draw: st.DrawFn) -> tuple[int, dict[str, Any]]:
     most = min(top, lowest + MOST_VALUES - 1)
     highest = draw(st.one_of(st.just(most), st.integers(lowest + 1, most)))
     span = highest - lowest
-    step = draw(st.one_of(st.sampled_from((1, -1)), st.integers(1, span))) * draw(
-        st.sampled_from((1, -1))
-    )
+    step = draw(st.one_of(st.sampled_from((1, -1)), st.integers(1, span))) * draw(st.sampled_from((1, -1)))
     start = draw(st.integers(lowest, highest))
     keys = {"lowest": lowest, "highest": highest, "start": start, "step": step}
     return bits, {"signal": "Counter", **keys}
@@ -102,9 +98,7 @@ def test_frames_that_did_not_come_are_counted(counting: tuple[int, dict[str, Any
         ({"lowest": 2, "highest": 7, "step": 3}, (2, 5)),
     ],
 )
-def test_a_value_that_the_counter_never_has_is_refused(
-    given: dict[str, int], values: Sequence[int]
-):
+def test_a_value_that_the_counter_never_has_is_refused(given: dict[str, int], values: Sequence[int]):
     bus = bus_of(4, {"signal": "Counter", **given})
     for value in range(16):
         frame = frames_of([(0x123, (value << 3).to_bytes(10, "little"))])

@@ -74,12 +74,7 @@ def bus_config_of(
     )
     issues = ConfigIssues("test")
     bus = build_bus_config(
-        {"M": message},
-        [SignalMapping("v", "M", "Value")],
-        {"M": options},
-        {"v": FREE},
-        issues,
-        sending,
+        {"M": message}, [SignalMapping("v", "M", "Value")], {"M": options}, {"v": FREE}, issues, sending
     )
     issues.raise_if_any()
     return bus
@@ -130,9 +125,7 @@ VARIANTS = [
 
 @pytest.mark.parametrize(("profile", "mode"), VARIANTS)
 @pytest.mark.parametrize("length", [5, 8, 64])
-def test_what_is_sent_is_what_the_package_makes(
-    codec: tuple[Any, Any], profile: str, mode: str, length: int
-):
+def test_what_is_sent_is_what_the_package_makes(codec: tuple[Any, Any], profile: str, mode: str, length: int):
     more = {"data_id_mode": mode} if profile == "e2e-p01" else {}
     bus = bus_config_of(profile, sending=True, length=length, **more)
     their = theirs(profile, mode, length)
@@ -206,11 +199,7 @@ def run(bus: BusConfig, steps: list[Step], profile: str = "e2e-p01") -> tuple[li
 
 
 def cause_of(before: Counts, after: Counts) -> str:
-    changed = [
-        name
-        for name in Counts._fields
-        if name != "lost" and getattr(after, name) != getattr(before, name)
-    ]
+    changed = [name for name in Counts._fields if name != "lost" and getattr(after, name) != getattr(before, name)]
     return changed[0] if changed else ""
 
 
@@ -238,14 +227,7 @@ def test_after_a_wrong_sequence_the_next_frame_counts_from_there():
 
 def test_synchronisation_takes_as_many_frames_as_the_rig_says():
     causes, _ = run(bus_config_of("e2e-p01", sync=2), [0, 1, 9, 10, 11, 12])
-    assert causes == [
-        "unqualified",
-        "accepted",
-        "counter",
-        "unqualified",
-        "unqualified",
-        "accepted",
-    ]
+    assert causes == ["unqualified", "accepted", "counter", "unqualified", "unqualified", "accepted"]
 
 
 def test_each_cycle_without_a_frame_tolerates_one_more():
@@ -302,12 +284,7 @@ LIMITS = st.tuples(*[st.integers(0, 6)] * 3)
 
 
 @CALM
-@given(
-    st.lists(st.sampled_from(["ok", "error", "other"]), max_size=25),
-    st.integers(1, 6),
-    LIMITS,
-    LIMITS,
-)
+@given(st.lists(st.sampled_from(["ok", "error", "other"]), max_size=25), st.integers(1, 6), LIMITS, LIMITS)
 def test_the_state_machine_is_the_specifications(
     kinds: list[str], window: int, min_ok: tuple[int, int, int], max_error: tuple[int, int, int]
 ):
@@ -392,8 +369,7 @@ data_id = 0xBEEF
 
 def test_its_loop_has_the_machine_code_of_any_other_rig(tmp_path: Path):
     theirs, shipped = (
-        text_of(kind_of(loop_config(rig=rig)))
-        for rig in (rig_of(tmp_path, DATABASE, RIG), rig_from("liftgate"))
+        text_of(kind_of(loop_config(rig=rig))) for rig in (rig_of(tmp_path, DATABASE, RIG), rig_from("liftgate"))
     )
     assert theirs == shipped
 

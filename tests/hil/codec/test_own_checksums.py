@@ -54,20 +54,13 @@ def divided(data: Iterable[int], width: int, polynomial: int, start: int = 0, re
     return register ^ final_xor
 
 
-def bus_of(
-    message: Message, table: Mapping[str, Any], sending: bool = False, value: str = "Value"
-) -> BusConfig:
+def bus_of(message: Message, table: Mapping[str, Any], sending: bool = False, value: str = "Value") -> BusConfig:
     """The tables of a message with this table [messages.M] of a rig."""
     issues = ConfigIssues("rig.toml")
     messages = {message.name: message}
     options = message_options(issues, {"messages": {message.name: dict(table)}}, messages)
     bus = build_bus_config(
-        messages,
-        [SignalMapping("v", message.name, value)],
-        options,
-        {"v": FREE},
-        issues,
-        sending,
+        messages, [SignalMapping("v", message.name, value)], options, {"v": FREE}, issues, sending
     )
     issues.raise_if_any()
     return bus
@@ -88,9 +81,7 @@ def message_of(
         if each is not None
         for start, bits, order in [each]
     ]
-    return Message(
-        identifier, "M", length, signals, is_extended_frame=identifier > 0x7FF, strict=False
-    )
+    return Message(identifier, "M", length, signals, is_extended_frame=identifier > 0x7FF, strict=False)
 
 
 def frame_of(payload: bytes) -> np.ndarray:
@@ -191,10 +182,7 @@ def test_any_checksum_is_the_one_of_bitwise_division(
     ids = table.get("data_id", 0)
     data_id = ids[counter % len(ids)] if isinstance(ids, list) else ids
     numbers = {"identifier": message.frame_id, "counter": counter, "data_id": data_id}
-    data = [
-        zeroed[byte] if part == "payload" else numbers[part] >> 8 * byte & 0xFF
-        for part, byte in covered
-    ]
+    data = [zeroed[byte] if part == "payload" else numbers[part] >> 8 * byte & 0xFF for part, byte in covered]
     keys = (*PARAMETERS, *FLAGS)
     assert found == divided(data, **{key: table[key] for key in keys})
 
@@ -227,9 +215,7 @@ def test_the_whole_payload_is_all_bytes_but_those_that_the_checksum_fills():
 def test_numbers_go_in_lowest_byte_first_unless_the_rig_says_otherwise(
     identifier: int, covers: list[str], data: list[int]
 ):
-    message = message_of(
-        8, (56, 8, "little_endian"), (48, 4, "little_endian"), identifier=identifier
-    )
+    message = message_of(8, (56, 8, "little_endian"), (48, 4, "little_endian"), identifier=identifier)
     table = {"signal": "Crc", "width": 8, "polynomial": 0x2F, "covers": covers}
     if any(each.startswith("data_id") for each in covers):
         table["data_id"] = 0x1234
@@ -240,13 +226,7 @@ def test_numbers_go_in_lowest_byte_first_unless_the_rig_says_otherwise(
 
 # Frames of makers. The parameters are those of opendbc 0.3.1 (MIT); of the frames those of Volkswagen and FCA are
 # of cars, from its tests, the others its own code has completed. Volkswagen's data IDs are lists by the counter.
-VW = {
-    "width": 8,
-    "polynomial": 0x2F,
-    "start": 0xFF,
-    "final_xor": 0xFF,
-    "covers": ["payload", "data_id"],
-}
+VW = {"width": 8, "polynomial": 0x2F, "start": 0xFF, "final_xor": 0xFF, "covers": ["payload", "data_id"]}
 VW_GETRIEBE_11 = list(bytes.fromhex("3f6939dc94f91464d86a34cea255b52c"))
 HYUNDAI_FD = {"width": 16, "polynomial": 0x1021, "covers": ["payload", "identifier"]}
 J1850 = {"width": 8, "polynomial": 0x1D}

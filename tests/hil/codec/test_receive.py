@@ -24,13 +24,7 @@ from hil_support import (
 )
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, REMOTE
-from liftgate_hil.codec.receive import (
-    NO_COUNTS,
-    Counts,
-    Reception,
-    nothing_received,
-    rejected,
-)
+from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, rejected
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.signals import BUS_INPUTS, IN
@@ -49,11 +43,7 @@ def fresh(bus: BusConfig) -> Reception:
 
 
 def take(
-    bus: BusConfig,
-    reception: Reception,
-    *rows: tuple[int, bytes],
-    counts: Counts = NO_COUNTS,
-    now: int = 0,
+    bus: BusConfig, reception: Reception, *rows: tuple[int, bytes], counts: Counts = NO_COUNTS, now: int = 0
 ) -> tuple[Reception, Counts]:
     return taken(bus, reception, counts, frames_of(rows), now)
 
@@ -64,9 +54,7 @@ def value(reception: Reception, name: str) -> float:
 
 def same(first: Reception, second: Reception) -> bool:
     """Whether the same is known; what a refused frame said is forgotten with the next one."""
-    first, second = (
-        each._replace(read=each.values, refusals=each.values) for each in (first, second)
-    )
+    first, second = (each._replace(read=each.values, refusals=each.values) for each in (first, second))
     return all(
         np.array_equal(a, b, equal_nan=True) if a.dtype.kind == "f" else np.array_equal(a, b)
         for a, b in zip(first, second, strict=True)
@@ -123,10 +111,7 @@ def refusals(rig: Rig) -> dict[str, tuple[str, tuple[int, bytes]]]:
         "a wrong checksum": ("checksum", (COMMAND, bad_sum)),
         "a checksum of another identifier": ("checksum", (COMMAND, with_checksum(0x121, good))),
         "a repeated counter": ("counter", command_frame(rig, 3, **both(60.0, OPEN))),
-        "a duty over 100 %": (
-            "out_of_range",
-            command_frame(rig, 4, LeftDuty=100.1, LeftDirection=1),
-        ),
+        "a duty over 100 %": ("out_of_range", command_frame(rig, 4, LeftDuty=100.1, LeftDirection=1)),
         "the other duty over 100 %": (
             "out_of_range",
             command_frame(rig, 4, LeftDuty=10.0, RightDuty=102.3, LeftDirection=1),
@@ -157,9 +142,7 @@ def refusals(rig: Rig) -> dict[str, tuple[str, tuple[int, bytes]]]:
         "a supply voltage over 40 V",
     ],
 )
-def test_a_refused_frame_counts_once_and_changes_nothing(
-    rig: Rig, bus: BusConfig, fresh: Reception, case: str
-):
+def test_a_refused_frame_counts_once_and_changes_nothing(rig: Rig, bus: BusConfig, fresh: Reception, case: str):
     cause, frame = refusals(rig)[case]
     before, counts = take(bus, fresh, command_frame(rig, 3, **both(50.0, OPEN)))
     after, total = take(bus, before, frame, counts=counts, now=5 * MS)
@@ -182,9 +165,7 @@ def test_the_cycles_of_a_message_are_its_frames_and_those_that_its_counter_misse
         assert state.cycles.tolist()[0] == cycles
 
 
-def test_a_bad_frame_does_not_spoil_a_good_one_in_the_same_read(
-    rig: Rig, bus: BusConfig, fresh: Reception
-):
+def test_a_bad_frame_does_not_spoil_a_good_one_in_the_same_read(rig: Rig, bus: BusConfig, fresh: Reception):
     reception, counts = take(
         bus,
         fresh,
@@ -194,12 +175,7 @@ def test_a_bad_frame_does_not_spoil_a_good_one_in_the_same_read(
         command_frame(rig, 2, **both(40.0, OPEN)),
         panel_frame(rig, HandForce=30.0),
     )
-    assert (counts.accepted, counts.foreign, counts.out_of_range, counts.wrong_length) == (
-        2,
-        1,
-        1,
-        1,
-    )
+    assert (counts.accepted, counts.foreign, counts.out_of_range, counts.wrong_length) == (2, 1, 1, 1)
     assert value(reception, "left_duty") == pytest.approx(40.0)
     assert value(reception, "hand_force") == pytest.approx(30.0)
 
@@ -217,10 +193,7 @@ def test_frames_are_not_changed(rig: Rig, bus: BusConfig, fresh: Reception):
 
 def test_of_two_commands_in_one_read_the_later_holds(rig: Rig, bus: BusConfig, fresh: Reception):
     reception, counts = take(
-        bus,
-        fresh,
-        command_frame(rig, 15, **both(40.0, OPEN)),
-        command_frame(rig, 0, **both(60.0, OPEN)),
+        bus, fresh, command_frame(rig, 15, **both(40.0, OPEN)), command_frame(rig, 0, **both(60.0, OPEN))
     )
     assert counts == NO_COUNTS._replace(accepted=2)
     assert value(reception, "left_duty") == pytest.approx(60.0)
@@ -228,18 +201,13 @@ def test_of_two_commands_in_one_read_the_later_holds(rig: Rig, bus: BusConfig, f
 
 def test_a_repeated_counter_in_one_read_is_refused(rig: Rig, bus: BusConfig, fresh: Reception):
     reception, counts = take(
-        bus,
-        fresh,
-        command_frame(rig, 5, **both(40.0, OPEN)),
-        command_frame(rig, 5, **both(60.0, OPEN)),
+        bus, fresh, command_frame(rig, 5, **both(40.0, OPEN)), command_frame(rig, 5, **both(60.0, OPEN))
     )
     assert counts == NO_COUNTS._replace(accepted=1, counter=1)
     assert value(reception, "left_duty") == pytest.approx(40.0)
 
 
-@pytest.mark.parametrize(
-    ("last", "now", "lost"), [(0, 1, 0), (15, 0, 0), (3, 6, 2), (14, 1, 2), (5, 4, 14)]
-)
+@pytest.mark.parametrize(("last", "now", "lost"), [(0, 1, 0), (15, 0, 0), (3, 6, 2), (14, 1, 2), (5, 4, 14)])
 def test_frames_missing_between_two_counters_are_lost(
     rig: Rig, bus: BusConfig, fresh: Reception, last: int, now: int, lost: int
 ):
@@ -251,11 +219,7 @@ def test_frames_missing_between_two_counters_are_lost(
 
 def test_a_refused_frame_that_did_come_in_is_not_lost(rig: Rig, bus: BusConfig, fresh: Reception):
     _, counts = take(
-        bus,
-        fresh,
-        command_frame(rig, 1),
-        command_frame(rig, 2, LeftDuty=102.3),
-        command_frame(rig, 3),
+        bus, fresh, command_frame(rig, 1), command_frame(rig, 2, LeftDuty=102.3), command_frame(rig, 3)
     )
     assert counts == NO_COUNTS._replace(accepted=2, out_of_range=1)
 
@@ -275,9 +239,7 @@ def test_after_a_time_out_any_counter_is_welcome(rig: Rig, bus: BusConfig, fresh
     reception, counts = take(bus, fresh, command_frame(rig, 7, **both(40.0, OPEN)))
     reception, stale = forgotten(bus, reception, 30 * MS)
     assert stale == 1
-    reception, counts = take(
-        bus, reception, command_frame(rig, 7, **both(50.0, OPEN)), counts=counts, now=40 * MS
-    )
+    reception, counts = take(bus, reception, command_frame(rig, 7, **both(50.0, OPEN)), counts=counts, now=40 * MS)
     assert counts == NO_COUNTS._replace(accepted=2)
     assert value(reception, "left_duty") == pytest.approx(50.0)
     _, counts = take(bus, reception, command_frame(rig, 7), counts=counts, now=50 * MS)
@@ -286,22 +248,14 @@ def test_after_a_time_out_any_counter_is_welcome(rig: Rig, bus: BusConfig, fresh
 
 def test_values_go_stale_at_the_time_out_and_not_before(rig: Rig, bus: BusConfig, fresh: Reception):
     start = 17 * MS
-    reception, _ = take(
-        bus, fresh, command_frame(rig, 1, **both(40.0, OPEN)), panel_frame(rig), now=start
-    )
+    reception, _ = take(bus, fresh, command_frame(rig, 1, **both(40.0, OPEN)), panel_frame(rig), now=start)
     young, stale = forgotten(bus, reception, start + 30 * MS - 1)
     assert stale == 0
     assert same(young, reception)
     old, stale = forgotten(bus, reception, start + 30 * MS)
     assert stale == 1
     for name in BUS_INPUTS:
-        if name in (
-            "left_duty",
-            "right_duty",
-            "left_direction",
-            "right_direction",
-            "latch_release",
-        ):
+        if name in ("left_duty", "right_duty", "left_direction", "right_direction", "latch_release"):
             assert np.isnan(value(old, name)), name
         else:
             np.testing.assert_equal(value(old, name), value(reception, name), name)
@@ -403,9 +357,7 @@ def test_a_foreign_rigs_counter_width_and_time_out_hold(tmp_path: Path):
     reception = nothing_received(bus, len(BUS_INPUTS))
     counts = NO_COUNTS
     for now, counter in ((0, 3), (20, 0), (40, 3)):
-        payload = rig.messages["Antrieb"].encode(
-            {"Tastgrad": 0.5, "Richtung": 9, "Zaehler": counter}
-        )
+        payload = rig.messages["Antrieb"].encode({"Tastgrad": 0.5, "Richtung": 9, "Zaehler": counter})
         reception, counts = take(bus, reception, (THEIRS, payload), counts=counts, now=now * MS)
     assert counts == NO_COUNTS._replace(accepted=3, lost=2)
     assert forgotten(bus, reception, 80 * MS - 1)[1] == 0

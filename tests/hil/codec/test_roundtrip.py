@@ -83,14 +83,7 @@ def signals(draw: st.DrawFn, size: int) -> list[Signal]:
             is_float=kind in ("float", "double"),
         )
         result.append(
-            Signal(
-                f"S{len(result)}",
-                start,
-                length,
-                order,
-                is_signed=kind == "signed",
-                conversion=conversion,
-            )
+            Signal(f"S{len(result)}", start, length, order, is_signed=kind == "signed", conversion=conversion)
         )
         position += length
     assume(result)
@@ -134,8 +127,7 @@ def test_what_is_received_is_what_cantools_decodes(codec: Codec, message: Messag
     raw = message.decode(payload, decode_choices=False, scaling=False)
     expected = message.decode(payload, decode_choices=False)
     sound = all(
-        math.isfinite(raw[signal.name]) and abs(expected[signal.name]) <= 1e300
-        for signal in message.signals
+        math.isfinite(raw[signal.name]) and abs(expected[signal.name]) <= 1e300 for signal in message.signals
     )
     values, counts = take(codec, layout_for(message), identifier_of(message), payload)
     if not sound:
@@ -144,9 +136,7 @@ def test_what_is_received_is_what_cantools_decodes(codec: Codec, message: Messag
         return
     assert counts == NO_COUNTS._replace(accepted=1)
     for value, signal in zip(values, message.signals, strict=True):
-        assert value == pytest.approx(
-            expected[signal.name], rel=0.0, abs=slack(signal, raw[signal.name])
-        )
+        assert value == pytest.approx(expected[signal.name], rel=0.0, abs=slack(signal, raw[signal.name]))
 
 
 @CALM
@@ -181,9 +171,7 @@ def test_what_is_sent_is_what_cantools_encodes(codec: Codec, message: Message, d
 
 @CALM
 @given(messages(), st.data())
-def test_a_value_comes_back_within_half_a_quantum(
-    codec: Codec, message: Message, data: st.DataObject
-):
+def test_a_value_comes_back_within_half_a_quantum(codec: Codec, message: Message, data: st.DataObject):
     bus = layout_for(message, sending=True)
     values = []
     for signal in message.signals:
@@ -288,9 +276,7 @@ def test_a_message_of_which_nothing_is_there_is_not_sent(codec: Codec):
 
 
 @pytest.mark.parametrize(("low", "high"), [(-10, 20), (0, 0), (5, 5)])
-def test_the_databases_range_holds_both_ways_and_an_empty_one_is_none(
-    codec: Codec, low: float, high: float
-):
+def test_the_databases_range_holds_both_ways_and_an_empty_one_is_none(codec: Codec, low: float, high: float):
     signal = Signal(
         "S0", 0, 16, "little_endian", is_signed=True, minimum=low, maximum=high,
         conversion=BaseConversion.factory(scale=0.1, offset=0),
@@ -332,9 +318,7 @@ def test_floats_that_are_no_numbers_are_refused(codec: Codec, length: int, bad: 
 
 
 def test_scale_and_offset_bring_their_unit_to_ours_and_back(codec: Codec):
-    signal = Signal(
-        "S0", 7, 16, "big_endian", conversion=BaseConversion.factory(scale=0.5, offset=-100)
-    )
+    signal = Signal("S0", 7, 16, "big_endian", conversion=BaseConversion.factory(scale=0.5, offset=-100))
     message = Message(1, "M", 8, [signal])
     wire = SignalMapping("q", "M", "S0", scale=-0.2, offset=3.0)
     bus = bus_config_of({"M": message}, [wire], sending=True)
@@ -411,9 +395,7 @@ def test_multiplexed_signals_are_read_only_under_their_own_values(codec: Codec, 
 @pytest.mark.parametrize(("name", "value"), [("B", -77.0), ("C", 4000.0)])
 def test_a_multiplexed_signal_is_sent_with_its_multiplexer(codec: Codec, name: str, value: float):
     message = multiplexed()
-    bus = bus_config_of(
-        {"M": message}, [SignalMapping("B", "M", "B"), SignalMapping("C", "M", "C")], sending=True
-    )
+    bus = bus_config_of({"M": message}, [SignalMapping("B", "M", "B"), SignalMapping("C", "M", "C")], sending=True)
     payload = put(codec, bus, [value if each == name else 0.0 for each in ("B", "C")])
     decoded = message.decode(payload)
     assert decoded["Mux"] == 3
@@ -518,16 +500,10 @@ def test_a_message_of_64_bytes_with_a_29_bit_identifier_keeps_counter_and_checks
         is_extended_frame=True, is_fd=True,
     )  # fmt: skip
     options = {"M": MessageOptions(counter="Alive", checksum="Sum")}
-    bus = bus_config_of(
-        {"M": message}, [SignalMapping("Value", "M", "Value")], options, {"Value": FREE}
-    )
+    bus = bus_config_of({"M": message}, [SignalMapping("Value", "M", "Value")], options, {"Value": FREE})
     frames = empty_frames(1)
     encode(bus, 0, np.array([513.0]), 35, frames, 0)
     payload = frames.data[0].tobytes()
     assert frames.identifiers[0] == 0x1ABCDEF0 | EXTENDED | FD
     assert frames.lengths[0] == 64
-    assert message.decode(payload) == {
-        "Value": 513,
-        "Alive": 3,
-        "Sum": j1850(0x1ABCDEF0, payload, 3),
-    }
+    assert message.decode(payload) == {"Value": 513, "Alive": 3, "Sum": j1850(0x1ABCDEF0, payload, 3)}

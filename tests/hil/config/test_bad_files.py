@@ -60,9 +60,7 @@ def dangling(path: Path) -> None:
         (dangling, "a link to no file"),
     ],
 )
-def test_what_is_no_file_is_told_as_what_it_is(
-    tmp_path: Path, make: Callable[[Path], None], said: str
-):
+def test_what_is_no_file_is_told_as_what_it_is(tmp_path: Path, make: Callable[[Path], None], said: str):
     path = tmp_path / "x.toml"
     make(path)
     for load in LOADERS:
@@ -86,9 +84,7 @@ def test_a_name_of_no_file_is_told_as_such(tmp_path: Path, name: str):
     assert "no such file" in issue or "neither a file nor a shipped name" in issue
 
 
-def test_a_folder_that_may_not_be_read_is_no_missing_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_folder_that_may_not_be_read_is_no_missing_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def denied(*_: object, **__: object) -> os.stat_result:
         raise PermissionError(13, "Permission denied")
 
@@ -137,9 +133,7 @@ def test_very_many_unknown_keys_are_counted(tmp_path: Path, load: Callable[[Path
     ],
     ids=["50,000 parts", "quoted", "3,000 tables", "a table too many", "lists", "7 MB", "one key"],
 )
-def test_what_is_too_deep_or_too_large_is_told_at_once(
-    tmp_path: Path, load: Callable[[Path], Any], content: str
-):
+def test_what_is_too_deep_or_too_large_is_told_at_once(tmp_path: Path, load: Callable[[Path], Any], content: str):
     path = tmp_path / "x.toml"
     path.write_text(content)
     for issue in soon(lambda: load(path)):

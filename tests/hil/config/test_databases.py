@@ -99,9 +99,7 @@ ARXML = """<?xml version="1.0" encoding="UTF-8"?>
 
 def arxml(messages: list[tuple[str, int, str, str, float]]) -> str:
     """Messages of one signal each: message, identifier, signal, unit, factor."""
-    parts: dict[str, list[str]] = {
-        each: [] for each in ("methods", "signals", "pdus", "frames", "triggerings")
-    }
+    parts: dict[str, list[str]] = {each: [] for each in ("methods", "signals", "pdus", "frames", "triggerings")}
     for message, identifier, signal, unit, factor in messages:
         parts["methods"].append(
             f"<COMPU-METHOD><SHORT-NAME>C_{signal}</SHORT-NAME><CATEGORY>LINEAR</CATEGORY>"
@@ -229,9 +227,7 @@ def test_a_database_without_messages_is_told(tmp_path: Path):
         ("(0.1,0) [-1e400|1e400]", ""),  # no limit
     ],
 )
-def test_numbers_beyond_what_a_float_holds_are_told(
-    tmp_path: Path, numbers: str, what: str
-) -> None:
+def test_numbers_beyond_what_a_float_holds_are_told(tmp_path: Path, numbers: str, what: str) -> None:
     source = (data_root() / "dbc/liftgate.dbc").read_text(encoding="utf-8")
     before = "PinchForce : 0|16@1+ (0.1,0) [0|6553.5]"
     assert source.count(before) == 1
@@ -265,14 +261,8 @@ def test_a_signal_far_behind_its_message_is_told_at_once(tmp_path: Path, kind: s
     text = {"dbc": OURS.as_dbc_string, "kcd": OURS.as_kcd_string, "sym": OURS.as_sym_string}[kind]()
     known = {
         "dbc": {"place": ("10|10@1+", f"{FAR}|10@1+"), "length": ("10|10@1+", f"10|{FAR}@1+")},
-        "kcd": {
-            "place": ('offset="10"', f'offset="{FAR}"'),
-            "length": ('length="10"', f'length="{FAR}"'),
-        },
-        "sym": {
-            "place": ('"LeftStrip" 2', f'"LeftStrip" {FAR}'),
-            "length": ("unsigned 10", f"unsigned {FAR}"),
-        },
+        "kcd": {"place": ('offset="10"', f'offset="{FAR}"'), "length": ('length="10"', f'length="{FAR}"')},
+        "sym": {"place": ('"LeftStrip" 2', f'"LeftStrip" {FAR}'), "length": ("unsigned 10", f"unsigned {FAR}")},
     }
     old, new = known[kind][what]
     assert old in text

@@ -87,9 +87,7 @@ def rig_of(folder: Path, counter: str = '"Alive"', more: str = "", **keys: str |
          "one use per signal"),
     ],
 )  # fmt: skip
-def test_a_wrong_checksum_is_told_in_one_line(
-    tmp_path: Path, keys: dict[str, str | None], message: str
-):
+def test_a_wrong_checksum_is_told_in_one_line(tmp_path: Path, keys: dict[str, str | None], message: str):
     _, issues = read_rig(rig_of(tmp_path, **keys))  # type: ignore[arg-type]
     own = [line.partition("their.toml: messages.Cmd")[2][1:].lstrip() for line in issues.lines]
     assert len(own) == 1, own

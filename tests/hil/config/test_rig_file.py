@@ -120,9 +120,7 @@ def test_a_cycle_that_is_a_text_is_a_number_or_a_fault(tmp_path: Path):
 
 
 def test_the_rig_replaces_cycle_and_time_out(tmp_path: Path):
-    text = (
-        RIG + "[messages.Cmd]\ncycle_ms = 2.5\ntimeout_cycles = 4\n[messages.Out]\ncycle_ms = 7\n"
-    )
+    text = RIG + "[messages.Cmd]\ncycle_ms = 2.5\ntimeout_cycles = 4\n[messages.Out]\ncycle_ms = 7\n"
     rig = rig_of(tmp_path, DATABASE, text)
     assert rig.command_cycle_ms() == 2.5
     assert rig.input_config().messages.timeout_ns.tolist() == [10_000_000]
@@ -134,9 +132,7 @@ def test_an_extended_commands_identifier_carries_its_flag(tmp_path: Path):
         'dbc = "their.dbc"\n[inputs]\nleft_duty = { signal = "Out.Current", unit = "%" }\n'
         '[outputs]\nleft_current = { signal = "Cmd.DutyL", unit = "A" }\n'
     )
-    assert rig_of(tmp_path, DATABASE, text).command_identifier() == (
-        2566844672 & 0x1FFFFFFF | EXTENDED
-    )
+    assert rig_of(tmp_path, DATABASE, text).command_identifier() == (2566844672 & 0x1FFFFFFF | EXTENDED)
 
 
 FAULTY = """
@@ -248,9 +244,7 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
         ),
     ],
 )
-def test_each_fault_names_its_key_and_what_is_allowed(
-    tmp_path: Path, text: str, key: str, said: str
-):
+def test_each_fault_names_its_key_and_what_is_allowed(tmp_path: Path, text: str, key: str, said: str):
     issues = faults_of(tmp_path, text)
     assert any(key in fault.split(": ")[1] and said in fault for fault in issues), issues
 
@@ -301,9 +295,7 @@ def test_a_message_longer_than_any_frame_is_a_fault(tmp_path: Path, name: str, l
     assert any(name in fault and "64" in fault for fault in issues)
 
 
-def test_a_message_longer_than_any_frame_that_nobody_wires_is_none_of_our_business(
-    tmp_path: Path,
-):
+def test_a_message_longer_than_any_frame_that_nobody_wires_is_none_of_our_business(tmp_path: Path):
     rig_of(tmp_path, DATABASE.replace(" Slow: 8 ", " Slow: 1785 "), RIG)
 
 
@@ -337,9 +329,7 @@ def test_two_outputs_on_the_same_bits_are_a_fault(tmp_path: Path):
 
 @pytest.mark.parametrize("option", ["counter", "checksum"])
 def test_an_output_on_the_counter_or_checksum_is_a_fault(tmp_path: Path, option: str):
-    database = DATABASE.replace(
-        '"deg" Gate', '"deg" Gate\n SG_ Eight : 40|8@1+ (1,0) [0|0] "" ECU', 1
-    )
+    database = DATABASE.replace('"deg" Gate', '"deg" Gate\n SG_ Eight : 40|8@1+ (1,0) [0|0] "" ECU', 1)
     text = (
         'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.DutyL"\n[outputs]\n'
         'left_hall_speed = "Panel.Eight"\n'
@@ -350,9 +340,7 @@ def test_an_output_on_the_counter_or_checksum_is_a_fault(tmp_path: Path, option:
 
 
 def direction(values: str) -> str:
-    return RIG.replace(
-        OUTPUTS, f'left_direction = {{ signal = "Cmd.Dir", values = {{ {values} }} }}\n' + OUTPUTS
-    )
+    return RIG.replace(OUTPUTS, f'left_direction = {{ signal = "Cmd.Dir", values = {{ {values} }} }}\n' + OUTPUTS)
 
 
 @pytest.mark.parametrize(
@@ -398,9 +386,7 @@ def test_an_enumeration_that_its_signal_cannot_tell_apart_or_hold_is_a_fault(
 
 
 def test_an_ecu_may_have_fewer_directions_than_the_reference_ecu_sends(tmp_path: Path):
-    text = direction("open = 1, close = 2") + (
-        'left_hall_count = { signal = "Out.Count", scale = 1 }\n'
-    )
+    text = direction("open = 1, close = 2") + ('left_hall_count = { signal = "Out.Count", scale = 1 }\n')
     rig = rig_of(tmp_path, DATABASE, text)
     (note,) = notes_on_fit(rig, vehicle_from("compact"), 1000.0)
     assert "inputs.left_direction.values: coast, brake missing" in note
@@ -430,9 +416,7 @@ def test_a_multiplexer_is_no_place_for_a_quantity_or_a_counter(tmp_path: Path):
     assert "Which is the multiplexer and the counter; allowed: one use per signal" in issue
 
 
-def test_the_reference_ecu_sends_the_pages_of_a_multiplexed_command_in_turn_and_all_at_the_end(
-    tmp_path: Path,
-):
+def test_the_reference_ecu_sends_the_pages_of_a_multiplexed_command_in_turn_and_all_at_the_end(tmp_path: Path):
     text = RIG.replace(
         INPUTS, INPUTS + 'left_direction = { signal = "Muxed.A", scale = 1 }\n'
         'right_direction = { signal = "Muxed.B", scale = 1 }\n'

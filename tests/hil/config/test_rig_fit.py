@@ -15,9 +15,7 @@ from liftgate_hil.running.setup import loop_config_of, rig_from, vehicle_from
 VEHICLES = ("suv", "heavy-suv", "compact")
 
 
-def rig_for(
-    folder: Path, place: str, unit: str, quantity: str, keys: str = "", cycle: float = 10
-) -> Rig:
+def rig_for(folder: Path, place: str, unit: str, quantity: str, keys: str = "", cycle: float = 10) -> Rig:
     """One output on a signal."""
     content = f"""VERSION ""
 BS_:
@@ -68,9 +66,7 @@ def test_a_signal_that_does_not_hold_what_every_motion_needs_is_refused(
     tmp_path: Path, place: str, unit: str, quantity: str
 ):
     rig = rig_for(tmp_path, place, unit, quantity)
-    with pytest.raises(
-        ConfigError, match=f"outputs.{quantity}: Out.X has the range .* any motion of"
-    ):
+    with pytest.raises(ConfigError, match=f"outputs.{quantity}: Out.X has the range .* any motion of"):
         loop_config_of(suv(), rig, 1000.0, 0)
     meant = rig_for(tmp_path, place, unit, quantity, ", saturates = true")
     loop_config_of(suv(), meant, 1000.0, 0)
@@ -81,10 +77,7 @@ def test_a_signal_that_a_stalled_motor_leaves_is_told(tmp_path: Path):
     rig = rig_for(tmp_path, "0|16@1- (0.001,0) [-10|10]", "A", "left_current")
     check_fit(rig, suv(), 1000.0)
     (note,) = notes_on_fit(rig, suv(), 1000.0)
-    assert (
-        "Out.X has the range -10 to 10 A and saturates; this vehicle reaches -16.95 to 16.95 A"
-        in note
-    )
+    assert "Out.X has the range -10 to 10 A and saturates; this vehicle reaches -16.95 to 16.95 A" in note
 
 
 def test_a_drive_that_the_vehicle_does_not_have_needs_nothing(tmp_path: Path):
@@ -95,9 +88,7 @@ def test_a_drive_that_the_vehicle_does_not_have_needs_nothing(tmp_path: Path):
 def test_a_cycle_shorter_than_a_tick_is_refused(tmp_path: Path):
     rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current", cycle=2.5)
     check_fit(rig, suv(), 400.0)
-    with pytest.raises(
-        ConfigError, match=r"messages\.Out\.cycle_ms: 2\.5; allowed: 5 or more, a tick"
-    ):
+    with pytest.raises(ConfigError, match=r"messages\.Out\.cycle_ms: 2\.5; allowed: 5 or more, a tick"):
         loop_config_of(suv(), rig, 200.0, 0)
 
 
@@ -124,9 +115,7 @@ def test_a_cycle_of_no_whole_number_of_ticks_is_told(tmp_path: Path):
         ("V", ', unit = "A"', ""),
     ],
 )
-def test_a_scale_that_the_databases_unit_contradicts_is_told(
-    tmp_path: Path, unit: str, keys: str, said: str
-):
+def test_a_scale_that_the_databases_unit_contradicts_is_told(tmp_path: Path, unit: str, keys: str, said: str):
     rig = rig_for(tmp_path, "0|32@1- (0.001,0) [0|0]", unit, "left_current", keys)
     notes = notes_on_fit(rig, suv(), 1000.0)
     assert len(notes) == bool(said)

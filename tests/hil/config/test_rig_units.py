@@ -91,9 +91,7 @@ def test_a_quantity_goes_out_in_the_databases_unit(
         ("gate_angle", "degC", "a unit of temperature"),
     ],
 )
-def test_another_unit_an_unknown_one_and_none_are_refused(
-    tmp_path: Path, quantity: str, unit: str, said: str
-):
+def test_another_unit_an_unknown_one_and_none_are_refused(tmp_path: Path, quantity: str, unit: str, said: str):
     (fault,) = faults(tmp_path, rig(f'{quantity} = "Out.X"'), database(unit))
     assert fault.startswith(f"outputs.{quantity}: ")
     assert said in fault
@@ -112,9 +110,7 @@ def test_another_unit_an_unknown_one_and_none_are_refused(
         ("", 'unit = "mA", offset = 500', 2000.0),
     ],
 )
-def test_the_rigs_unit_and_scale_count_before_the_databases(
-    tmp_path: Path, unit: str, keys: str, theirs: float
-):
+def test_the_rigs_unit_and_scale_count_before_the_databases(tmp_path: Path, unit: str, keys: str, theirs: float):
     text = rig(f'left_current = {{ signal = "Out.X", {keys} }}')
     assert sent(rig_of(tmp_path, database(unit), text), "left_current", 2.5) == theirs
 
@@ -147,12 +143,8 @@ def test_labels_that_are_ours_need_no_values(tmp_path: Path):
     assert wire.values == {"coast": "coast", "open": "Open", "close": "CLOSE", "brake": "brake"}
 
 
-@pytest.mark.parametrize(
-    ("signal", "said"), [("Dir", "the labels 0 'coast', 1 'up'"), ("Bare", "no value table")]
-)
-def test_an_enumeration_of_other_labels_or_none_asks_for_values(
-    tmp_path: Path, signal: str, said: str
-):
+@pytest.mark.parametrize(("signal", "said"), [("Dir", "the labels 0 'coast', 1 'up'"), ("Bare", "no value table")])
+def test_an_enumeration_of_other_labels_or_none_asks_for_values(tmp_path: Path, signal: str, said: str):
     content = database("A").replace('"open"', '"up"')
     (fault,) = faults(tmp_path, direction(f'"Cmd.{signal}"'), content)
     assert said in fault
@@ -164,14 +156,8 @@ def test_an_enumeration_of_other_labels_or_none_asks_for_values(
 def test_a_duty_that_has_no_sign_needs_a_direction(tmp_path: Path):
     unsigned = rig('left_current = "Out.X"', '[inputs]\nleft_duty = "Cmd.Pwm"\n')
     (fault,) = faults(tmp_path, unsigned, database("A"))
-    assert fault.startswith(
-        "inputs.left_direction: missing, and Cmd.Pwm is 0 to 100 %, so the motor"
-    )
-    rig_of(
-        tmp_path,
-        database("A"),
-        unsigned.replace("[outputs]", 'left_direction = "Cmd.Dir"\n[outputs]'),
-    )
+    assert fault.startswith("inputs.left_direction: missing, and Cmd.Pwm is 0 to 100 %, so the motor")
+    rig_of(tmp_path, database("A"), unsigned.replace("[outputs]", 'left_direction = "Cmd.Dir"\n[outputs]'))
     centred = database("A").replace("(0.01,0) [0|100]", "(0.01,-100) [-100|100]")
     rig_of(tmp_path, centred, unsigned)
 
@@ -192,9 +178,7 @@ def test_counter_and_checksum_in_one_signal_are_refused(tmp_path: Path):
 
 @pytest.mark.parametrize("option", ["counter", "checksum"])
 def test_a_protection_that_is_multiplexed_is_refused(tmp_path: Path, option: str):
-    content = (
-        database("A").replace("SG_ Bare :", "SG_ Bare M :").replace("SG_ Alive :", "SG_ Alive m1 :")
-    )
+    content = database("A").replace("SG_ Bare :", "SG_ Bare M :").replace("SG_ Alive :", "SG_ Alive m1 :")
     text = rig('left_current = "Out.X"') + f'[messages.Cmd]\n{option} = "Alive"\n'
     (fault,) = faults(tmp_path, text, content)
     assert "messages.Cmd: Alive is in some frames only; allowed: a signal" in fault

@@ -13,13 +13,7 @@ from liftgate_hil.running.setup import scenario_from, setup_of
 from liftgate_hil.signals import PROFILES
 from liftgate_hil.stimuli.moments import no_moments
 from liftgate_hil.stimuli.stimulus_plan import TimedStimuli
-from liftgate_hil.stimuli.timeline import (
-    Timeline,
-    obstacle_at,
-    profiles_over,
-    supply_rise_over,
-    timeline_of,
-)
+from liftgate_hil.stimuli.timeline import Timeline, obstacle_at, profiles_over, supply_rise_over, timeline_of
 
 
 def load(tmp_path: Path, text: str) -> Scenario:
@@ -177,9 +171,9 @@ points = [[1, 10], [2, -10]]
     def at(name: str, time: float) -> float:
         return float(getattr(profiles_over(timeline, time, 0.0), name))
 
-    assert [
-        at("supply_voltage_v", time) for time in (0.0, 0.999, 1.0, 1.5, 2.0, 3.0, 4.0, 1e6)
-    ] == (pytest.approx([math.nan, math.nan, 10.0, 11.0, 12.0, 10.0, 8.0, 8.0], nan_ok=True))
+    assert [at("supply_voltage_v", time) for time in (0.0, 0.999, 1.0, 1.5, 2.0, 3.0, 4.0, 1e6)] == (
+        pytest.approx([math.nan, math.nan, 10.0, 11.0, 12.0, 10.0, 8.0, 8.0], nan_ok=True)
+    )
     assert [at("road_slope_deg", time) for time in (0.5, 1.0, 1.999, 2.0, 50.0)] == (
         pytest.approx([math.nan, 10.0, 10.0, -10.0, -10.0], nan_ok=True)
     )
@@ -250,9 +244,7 @@ def test_what_a_scenario_sets_is_not_said_of_the_vehicle_file(tmp_path: Path, sa
     with pytest.raises(ConfigError) as caught:
         setup_of(scenario)
     (issue,) = caught.value.issues
-    assert issue.startswith(
-        f"{tmp_path / 'stimuli.toml'}: set.motor.resistance: -1 is out of range"
-    )
+    assert issue.startswith(f"{tmp_path / 'stimuli.toml'}: set.motor.resistance: -1 is out of range")
 
 
 def test_a_vehicle_beside_a_scenario_that_cannot_be_read_is_not_called_missing(tmp_path: Path):

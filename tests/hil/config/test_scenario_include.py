@@ -36,14 +36,8 @@ def test_tables_merge_arrays_append_expectations_replace(tmp_path: Path) -> None
     assert {each.key: each.value for each in found.settings} == {
         "gate.mass": 40, "environment.road_slope_deg": 5,
     }  # fmt: skip
-    assert [(each.when.time, each.action) for each in found.requests] == [
-        (0.5, "open"),
-        (1.0, "close"),
-    ]
-    assert [(each.name, each.kind) for each in found.expectations] == [
-        ("x", "never"),
-        ("y", "always"),
-    ]
+    assert [(each.when.time, each.action) for each in found.requests] == [(0.5, "open"), (1.0, "close")]
+    assert [(each.name, each.kind) for each in found.expectations] == [("x", "never"), ("y", "always")]
 
 
 def test_each_file_once_and_no_circles(tmp_path: Path) -> None:
@@ -54,9 +48,7 @@ def test_each_file_once_and_no_circles(tmp_path: Path) -> None:
     path.write_text('include = ["a.toml", "b.toml", "c.toml"]\n')
     assert len(load_scenario(path).requests) == 1
     (tmp_path / "c.toml").write_text('include = "s.toml"\n')
-    with pytest.raises(
-        ConfigError, match=r"c.toml: include\[0\]: 's.toml': includes this file itself"
-    ):
+    with pytest.raises(ConfigError, match=r"c.toml: include\[0\]: 's.toml': includes this file itself"):
         load_scenario(path)
 
 
@@ -107,9 +99,7 @@ def issues_of(path: Path, **parameters: float) -> list[str]:
     with pytest.raises(ConfigError) as caught:
         lh.run(path, parameters=parameters)
     return [
-        re.split(
-            r": (?=[^:]*(?:allowed:|out of range))|: Nobody", line.replace(f"{path.parent}/", "")
-        )[0]
+        re.split(r": (?=[^:]*(?:allowed:|out of range))|: Nobody", line.replace(f"{path.parent}/", ""))[0]
         for line in caught.value.issues
     ]
 
@@ -125,10 +115,7 @@ def test_a_value_is_told_of_where_it_was_set(tmp_path: Path) -> None:
         path.write_text(f'include = "bench.toml"\n[parameters]\na = {a}\n{lines}')
         return issues_of(path)
 
-    here = [
-        "bench.toml: expect[0].always",
-        "bench.toml: request[0].time",
-    ]
+    here = ["bench.toml: expect[0].always", "bench.toml: request[0].time"]
     assert sorted(told(a=0.0, b=400)) == [
         "s.toml: parameters.a, as bench.toml: obstacle[0].stiffness",
         "s.toml: parameters.b, as bench.toml: profile[0].points[1][1]",
@@ -155,15 +142,9 @@ def test_a_profile_from_a_csv_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (
-            "time_s,volts\n0,12\n",
-            "column supply_voltage_v 0 times in its first line; allowed: once",
-        ),
+        ("time_s,volts\n0,12\n", "column supply_voltage_v 0 times in its first line; allowed: once"),
         ("time_s,supply_voltage_v\n0,12\nx,3\n", "row 3: 'x,3'; allowed: a number in both columns"),
-        (
-            "time_s,supply_voltage_v\n0,12\n0,3\n",
-            "profile[0].csv[1][0]: 0; allowed: later than the point before",
-        ),
+        ("time_s,supply_voltage_v\n0,12\n0,3\n", "profile[0].csv[1][0]: 0; allowed: later than the point before"),
         ("time_s,supply_voltage_v\n0,1200\n", "profile[0].csv[0][1]: 1200.0 is out of range"),
         ("time_s,supply_voltage_v\n0,nan\n", "profile[0].csv[0][1]: nan is out of range"),
         ("", "column time_s 0 times"),

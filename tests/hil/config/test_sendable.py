@@ -27,9 +27,7 @@ DATABASE = (
     'VERSION ""\nNS_ :\nBS_:\nBU_: Car Gate\n' + "".join(MESSAGES.values())
     + 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;\nBA_DEF_DEF_ "GenMsgCycleTime" 100;\n'
 )  # fmt: skip
-TABLES = BusTables(
-    {each.name: each for each in cantools.database.load_string(DATABASE, "dbc").messages}, (), {}
-)
+TABLES = BusTables({each.name: each for each in cantools.database.load_string(DATABASE, "dbc").messages}, (), {})
 
 
 def test_a_message_with_more_pages_than_fit_and_one_for_another_bus_are_left_out() -> None:

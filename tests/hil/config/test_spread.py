@@ -96,16 +96,14 @@ def test_a_car_is_the_same_whatever_else_is_drawn(tmp_path: Path):
     alone = [each.gate.mass for each in cars(few, 20)]
     assert len(set(alone)) == 20
     more = vehicle_file(
-        tmp_path,
-        "[spread]\nmotor.resistance = { relative = 0.1 }\n'gate.mass' = { relative = 0.02 }\n",
+        tmp_path, "[spread]\nmotor.resistance = { relative = 0.1 }\n'gate.mass' = { relative = 0.02 }\n"
     )
     assert [each.gate.mass for each in cars(more, 20)] == alone
 
 
 def test_what_is_set_holds_and_the_rest_is_spread_about_it(tmp_path: Path):
     path = vehicle_file(
-        tmp_path,
-        "[spread]\nmotor.resistance = { relative = 0.1 }\ngate.mass = { relative = 0.1 }\n",
+        tmp_path, "[spread]\nmotor.resistance = { relative = 0.1 }\ngate.mass = { relative = 0.1 }\n"
     )
     car = load_vehicle(path, ["motor.resistance=0.9"], draw=5)
     assert car.left.motor.resistance == car.right.motor.resistance == 0.9
@@ -148,9 +146,7 @@ def test_a_draw_stays_in_the_range_of_its_key(tmp_path: Path):
         ("motor.inductance = { relative = 0.1, mean = 2 }", "mean: 2: unknown key"),
     ],
 )
-def test_what_is_wrong_with_it_is_told_whether_drawn_or_not(
-    tmp_path: Path, entry: str, wanted: str
-):
+def test_what_is_wrong_with_it_is_told_whether_drawn_or_not(tmp_path: Path, entry: str, wanted: str):
     path = vehicle_file(tmp_path, f"[spread]\n{entry}\n")
     for draw in (None, 1):
         with pytest.raises(errors.ConfigError, match=wanted) as caught:

@@ -101,9 +101,7 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
         ("resistance = 0.708", "resistance = 0", "motor.resistance"),
         ("resistance = 0.708", "resistance = true", "motor.resistance"),
         ("resistance = 0.708", "resistance = inf", "motor.resistance"),
-        pytest.param(
-            "resistance = 0.708", "resistance = 1" + "0" * 400, "motor.resistance", id="huge"
-        ),
+        pytest.param("resistance = 0.708", "resistance = 1" + "0" * 400, "motor.resistance", id="huge"),
         ("resistance = 0.708", "resistance = 2020-01-01", "motor.resistance"),
         ("resistance = 0.708", "Resistance = 0.708", "motor.Resistance"),
         ("ratio = 29", "ratio = [29]", "gear.ratio"),
@@ -139,9 +137,7 @@ def test_each_fault_names_its_key(tmp_path: Path, old: str, new: str, key: str):
         ("eccentricity = 0.1\n[left.spindle]\nlead = 0.0001\n[left.friction]", None),
     ],
 )
-def test_a_wrong_friction_over_the_travel_names_its_key(
-    tmp_path: Path, friction: str, key: str | None
-):
+def test_a_wrong_friction_over_the_travel_names_its_key(tmp_path: Path, friction: str, key: str | None):
     text = SUV.replace("[friction]\n", f"[friction]\n{friction}\n")
     if key is None:  # fine enough for a gate of this size
         path = tmp_path / "suv.toml"
@@ -172,16 +168,10 @@ def test_a_motor_that_makes_energy_is_refused(settings: list[str], keys: list[st
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        (
-            ["bridge.pwm_frequency=20000", "bridge.freewheeling=quick"],
-            "allowed: one of slow, diode, fast",
-        ),
+        (["bridge.pwm_frequency=20000", "bridge.freewheeling=quick"], "allowed: one of slow, diode, fast"),
         (["bridge.freewheeling=3"], "bridge.freewheeling: 3; allowed: one of slow"),
         (["bridge.freewheeling=fast"], "fast without pwm_frequency; allowed: together"),
-        (
-            ["bridge.pwm_frequency=50"],
-            "bridge.pwm_frequency: 50 is out of range; allowed: 0, or 1000 to 1e+06 Hz",
-        ),
+        (["bridge.pwm_frequency=50"], "bridge.pwm_frequency: 50 is out of range; allowed: 0, or 1000 to 1e+06 Hz"),
         (["bridge.pwm_frequency=-1"], "allowed: 0, or 1000 to 1e+06 Hz"),
         (["bridge.pwm_frequency=2e6"], "allowed: 0, or 1000 to 1e+06 Hz"),
         (["bridge.pwm_frequency=true"], "allowed: 0, or 1000 to 1e+06 Hz"),
@@ -192,10 +182,7 @@ def test_a_motor_that_makes_energy_is_refused(settings: list[str], keys: list[st
         (["sensors.shunt_low_side=0.5"], "sensors.shunt_low_side: 0.5; allowed: 0 or 1"),
         (["sensors.shunt_sampled_on=1"], "without shunt_low_side; allowed: together"),
         (["latch.distance=0.9"], "latch.half: missing; allowed: above 0, or no table [latch]"),
-        (
-            ["latch.half=0.004", "latch.full=0.004"],
-            "latch.full: 0.004; allowed: less than half = 0.004 m",
-        ),
+        (["latch.half=0.004", "latch.full=0.004"], "latch.full: 0.004; allowed: less than half = 0.004 m"),
         (["latch.half=0.03"], "latch.entry: 0.02; allowed: half = 0.03 m or more"),
         (["sensors.current_window=0.001", "sensors.current_filter=0.01"], "allowed: one of them"),
     ],
@@ -214,9 +201,7 @@ def test_constants_that_are_rounded_make_no_energy():
 def test_a_friction_that_changes_too_often_over_the_travel_is_refused(tmp_path: Path):
     far = re.sub(r"body_point = .*", "body_point = [-0.04, -9.0]", SUV)
     far = far.replace("gate_point = [0.085, -0.18]", "gate_point = [5.0, -0.18]")
-    text = far.replace(
-        "[friction]\n", "[friction]\nposition_deviation = 0.1\nposition_length = 1e-4\n"
-    )
+    text = far.replace("[friction]\n", "[friction]\nposition_deviation = 0.1\nposition_length = 1e-4\n")
     assert "friction" in keys_of(faults_of(tmp_path, text))
 
 
@@ -264,9 +249,7 @@ def test_a_shared_fault_is_told_once_under_its_own_key(tmp_path: Path):
         ("", "missing"),
     ],
 )
-def test_what_one_drive_overrides_the_other_one_still_gets(
-    tmp_path: Path, side: str, line: str, said: str
-):
+def test_what_one_drive_overrides_the_other_one_still_gets(tmp_path: Path, side: str, line: str, said: str):
     text = changed("resistance = 0.708", line) + f"\n[{side}.motor]\nresistance = 0.7\n"
     (issue,) = faults_of(tmp_path, text)
     assert f": motor.resistance: {said}" in issue or said in issue
@@ -386,10 +369,7 @@ def test_what_a_setting_did_is_not_said_of_the_file(tmp_path: Path, setting: str
 def test_a_fault_of_the_file_stays_the_files_beside_a_setting(tmp_path: Path):
     text = changed("inductance = 4.37e-5", "inductance = -1")
     issues = faults_of(tmp_path, text, "motor.resistance=-5")
-    assert [issue.split(": ")[0] for issue in issues] == [
-        "`set` motor.resistance",
-        str(tmp_path / "gate.toml"),
-    ]
+    assert [issue.split(": ")[0] for issue in issues] == ["`set` motor.resistance", str(tmp_path / "gate.toml")]
 
 
 def test_a_geometry_that_a_setting_spoilt_names_it(tmp_path: Path):
@@ -413,9 +393,7 @@ def test_strange_names_are_no_vehicles(name: str):
 def test_a_saved_value_reaches_the_drive_that_has_its_own(tmp_path: Path):
     source = tmp_path / "gate.toml"
     source.write_text(SUV + "\n[left.motor]\nresistance = 0.9   # a worn one\n", encoding="utf-8")
-    text = vehicle_text(
-        source, settings_of(["gate.mass=30"]), {"motor.resistance": 0.8}, {"model": "full"}
-    )
+    text = vehicle_text(source, settings_of(["gate.mass=30"]), {"motor.resistance": 0.8}, {"model": "full"})
     saved = tmp_path / "saved.toml"
     saved.write_text(text, encoding="utf-8")
     vehicle = load_vehicle(saved, [])
@@ -447,9 +425,7 @@ def test_a_vehicle_saved_twice_says_once_where_it_comes_from(tmp_path: Path):
 
 
 @pytest.mark.parametrize(("given", "value"), [(".5", 0.5), ("5.", 5.0), ("+.5e1", 5.0)])
-def test_a_setting_may_leave_out_the_zero_beside_its_point(
-    tmp_path: Path, given: str, value: float
-):
+def test_a_setting_may_leave_out_the_zero_beside_its_point(tmp_path: Path, given: str, value: float):
     assert load(tmp_path, SUV, f"motor.resistance={given}").left.motor.resistance == value
 
 

@@ -133,9 +133,7 @@ def test_frames_of_a_run_in_real_time_are_the_same_in_every_format(tmp_path: Pat
         assert compare_frames(open_recording(first), open_recording(second)).first is None
 
 
-def test_a_format_that_says_its_begin_in_milliseconds_may_have_another_origin(
-    tmp_path: Path,
-) -> None:
+def test_a_format_that_says_its_begin_in_milliseconds_may_have_another_origin(tmp_path: Path) -> None:
     epoch = 1_700_000_000_123_456_000
     first = log(tmp_path / "a.blf", FRAMES, STAMPS, epoch)
     by_less = log(tmp_path / "b.asc", FRAMES, [each + 456e-6 for each in STAMPS], epoch - 456_000)
@@ -143,9 +141,7 @@ def test_a_format_that_says_its_begin_in_milliseconds_may_have_another_origin(
     late = [*STAMPS[:20], *(each + 3e-6 for each in STAMPS[20:])]
     found = compare_frames(
         open_recording(first),
-        open_recording(
-            log(tmp_path / "c.asc", FRAMES, [e + 456e-6 for e in late], epoch - 456_000)
-        ),
+        open_recording(log(tmp_path / "c.asc", FRAMES, [e + 456e-6 for e in late], epoch - 456_000)),
     )
     assert (found.first, found.what) == (20, "time")
 
@@ -153,18 +149,13 @@ def test_a_format_that_says_its_begin_in_milliseconds_may_have_another_origin(
 # The command.
 
 
-def test_it_says_what_is_unlike_and_exits_with_1(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_says_what_is_unlike_and_exits_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first = table(tmp_path / "a.csv", ROWS)
     others = [list(row) for row in ROWS]
     others[40][1] -= 0.25
     second = table(tmp_path / "b.csv", [tuple(row) for row in others])
     assert main(["compare", str(first), str(first)]) == 0
-    assert capsys.readouterr().out.splitlines() == [
-        "2 of 2 columns are the same in all 100 rows",
-        "equal",
-    ]
+    assert capsys.readouterr().out.splitlines() == ["2 of 2 columns are the same in all 100 rows", "equal"]
     assert main(["compare", str(first), str(second)]) == 1
     head, line, *rest = capsys.readouterr().out.splitlines()
     assert head.split() == ["column", "largest", "difference", "at", "rms", "tolerance"]
@@ -190,11 +181,7 @@ def test_bus_logs_are_compared_by_their_frames_or_what_they_say(
     assert capsys.readouterr().out.splitlines() == [told, "different"]
     line = ["compare", str(first), str(second), "--rig", "liftgate", "--columns", "Gate.Angle"]
     assert main(line) == 1
-    assert capsys.readouterr().out.splitlines()[1].split()[:3] == [
-        "Gate.Angle",
-        "-0.49",
-        "0.990000",
-    ]
+    assert capsys.readouterr().out.splitlines()[1].split()[:3] == ["Gate.Angle", "-0.49", "0.990000"]
     assert main([*line, "--to", "0.98"]) == 0
 
 
@@ -219,9 +206,7 @@ def test_wrong_arguments_are_told(
     assert "Traceback" not in err
 
 
-def test_a_log_and_a_table_have_nothing_to_compare(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_and_a_table_have_nothing_to_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first = str(table(tmp_path / "a.csv", ROWS))
     second = str(log(tmp_path / "b.log", FRAMES, STAMPS))
     assert main(["compare", first, second]) == 2

@@ -82,9 +82,7 @@ def frames_in(path: Path) -> Any:
 
 
 def same_bits(one: np.ndarray, other: np.ndarray) -> bool:
-    return np.array_equal(one, other, equal_nan=True) and np.array_equal(
-        np.signbit(one), np.signbit(other)
-    )
+    return np.array_equal(one, other, equal_nan=True) and np.array_equal(np.signbit(one), np.signbit(other))
 
 
 # Round trips.
@@ -115,9 +113,7 @@ def kinds_of(*suffixes: str) -> int:
 
 
 @pytest.mark.parametrize(("first", "second"), list(itertools.permutations(LOGS, 2)))
-def test_a_bus_log_goes_into_every_other_format_and_back(
-    tmp_path: Path, first: str, second: str
-) -> None:
+def test_a_bus_log_goes_into_every_other_format_and_back(tmp_path: Path, first: str, second: str) -> None:
     frames = some_frames(kinds_of(first, second), 2_000)
     path = recorded(tmp_path / f"run{first}", frames=frames)
     for step, suffix in enumerate((second, first)):
@@ -254,11 +250,7 @@ def test_a_file_that_is_none_is_told_in_a_line(
     assert messages_of(str(path), out, capsys=capsys) == [f"{path}: no such file"]
     path.write_bytes(b"")
     assert messages_of(str(path), out, capsys=capsys) == [f"{path}: empty; allowed: a recording"]
-    for content in (
-        b"\0\1\2\3" * 50,
-        b"what is this?\nno recording\n",
-        b"PK\3\4" + bytes(range(256)),
-    ):
+    for content in (b"\0\1\2\3" * 50, b"what is this?\nno recording\n", b"PK\3\4" + bytes(range(256))):
         path.write_bytes(content)
         (said,) = messages_of(str(path), out, capsys=capsys)
         assert said.startswith(f"{path}: ")
@@ -271,9 +263,7 @@ def test_a_binary_file_that_is_cut_off_is_told_in_a_line(
 ) -> None:
     form = FORMATS[suffix]
     rows = some_rows(500) if form.has_rows else None
-    path = recorded(
-        tmp_path / f"run{suffix}", rows, some_frames(0, 5000) if form.has_frames else None
-    )
+    path = recorded(tmp_path / f"run{suffix}", rows, some_frames(0, 5000) if form.has_frames else None)
     whole = path.read_bytes()
     for length in (10, len(whole) // 3, len(whole) - 5):
         path.write_bytes(whole[:length])
@@ -283,15 +273,11 @@ def test_a_binary_file_that_is_cut_off_is_told_in_a_line(
 
 
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_whatever_a_file_holds_it_is_converted_or_told_in_a_line(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_whatever_a_file_holds_it_is_converted_or_told_in_a_line(tmp_path: Path, suffix: str) -> None:
     random = np.random.default_rng(5)
     form = FORMATS[suffix]
     rows = some_rows(40) if form.has_rows else None
-    path = recorded(
-        tmp_path / f"run{suffix}", rows, some_frames(0, 40) if form.has_frames else None
-    )
+    path = recorded(tmp_path / f"run{suffix}", rows, some_frames(0, 40) if form.has_frames else None)
     whole = path.read_bytes()
     issues: list[str] = []
     for _ in range(40):
@@ -389,7 +375,5 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert done.stderr == (
-        f"liftgate-hil: {tmp_path / 'out.parquet'}: recording ended: File too large\n"
-    )
+    assert done.stderr == (f"liftgate-hil: {tmp_path / 'out.parquet'}: recording ended: File too large\n")
     assert list(tmp_path.iterdir()) == [path]

@@ -67,9 +67,7 @@ def test_any_signal_is_what_cantools_makes_of_it(layout: str, payloads: list[byt
 
 @pytest.mark.parametrize(("bits", "kind"), [(32, "<f4"), (64, "<f8")])
 def test_a_float_is_decoded(bits: int, kind: str) -> None:
-    database = database_of(
-        f'SG_ S : 8|{bits}@1- (2,1) [0|0] "" A', f"SIG_VALTYPE_ 100 S : {bits // 32};"
-    )
+    database = database_of(f'SG_ S : 8|{bits}@1- (2,1) [0|0] "" A', f"SIG_VALTYPE_ 100 S : {bits // 32};")
     payload = b"\0" + np.array([-0.15625], dtype=kind).tobytes()
     database.messages[0].signals[0].conversion.is_float = True
     frames = frames_at([0], [(100 | FD, payload.ljust(64, b"\0"))])

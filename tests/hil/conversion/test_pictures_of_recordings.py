@@ -16,9 +16,7 @@ from liftgate_hil.conversion import picture
 from liftgate_hil.conversion.table import Window, chosen, columns_in, open_table
 from liftgate_hil.errors import ConfigError
 
-HEAD = (
-    "time_s,left_current_a,right_current_a,sensed_left_current_a,gate_angle_deg,left_hall_count\n"
-)
+HEAD = "time_s,left_current_a,right_current_a,sensed_left_current_a,gate_angle_deg,left_hall_count\n"
 RUN = [(t, a, -a, a + 0.1, b, float(k)) for k, (t, a, b) in enumerate(ROWS)]
 
 
@@ -43,11 +41,7 @@ def test_columns_that_go_together_are_in_one_panel(tmp_path: Path) -> None:
     assert lines_of(current)[1].tolist() == [row[2] for row in RUN[20:51]]
     assert angle.get_ylabel() == "gate angle [deg]"
     assert current.get_ylabel() == "current [A]"
-    assert [each.get_text() for each in current.get_legend().get_texts()] == [
-        "left",
-        "right",
-        "sensed left",
-    ]
+    assert [each.get_text() for each in current.get_legend().get_texts()] == ["left", "right", "sensed left"]
     assert count.get_xlabel() == "time [s]"
 
 
@@ -68,10 +62,7 @@ def test_more_panels_than_can_be_seen_are_refused(tmp_path: Path) -> None:
 def test_two_recordings_stand_over_each_other_with_their_difference(tmp_path: Path) -> None:
     first = open_table(table(tmp_path / "a.csv", ROWS))
     second = open_table(
-        table(
-            tmp_path / "b.csv",
-            [(t, a + 0.5 * (k == 60), b) for k, (t, a, b) in enumerate(ROWS)][5:],
-        )
+        table(tmp_path / "b.csv", [(t, a + 0.5 * (k == 60), b) for k, (t, a, b) in enumerate(ROWS)][5:])
     )
     names = ["left_current_a", "gate_angle_deg"]
     both = columns_in(first, names, Window()), columns_in(second, names, Window())
@@ -88,9 +79,7 @@ def test_two_recordings_stand_over_each_other_with_their_difference(tmp_path: Pa
 
 def test_a_wrong_column_is_answered_with_those_like_it(tmp_path: Path) -> None:
     run = open_table(table(tmp_path / "a.csv", RUN, HEAD))
-    with pytest.raises(
-        ConfigError, match=r"`columns` left_curent: not in .*; allowed: left_current_a"
-    ):
+    with pytest.raises(ConfigError, match=r"`columns` left_curent: not in .*; allowed: left_current_a"):
         chosen(run, ["gate_angle_deg", "left_curent"])
 
 

@@ -23,18 +23,12 @@ class Client:
         self.host, self.token = parts.netloc, parse_qs(parts.query)["token"][0]
 
     def ask(
-        self,
-        path: str,
-        body: bytes | None = None,
-        headers: dict[str, str] | None = None,
-        token: str | None = None,
+        self, path: str, body: bytes | None = None, headers: dict[str, str] | None = None, token: str | None = None
     ) -> tuple[int, Any]:
         """The status, and what it said."""
         token = self.token if token is None else token
         mark = "&" if "?" in path else "?"
-        address = (
-            f"http://{self.host}{path}{mark}token={token}" if token else f"http://{self.host}{path}"
-        )
+        address = f"http://{self.host}{path}{mark}token={token}" if token else f"http://{self.host}{path}"
         request = urllib.request.Request(address, body, headers or {})
         try:
             with urllib.request.urlopen(request, timeout=30) as answer:

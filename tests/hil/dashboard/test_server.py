@@ -19,16 +19,7 @@ from websockets.sync.client import connect
 import liftgate_hil as lh
 from liftgate_hil.dashboard.guard import Guard, hosts_of
 
-BENCH = (
-    "--bus",
-    "virtual:page",
-    "--ecu",
-    "reference",
-    "--overrun-limit",
-    "3600",
-    "--scenario",
-    "s.toml",
-)
+BENCH = ("--bus", "virtual:page", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
 
 
 @pytest.fixture(scope="module")
@@ -185,18 +176,13 @@ def test_without_the_token_nothing_is_told(client: Client) -> None:
         {"Origin": "https://127.0.0.1"},
     ],
 )
-def test_pages_of_others_are_refused_even_with_the_token(
-    client: Client, headers: dict[str, str]
-) -> None:
+def test_pages_of_others_are_refused_even_with_the_token(client: Client, headers: dict[str, str]) -> None:
     assert client.ask("/api/state", headers=headers)[0] == 403
     assert client.ask("/api/command", b'{"clear": "all"}', headers=headers)[0] == 403
 
 
 def test_pages_of_others_get_no_stream(client: Client) -> None:
-    with (
-        pytest.raises(InvalidStatus) as refused,
-        streamed(client, origin="http://evil.example"),
-    ):
+    with pytest.raises(InvalidStatus) as refused, streamed(client, origin="http://evil.example"):
         pass
     assert refused.value.response.status_code == 403
     with streamed(client, origin=f"http://{client.host}") as wire:
@@ -235,10 +221,7 @@ def test_read_only_commands_nothing(folder: Path, run: subprocess.Popen[str]) ->
     with process(*command, folder=folder) as child:
         client = Client(address_in(child))
         status, said = client.command(clear="all")
-        assert (status, said["issues"]) == (
-            403,
-            ["this page is read-only; allowed without --read-only"],
-        )
+        assert (status, said["issues"]) == (403, ["this page is read-only; allowed without --read-only"])
         assert client.ask("/api/about")[1]["read_only"] is True
 
 
@@ -286,10 +269,7 @@ def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
         (("--recording", "s.csv", "--listen", "nonsense"), "--listen nonsense: allowed: HOST:PORT"),
         (("--recording", "s.csv", "--listen", "127.0.0.1:99999"), "port 0 to 65535"),
         (("--recording", "s.csv", "--listen", "192.0.2.1:0"), "--listen 192.0.2.1:0: "),
-        (
-            ("--recording", "s.csv", "--listen", "no.such.host.invalid:0"),
-            "--listen no.such.host.invalid:0: ",
-        ),
+        (("--recording", "s.csv", "--listen", "no.such.host.invalid:0"), "--listen no.such.host.invalid:0: "),
     ],
 )
 def test_wrong_usage_is_told_in_one_line_with_exit_code_2(
@@ -325,9 +305,7 @@ def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
         (("--read-only",), "--read-only: allowed together with --dashboard"),
     ],
 )  # fmt: skip
-def test_a_run_whose_page_cannot_be_does_not_begin(
-    tmp_path: Path, arguments: tuple[str, ...], words: str
-) -> None:
+def test_a_run_whose_page_cannot_be_does_not_begin(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         given = [each.replace("{port}", port) for each in arguments]
@@ -365,15 +343,7 @@ def test_a_host_is_the_address_that_one_came_to_or_a_name_of_this_machine(
 
 
 def test_a_run_serves_its_own_page_and_ends_it(tmp_path: Path) -> None:
-    arguments = (
-        "--bus",
-        "virtual:own",
-        "--overrun-limit",
-        "3600",
-        "--dashboard",
-        "--listen",
-        "127.0.0.1:0",
-    )
+    arguments = ("--bus", "virtual:own", "--overrun-limit", "3600", "--dashboard", "--listen", "127.0.0.1:0")
     with process(*arguments, "--json", folder=tmp_path) as bench:
         client = Client(address_in(bench, is_error=True))
         until(client, lambda state: state["state"] == "running")
@@ -383,9 +353,9 @@ def test_a_run_serves_its_own_page_and_ends_it(tmp_path: Path) -> None:
     assert bench.returncode == 0
     summary = json.loads(out)
     assert summary["commands"] == 1
-    assert summary["commanded"][0].endswith("operator: set road_slope_deg 3") or summary[
-        "commanded"
-    ][0].endswith("set road_slope_deg 3")
+    assert summary["commanded"][0].endswith("operator: set road_slope_deg 3") or summary["commanded"][0].endswith(
+        "set road_slope_deg 3"
+    )
     with pytest.raises(OSError, match="refused"):
         socket.create_connection(client.host.split(":"))
 

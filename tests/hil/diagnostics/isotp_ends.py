@@ -10,15 +10,7 @@ import numpy as np
 from hil_support import frames_of, rows_of
 
 from liftgate_hil.codec.frames import empty_frames
-from liftgate_hil.diagnostics.isotp import (
-    MOST_SPOKEN,
-    hear,
-    is_sending,
-    message_in,
-    new_link,
-    put_message,
-    speak,
-)
+from liftgate_hil.diagnostics.isotp import MOST_SPOKEN, hear, is_sending, message_in, new_link, put_message, speak
 
 REQUEST, RESPONSE = 0x7A0, 0x7A8
 TICK_NS = 1_000_000

@@ -58,12 +58,8 @@ def test_messages_of_any_length_go_both_ways_at_a_time(clock: Clock, case: int) 
     padding = [None, 0x00, 0xCC][case % 3]
     filled = -1 if padding is None else padding
     ours = Ours(padding=filled, block_size=int(rng.integers(0, 20)), st_min=int(rng.choice(GAPS)))
-    theirs = Theirs(
-        tx_padding=padding, blocksize=int(rng.integers(0, 20)), stmin=int(rng.choice(GAPS))
-    )
-    lengths = [
-        LENGTHS[(case + k) % len(LENGTHS)] if k else int(rng.integers(1, 700)) for k in (0, 1)
-    ]
+    theirs = Theirs(tx_padding=padding, blocksize=int(rng.integers(0, 20)), stmin=int(rng.choice(GAPS)))
+    lengths = [LENGTHS[(case + k) % len(LENGTHS)] if k else int(rng.integers(1, 700)) for k in (0, 1)]
     there, back = (random_bytes(rng, length) for length in lengths)
     ours.send(there)
     theirs.send(back)
@@ -119,9 +115,7 @@ def test_after_a_lost_frame_neither_end_waits_for_ever(clock: Clock, lost: int) 
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_disordered_frames_give_the_messages_that_they_give_to_others(
-    clock: Clock, seed: int
-) -> None:
+def test_disordered_frames_give_the_messages_that_they_give_to_others(clock: Clock, seed: int) -> None:
     """Frames of several messages, some of them lost, doubled or in another order, to either receiver."""
     rng = np.random.default_rng(seed)
     frames = []
@@ -281,10 +275,7 @@ def test_it_talks_to_them_on_a_bus() -> None:
     rng = np.random.default_rng(4)
     there, back = random_bytes(rng, 300), random_bytes(rng, 500)
     ours, channel = Ours(block_size=4, st_min=1), "isotp"
-    with (
-        can.Bus(channel, interface="virtual") as here,
-        can.Bus(channel, interface="virtual") as other,
-    ):
+    with can.Bus(channel, interface="virtual") as here, can.Bus(channel, interface="virtual") as other:
         address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=RESPONSE, rxid=REQUEST)
         theirs = isotp.CanStack(other, address=address, params={"blocksize": 8, "stmin": 1})
         theirs.start()
@@ -296,9 +287,7 @@ def test_it_talks_to_them_on_a_bus() -> None:
                 while (message := here.recv(0.0)) is not None:
                     ours.take(bytes(message.data), time.monotonic_ns())
                 for payload in ours.poll(time.monotonic_ns()):
-                    here.send(
-                        can.Message(arbitration_id=REQUEST, data=payload, is_extended_id=False)
-                    )
+                    here.send(can.Message(arbitration_id=REQUEST, data=payload, is_extended_id=False))
                 got = theirs.recv() if got is None else got
                 time.sleep(0.0005)
         finally:

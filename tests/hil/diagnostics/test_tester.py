@@ -27,9 +27,7 @@ MS = 1_000_000
 CLEAR, READ, RESET = (bytes.fromhex(each) for each in ("14ffffff", "190209", "1101"))
 
 
-def asked(
-    tester: bench.Tester, milliseconds: range, answers: dict[int, str]
-) -> list[tuple[int, str]]:
+def asked(tester: bench.Tester, milliseconds: range, answers: dict[int, str]) -> list[tuple[int, str]]:
     """What it asks and when [ms], in ticks of 1 ms; `answers` are single frames' data by the tick they come in."""
     found = []
     for now in milliseconds:
@@ -50,10 +48,7 @@ def test_a_reset_waits_for_the_answer_to_what_was_asked_before() -> None:
     assert asked(tester, range(3, 20), {9: "59027f"}) == [(9, "1101")]
     assert is_asking_once(tester)
     # The readings go on in their cycle, which begins with the first one.
-    assert asked(tester, range(20, 300), {21: "5101", 110: "59027f"}) == [
-        (102, "190209"),
-        (202, "190209"),
-    ]
+    assert asked(tester, range(20, 300), {21: "5101", 110: "59027f"}) == [(102, "190209"), (202, "190209")]
     assert not is_asking_once(tester)
     assert failure_of(tester) == NO_FAILURE
 
@@ -94,12 +89,8 @@ def test_what_is_asked_once_is_asked_again_where_that_is_wanted() -> None:
     assert (is_asking_once(tester), failure_of(tester)) == (False, NO_FAILURE)
 
 
-@pytest.mark.parametrize(
-    "make", [asking_once, lambda own, request: asking_once(own, request, True)]
-)
-def test_response_pending_prolongs_the_wait_each_time(
-    make: Callable[[Diagnostics, bytes], bench.Tester],
-) -> None:
+@pytest.mark.parametrize("make", [asking_once, lambda own, request: asking_once(own, request, True)])
+def test_response_pending_prolongs_the_wait_each_time(make: Callable[[Diagnostics, bytes], bench.Tester]) -> None:
     tester = make(OWN, RESET)
     pending = dict.fromkeys((200, 5100, 10_000), "7f1178")
     assert asked(tester, range(14_000), pending) == [(0, "1101")]

@@ -124,9 +124,7 @@ def test_an_unprivileged_user_gets_an_answer(answers: Mapping[str, Done]):
     ],
     ids=" ".join,
 )
-def test_wrong_flags_are_one_line_and_exit_code_2(
-    capsys: pytest.CaptureFixture[str], arguments: list[str]
-):
+def test_wrong_flags_are_one_line_and_exit_code_2(capsys: pytest.CaptureFixture[str], arguments: list[str]):
     assert main(["doctor", *arguments]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""

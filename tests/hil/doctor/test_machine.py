@@ -46,11 +46,7 @@ def says(check: Check, level: str, *words: str) -> None:
 
 def test_only_64_bit_little_endian_linux_is_fit():
     says(machine.platform("linux", 64, "little"), "ok")
-    for name, bits, order in (
-        ("linux", 32, "little"),
-        ("linux", 64, "big"),
-        ("darwin", 64, "little"),
-    ):
+    for name, bits, order in (("linux", 32, "little"), ("linux", 64, "big"), ("darwin", 64, "little")):
         says(machine.platform(name, bits, order), "problem", "Python loop")
 
 
@@ -71,19 +67,14 @@ def test_only_64_bit_little_endian_linux_is_fit():
         ),
         (
             "#1 SMP PREEMPT_DYNAMIC",
-            {
-                "sys/kernel/debug/sched/preempt": "none (voluntary) full",
-                "proc/cmdline": "preempt=full",
-            },
+            {"sys/kernel/debug/sched/preempt": "none (voluntary) full", "proc/cmdline": "preempt=full"},
             "warning",
             "preempt=voluntary",
         ),
         ("#1 SMP Debian", {}, "warning", "no PREEMPT"),
     ],
 )
-def test_the_kernels_preemption_is_judged(
-    make: Make, version: str, files: dict[str, str], level: str, words: str
-):
+def test_the_kernels_preemption_is_judged(make: Make, version: str, files: dict[str, str], level: str, words: str):
     root = make({f"{KERNEL}/version": version, f"{KERNEL}/osrelease": "6.1.0", **files})
     says(machine.kernel(root), level, words, "Linux 6.1.0")
 

@@ -90,9 +90,7 @@ def test_a_machine_on_which_most_verdicts_need_a_second_look_is_told_of():
         ({WITHOUT: wakeups(60.0)}, 1, "except for the problems above"),
     ],
 )
-def test_what_makes_real_time_impossible_is_a_problem(
-    modes: dict[str, Wakeups], problems: int, said: str
-):
+def test_what_makes_real_time_impossible_is_a_problem(modes: dict[str, Wakeups], problems: int, said: str):
     check = timing.verdict(1000.0, modes, CHEAP, problems)
     assert check.level == "problem"
     assert said in check.found

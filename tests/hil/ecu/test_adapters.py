@@ -50,12 +50,7 @@ def lines_of(path: Path) -> list[Line]:
         match = re.fullmatch(r"\(([\d.]+)\) \S+ ([0-9A-F]+)#([0-9A-F]*) [RT]", line)
         assert match, line
         found.append(
-            Line(
-                round(float(match[1]) * 1e3),
-                int(match[2], 16),
-                len(match[2]) == 8,
-                bytes.fromhex(match[3]),
-            )
+            Line(round(float(match[1]) * 1e3), int(match[2], 16), len(match[2]) == 8, bytes.fromhex(match[3]))
         )
     return found
 
@@ -97,11 +92,7 @@ def echo_library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 WAYS = [in_an_episode, as_a_peer]
-KINDS = [
-    pytest.param("library", marks=needs_compiler),
-    "object",
-    "echo_ecu:Echo",
-]
+KINDS = [pytest.param("library", marks=needs_compiler), "object", "echo_ecu:Echo"]
 
 
 @pytest.fixture
@@ -129,9 +120,7 @@ def test_it_gets_each_frame_once_in_order_and_is_read_one_tick_later(
     echoes = [line for line in lines if line.is_extended]
     assert len(gates) > 150
     # What the gate said at the end has no answer any more.
-    assert echoes == [
-        line._replace(tick=line.tick + 1, is_extended=True) for line in gates if line.tick < 300
-    ]
+    assert echoes == [line._replace(tick=line.tick + 1, is_extended=True) for line in gates if line.tick < 300]
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -142,9 +131,7 @@ def test_requests_reach_it_at_their_time_before_its_step(
     asked = [
         (0.0, "open"), (0.05, "close"), (0.05, "stop"), (0.05, "open"), (0.0704, "stop"), (0.2, "open")
     ]  # fmt: skip
-    scenario = Scenario(
-        NO_STIMULI, tuple(Request(Instant(time), action) for time, action in asked), 0.1
-    )
+    scenario = Scenario(NO_STIMULI, tuple(Request(Instant(time), action) for time, action in asked), 0.1)
     lines = way(make(kind), scenario, tmp_path / "bus.log")
     heard = [
         (line.tick, line.identifier - ECHO_REQUEST, int.from_bytes(line.payload, "little"))
@@ -180,10 +167,7 @@ def test_an_object_goes_on_as_its_maker_left_it(tmp_path: Path) -> None:
 @needs_compiler
 @pytest.mark.parametrize("way", WAYS)
 def test_a_library_is_made_once_and_destroyed_at_the_end(
-    way: Callable[..., list[Line]],
-    echo_library: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    way: Callable[..., list[Line]], echo_library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     notes = tmp_path / "notes"
     monkeypatch.setenv("LIFTGATE_TEST_NOTES", str(notes))
@@ -192,9 +176,7 @@ def test_a_library_is_made_once_and_destroyed_at_the_end(
 
 
 @needs_compiler
-def test_a_library_and_an_object_that_do_the_same_give_the_same_run(
-    echo_library: Path, tmp_path: Path
-) -> None:
+def test_a_library_and_an_object_that_do_the_same_give_the_same_run(echo_library: Path, tmp_path: Path) -> None:
     scenario = Scenario(NO_STIMULI, (Request(Instant(0.02), "open"),), 0.1)
     for name, ecu in (("c", echo_library), ("python", Echo())):
         in_an_episode(ecu, scenario, tmp_path / f"{name}.log")
@@ -262,9 +244,7 @@ def test_a_python_ecu_is_visited_every_period_with_all_frames_since(
     # A message of cycle T comes at each multiple of T; nothing is lost between two visits.
     last = ecu.heard[-1][0]
     for identifier in (LEFT_DRIVE, RIGHT_DRIVE):
-        frames = [
-            each for _, heard in ecu.heard for each in heard if each.arbitration_id == identifier
-        ]
+        frames = [each for _, heard in ecu.heard for each in heard if each.arbitration_id == identifier]
         assert len(frames) == int(last / 0.005 + 1e-6)
         assert [each.data[6] & 15 for each in frames] == list(range(len(frames)))
     for now, heard in ecu.heard:

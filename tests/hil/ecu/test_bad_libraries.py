@@ -91,9 +91,7 @@ NO_FRAME = (
         ({"step": frame(8, identifier=0x800)}, 0.05, NO_FRAME),
     ],
 )
-def test_what_it_does_wrong_is_told(
-    tmp_path: Path, bodies: dict[str, str], time_s: float, reason: str
-) -> None:
+def test_what_it_does_wrong_is_told(tmp_path: Path, bodies: dict[str, str], time_s: float, reason: str) -> None:
     result = lh.run(SCENARIO, library(tmp_path, **bodies))
     assert result.verdict == "error"
     assert re.fullmatch(rf"the ECU at {time_s:.3f} s: {reason}", result.reason), result.reason
@@ -152,16 +150,11 @@ def test_one_that_hangs_is_given_up(tmp_path: Path, bodies: dict[str, str], time
 def test_a_hang_is_an_error_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 0.5)
     result = lh.run(SCENARIO, library(tmp_path, step=f"if ({AT}) for (;;) pause();"))
-    assert (result.verdict, result.reason) == (
-        "error",
-        "the ECU at 0.050 s: no response for 0.5 s",
-    )
+    assert (result.verdict, result.reason) == ("error", "the ECU at 0.050 s: no response for 0.5 s")
 
 
 @pytest.mark.parametrize("clock", ["lockstep", "realtime"])
-def test_a_hang_on_a_bus_is_one_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str
-) -> None:
+def test_a_hang_on_a_bus_is_one_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str) -> None:
     monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 0.5)
     path = library(tmp_path, step="if (now_ns >= 50000000) for (;;) pause();")
     result = lh.run(SCENARIO, path, clock=clock)
@@ -177,9 +170,7 @@ def test_the_time_of_a_crash_is_in_the_ticks_that_were_asked_for(tmp_path: Path)
 
 
 @pytest.mark.parametrize("missing", ["create", "destroy", "step"])
-def test_a_library_without_a_function_is_a_mistake_of_the_caller(
-    tmp_path: Path, missing: str
-) -> None:
+def test_a_library_without_a_function_is_a_mistake_of_the_caller(tmp_path: Path, missing: str) -> None:
     source = SOURCE.format(create="", destroy="", request="", step="")
     path = build(tmp_path, source.replace(f"liftgate_ecu_{missing}(", f"another_{missing}("))
     with pytest.raises(ConfigError, match=f"ecu.*{missing}.*functions of liftgate_ecu.h"):
@@ -187,9 +178,7 @@ def test_a_library_without_a_function_is_a_mistake_of_the_caller(
 
 
 @pytest.mark.parametrize("content", [b"", b"no library", b"\x7fELF and no more"])
-def test_a_file_that_is_no_library_is_a_mistake_of_the_caller(
-    tmp_path: Path, content: bytes
-) -> None:
+def test_a_file_that_is_no_library_is_a_mistake_of_the_caller(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "ecu.so"
     path.write_bytes(content)
     with pytest.raises(ConfigError, match=r"ecu.*ecu\.so.*functions of liftgate_ecu\.h"):
@@ -199,9 +188,7 @@ def test_a_file_that_is_no_library_is_a_mistake_of_the_caller(
 def test_what_else_is_wrong_is_told_before_a_process_is_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "liftgate_hil.running.isolation.run_isolated", lambda *_: pytest.fail("started")
-    )
+    monkeypatch.setattr("liftgate_hil.running.isolation.run_isolated", lambda *_: pytest.fail("started"))
     with pytest.raises(ConfigError, match="no-such-vehicle"):
         lh.run(SCENARIO, library(tmp_path), vehicle="no-such-vehicle")
     with pytest.raises(ConfigError, match="no such file"):
@@ -234,9 +221,7 @@ def test_objects_instead_of_names_reach_the_worker(tmp_path: Path) -> None:
 
 
 def test_what_a_crashed_library_leaves_behind_holds_nothing_up(tmp_path: Path) -> None:
-    path = library(
-        tmp_path, step=f"if ({AT}) {{ if (!fork()) {{ sleep(60); _exit(0); }} abort(); }}"
-    )
+    path = library(tmp_path, step=f"if ({AT}) {{ if (!fork()) {{ sleep(60); _exit(0); }} abort(); }}")
     assert lh.run(SCENARIO, path).reason == "the ECU at 0.050 s: its process ended (SIGABRT)"
 
 

@@ -22,9 +22,7 @@ from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 
 SCENARIO = Scenario(NO_STIMULI, (), 0.2)
-GOOD = [
-    message(COMMAND, command_payload(shipped_rig(), n, **both(20.0, OPEN, 1))) for n in range(16)
-]
+GOOD = [message(COMMAND, command_payload(shipped_rig(), n, **both(20.0, OPEN, 1))) for n in range(16)]
 
 
 class Unusual(BaseException):
@@ -54,14 +52,8 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "SystemExit": (raising(SystemExit(3)), f"SystemExit: 3{HERE}"),
     "GeneratorExit": (raising(GeneratorExit()), f"GeneratorExit: {HERE}"),
     "BaseException": (raising(Unusual("odd")), f"Unusual: odd{HERE}"),
-    "no words": (
-        raising(Speechless()),
-        rf"Speechless: \(its str raised ZeroDivisionError\){HERE}",
-    ),
-    "no repr": (
-        Speechless,
-        r"its step gave a Speechless \(its repr raised ZeroDivisionError\); allowed: .*",
-    ),
+    "no words": (raising(Speechless()), rf"Speechless: \(its str raised ZeroDivisionError\){HERE}"),
+    "no repr": (Speechless, r"its step gave a Speechless \(its repr raised ZeroDivisionError\); allowed: .*"),
     "number": (lambda: 5, r"its step gave 5; allowed: a list of can\.Message, or None"),
     "text": (lambda: "ab", r"its step gave 'ab'; allowed: a list of can\.Message, or None"),
     "False": (lambda: False, r"its step gave False; allowed: a list of can\.Message, or None"),
@@ -71,22 +63,14 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "one message": (lambda: GOOD[0], r"its step gave .*; allowed: a list of can\.Message, or None"),
     "list of numbers": (lambda: [5], r"its step gave 5; allowed: a list of can\.Message"),
-    "list of None": (
-        lambda: [GOOD[0], None],
-        r"its step gave None; allowed: a list of can\.Message",
-    ),
-    "too many": (
-        lambda: [message(0x400)] * (wire.CAPACITY + 1),
-        "its step gave 1025 frames; allowed: up to 1024",
-    ),
+    "list of None": (lambda: [GOOD[0], None], r"its step gave None; allowed: a list of can\.Message"),
+    "too many": (lambda: [message(0x400)] * (wire.CAPACITY + 1), "its step gave 1025 frames; allowed: up to 1024"),
     "too long": (
         lambda: [can.Message(arbitration_id=0x400, data=bytes(9), dlc=9, check=False)],
         r"its step gave can\.Message\(.*allowed: up to 8 bytes, with CAN FD 64",
     ),
     "too long for CAN FD": (
-        lambda: [
-            can.Message(arbitration_id=0x400, data=bytes(65), dlc=65, is_fd=True, check=False)
-        ],
+        lambda: [can.Message(arbitration_id=0x400, data=bytes(65), dlc=65, is_fd=True, check=False)],
         r"its step gave can\.Message\(.*allowed: up to 8 bytes, with CAN FD 64",
     ),
     "no identifier": (
@@ -140,9 +124,7 @@ def test_a_request_that_raises_ends_the_run_too(clock: str) -> None:
         def request(self, action: str) -> None:
             raise ValueError(f"cannot {action}")
 
-    scenario = Scenario(
-        NO_STIMULI, (Request(Instant(0.035), "open"), Request(Instant(0.1), "close")), 0.2
-    )
+    scenario = Scenario(NO_STIMULI, (Request(Instant(0.035), "open"), Request(Instant(0.1), "close")), 0.2)
     ecu = Deaf(lambda turn: [GOOD[turn % 16]])
     result = lh.run(scenario, ecu, clock)
     assert result.verdict == "error"

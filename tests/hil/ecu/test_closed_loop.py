@@ -21,9 +21,7 @@ from liftgate_plant.obstacle import Obstacle
 ROD = 10_000.0  # N/m, the softest of the regulators' test rods
 
 
-def rod(
-    angle_deg: float, stiffness: float = ROD, start: Instant = START, end: Instant = NEVER
-) -> TimedStimuli:
+def rod(angle_deg: float, stiffness: float = ROD, start: Instant = START, end: Instant = NEVER) -> TimedStimuli:
     body = Obstacle(np.radians(angle_deg), 1.0, stiffness, 0.0, 0.0, 1.0)
     return TimedStimuli({}, [TimedObstacle(body, start, end)])
 
@@ -117,12 +115,7 @@ def test_harder_rods_are_detected_too(stiffness: float) -> None:
 
 
 def test_two_unlike_drives_are_kept_together() -> None:
-    run = Run(
-        "suv",
-        [(0.5, "open")],
-        12.0,
-        settings=["right.motor.resistance=0.9", "right.spring.health=0.8"],
-    )
+    run = Run("suv", [(0.5, "open")], 12.0, settings=["right.motor.resistance=0.9", "right.spring.health=0.8"])
     apart = np.abs(run.column("left_hall_count") - run.column("right_hall_count"))
     travelling = run.column("gate_angle_deg") < 78.0
     assert apart[travelling].max() < 25.0  # under 1 % of 2950 counts
@@ -164,18 +157,9 @@ def test_speeds_that_come_a_cycle_after_the_currents_now_and_then_are_no_load(
         for message in ("LeftHall", "RightHall")
     )
     requests = {0.5: "open", 8.0: "close", 11.0: "stop", 12.0: "open", 16.0: "close"}
-    asked = "".join(
-        f'[[request]]\ntime = {at}\naction = "{what}"\n' for at, what in requests.items()
-    )
+    asked = "".join(f'[[request]]\ntime = {at}\naction = "{what}"\n' for at, what in requests.items())
     scenario = tmp_path / "late_speeds.toml"
     scenario.write_text(f'duration = 27.0\nprecondition = ["open", "close"]\n{late}{asked}')
     told = [each.text.split(" (")[0] for each in lh.run(scenario, clock="free").events]
-    closing = [
-        "closing",
-        "stopped by the driver",
-        "opening",
-        "open",
-        "closing",
-        "closed and latched",
-    ]
+    closing = ["closing", "stopped by the driver", "opening", "open", "closing", "closed and latched"]
     assert told == ["opening", "open", *closing]

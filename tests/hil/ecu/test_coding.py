@@ -9,13 +9,7 @@ from liftgate_hil.cli.main import main
 from liftgate_hil.ecu.calibration import CALIBRATED, coded
 from liftgate_plant.coding import UNCODED, Coding
 
-_LIMITS = (
-    "inertia_error",
-    "excess_learned",
-    "excess_unlearned",
-    "excess_share",
-    "excess_per_slope",
-)
+_LIMITS = ("inertia_error", "excess_learned", "excess_unlearned", "excess_share", "excess_per_slope")
 
 
 def test_a_coding_scales_closing_and_limits_and_nothing_else() -> None:

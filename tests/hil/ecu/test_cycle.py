@@ -38,9 +38,7 @@ def travel_times(result: lh.Result) -> list[float]:
 
 
 @pytest.mark.parametrize("cycle_ms", [5, 10, 20, 50])
-def test_the_gate_opens_reverses_from_the_rod_closes_and_latches(
-    tmp_path: Path, cycle_ms: int
-) -> None:
+def test_the_gate_opens_reverses_from_the_rod_closes_and_latches(tmp_path: Path, cycle_ms: int) -> None:
     result = demo(rig_of_cycle(tmp_path, cycle_ms))
     assert [event.text.split(" (")[0].split(",")[0] for event in result.events] == [
         "opening", "open", "closing", "trapped while closing", "reversal done", "opening", "open",

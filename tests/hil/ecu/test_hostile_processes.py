@@ -119,9 +119,7 @@ def of_python(name: str, clock: str = "free") -> lh.Result:
         ("KeepsTheLock", "0.5 s"),  # one of its threads, whatever runs
     ],
 )
-def test_a_class_that_ends_or_hangs_is_an_error_with_its_cause(
-    clock: str, name: str, said: str
-) -> None:
+def test_a_class_that_ends_or_hangs_is_an_error_with_its_cause(clock: str, name: str, said: str) -> None:
     result = of_python(name, clock)
     assert result.verdict == "error"
     assert result.reason.startswith("the ECU at 0.")
@@ -130,10 +128,7 @@ def test_a_class_that_ends_or_hangs_is_an_error_with_its_cause(
 
 
 @pytest.mark.parametrize("clock", CLOCKS)
-@pytest.mark.parametrize(
-    ("name", "notes"),
-    [("Thread", NOT_EXITED), ("AtExit", NOT_EXITED), ("Prints", ())],
-)
+@pytest.mark.parametrize(("name", "notes"), [("Thread", NOT_EXITED), ("AtExit", NOT_EXITED), ("Prints", ())])
 def test_what_a_class_does_beside_its_answers_leaves_the_verdict_alone(
     clock: str, name: str, notes: tuple[str, ...]
 ) -> None:
@@ -167,9 +162,7 @@ def test_a_recording_of_a_hostile_ecu_is_completed_or_its_loss_is_told(
 
 
 def test_a_property_that_raises_is_told_as_such(capsys: pytest.CaptureFixture[str]) -> None:
-    Path("s.toml").write_text(
-        'duration = 0.1\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n'
-    )
+    Path("s.toml").write_text('duration = 0.1\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n')
     assert main(["test", "s.toml", "--ecu", "hostile:Property"]) == 2
     said = "period_s: ValueError: no such thing (hostile.py, line "
     assert said in capsys.readouterr().out

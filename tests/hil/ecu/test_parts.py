@@ -32,9 +32,7 @@ def new_drive() -> Any:
     return new_memory(1).drives[0]
 
 
-def feed(
-    guard: Any, load: float, cycles: int, position: float = HALFWAY, step: float = 0.0
-) -> Verdict | None:
+def feed(guard: Any, load: float, cycles: int, position: float = HALFWAY, step: float = 0.0) -> Verdict | None:
     """A run at a place, or on from there by so many counts a cycle; why it was judged to be trapped, if it was."""
     for cycle in range(cycles):
         place = position + cycle * step
@@ -122,9 +120,7 @@ def test_a_sample_that_comes_late_or_with_the_next_one_changes_neither_load_nor_
             count = 4.0 * 0.5 * slope * (CYCLE * samples) ** 2
             take_feedback(K, drive, CYCLE * samples, count, turning, current)
             loads.append(drive.load)
-            take_feedback(
-                K, drive, CYCLE * samples, count, turning, current
-            )  # once more: nothing new
+            take_feedback(K, drive, CYCLE * samples, count, turning, current)  # once more: nothing new
             speeds.append(drive.speed)
         both[len(come)] = loads[-1], speeds[-1], drive.counted / drive.turned
         assert max(loads[20:]) - min(loads[20:]) < 0.01
@@ -152,9 +148,7 @@ def loads_while_accelerating(is_sharp: bool) -> list[float]:
 
 def test_what_accelerates_the_drive_is_no_load() -> None:
     assert max(map(abs, loads_while_accelerating(is_sharp=True))) < 1e-9
-    assert loads_while_accelerating(is_sharp=False)[-1] == pytest.approx(
-        C.inertia * 247.5, rel=0.02
-    )
+    assert loads_while_accelerating(is_sharp=False)[-1] == pytest.approx(C.inertia * 247.5, rel=0.02)
 
 
 def test_a_saturated_controller_does_not_wind_up() -> None:
@@ -262,10 +256,7 @@ def test_the_seal_is_learned_before_it_is_judged() -> None:
     begin_run(guard)
     feed(guard, 1.0, 100)
     assert feed(guard, 9.0, 1, position=0.5 * C.seal_zone) is None
-    assert (
-        feed(guard, 9.0 + 2.0 * C.excess_learned + 9.0 * C.excess_share, 5, 0.5 * C.seal_zone)
-        is not None
-    )
+    assert feed(guard, 9.0 + 2.0 * C.excess_learned + 9.0 * C.excess_share, 5, 0.5 * C.seal_zone) is not None
 
 
 def test_a_learned_reference_outlives_the_next_run_and_follows_it_slowly() -> None:

@@ -14,15 +14,7 @@ from typing import Any
 import c_ecu
 import pytest
 from echo_ecu import ECHO_REQUEST, Echo
-from hil_support import (
-    GATE,
-    LEFT_DRIVE,
-    OPEN,
-    Wire,
-    both,
-    command_frame,
-    with_checksum,
-)
+from hil_support import GATE, LEFT_DRIVE, OPEN, Wire, both, command_frame, with_checksum
 from run_support import Told
 
 import liftgate_hil as lh
@@ -63,9 +55,7 @@ def test_with_the_gates_clock_requests_count_from_the_start(rig: Rig) -> None:
         assert polled(adapter, REQUESTS, {40: [(GATE, bytes(5))]}) == [0, 20]
 
 
-def test_with_a_clock_of_its_own_requests_count_from_when_the_gate_is_first_heard(
-    rig: Rig,
-) -> None:
+def test_with_a_clock_of_its_own_requests_count_from_when_the_gate_is_first_heard(rig: Rig) -> None:
     heard = {
         5: [(0x55, b"x"), (GATE | EXTENDED, bytes(5)), command_frame(rig, 0, **both(0.0, OPEN))],
         40: [(0x56, b""), (GATE, bytes(5))],
@@ -157,9 +147,7 @@ def ecu_on(bus: str) -> Iterator[Any]:
         path = os.pathsep.join([*folders, os.environ.get("PYTHONPATH", "")])
         command = [sys.executable, "-m", "liftgate_hil", "ecu", "--bus", bus, *arguments]
         children.append(
-            subprocess.Popen(
-                command, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": path}
-            )
+            subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": path})
         )
         return children[-1]
 
@@ -170,8 +158,7 @@ def ecu_on(bus: str) -> Iterator[Any]:
 
 
 @pytest.mark.parametrize(
-    "kind",
-    ["reference", "echo_ecu:Opener", pytest.param("library", marks=c_ecu.needs_compiler)],
+    "kind", ["reference", "echo_ecu:Opener", pytest.param("library", marks=c_ecu.needs_compiler)]
 )
 def test_an_ecu_in_a_process_of_its_own_opens_the_gate_in_lockstep(
     bus: str, ecu_on: Any, kind: str, request: pytest.FixtureRequest

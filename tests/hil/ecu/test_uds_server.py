@@ -14,14 +14,7 @@ from udsoncan.exceptions import NegativeResponseException
 
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.diagnostics.isotp import (
-    MOST_SPOKEN,
-    hear,
-    message_in,
-    new_link,
-    put_message,
-    speak,
-)
+from liftgate_hil.diagnostics.isotp import MOST_SPOKEN, hear, message_in, new_link, put_message, speak
 from liftgate_hil.diagnostics.trouble_code import number_of, text_of
 from liftgate_hil.ecu import events, status
 from liftgate_hil.ecu.adapter import ReferenceEcu
@@ -123,10 +116,7 @@ def test_codes_are_read_by_their_status(ecu: Ecu, client: Client) -> None:
     ecu.happens(events.DRIVES_APART, events.FEEDBACK_LOST)
     assert codes_of(client, 0x09) == {"B1A01-62": 0x2F, "U1A01-87": 0x2F}
     assert client.get_number_of_dtc_by_status_mask(0x08).service_data.dtc_count == 2
-    assert (
-        client.get_number_of_dtc_by_status_mask(0x50).service_data.dtc_count
-        == len(TROUBLE_CODES) - 2
-    )
+    assert client.get_number_of_dtc_by_status_mask(0x50).service_data.dtc_count == len(TROUBLE_CODES) - 2
     assert codes_of(client, 0x80) == {}
 
 

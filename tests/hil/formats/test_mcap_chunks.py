@@ -24,26 +24,18 @@ from liftgate_hil.signals import COLUMNS, columns_of
 
 reader = pytest.importorskip("mcap.reader")
 
-NUMBERS = (
-    st.floats(width=64) | st.integers(-(2**70), 2**70).map(float) | st.sampled_from([0.0, -0.0])
-)
+NUMBERS = st.floats(width=64) | st.integers(-(2**70), 2**70).map(float) | st.sampled_from([0.0, -0.0])
 
 
 def parsed(block: Block) -> list[tuple[int, int, int, bytes]]:
     """(channel, sequence, time, data) of each record, by its own length; the block's columns say the same."""
     found, at = [], 0
     while at < len(block.records):
-        opcode, length, channel, number, log_ns, publish_ns = mcap_chunks.HEAD.unpack_from(
-            block.records, at
-        )
+        opcode, length, channel, number, log_ns, publish_ns = mcap_chunks.HEAD.unpack_from(block.records, at)
         assert opcode == 5
         assert log_ns == publish_ns
         place = len(found)
-        assert (block.channels[place], block.times[place], block.offsets[place]) == (
-            channel,
-            log_ns,
-            at,
-        )
+        assert (block.channels[place], block.times[place], block.offsets[place]) == (channel, log_ns, at)
         end = at + 9 + length
         found.append((channel, number, log_ns, block.records[at + 31 : end]))
         at = end
@@ -61,9 +53,7 @@ def as_read(value: float) -> float | None:
     st.lists(st.booleans(), min_size=4, max_size=4),
     st.booleans(),
 )
-def test_rows_are_what_json_makes_of_them(
-    rows: list[list[float]], whole: list[bool], is_same: bool
-) -> None:
+def test_rows_are_what_json_makes_of_them(rows: list[list[float]], whole: list[bool], is_same: bool) -> None:
     """Also of what does not change, of two columns that are alike, and of what is not finite or too large."""
     array = np.array([rows[0]] * len(rows) if is_same else rows)
     times = np.arange(len(rows), dtype=np.int64) * 10**9 + 2**40
@@ -137,9 +127,7 @@ def test_the_format_s_own_reader_finds_every_message_by_its_index(tmp_path: Path
             assert told["left_current_a"] == as_read(rows[place, COLUMN])
         # A window leads to the chunks that have it, and within these to the messages.
         window = file.iter_messages(["/sensed"], start_time=1_400_000_000, end_time=1_600_000_000)
-        assert [message.log_time for _, _, message in window] == [
-            round(k * 1e6) for k in range(1400, 1600)
-        ]
+        assert [message.log_time for _, _, message in window] == [round(k * 1e6) for k in range(1400, 1600)]
 
 
 COLUMN = list(COLUMNS).index("left_current_a")
@@ -179,9 +167,7 @@ def test_the_library_s_stream_reader_needs_no_index(tmp_path: Path) -> None:
     assert kinds.count("Message") == len(topics_of(columns_of(2))) * len(rows) + 6
 
 
-def test_what_the_compression_raises_reaches_the_recorder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_the_compression_raises_reaches_the_recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise MemoryError("no room")
 

@@ -17,9 +17,7 @@ from liftgate_hil.formats.open import FORMATS, open_writer
 BUS = [suffix for suffix, each in FORMATS.items() if each.has_frames]
 
 
-def recorded(
-    path: Path, blocks: list[object], channel: str = "bench", epoch_ns: int = 0
-) -> list[can.Message]:
+def recorded(path: Path, blocks: list[object], channel: str = "bench", epoch_ns: int = 0) -> list[can.Message]:
     recorder = open_writer(path, Content(BOTH.columns, channel))
     recorder.begin(epoch_ns)
     for block in blocks:
@@ -115,9 +113,7 @@ def test_every_format_has_the_same_frames_with_times_and_directions(
 ) -> None:
     blocks = [sent([row], 0.001 * k + 0.5, k % 4 > 0) for k, row in enumerate(many())]
     messages = recorded(tmp_path / f"bus{suffix}", blocks, epoch_ns=epoch_ns)
-    assert [
-        (m.arbitration_id | (EXTENDED if m.is_extended_id else 0), bytes(m.data)) for m in messages
-    ] == many()
+    assert [(m.arbitration_id | (EXTENDED if m.is_extended_id else 0), bytes(m.data)) for m in messages] == many()
     assert [m.is_rx for m in messages] == [k % 4 == 0 for k in range(300)]
     times = [message.timestamp - epoch_of(suffix, epoch_ns) for message in messages]
     exact = 1.1e-6 if suffix != ".trc" else 1e-4

@@ -43,18 +43,7 @@ PROMISED = [
     "pinch_force_n",
     "terminal_voltage_v",
 ]
-NUMBERS = [
-    0.0,
-    -0.0,
-    1.0 / 3.0,
-    math.pi * 1e-300,
-    -1e22,
-    5e-324,
-    0.1 + 0.2,
-    1e16,
-    123456789.0,
-    -7.5e-7,
-]
+NUMBERS = [0.0, -0.0, 1.0 / 3.0, math.pi * 1e-300, -1e22, 5e-324, 0.1 + 0.2, 1e16, 123456789.0, -7.5e-7]
 
 
 def unit_in(path: Path, name: str) -> str:
@@ -256,9 +245,7 @@ def test_a_plant_that_diverged_is_written_down_too(tmp_path: Path, value: float)
 
 
 @pytest.mark.parametrize("which", ["plain", "compiled"])
-def test_a_recorded_tick_is_plain_numbers(
-    rig: Rig, fast_tick: Any, tmp_path: Path, which: str
-) -> None:
+def test_a_recorded_tick_is_plain_numbers(rig: Rig, fast_tick: Any, tmp_path: Path, which: str) -> None:
     call = tick if which == "plain" else fast_tick
     config = loop_config(rig=rig)
     state = start_of(config)

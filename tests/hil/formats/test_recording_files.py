@@ -19,17 +19,7 @@ FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/ful
 
 @pytest.mark.parametrize(
     "name",
-    [
-        "x",
-        "x.",
-        "x.pcap",
-        ".csv.gz",
-        "nosuch/folder/x.csv",
-        "x.csv/y.log",
-        "x.txt",
-        "x" * 300 + ".csv",
-        "x\0.csv",
-    ],
+    ["x", "x.", "x.pcap", ".csv.gz", "nosuch/folder/x.csv", "x.csv/y.log", "x.txt", "x" * 300 + ".csv", "x\0.csv"],
 )
 def test_a_file_that_cannot_be_is_told_before_the_run(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -40,9 +30,7 @@ def test_a_file_that_cannot_be_is_told_before_the_run(
 
 
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_a_folder_in_the_place_of_the_file_is_told_before_the_run(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_a_folder_in_the_place_of_the_file_is_told_before_the_run(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"taken{suffix}"
     path.mkdir()
     with pytest.raises(ConfigError, match="is a folder"):
@@ -99,9 +87,7 @@ def test_a_pipe_with_a_reader_gets_the_text(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", SPOILT)
-def test_what_is_no_file_cannot_take_a_format_that_is_completed_at_the_end(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_what_is_no_file_cannot_take_a_format_that_is_completed_at_the_end(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"pipe{suffix}"
     os.mkfifo(path)
     with pytest.raises(ConfigError, match="a pipe or a device"):
@@ -187,9 +173,7 @@ def test_a_file_that_cannot_be_completed_leaves_the_text(
 
 @FULL
 @pytest.mark.parametrize("suffix", [".csv", ".log"])
-def test_a_full_disk_is_said_at_once_and_costs_nothing_but_the_recording(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_a_full_disk_is_said_at_once_and_costs_nothing_but_the_recording(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"full{suffix}"
     path.symlink_to("/dev/full")
     said: list[str] = []
@@ -205,9 +189,7 @@ def test_a_full_disk_is_said_at_once_and_costs_nothing_but_the_recording(
 
 
 @pytest.mark.parametrize("suffix", SPOILT)
-def test_a_full_disk_leaves_of_a_format_that_is_completed_at_the_end_its_text(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_a_full_disk_leaves_of_a_format_that_is_completed_at_the_end_its_text(tmp_path: Path, suffix: str) -> None:
     """In a process of its own, whose files may not grow beyond 100 kB."""
     code = f"""
 import resource, sys, warnings
@@ -229,10 +211,7 @@ recorder.close()
 print(recorder.failure)
 """
     folder = Path(__file__).parent
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join([str(folder), str(folder.parent), *sys.path]),
-    }
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(folder.parent), *sys.path])}
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
     )
@@ -246,9 +225,7 @@ print(recorder.failure)
 
 @pytest.mark.parametrize("suffix", TABLES)
 @pytest.mark.filterwarnings("ignore")
-def test_rows_that_are_good_only_until_the_call_returns_are_kept(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_rows_that_are_good_only_until_the_call_returns_are_kept(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     recorder = open_writer(path, BOTH)
     recorder.begin(0)

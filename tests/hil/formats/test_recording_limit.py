@@ -28,9 +28,7 @@ def recorded(path: Path, limit: Limit, rows: int, frames: int) -> list[Path]:
     for k in range(0, frames, 100):
         payloads = random.bytes(800)
         block = [(k + n, payloads[8 * n : 8 * n + 8]) for n in range(100)]
-        recorder.write_frames(
-            sent([(0x80000000 | number, data) for number, data in block], 1e-3 * k)
-        )
+        recorder.write_frames(sent([(0x80000000 | number, data) for number, data in block], 1e-3 * k))
     recorder.close()
     assert recorder.failure == ""
     return [Path(name) for name in recorder.files]
@@ -38,9 +36,7 @@ def recorded(path: Path, limit: Limit, rows: int, frames: int) -> list[Path]:
 
 @pytest.mark.parametrize("suffix", BUS)
 @pytest.mark.filterwarnings("ignore")
-def test_all_frames_are_there_once_in_files_that_sort_and_are_not_larger(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_all_frames_are_there_once_in_files_that_sort_and_are_not_larger(tmp_path: Path, suffix: str) -> None:
     files = recorded(tmp_path / f"run{suffix}", Limit(LIMIT), 0, 30_000)
     assert len(files) > 1
     assert files == sorted(tmp_path.iterdir())
@@ -96,10 +92,7 @@ def test_two_cannot_record_to_one_row_of_files(tmp_path: Path) -> None:
     [
         ({"record_limit": 1000}, "`record_limit` 1000: allowed: bytes from 1,000,000 on"),
         ({"record_keep": 2}, "`record_keep` 2: allowed: together with `record_limit`"),
-        (
-            {"record_limit": 10**6, "record_keep": 1},
-            "`record_keep` 1: allowed: a whole number from 2 to",
-        ),
+        ({"record_limit": 10**6, "record_keep": 1}, "`record_keep` 1: allowed: a whole number from 2 to"),
     ],
 )
 def test_a_limit_that_cannot_be_is_told(more: dict[str, int], told: str) -> None:

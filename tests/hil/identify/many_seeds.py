@@ -109,11 +109,7 @@ def of_coloured_noise(seeds: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
 
 # Stamps that scatter.
 
-SCATTERED_TRUTH = {
-    "motor.resistance": 0.8,
-    "motor.rotor_inertia": 1.47e-5,
-    "spring.preload": 320.0,
-}
+SCATTERED_TRUTH = {"motor.resistance": 0.8, "motor.rotor_inertia": 1.47e-5, "spring.preload": 320.0}
 ANGLE_DEG = 20.0
 SMALL = {name: 0.02 * std for name, std in NOISE.items()}
 
@@ -124,9 +120,7 @@ def stamped(std: float, seed: int, noise: dict[str, float] = SMALL, seconds: flo
     """
     rng = np.random.default_rng(seed)
     stamps = np.arange(0.0, seconds, 0.01)
-    ramp = np.interp(
-        stamps / seconds, [0.0, 0.1, 0.4, 0.5, 0.6, 0.9, 1.0], [4, 12, 9, 9, -4, -9, -6]
-    )
+    ramp = np.interp(stamps / seconds, [0.0, 0.1, 0.4, 0.5, 0.6, 0.9, 1.0], [4, 12, 9, 9, -4, -9, -6])
     volts = np.round(np.where(np.abs(stamps / seconds - 0.55) < 0.05, 0.0, ramp), 1)
     late = np.clip(0.0035 + std * rng.standard_normal(len(stamps)), 0.0002, 0.0098)
     acts = np.concatenate([[0.0], stamps[1:] + late[1:]])
@@ -179,11 +173,7 @@ def of_scattered_stamps(std: float, seeds: Iterable[int]) -> Scattered:
 
 # Fewer samples than rows.
 
-THINNED_TRUTH = {
-    "motor.resistance": 0.83,
-    "motor.torque_constant": 0.0119,
-    "spring.preload": 333.0,
-}
+THINNED_TRUTH = {"motor.resistance": 0.83, "motor.torque_constant": 0.0119, "spring.preload": 333.0}
 QUANTUM = 0.25  # rev, of the shipped SUV's Hall counts
 THINNED = [(None, 7), (None, 25), (211.0, 1), (500.0, 4)]
 
@@ -207,9 +197,7 @@ def thinned_problem(data: Data, vehicle: str = "suv", **more: float) -> Problem:
     return Problem(known, "full", sought(names), [data], list(data.outputs), 0.0, **more)
 
 
-def of_thinned_data(
-    rate: float | None, factor: int, quantum: float, seeds: Iterable[int]
-) -> np.ndarray:
+def of_thinned_data(rate: float | None, factor: int, quantum: float, seeds: Iterable[int]) -> np.ndarray:
     """(seeds, parameters), all of them sharp."""
     z = []
     for seed in seeds:

@@ -41,11 +41,7 @@ NOISE = {
 
 
 def begun_later(
-    vehicle: Vehicle,
-    drive: Sequence[tuple[float, float]],
-    cut: float,
-    noise: Mapping[str, float],
-    seed: int,
+    vehicle: Vehicle, drive: Sequence[tuple[float, float]], cut: float, noise: Mapping[str, float], seed: int
 ) -> Data:
     """What is measured from `cut` [s] on of a run from closed."""
     whole = measured(vehicle, "full", noise, seed, 0.0, pauses(drive))

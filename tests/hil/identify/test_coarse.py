@@ -30,9 +30,7 @@ def problem(data: Data, model: str = "third-order") -> Problem:
 
 
 @pytest.mark.parametrize("model", ["third-order", "full"])
-def test_the_estimates_are_those_of_a_search_over_all_rows(
-    model: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_estimates_are_those_of_a_search_over_all_rows(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     data = run(model, 0.1)
     found = identify(problem(data, model))
     monkeypatch.setattr(identification, "coarse_of", lambda _: None)
@@ -51,9 +49,7 @@ def test_it_has_the_same_unknowns_and_few_rows() -> None:
     assert np.array_equal(coarse.initial, whole.initial)
     assert len(coarse.measured) == 401
     # Inputs that change seldom change when they did.
-    assert coarse.data[0].rows[coarse.changes[0]] == pytest.approx(
-        whole.data[0].rows[whole.changes[0]]
-    )
+    assert coarse.data[0].rows[coarse.changes[0]] == pytest.approx(whole.data[0].rows[whole.changes[0]])
     away = coarse.predicted(whole.initial) - whole.predicted(whole.initial)[::25]
     assert np.abs(away).max(axis=0) == pytest.approx(np.zeros(3), abs=0.3)
 
@@ -71,9 +67,7 @@ def test_an_output_of_a_slower_raster_keeps_its_samples() -> None:
     data = run()
     thin = data.outputs["gate_angle_deg"].copy()
     thin[np.arange(len(thin)) % 100 != 7] = np.nan
-    few = coarse_of(
-        problem(dataclasses.replace(data, outputs={**data.outputs, "gate_angle_deg": thin}))
-    )
+    few = coarse_of(problem(dataclasses.replace(data, outputs={**data.outputs, "gate_angle_deg": thin})))
     assert few is not None
     kept = few[0].data[0].outputs["gate_angle_deg"]
     assert kept[np.isfinite(kept)] == pytest.approx(thin[np.isfinite(thin)], rel=1e-9)

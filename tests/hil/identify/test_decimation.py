@@ -12,13 +12,7 @@ from liftgate_hil.identify.identification import identify, validate
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.measurement.raster import thinned
 from tests.hil.identify import many_seeds
-from tests.hil.identify.many_seeds import (
-    QUANTUM,
-    THINNED,
-    THINNED_TRUTH,
-    opening,
-    thinned_problem,
-)
+from tests.hil.identify.many_seeds import QUANTUM, THINNED, THINNED_TRUTH, opening, thinned_problem
 from tests.hil.identify.simulated import measured, scores, sought, true_vehicle
 
 
@@ -33,9 +27,7 @@ def test_the_true_vehicle_follows_every_sample(rate: float | None, factor: int) 
 
 @pytest.mark.parametrize("quantum", [0.0, QUANTUM])
 @pytest.mark.parametrize(("rate", "factor"), THINNED)
-def test_the_truth_lies_within_three_standard_deviations(
-    rate: float | None, factor: int, quantum: float
-) -> None:
+def test_the_truth_lies_within_three_standard_deviations(rate: float | None, factor: int, quantum: float) -> None:
     z = many_seeds.of_thinned_data(rate, factor, quantum, [0])  # more seeds: tests/study
     assert np.max(np.abs(z)) < 3.0
 
@@ -58,9 +50,7 @@ def test_inputs_come_later_by_their_delay_whatever_is_left_of_the_outputs() -> N
     few = thinned(late, 400.0, 2, QUANTUM)
     before = thinned_problem(few, "true")
     after = thinned_problem(few, "true", delay=0.003)
-    wrong, right = (
-        np.nanstd(each.predicted(each.initial) - each.measured, axis=0) for each in (before, after)
-    )
+    wrong, right = (np.nanstd(each.predicted(each.initial) - each.measured, axis=0) for each in (before, after))
     assert np.all(right < 1e-2 * wrong)
 
 
@@ -72,9 +62,7 @@ def test_samples_that_look_where_the_inputs_end_are_left_out(factor: int) -> Non
     both = data.inputs.copy()
     both[:, :2] = volts[:, None]
     drive = (data.times, volts)
-    whole = measured(
-        true_vehicle(THINNED_TRUTH), "full", dict.fromkeys(data.outputs, 0.0), None, 0.0, drive
-    )
+    whole = measured(true_vehicle(THINNED_TRUTH), "full", dict.fromkeys(data.outputs, 0.0), None, 0.0, drive)
     late = dataclasses.replace(whole, inputs=np.roll(both, 100, axis=0))
     few = thinned(late, None, factor, QUANTUM)
     known = thinned_problem(few, "true", delay=-0.05)

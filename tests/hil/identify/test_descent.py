@@ -19,10 +19,7 @@ def test_a_step_is_the_bounded_least_squares_one(seed: int) -> None:
     root = rng.standard_normal((count + 3, count)) * 10.0 ** rng.uniform(-3, 3, count)
     target = rng.standard_normal(count + 3)
     size = 1.0 / np.sqrt(np.diag(root.T @ root))
-    low, high = (
-        -size * rng.choice([0.0, 0.3, 9.0], count),
-        size * rng.choice([0.0, 0.3, 9.0], count),
-    )
+    low, high = (-size * rng.choice([0.0, 0.3, 9.0], count), size * rng.choice([0.0, 0.3, 9.0], count))
     high = np.where(high == low, high + 0.1 * size, high)
     expected = lsq_linear(root, target, (low, high), method="bvls").x
     step = within(root.T @ root, root.T @ target, low, high)

@@ -20,8 +20,7 @@ def test_the_random_sequence_has_its_full_period_and_is_balanced() -> None:
     bits = prbs(3 * 1023)
     assert np.array_equal(bits[:1023], bits[1023:2046])
     assert all(
-        not np.array_equal(bits[:1023], np.roll(bits[:1023], shift))
-        for shift in (1, 3, 11, 31, 33, 93, 341)
+        not np.array_equal(bits[:1023], np.roll(bits[:1023], shift)) for shift in (1, 3, 11, 31, 33, 93, 341)
     )
     assert int(np.sum(bits[:1023])) == 512
     # Each word of ten bits but the zeros comes once.
@@ -61,17 +60,10 @@ def test_the_expected_standard_deviation_is_that_of_the_identification(model: st
     (expected,) = plan(vehicle, model, sought([*TRUTH]), OUTPUTS, one_way_and_back()[2:]).ranked
     data = measured(vehicle, model, NOISE, 1, drive=drive)
     result = estimated(vehicle, model, [*TRUTH], [data])
-    found = [
-        each.std / shipped.initial
-        for each, shipped in zip(result.parameters, sought([*TRUTH]), strict=True)
-    ]
+    found = [each.std / shipped.initial for each, shipped in zip(result.parameters, sought([*TRUTH]), strict=True)]
     assert expected.relative_std == pytest.approx(found, rel=0.15)
     assert expected.log_det == pytest.approx(
-        -math.log10(
-            np.linalg.det(
-                result.covariance / np.outer(*[[s.initial for s in sought([*TRUTH])]] * 2)
-            )
-        ),
+        -math.log10(np.linalg.det(result.covariance / np.outer(*[[s.initial for s in sought([*TRUTH])]] * 2))),
         abs=0.5,
     )
 
@@ -80,12 +72,8 @@ def test_informations_add_up() -> None:
     single = one_way_and_back()[2]
     names = ["motor.resistance", "spring.preload"]
     found = plan(suv(), "third-order", sought(names), OUTPUTS, [single] * 3, 3)
-    assert found.order[1].relative_std == pytest.approx(
-        found.order[0].relative_std / math.sqrt(2.0)
-    )
-    assert found.order[2].relative_std == pytest.approx(
-        found.order[0].relative_std / math.sqrt(3.0)
-    )
+    assert found.order[1].relative_std == pytest.approx(found.order[0].relative_std / math.sqrt(2.0))
+    assert found.order[2].relative_std == pytest.approx(found.order[0].relative_std / math.sqrt(3.0))
     assert found.order[1].log_det - found.order[0].log_det == pytest.approx(2 * math.log10(2.0))
 
 
@@ -169,10 +157,7 @@ def test_positions_are_expected_to_tell_what_counts_tell(rate: float) -> None:
     counts = np.floor(4.0 * data.outputs["left_position_rev"] + 0.5) / 4.0
     data = dataclasses.replace(data, outputs={**data.outputs, "left_position_rev": counts})
     result = estimated(vehicle, "third-order", names, [data])
-    found = [
-        each.std / start.initial
-        for each, start in zip(result.parameters, sought(names), strict=True)
-    ]
+    found = [each.std / start.initial for each, start in zip(result.parameters, sought(names), strict=True)]
     ratio = np.array(found) / expected.relative_std
     assert np.all(ratio > 0.4)
     assert np.all(ratio < 2.5)

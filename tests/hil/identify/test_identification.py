@@ -81,13 +81,7 @@ def test_an_input_delay_is_recovered_whichever_sign_it_has(delay: float) -> None
     # The reversal's two switches lie on the coarse raster, so that the held input is known exactly.
     data = delayed(delay, 3)
     problem = Problem(
-        true_vehicle(),
-        "third-order",
-        sought([*TRUTH]),
-        [data],
-        list(data.outputs),
-        20.0,
-        is_delay_sought=True,
+        true_vehicle(), "third-order", sought([*TRUTH]), [data], list(data.outputs), 20.0, is_delay_sought=True
     )
     result = identify(problem)
     (found,) = result.initial_states
@@ -101,11 +95,7 @@ def test_a_known_delay_is_taken_as_it_is() -> None:
     data = delayed(0.03, 3)
     outputs = list(data.outputs)
     known, ignored = (
-        identify(
-            Problem(
-                true_vehicle(), "third-order", sought([*TRUTH]), [data], outputs, 20.0, delay=delay
-            )
-        )
+        identify(Problem(true_vehicle(), "third-order", sought([*TRUTH]), [data], outputs, 20.0, delay=delay))
         for delay in (0.03, 0.0)
     )
     assert np.abs(scores(known)).max() < 3.0
@@ -144,23 +134,13 @@ def test_a_measurement_that_begins_in_motion_tells_the_same(closing: bool, model
     times = np.arange(601) / 200.0
     volts = np.where(times < 2.0, 12.0, 6.0) * (-1.0 if closing else 1.0)
     noise = {**NOISE, "left_position_rev": 0.1}
-    whole = measured(
-        vehicle,
-        model,
-        noise,
-        4,
-        angle_deg=75.0 if closing else 10.0,
-        drive=(times, volts),
-    )
+    whole = measured(vehicle, model, noise, 4, angle_deg=75.0 if closing else 10.0, drive=(times, volts))
     names = ["motor.resistance", "motor.speed_constant", "spring.preload"]
     result = estimated(vehicle, model, names, [later(whole, 1.5)], None)
     assert np.abs(scores(result)).max() < 3.5
     states = {each.name: each for each in result.initial_states}
     truth = measured(vehicle, model, noise, None, 75.0 if closing else 10.0, (times, volts))
-    for name, output in (
-        ("speed", "left_speed_rps"),
-        ("left_position", "left_position_rev"),
-    ):
+    for name, output in (("speed", "left_speed_rps"), ("left_position", "left_position_rev")):
         expected = truth.outputs[output][300]
         assert abs(states[f"run: {name}"].value - expected) < 3.5 * states[f"run: {name}"].std
 
@@ -285,9 +265,7 @@ def linear(names: list[str], seed: int) -> Problem:
     return Problem(suv(), "second-order", sought(names), [data], ["left_current_a"], 20.0)
 
 
-@pytest.mark.parametrize(
-    "names", [["sensors.current_offset"], ["sensors.current_offset", "sensors.current_gain"]]
-)
+@pytest.mark.parametrize("names", [["sensors.current_offset"], ["sensors.current_offset", "sensors.current_gain"]])
 def test_the_profile_of_a_linear_parameter_is_a_parabola(names: list[str]) -> None:
     result = identify(linear(names, 1), given_std=np.array([0.5]), profiles=[names[0]])
     (profile,) = result.profiles
@@ -311,9 +289,7 @@ def test_the_profile_with_unknown_noise_is_nearly_the_same() -> None:
 
 
 @pytest.mark.parametrize("given_std", [np.array([0.5]), None])
-def test_a_profile_holds_what_is_known_beforehand_as_the_estimate_does(
-    given_std: np.ndarray | None,
-) -> None:
+def test_a_profile_holds_what_is_known_beforehand_as_the_estimate_does(given_std: np.ndarray | None) -> None:
     one = linear(["sensors.current_offset"], 1)
     prior = sought(["sensors.current_offset"], prior=0.1, prior_std=0.02)
     both = dataclasses.replace(one, sought=prior)
@@ -332,9 +308,7 @@ def test_the_result_tells_its_criteria_from_its_own_figures() -> None:
     data = measured(vehicle, seed=1)
     result = estimated(vehicle, "third-order", [*TRUTH], [data])
     rows = len(data.times)
-    figures = criteria(
-        result.loss, rows * math.log(np.linalg.det(result.noise_variance)), 3 * rows, rows, 5
-    )
+    figures = criteria(result.loss, rows * math.log(np.linalg.det(result.noise_variance)), 3 * rows, rows, 5)
     assert (result.fpe, result.aic, result.aicc, result.bic) == pytest.approx(tuple(figures))
     assert result.loss == pytest.approx(result.history[-1])
     assert result.loss_initial == pytest.approx(result.history[0])
@@ -409,9 +383,7 @@ def test_two_experiments_make_estimates_surer_by_the_root_of_two() -> None:
 
 
 @pytest.mark.parametrize("given", [None, np.array([*NOISE.values()])])
-def test_a_worse_model_has_worse_criteria_whether_or_not_the_noise_is_given(
-    given: np.ndarray | None,
-) -> None:
+def test_a_worse_model_has_worse_criteria_whether_or_not_the_noise_is_given(given: np.ndarray | None) -> None:
     data = [measured(true_vehicle(), seed=5)]
     names = ["motor.resistance", "motor.rotor_inertia"]
     good = estimated(true_vehicle(), "third-order", names, data, given_std=given)
@@ -424,9 +396,7 @@ def test_a_delay_that_is_sought_leaves_the_noise_of_the_outputs_correlated() -> 
     data = delayed(0.03, 4)
     more = {"angle_deg": 20.0, "is_delay_sought": True}
     outputs = list(data.outputs)
-    result = identify(
-        Problem(true_vehicle(), "third-order", sought([*TRUTH]), [data], outputs, **more)
-    )
+    result = identify(Problem(true_vehicle(), "third-order", sought([*TRUTH]), [data], outputs, **more))
     assert np.all(result.noise_variance != 0.0)
 
 
@@ -455,12 +425,6 @@ def test_an_output_whose_samples_all_lie_beyond_the_inputs_is_left_out() -> None
     speed[-8:] = outputs["left_speed_rps"][-8:]
     late = dataclasses.replace(data, outputs={**outputs, "left_speed_rps": speed})
     problem = Problem(
-        true_vehicle(),
-        "third-order",
-        sought(["motor.resistance"]),
-        [late],
-        [*outputs],
-        20.0,
-        is_delay_sought=True,
+        true_vehicle(), "third-order", sought(["motor.resistance"]), [late], [*outputs], 20.0, is_delay_sought=True
     )
     assert "left_speed_rps" not in identify(problem).outputs

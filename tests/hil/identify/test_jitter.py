@@ -38,9 +38,7 @@ def test_noise_that_two_outputs_share_is_no_scatter() -> None:
     # Both sensors show the same error, as counts of two drives that move alike do.
     data = stamped(0.0, 2)
     twin = {"right_current_a": data.outputs["left_current_a"], **data.outputs}
-    twin["gate_angle_deg"] = np.where(
-        np.arange(len(data.times)) % 2, np.nan, twin["gate_angle_deg"]
-    )
+    twin["gate_angle_deg"] = np.where(np.arange(len(data.times)) % 2, np.nan, twin["gate_angle_deg"])
     result = with_delay([dataclasses.replace(data, outputs=twin)])
     assert result.input_jitter < 5e-5
 
@@ -56,9 +54,7 @@ def test_inputs_that_never_change_have_no_scatter() -> None:
     data = stamped(0.0, 4, NOISE)
     inputs = np.repeat(data.inputs[:1], len(data.times), axis=0)
     inputs[:, :2] = 12.0
-    still = measured(
-        true_vehicle(SCATTERED_TRUTH), seed=4, angle_deg=ANGLE_DEG, drive=(data.times, inputs[:, 0])
-    )
+    still = measured(true_vehicle(SCATTERED_TRUTH), seed=4, angle_deg=ANGLE_DEG, drive=(data.times, inputs[:, 0]))
     assert with_delay([still]).input_jitter == 0.0
 
 
@@ -81,13 +77,7 @@ def test_unknowns_that_cannot_be_told_apart_leave_the_scatter_as_it_is() -> None
     found = []
     for each in (names, [*names, "gear.friction_torque"]):
         problem = Problem(
-            true_vehicle(SCATTERED_TRUTH),
-            "third-order",
-            sought(each),
-            [data],
-            [*SMALL],
-            ANGLE_DEG,
-            0.0035,
+            true_vehicle(SCATTERED_TRUTH), "third-order", sought(each), [data], [*SMALL], ANGLE_DEG, 0.0035
         )
         found.append(identify(problem))
     assert found[1].inseparable != ()
@@ -104,14 +94,11 @@ def test_frames_of_one_cycle_move_together() -> None:
     late = np.isin(times, data.times[rows[1:]])
     inputs[late, 1] = data.inputs[row[late] - 1, 1]
     outputs = {
-        name: np.where(np.isin(times, data.times), values[row], np.nan)
-        for name, values in data.outputs.items()
+        name: np.where(np.isin(times, data.times), values[row], np.nan) for name, values in data.outputs.items()
     }
     pairs = dataclasses.replace(data, times=times, inputs=inputs, outputs=outputs)
     assert len(changes_of(pairs)) == 2 * len(rows) - 1
-    problem = Problem(
-        true_vehicle(SCATTERED_TRUTH), "third-order", [], [pairs], [*SMALL], ANGLE_DEG
-    )
+    problem = Problem(true_vehicle(SCATTERED_TRUTH), "third-order", [], [pairs], [*SMALL], ANGLE_DEG)
     assert len(jitter._Moves(problem, problem.initial).changes) == len(rows) - 1
 
 

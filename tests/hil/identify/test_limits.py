@@ -77,18 +77,14 @@ def test_a_step_follows_a_curved_limit() -> None:
 
 def test_a_limit_without_a_slope_stops_a_step_before_it() -> None:
     """As a check that allows 0 and 1 only."""
-    step = step_within_limits(
-        np.eye(2), np.ones(2), -np.ones(2), np.ones(2), np.ones(2), lambda x: not np.any(x)
-    )
+    step = step_within_limits(np.eye(2), np.ones(2), -np.ones(2), np.ones(2), np.ones(2), lambda x: not np.any(x))
     assert step.tolist() == [0.0, 0.0]
 
 
 def test_the_motor_constants_that_are_found_make_no_energy() -> None:
     vehicle, names = suv(), ["motor.torque_constant", "motor.speed_constant", "motor.resistance"]
     data = measured(strong(), seed=1)
-    result = identify(
-        checked(vehicle, "third-order", sought(names, vehicle), [data], [*data.outputs], 20.0)
-    )
+    result = identify(checked(vehicle, "third-order", sought(names, vehicle), [data], [*data.outputs], 20.0))
     torque, speed, resistance = result.parameters
     assert speed.value / torque.value >= ENERGY
     assert speed.value / torque.value == pytest.approx(ENERGY, rel=1e-5)
@@ -138,9 +134,7 @@ def test_a_lever_that_would_vanish_is_a_limit_as_well() -> None:
     light = with_value(vehicle, parameter, 0.5 * low)
     data = measured(light, noise={"gate_angle_deg": 0.01, "left_current_a": 0.05}, seed=1)
     names = ["gate.inertia", "motor.resistance"]
-    result = identify(
-        checked(start, "third-order", sought(names, start), [data], [*data.outputs], 20.0)
-    )
+    result = identify(checked(start, "third-order", sought(names, start), [data], [*data.outputs], 20.0))
     inertia, resistance = result.parameters
     assert inertia.value == pytest.approx(low, rel=1e-3)
     assert inertia.value >= low * (1.0 - 1e-5)
@@ -152,9 +146,7 @@ def test_a_lever_that_would_vanish_is_a_limit_as_well() -> None:
 def test_a_search_that_would_begin_at_what_is_refused_says_so() -> None:
     data = measured(suv(), seed=1)
     vehicle = strong()
-    problem = checked(
-        vehicle, "third-order", sought(["motor.resistance"], vehicle), [data], [*data.outputs], 20.0
-    )
+    problem = checked(vehicle, "third-order", sought(["motor.resistance"], vehicle), [data], [*data.outputs], 20.0)
     with pytest.raises(ValueError, match="makes energy"):
         identify(problem)
 
@@ -163,12 +155,8 @@ def test_limits_that_are_not_met_change_nothing() -> None:
     """Neither steps nor how many simulations they take."""
     vehicle = suv()
     data = measured(suv("motor.resistance=0.8"), seed=2)
-    problem = checked(
-        vehicle, "third-order", sought(["motor.resistance"], vehicle), [data], [*data.outputs], 20.0
-    )
-    free = Problem(
-        vehicle, "third-order", sought(["motor.resistance"], vehicle), [data], [*data.outputs], 20.0
-    )
+    problem = checked(vehicle, "third-order", sought(["motor.resistance"], vehicle), [data], [*data.outputs], 20.0)
+    free = Problem(vehicle, "third-order", sought(["motor.resistance"], vehicle), [data], [*data.outputs], 20.0)
     one, other = identify(problem), identify(free)
     assert one.parameters == other.parameters
     assert one.evaluations == other.evaluations

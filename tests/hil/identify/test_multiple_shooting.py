@@ -13,9 +13,7 @@ from tests.plant.runs import suv
 
 
 @pytest.mark.parametrize(("released_at", "left_out"), [(0.0, 0.0), (1.0, 1.225)])
-def test_pieces_in_which_the_latch_holds_the_closed_gate_are_left_out(
-    released_at: float, left_out: float
-) -> None:
+def test_pieces_in_which_the_latch_holds_the_closed_gate_are_left_out(released_at: float, left_out: float) -> None:
     times = np.arange(601) / 200.0
     drive = (times, np.where(times < 1.0, 0.0, 12.0))
     data = measured(
@@ -30,6 +28,4 @@ def test_pieces_in_which_the_latch_holds_the_closed_gate_are_left_out(
     cut = in_segments(Problem(suv(), "full", [], [data], [*data.outputs], 0.0))
     assert cut is not None
     # Pieces of 49 samples; the fifth begins at 0.98 s, while the latch still holds.
-    assert data.times[-1] - sum(np.ptp(each.times) for each in cut.data) == pytest.approx(
-        left_out, abs=1e-9
-    )
+    assert data.times[-1] - sum(np.ptp(each.times) for each in cut.data) == pytest.approx(left_out, abs=1e-9)

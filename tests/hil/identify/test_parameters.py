@@ -57,15 +57,10 @@ def test_every_parameter_is_set_alone_and_read_back(drives: int) -> None:
         changed = with_value(vehicle, parameter, value)
         assert value_of(changed, parameter) == pytest.approx(value, rel=1e-14)
         back = with_value(changed, parameter, value_of(vehicle, parameter))
-        different = [
-            each.name for each in known if value_of(changed, each) != value_of(vehicle, each)
-        ]
+        different = [each.name for each in known if value_of(changed, each) != value_of(vehicle, each)]
         stem = re.sub(r"^(left|right)\.", "", parameter.name)
         assert {re.sub(r"^(left|right)\.", "", name) for name in different} == {stem}
-        assert all(
-            value_of(back, each) == pytest.approx(value_of(vehicle, each), rel=1e-14)
-            for each in known
-        )
+        assert all(value_of(back, each) == pytest.approx(value_of(vehicle, each), rel=1e-14) for each in known)
 
 
 def test_angles_are_degrees_in_the_file_and_radians_in_the_vehicle() -> None:
@@ -80,9 +75,7 @@ def test_angles_are_degrees_in_the_file_and_radians_in_the_vehicle() -> None:
 def test_a_side_changes_that_drive_alone_and_no_side_both() -> None:
     vehicle = suv()
     both = find_parameter(vehicle, "motor.resistance")
-    left, right = (
-        find_parameter(vehicle, f"{side}.motor.resistance") for side in ("left", "right")
-    )
+    left, right = (find_parameter(vehicle, f"{side}.motor.resistance") for side in ("left", "right"))
     one = with_value(vehicle, right, 2.0)
     assert (one.left.motor.resistance, one.right.motor.resistance) == (0.708, 2.0)
     assert not same_on_both_sides(one, both)

@@ -21,9 +21,7 @@ def of(data: list[Data], names: list[str], **more: object) -> Problem:
 
 def test_the_prediction_at_the_truth_is_the_measurement() -> None:
     problem = of([measured(true_vehicle())], [*TRUTH])
-    assert problem.predicted(np.array([*TRUTH.values()])) == pytest.approx(
-        problem.measured, rel=1e-9, abs=1e-9
-    )
+    assert problem.predicted(np.array([*TRUTH.values()])) == pytest.approx(problem.measured, rel=1e-9, abs=1e-9)
     assert problem.predicted(problem.initial) != pytest.approx(problem.measured, rel=1e-3)
 
 
@@ -90,8 +88,7 @@ def test_the_counts_are_those_of_the_vehicles_sensor() -> None:
     data = dataclasses.replace(measured(suv()), outputs={"left_position_rev": values})
     outputs = ["left_position_rev"]
     four, six = (
-        Problem(suv(f"sensors.hall_counts={n}"), "third-order", [], [data], outputs, 20.0)
-        for n in (4, 6)
+        Problem(suv(f"sensors.hall_counts={n}"), "third-order", [], [data], outputs, 20.0) for n in (4, 6)
     )
     assert np.all(np.isfinite(four.measured))
     assert int(np.sum(np.isfinite(six.measured))) == 133
@@ -184,9 +181,7 @@ def test_one_change_may_come_later_than_the_others() -> None:
     assert speed[:201] == pytest.approx(was[:201], rel=1e-9)
     assert speed[210] == pytest.approx(was[200], rel=0.01)  # not yet switched off
     shifted = problem.predicted(at, [np.zeros(3), np.full(3, 0.05)])
-    assert shifted[half:, 1] == pytest.approx(
-        of([data, data], [], delay=0.05).predicted(at)[half:, 1]
-    )
+    assert shifted[half:, 1] == pytest.approx(of([data, data], [], delay=0.05).predicted(at)[half:, 1])
 
 
 def test_each_experiment_may_begin_at_an_angle_of_its_own() -> None:

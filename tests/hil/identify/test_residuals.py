@@ -8,23 +8,14 @@ import numpy as np
 import pytest
 
 from liftgate_hil.identify.data import applied_voltage
-from liftgate_hil.identify.residuals import (
-    PHASES,
-    Frame,
-    local_slope,
-    phases_of,
-    series_of,
-    speed_series,
-)
+from liftgate_hil.identify.residuals import PHASES, Frame, local_slope, phases_of, series_of, speed_series
 from liftgate_hil.identify.trajectory import OUTPUTS
 from liftgate_plant.vehicle import plant_of
 from tests.hil.identify.simulated import measured
 from tests.plant.runs import suv
 
 
-def phases(
-    volts: np.ndarray, times: np.ndarray, angle_deg: float = 0.0, model: str = "full"
-) -> list[str]:
+def phases(volts: np.ndarray, times: np.ndarray, angle_deg: float = 0.0, model: str = "full") -> list[str]:
     """The phase of each row of a simulated measurement."""
     vehicle = suv()
     noise = dict.fromkeys(OUTPUTS, 0.0)
@@ -52,15 +43,7 @@ def test_a_reversal_crosses_the_play() -> None:
     times = np.arange(1501) * 1e-3
     volts = np.select([times < 0.6, times < 0.9], [12.0, 0.0], -9.0)
     found = phases(volts, times, 20.0)
-    assert runs(found) == [
-        "inrush",
-        "travel",
-        "rest",
-        "inrush",
-        "play crossing",
-        "inrush",
-        "travel",
-    ]
+    assert runs(found) == ["inrush", "travel", "rest", "inrush", "play crossing", "inrush", "travel"]
     crossing = [k for k, name in enumerate(found) if name == "play crossing"]
     # One revolution of the motor, some ten milliseconds, right after the drive turned round.
     assert 900 < crossing[0] < 915

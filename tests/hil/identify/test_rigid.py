@@ -50,9 +50,7 @@ RUNS = {
         10.0,
         (12.0, 12.0),
     ),
-    "source resistance": Run(
-        "suv", ("supply.internal_resistance=0.2",), 10.0, duty=(0.9, 0.9), seconds=1.0
-    ),
+    "source resistance": Run("suv", ("supply.internal_resistance=0.2",), 10.0, duty=(0.9, 0.9), seconds=1.0),
     "source resistance, unlike duties": Run(
         "suv", ("supply.internal_resistance=0.2",), 60.0, duty=(-0.9, -0.6), seconds=1.0
     ),
@@ -146,8 +144,7 @@ def solution(vehicle: Vehicle, case: Run, times: np.ndarray, order: int) -> np.n
         else:
             friction = direction * limit
         own = sum(
-            2.0 * math.pi * (each.motor.rotor_inertia + each.gear.inertia / each.gear.ratio**2)
-            for each in drives
+            2.0 * math.pi * (each.motor.rotor_inertia + each.gear.inertia / each.gear.ratio**2) for each in drives
         )
         whole = own + inertia * rho * rho / (2.0 * math.pi * arm * arm)
         return (driving - friction - rolling) / whole
@@ -166,13 +163,7 @@ def solution(vehicle: Vehicle, case: Run, times: np.ndarray, order: int) -> np.n
     began = (length(math.radians(case.angle_deg)) - closed) / rho
     start = [case.speed, began] if order == 2 else [*np.zeros(len(drives)), case.speed, began]
     solved = solve_ivp(
-        second if order == 2 else third,
-        (0.0, times[-1]),
-        start,
-        "LSODA",
-        times,
-        rtol=1e-9,
-        atol=1e-10,
+        second if order == 2 else third, (0.0, times[-1]), start, "LSODA", times, rtol=1e-9, atol=1e-10
     )
     assert solved.success
     x = solved.y.T
@@ -192,14 +183,7 @@ def model(vehicle: Vehicle, case: Run, times: np.ndarray, order: str, step: floa
         place = gate.extension(plant.link, angle) / plant.left.travel
         begin = REST._replace(balanced=1.0, speed=case.speed, left_position=place)
     out = trajectory(
-        plant,
-        Sensors(),
-        load_of(vehicle),
-        begin,
-        MODELS[order],
-        times,
-        rows_of(columns, len(times)),
-        step,
+        plant, Sensors(), load_of(vehicle), begin, MODELS[order], times, rows_of(columns, len(times)), step
     )
     return out[:, [0, 1, 2, 4]]
 
@@ -240,9 +224,7 @@ def test_errors_fall_with_the_square_of_the_step(order: str, name: str) -> None:
     if order == "third-order":
         # A winding with a time constant that the steps resolve.
         case = case._replace(settings=(*case.settings, "motor.inductance=5e-3"))
-    coarse, middle, fine = (
-        errors(case, order, step, 0.01)[2:] for step in (2.5e-3, 1.25e-3, 6.25e-4)
-    )
+    coarse, middle, fine = (errors(case, order, step, 0.01)[2:] for step in (2.5e-3, 1.25e-3, 6.25e-4))
     # Measured 1.81 to 2.06: the third order's speed comes up to 2 from below.
     assert np.all(np.log2(coarse / middle) > 1.75)
     assert np.all(np.log2(middle / fine) > 1.85)
@@ -254,9 +236,7 @@ def test_a_vanishing_inductance_leaves_the_second_order_model() -> None:
     for inductance in (4e-3, 1e-3, 2.5e-4):
         case = RUNS["opening"]._replace(settings=(f"motor.inductance={inductance}",))
         vehicle = vehicle_of(case)
-        third, second = (
-            model(vehicle, case, times, order, 1e-4) for order in ("third-order", "second-order")
-        )
+        third, second = (model(vehicle, case, times, order, 1e-4) for order in ("third-order", "second-order"))
         distances.append(np.abs(third - second)[times > 0.3].max(axis=0))
     for long, short in itertools.pairwise(distances):
         assert np.all(short[[0, 2, 3]] < 0.3 * long[[0, 2, 3]])
@@ -269,16 +249,10 @@ def test_a_stiff_mechanism_without_play_leaves_the_third_order_model(name: str) 
     distances = []
     for stiffness in (5e5, 5e6, 5e7):
         damping = 4000.0 * math.sqrt(stiffness / 5e5)
-        stiff = (
-            "gear.backlash=0",
-            f"mechanism.stiffness={stiffness}",
-            f"mechanism.damping={damping}",
-        )
+        stiff = ("gear.backlash=0", f"mechanism.stiffness={stiffness}", f"mechanism.damping={damping}")
         case = RUNS[name]._replace(settings=(*RUNS[name].settings, *stiff))
         vehicle = vehicle_of(case)
-        full, third = (
-            model(vehicle, case, times, order, 1e-4) for order in ("full", "third-order")
-        )
+        full, third = (model(vehicle, case, times, order, 1e-4) for order in ("full", "third-order"))
         distances.append(np.abs(full - third)[times > 0.3].max(axis=0))
     for soft, stiffer in itertools.pairwise(distances):
         assert np.all(stiffer[[0, 3]] < 0.4 * soft[[0, 3]])

@@ -16,14 +16,7 @@ from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.search import search
 from liftgate_hil.identify.weighting import errors_of, log_likelihood_deviance, weighting_of
 from liftgate_plant.sensors import Sensors
-from tests.hil.identify.simulated import (
-    NOISE,
-    TRUTH,
-    measured,
-    sought,
-    there_and_back,
-    true_vehicle,
-)
+from tests.hil.identify.simulated import NOISE, TRUTH, measured, sought, there_and_back, true_vehicle
 from tests.plant.runs import suv
 
 
@@ -84,9 +77,7 @@ def test_the_least_determinant_is_the_largest_likelihood() -> None:
     assert found.point == pytest.approx(least.x[:2] * scale, rel=3e-6)
     assert found.weighting.covariance == pytest.approx(lower @ lower.T, rel=1e-3)
     # At the least Σ εᵀ Λ⁻¹ ε = N · outputs: what the deviance leaves out.
-    whole = (
-        log_likelihood_deviance(small.measured, found.errors, found.weighting) + small.measured.size
-    )
+    whole = log_likelihood_deviance(small.measured, found.errors, found.weighting) + small.measured.size
     assert whole == pytest.approx(least.fun, abs=1e-3)
     # Plain least squares, blind to the noise's size and correlation, ends elsewhere.
     plain = search(small, given_std=np.array([1.0, 1.0]))
@@ -169,12 +160,7 @@ def linear(seed: int, **limits: float) -> Problem:
     vehicle = suv("sensors.current_offset=0.1")
     data = measured(vehicle, noise={"left_current_a": 0.5}, seed=seed, sensors=vehicle.sensors)
     return Problem(
-        suv(),
-        "second-order",
-        sought(["sensors.current_offset"], **limits),
-        [data],
-        ["left_current_a"],
-        20.0,
+        suv(), "second-order", sought(["sensors.current_offset"], **limits), [data], ["left_current_a"], 20.0
     )
 
 
@@ -234,9 +220,7 @@ def test_the_history_tells_of_each_iteration() -> None:
     found = search(one, lambda *values: told.append(values))
     assert [number for number, _, _ in told] == list(range(1, len(found.history)))
     assert [loss for _, loss, _ in told] == list(found.history[1:])
-    assert all(
-        later <= earlier * (1.0 + 1e-9) for earlier, later in itertools.pairwise(found.history)
-    )
+    assert all(later <= earlier * (1.0 + 1e-9) for earlier, later in itertools.pairwise(found.history))
 
 
 def test_a_prediction_that_diverges_counts_as_far_away() -> None:
@@ -252,9 +236,7 @@ def test_a_weighting_whitens_correlated_errors() -> None:
     weighting = weighting_of(errors, errors, None)
     white = errors @ weighting.root
     assert white.T @ white / len(white) == pytest.approx(np.eye(2), abs=1e-9)
-    assert weighting.root @ weighting.root.T == pytest.approx(
-        np.linalg.inv(weighting.covariance), rel=1e-8
-    )
+    assert weighting.root @ weighting.root.T == pytest.approx(np.linalg.inv(weighting.covariance), rel=1e-8)
 
 
 def test_sensors_are_applied_to_data_that_come_through_them_alone() -> None:

@@ -119,9 +119,7 @@ def test_the_robust_covariance_is_what_many_drawings_show(share: float) -> None:
         estimate = inverse @ slopes.T @ noise
         errors = (noise - slopes @ estimate)[:, None]
         found.append(estimate)
-        said.append(
-            np.diag(robust_covariance([slopes * errors], inverse, np.zeros(slopes.shape[1])))
-        )
+        said.append(np.diag(robust_covariance([slopes * errors], inverse, np.zeros(slopes.shape[1]))))
     std = np.std(found, axis=0)
     robust = np.sqrt(np.mean(said, axis=0))
     # Bartlett's kernel leaves a part of the correlation out: too small by some per cent, never too large.
@@ -138,9 +136,7 @@ def test_the_robust_covariance_does_not_depend_on_units() -> None:
     units = np.array([1e-5, 1e3])
     inverse = np.linalg.inv(slopes.T @ slopes)
     plain = robust_covariance([slopes * errors], inverse, np.zeros(2))
-    scaled = robust_covariance(
-        [slopes * errors * units], inverse / np.outer(units, units), np.zeros(2)
-    )
+    scaled = robust_covariance([slopes * errors * units], inverse / np.outer(units, units), np.zeros(2))
     assert scaled * np.outer(units, units) == pytest.approx(plain)
 
 

@@ -11,15 +11,7 @@ import pytest
 from liftgate_hil.identify import rigid
 from liftgate_hil.identify import trajectory as module
 from liftgate_hil.identify.data import rows_of
-from liftgate_hil.identify.trajectory import (
-    MODELS,
-    OUTPUTS,
-    REST,
-    Start,
-    balanced_angle,
-    run,
-    trajectory,
-)
+from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, REST, Start, balanced_angle, run, trajectory
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant import gate, integrate
 from liftgate_plant.bridge import DriveInput
@@ -62,9 +54,7 @@ def by_hand(vehicle: Vehicle, model: str, volts: np.ndarray, step: float) -> lis
         if MODELS[model] == 0:
             state = integrate.step(plant, state, Inputs(drive, drive, load), step)
         else:
-            state, _ = rigid.step_rigid(
-                plant, state, Inputs(drive, drive, load), step, MODELS[model]
-            )
+            state, _ = rigid.step_rigid(plant, state, Inputs(drive, drive, load), step, MODELS[model])
         states.append(state)
     return states
 
@@ -100,9 +90,7 @@ def test_intervals_are_cut_into_steps_no_longer_than_asked(model: str) -> None:
     coarse = np.arange(0.0, 0.6005, 0.1)
     fine = np.arange(601) * 1e-3
     cut = rows(vehicle, model, coarse, left_voltage_v=12.0, longest=1e-3)
-    assert cut == pytest.approx(
-        rows(vehicle, model, fine, left_voltage_v=12.0)[::100], rel=1e-9, abs=1e-9
-    )
+    assert cut == pytest.approx(rows(vehicle, model, fine, left_voltage_v=12.0)[::100], rel=1e-9, abs=1e-9)
     # Ten per cent more than a step is two steps.
     stretched = np.arange(200) * 1.1e-3
     halves = np.arange(399) * 0.55e-3
@@ -140,13 +128,9 @@ def test_duty_takes_the_supply_of_its_column_or_the_vehicles(model: str) -> None
     times = np.arange(301) * 1e-3
     vehicle = suv("supply.internal_resistance=0")
     by_duty = rows(vehicle, model, times, left_duty=0.5)
-    assert by_duty == pytest.approx(
-        rows(vehicle, model, times, left_voltage_v=6.0), rel=1e-9, abs=1e-9
-    )
+    assert by_duty == pytest.approx(rows(vehicle, model, times, left_voltage_v=6.0), rel=1e-9, abs=1e-9)
     given = rows(vehicle, model, times, left_duty=0.5, supply_voltage_v=16.0)
-    assert given == pytest.approx(
-        rows(vehicle, model, times, left_voltage_v=8.0), rel=1e-9, abs=1e-9
-    )
+    assert given == pytest.approx(rows(vehicle, model, times, left_voltage_v=8.0), rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize("model", MODEL_NAMES)
@@ -159,11 +143,7 @@ def test_surroundings_take_their_columns_in_the_units_of_their_names(model: str)
         "environment.ambient_temperature_degc=-10",
         cold,
     )
-    columns = {
-        "road_slope_deg": 5.0,
-        "hand_force_n": 30.0,
-        "ambient_temperature_degc": -10.0,
-    }
+    columns = {"road_slope_deg": 5.0, "hand_force_n": 30.0, "ambient_temperature_degc": -10.0}
     by_file = rows(suv(*settings), model, times, left_voltage_v=12.0)
     by_column = rows(suv(cold), model, times, left_voltage_v=12.0, **columns)
     assert by_column == pytest.approx(by_file, rel=1e-9, abs=1e-9)
@@ -197,9 +177,7 @@ def test_sensors_show_the_current_with_gain_offset_and_filter(model: str) -> Non
 
 @pytest.mark.parametrize("volts", [12.0, -9.0])
 @pytest.mark.parametrize("name", ["suv", "compact", "heavy-suv"])
-def test_a_full_model_that_begins_in_motion_goes_on_as_it_would_have(
-    name: str, volts: float
-) -> None:
+def test_a_full_model_that_begins_in_motion_goes_on_as_it_would_have(name: str, volts: float) -> None:
     vehicle = vehicle_from(name)
     begin = REST._replace(angle=math.radians(20.0 if volts > 0.0 else 65.0))
     times = np.arange(2001) * 1e-3

@@ -33,8 +33,7 @@ def test_a_text_made_of_a_comparison_means_the_same(side: str, sign: str) -> Non
     assert again.text == comparison.text
     assert again.sign == comparison.sign
     first, second = (
-        each.left.values({name: READ[name] for name in each.left.names()}, 2)
-        for each in (comparison, again)
+        each.left.values({name: READ[name] for name in each.left.names()}, 2) for each in (comparison, again)
     )
     assert np.array_equal(first, second, equal_nan=True)
 
@@ -81,9 +80,7 @@ def test_what_has_no_finite_value_has_none() -> None:
         ("latched < 1 / 0", None),
     ],
 )
-def test_the_number_that_something_is_held_against(
-    text: str, limit: tuple[str, str, float] | None
-) -> None:
+def test_the_number_that_something_is_held_against(text: str, limit: tuple[str, str, float] | None) -> None:
     (comparison,) = comparisons_of(parsed(text, {"most": 100.0}))
     found = comparison.limit
     assert (None if found is None else (found[0].text, *found[1:])) == limit

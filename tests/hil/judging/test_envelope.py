@@ -9,16 +9,12 @@ from hypothesis import strategies as st
 
 from liftgate_hil.judging.envelope import MOST_BINS, Envelope
 
-VALUES = st.lists(
-    st.one_of(st.just(np.nan), st.integers(-50, 50).map(float)), min_size=1, max_size=200
-)
+VALUES = st.lists(st.one_of(st.just(np.nan), st.integers(-50, 50).map(float)), min_size=1, max_size=200)
 
 
 @CALM
 @given(VALUES, st.lists(st.floats(0.0, 1.0), max_size=5), st.sampled_from([1, 2, 5, 8, 64]))
-def test_a_bin_has_the_extremes_of_its_ticks(
-    values: list[float], cuts: list[float], most: int
-) -> None:
+def test_a_bin_has_the_extremes_of_its_ticks(values: list[float], cuts: list[float], most: int) -> None:
     signals = np.column_stack([values, np.negative(values)])
     times = np.arange(1, len(values) + 1) * 0.001
     envelope = Envelope(2, most)

@@ -132,9 +132,7 @@ SIDES = st.sampled_from(
 COMPARED = st.builds(compared, st.sampled_from(["<", "<=", ">", ">=", "==", "!="]), SIDES, SIDES)
 CONDITIONS = st.recursive(
     COMPARED,
-    lambda inner: st.one_of(
-        inner.map(negated), st.builds(joined, st.sampled_from(["and", "or"]), inner, inner)
-    ),
+    lambda inner: st.one_of(inner.map(negated), st.builds(joined, st.sampled_from(["and", "or"]), inner, inner)),
     max_leaves=4,
 )
 TOLD = re.compile(r".*: (\S+), allowed (below|at most|above|at least|other than) (\S+), at \S+ s.*")
@@ -150,9 +148,7 @@ ALLOWED = {
     CONDITIONS,
     st.lists(st.lists(st.sampled_from([0.0, 1.0, -0.5, 2.25]), min_size=2, max_size=2), min_size=1),
 )
-def test_what_was_measured_is_not_what_was_allowed(
-    kind: str, made: Made, values: list[list[float]]
-) -> None:
+def test_what_was_measured_is_not_what_was_allowed(kind: str, made: Made, values: list[list[float]]) -> None:
     truth, sensed = (list(each) for each in zip(*values, strict=True))
     found = failed(Expectation("x", kind, made[0]), latched=truth, sensed_latched=sensed)
     assert (found.reason == "") == (found.verdict == "pass")

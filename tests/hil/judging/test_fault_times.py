@@ -41,9 +41,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("fault", "note"), FAULTS)
-def test_a_fault_that_was_in_force_for_too_short_is_told(
-    tmp_path: Path, fault: str, note: str | None
-) -> None:
+def test_a_fault_that_was_in_force_for_too_short_is_told(tmp_path: Path, fault: str, note: str | None) -> None:
     path, log = tmp_path / "s.toml", [tmp_path / "r.csv", tmp_path / "r.log"]
     path.write_text(f"{HEAD}[[fault]]\n{fault}")
     result = lh.run(path, record=log)
@@ -58,8 +56,6 @@ def test_a_fault_that_was_in_force_for_too_short_is_told(
 def test_the_note_is_among_those_of_the_outcome(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_text(f"{HEAD}[[fault]]\n{FAULTS[0][0]}")
-    (case,) = suite.cases_of(
-        [path], Job(scenario=None, ecu="reference", options=RunOptions(clock="free"))
-    )
+    (case,) = suite.cases_of([path], Job(scenario=None, ecu="reference", options=RunOptions(clock="free")))
     assert FAULTS[0][1] is not None
     assert [each for each in suite.run_case(case).notes if FAULTS[0][1] in each]

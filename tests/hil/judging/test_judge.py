@@ -20,9 +20,7 @@ from liftgate_hil.judging.verdict import Verdict, worst
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 
 RATE = 100.0
-TIME, ANGLE, CURRENT = (
-    COLUMN_PLACE[name] for name in ("time_s", "gate_angle_deg", "left_current_a")
-)
+TIME, ANGLE, CURRENT = (COLUMN_PLACE[name] for name in ("time_s", "gate_angle_deg", "left_current_a"))
 
 
 def rows_of(angles: list[float], currents: list[float] | None = None) -> Any:
@@ -100,13 +98,7 @@ ANGLES = st.one_of(
 
 @pytest.mark.parametrize(
     ("kind", "hold"),
-    [
-        ("always", 0.0),
-        ("never", 0.0),
-        ("eventually", 0.0),
-        ("eventually", 0.01),
-        ("eventually", 0.03),
-    ],
+    [("always", 0.0), ("never", 0.0), ("eventually", 0.0), ("eventually", 0.01), ("eventually", 0.03)],
 )
 @CALM
 @given(
@@ -170,9 +162,7 @@ def test_what_must_hold_for_all_of_its_window_is_decided_wherever_that_begins(af
     assert judged(each, rows_of([1.0] * 6)).verdict == "pass"
     for tick in range(1, 7):
         angles = [-1.0 if tick == k else 1.0 for k in range(1, 7)]
-        assert judged(each, rows_of(angles)).verdict == (
-            "fail" if first <= tick <= last else "pass"
-        )
+        assert judged(each, rows_of(angles)).verdict == ("fail" if first <= tick <= last else "pass")
 
 
 def test_both_ends_of_a_window_are_in() -> None:

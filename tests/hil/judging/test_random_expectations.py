@@ -34,9 +34,7 @@ NUMBERS = st.one_of(
     st.sampled_from([LATCHED, SENSED, ZERO, HALF]),
     st.builds(binary, st.sampled_from("+-*/"), st.just(LATCHED), st.just(SENSED)),
 )
-COMPARED = st.builds(
-    compared, st.sampled_from(["<", "<=", ">", ">=", "==", "!="]), NUMBERS, NUMBERS
-)
+COMPARED = st.builds(compared, st.sampled_from(["<", "<=", ">", ">=", "==", "!="]), NUMBERS, NUMBERS)
 NESTED = st.builds(
     joined,
     st.sampled_from(["and", "or"]),
@@ -81,10 +79,7 @@ def by_hand(own: Own, known: list[dict[str, float]], end: int) -> tuple[str, flo
     ticks = [k for k in range(begin, end + 1) if 1 <= k <= until and k <= len(known)]
     told = {k: own.condition[1](known[k - 1]) for k in ticks}
     if own.kind == "never":
-        told = {
-            k: (not truth and not math.isnan(margin), -margin)
-            for k, (truth, margin) in told.items()
-        }
+        told = {k: (not truth and not math.isnan(margin), -margin) for k, (truth, margin) in told.items()}
     there = {k: each for k, each in told.items() if not math.isnan(each[1])}
     stretches = [
         [there[j] for j in range(max(k - own.hold, 1), k + 1)]  # of tick 0 nothing is known
@@ -146,9 +141,7 @@ def _plain(margin: float | None) -> Any:
 
 
 @pytest.mark.parametrize("step", [1e-3, 0.7e-3, 1e-4, 0.1])
-def test_edges_of_windows_and_stretches_are_ticks_whatever_sums_of_times_round_to(
-    step: float,
-) -> None:
+def test_edges_of_windows_and_stretches_are_ticks_whatever_sums_of_times_round_to(step: float) -> None:
     ticks = np.arange(1, 40)
     rows = np.zeros((len(ticks), ROW_WIDTH))
     rows[:, COLUMN_PLACE["time_s"]] = ticks * step

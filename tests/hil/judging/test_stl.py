@@ -94,9 +94,7 @@ def test_margins_are_the_robustness_of_signal_temporal_logic(
     rows = np.zeros((len(values), ROW_WIDTH))
     rows[:, COLUMN_PLACE["time_s"]] = STEP * np.arange(1, len(values) + 1)
     rows[:, [COLUMN_PLACE[name] for name in COLUMNS]] = table
-    own = Expectation(
-        "x", kind, condition, (begin + 1) * STEP, (end - begin) * STEP, hold * STEP, "expect[0]"
-    )
+    own = Expectation("x", kind, condition, (begin + 1) * STEP, (end - begin) * STEP, hold * STEP, "expect[0]")
     judge = Judge(expected_of([own], {}, {}, 2, "file"), 1.0 / STEP, len(values) * STEP)
     judge.take(rows, no_logged())
     (found,) = judge.verdicts()

@@ -33,12 +33,7 @@ def rows_of(count: int = 3000, **columns: Any) -> np.ndarray:
 
 
 def verdict(rows: np.ndarray, block: int = 100, **window: Any) -> Any:
-    own = {
-        "kind": "always",
-        "condition": "pinch_force_n < 100",
-        "after": 1.0,
-        "within": 1.0,
-    } | window
+    own = {"kind": "always", "condition": "pinch_force_n < 100", "after": 1.0, "within": 1.0} | window
     expectation = Expectation(name="soft", hold=0.0, key="expect[0]", **own)
     judge = Judge(expected_of([expectation], {}, {}, 2, "s.toml"), 1000.0, 3.0, TOLERANCE)
     for first in range(0, len(rows), block):
@@ -56,10 +51,7 @@ def verdict(rows: np.ndarray, block: int = 100, **window: Any) -> Any:
             "6 ticks were missed about 1.501 s",
         ),
         ({"frames_dropped": {1500: 1}}, "frames were dropped about 1.501 s"),
-        (
-            {"command_delay_s": {1500: 0.007}},
-            "a frame, or the ECU in this process, waited for 7 ms about 1.494 s",
-        ),
+        ({"command_delay_s": {1500: 0.007}}, "a frame, or the ECU in this process, waited for 7 ms about 1.494 s"),
     ],
 )
 def test_a_bench_that_was_late_in_the_window_makes_inconclusive(

@@ -64,10 +64,7 @@ def test_the_size_of_the_blocks_changes_nothing(block: int) -> None:
     rows = rows_of(4.0)
     found, whole = (sketched([SOFT, TURNS], rows, each) for each in (block, len(rows)))
     for name, trace_summary in whole.items():
-        for view, same in (
-            (trace_summary.view, found[name].view),
-            (trace_summary.near, found[name].near),
-        ):
+        for view, same in ((trace_summary.view, found[name].view), (trace_summary.near, found[name].near)):
             assert view is not None
             assert same is not None
             assert np.array_equal(view.times, same.times)

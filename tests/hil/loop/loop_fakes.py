@@ -68,9 +68,7 @@ def never() -> bool:
     return False
 
 
-def loop_of(
-    transport: Any, config: LoopConfig, state: LoopState | None = None, **more: Any
-) -> Loop:
+def loop_of(transport: Any, config: LoopConfig, state: LoopState | None = None, **more: Any) -> Loop:
     return Loop(config, state or start_of(config), stimulus_plan(config), transport, **more)
 
 

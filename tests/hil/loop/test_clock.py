@@ -58,14 +58,7 @@ def test_deadlines_are_absolute_so_that_small_delays_do_not_add_up():
 
 @pytest.mark.parametrize(
     ("work", "steps"),
-    [
-        (1_000_000, 1),
-        (1_999_999, 1),
-        (2_000_000, 2),
-        (2_999_999, 2),
-        (3_000_000, 3),
-        (50_500_000, 50),
-    ],
+    [(1_000_000, 1), (1_999_999, 1), (2_000_000, 2), (2_999_999, 2), (3_000_000, 3), (50_500_000, 50)],
 )
 def test_whole_periods_that_were_missed_are_made_up_at_once(work: int, steps: int):
     time = FakeTime()
@@ -190,8 +183,7 @@ def test_a_millisecond_of_delay_is_2_9_newtons():
 
 
 @pytest.mark.parametrize(
-    ("identifier", "length", "bits"),
-    [(0x120, 8, 111), (0x120, 0, 47), (0x7FF, 3, 71), (0x120 | EXTENDED, 8, 131)],
+    ("identifier", "length", "bits"), [(0x120, 8, 111), (0x120, 0, 47), (0x7FF, 3, 71), (0x120 | EXTENDED, 8, 131)]
 )
 def test_a_frame_takes_its_bits_of_the_bus(identifier: int, length: int, bits: int):
     load = BusLoad()

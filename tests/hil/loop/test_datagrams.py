@@ -55,11 +55,7 @@ class SignalMapping(NamedTuple):
     def read(self, end: socket.socket, room: int = CAPACITY) -> tuple[Rows, list[int], Reading]:
         frames, stamps = empty_frames(room), np.full(room, -1, dtype=np.int64)
         reading = self.read_frames(end.fileno(), make_buffers(), frames, stamps)
-        return (
-            rows_of(frames._replace(count=reading.count)),
-            stamps[: reading.count].tolist(),
-            reading,
-        )
+        return (rows_of(frames._replace(count=reading.count)), stamps[: reading.count].tolist(), reading)
 
     def write(self, end: socket.socket, rows: Rows, buffers: Buffers | None = None) -> Writing:
         return self.write_frames(end.fileno(), buffers or make_buffers(), frames_of(rows), 0)
@@ -89,9 +85,7 @@ def struct_of(identifier: int, payload: bytes) -> bytes:
     return struct.pack("<IB3x", identifier, len(payload)) + payload.ljust(8, b"\0")
 
 
-numbers = st.one_of(
-    st.integers(0, 0x7FF), st.integers(0, 0x1FFFFFFF).map(lambda number: number | EXTENDED)
-)
+numbers = st.one_of(st.integers(0, 0x7FF), st.integers(0, 0x1FFFFFFF).map(lambda number: number | EXTENDED))
 kinds = st.one_of(
     st.tuples(numbers, st.binary(max_size=8)),
     st.tuples(numbers.map(lambda number: number | REMOTE), st.binary(max_size=8)),
@@ -130,9 +124,7 @@ def test_every_length_goes_both_ways(wire: SignalMapping, size: int):
         assert wire.read(theirs)[0] == rows
 
 
-def test_a_shorter_frame_shows_nothing_of_the_one_before_it_in_the_same_buffer(
-    wire: SignalMapping, pair: Pair
-):
+def test_a_shorter_frame_shows_nothing_of_the_one_before_it_in_the_same_buffer(wire: SignalMapping, pair: Pair):
     ours, theirs = pair
     buffers = make_buffers()
     rows = [(0x1FFFFFFF | EXTENDED | FD, b"\xff" * 64), (0x1 | FD, b""), (0x2, b"")]
@@ -148,9 +140,7 @@ def test_a_kernel_that_marks_no_fd_frame_by_flag_marks_it_by_size(wire: SignalMa
 
 
 @pytest.mark.parametrize("length", [9, 64, 255])
-def test_a_length_that_cannot_be_is_cut_to_what_there_is(
-    wire: SignalMapping, pair: Pair, length: int
-):
+def test_a_length_that_cannot_be_is_cut_to_what_there_is(wire: SignalMapping, pair: Pair, length: int):
     ours, theirs = pair
     theirs.send(struct.pack("<IB3x8s", 0x123, length, b"12345678"))
     theirs.send(struct.pack("<IBBBB64s", 0x124, max(length, 65), 4, 0, 0, bytes(range(64))))
@@ -193,9 +183,7 @@ def test_our_pumps_rows_carry_their_arrival(wire: SignalMapping, pair: Pair):
     assert arrivals == stamps
 
 
-def test_the_kernels_arrival_and_drop_count_are_read_from_what_comes_with_a_frame(
-    wire: SignalMapping,
-):
+def test_the_kernels_arrival_and_drop_count_are_read_from_what_comes_with_a_frame(wire: SignalMapping):
     # A real socket that gives them: UDP, where the kernel stamps and counts as it does for raw CAN.
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours,

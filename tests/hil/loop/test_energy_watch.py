@@ -49,9 +49,7 @@ def test_a_gate_that_slows_down_has_gained_nothing() -> None:
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.008, None), (0.012, 25)])
-def test_a_gain_of_more_than_a_hundredth_is_found_where_it_is(
-    share: float, expected: int | None
-) -> None:
+def test_a_gain_of_more_than_a_hundredth_is_found_where_it_is(share: float, expected: int | None) -> None:
     rows, speeds = rows_of(SLOWING), SLOWING.copy()
     over = potential(CONSTANTS.plant, CONSTANTS.load)
     start = energy(CONSTANTS.plant, CONSTANTS.load, over, motion_of(rows))[0] - over.least

@@ -28,15 +28,7 @@ from hil_support import (
     frames_of,
     loop_config,
 )
-from run_support import (
-    Keeper,
-    Told,
-    episode_of,
-    message,
-    releasing,
-    reversing,
-    run_kept,
-)
+from run_support import Keeper, Told, episode_of, message, releasing, reversing, run_kept
 
 import liftgate_hil as lh
 from liftgate_hil.config.rig import Rig
@@ -86,11 +78,7 @@ def test_a_python_ecu_sees_and_does_the_same_compiled_and_in_plain_python(
 ) -> None:
     def says(turn: int) -> list[can.Message]:
         command = message(COMMAND, command_payload(rig, turn, **both(60.0, OPEN, release=1)))
-        return [
-            command,
-            message(0x400, bytes(64), is_fd=True),
-            message(0x401, is_remote_frame=True),
-        ]
+        return [command, message(0x400, bytes(64), is_fd=True), message(0x401, is_remote_frame=True)]
 
     ecus, bits = [], []
     for compile_it in ("1", "0"):
@@ -116,9 +104,7 @@ def recorded(folder: Path, scenario: Scenario, clock: str, **more: Any) -> tuple
 
 
 @pytest.mark.parametrize("scenario", [reversing(), releasing()])
-def test_the_free_and_the_lockstep_clock_give_the_same_bits(
-    tmp_path: Path, scenario: Scenario
-) -> None:
+def test_the_free_and_the_lockstep_clock_give_the_same_bits(tmp_path: Path, scenario: Scenario) -> None:
     free, locked = (recorded(tmp_path, scenario, clock) for clock in ("free", "lockstep"))
     assert free[0] == locked[0]
     assert free[1] == locked[1]
@@ -150,9 +136,7 @@ def test_twice_it_gives_the_same_bits_and_with_another_seed_others(log: tuple[Pa
 def test_without_noise_the_seed_changes_nothing(log: tuple[Path, ...]) -> None:
     scenario = Scenario(NO_STIMULI, (Request(Instant(0.05), "open"),), 1.0)
     ideal = Variant(is_ideal=True)
-    (_, first), (_, second) = (
-        run_kept(scenario, records=log, seed=seed, variant=ideal) for seed in (1, 2)
-    )
+    (_, first), (_, second) = (run_kept(scenario, records=log, seed=seed, variant=ideal) for seed in (1, 2))
     assert first.bits() == second.bits()
 
 
@@ -190,9 +174,7 @@ def least_frames() -> int:
 
 
 @pytest.mark.parametrize(("rows", "frames"), [(7, 16_384), (4096, 5), (1, 1), (64, 200)])
-def test_a_ring_that_is_full_ends_a_stretch_and_nothing_is_lost(
-    rig: Rig, rows: int, frames: int
-) -> None:
+def test_a_ring_that_is_full_ends_a_stretch_and_nothing_is_lost(rig: Rig, rows: int, frames: int) -> None:
     whole = Keeper()
     with ReferenceEcu(rig, 2) as adapter:
         episode = episode_of([whole], adapter)

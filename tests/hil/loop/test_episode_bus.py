@@ -32,17 +32,7 @@ from hil_support import (
     start_of,
     stimulus_plan,
 )
-from run_support import (
-    CYCLE,
-    NOISE,
-    Keeper,
-    Told,
-    episode_of,
-    message,
-    releasing,
-    reversing,
-    run_kept,
-)
+from run_support import CYCLE, NOISE, Keeper, Told, episode_of, message, releasing, reversing, run_kept
 
 import liftgate_hil as lh
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, bits_of
@@ -73,9 +63,7 @@ def log(tmp_path: Path) -> tuple[Path, ...]:
 # The bus.
 
 
-def test_what_the_gate_sends_is_on_time_and_passes_the_codec(
-    rig: Rig, log: tuple[Path, ...]
-) -> None:
+def test_what_the_gate_sends_is_on_time_and_passes_the_codec(rig: Rig, log: tuple[Path, ...]) -> None:
     result, keeper = run_kept(releasing(), records=log)
     sent = keeper.wires(is_sent=True)
     for identifier, name, cycle in (
@@ -91,23 +79,17 @@ def test_what_the_gate_sends_is_on_time_and_passes_the_codec(
             assert counters == [n % 16 for n in range(len(rows))]
             assert all(data[7] == j1850(identifier, data, 7) for _, _, data in rows)
             side = name.removesuffix("Drive").lower()
-            counts = keeper.rows[
-                [round(time) - 1 for time in times], COLUMN_PLACE[f"sensed_{side}_hall_count"]
-            ]
+            counts = keeper.rows[[round(time) - 1 for time in times], COLUMN_PLACE[f"sensed_{side}_hall_count"]]
             assert [value["HallCount"] for value in values] == counts.tolist()
     assert result.summary.frames_sent == len(sent)
 
 
-def test_what_the_ecu_sends_reaches_the_gate_one_tick_later(
-    rig: Rig, log: tuple[Path, ...]
-) -> None:
+def test_what_the_ecu_sends_reaches_the_gate_one_tick_later(rig: Rig, log: tuple[Path, ...]) -> None:
     _, keeper = run_kept(releasing(), records=log)
     commands = keeper.wires(is_sent=False)
     # It speaks before the first tick, and after each cycle; logged at the end of the tick that reads it.
     assert [time for time, _, _ in commands] == [1 + CYCLE * n for n in range(60)]
-    values = decoded(
-        rig, frames_of([(number, data) for _, number, data in commands]), "DriveCommand"
-    )
+    values = decoded(rig, frames_of([(number, data) for _, number, data in commands]), "DriveCommand")
     assert [value["AliveCounter"] for value in values] == [n % 16 for n in range(60)]
     duties = [value["LeftDuty"] for value in values]
     # Asked at 50 ms, obeyed one cycle later; sent after tick 60, read in tick 61.
@@ -159,9 +141,7 @@ def test_a_command_whose_counter_stands_still_is_refused_and_times_out(rig: Rig)
 def test_many_frames_a_tick_all_arrive_in_their_order(log: tuple[Path, ...]) -> None:
     most = wire.CAPACITY
     ecu = Told(
-        lambda turn: [
-            message(0x100 + n % 16, bytes([turn, n // 256, n % 256])) for n in range(most)
-        ],
+        lambda turn: [message(0x100 + n % 16, bytes([turn, n // 256, n % 256])) for n in range(most)],
         period_s=0.001,
     )
     result, keeper = run_kept(Scenario(NO_STIMULI, (), 0.05), ecu, records=log)

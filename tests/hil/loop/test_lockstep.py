@@ -142,9 +142,7 @@ class Answering:
 
 
 @pytest.mark.parametrize("said", [1, 2, 7, 300])
-def test_an_ecu_that_answers_each_frame_has_one_command_under_way_whatever_it_said_before(
-    rig: Rig, said: int
-):
+def test_an_ecu_that_answers_each_frame_has_one_command_under_way_whatever_it_said_before(rig: Rig, said: int):
     ecu = Answering(rig, said)
     loop = loop_of(ecu, loop_config(rig=rig), command=COMMAND)
     loop.begin(is_first=True)
@@ -188,9 +186,7 @@ class Silence:
         pass
 
 
-def test_lockstep_says_that_it_is_ready_and_what_it_waits_for(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-):
+def test_lockstep_says_that_it_is_ready_and_what_it_waits_for(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     wire = Silence(monkeypatch, {50: [command(rig, 0)]})
     loop = loop_of(wire, loop_config(rig=rig))
     said: list[str] = []
@@ -354,9 +350,7 @@ class Echoing(Memory):
         return super().receive(timeout)
 
 
-def test_commands_that_have_queued_up_are_worked_off_without_filling_the_queue_with_its_own_frames(
-    rig: Rig,
-):
+def test_commands_that_have_queued_up_are_worked_off_without_filling_the_queue_with_its_own_frames(rig: Rig):
     first, *later = (command(rig, n % 16) for n in range(200))
     transport = Echoing([[first], [], later])
     loop = loop_of(transport, loop_config(rig=rig))

@@ -142,12 +142,7 @@ class FakeThread:
 
 
 BESIDE = (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, PRIORITY_BESIDE)
-FORMER = [
-    (os.SCHED_OTHER, 0),
-    (os.SCHED_BATCH, 0),
-    (os.SCHED_RR, 7),
-    (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 42),
-]
+FORMER = [(os.SCHED_OTHER, 0), (os.SCHED_BATCH, 0), (os.SCHED_RR, 7), (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 42)]
 
 
 @pytest.mark.parametrize("former", FORMER)
@@ -163,9 +158,7 @@ def test_a_thread_beside_the_loop_has_its_former_policy_and_priority_again(
     assert thread.now == former
 
 
-def test_who_may_not_take_back_a_threads_flag_leaves_it_the_flag_alone(
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_who_may_not_take_back_a_threads_flag_leaves_it_the_flag_alone(monkeypatch: pytest.MonkeyPatch):
     thread = FakeThread(os.SCHED_OTHER, 0, monkeypatch)
     thread.limit = PRIORITY_BESIDE
     with Realtime().beside():
@@ -173,9 +166,7 @@ def test_who_may_not_take_back_a_threads_flag_leaves_it_the_flag_alone(
     assert thread.now == (os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, 0)
 
 
-def test_a_priority_above_the_threads_own_limit_is_lost_and_the_run_goes_on(
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_a_priority_above_the_threads_own_limit_is_lost_and_the_run_goes_on(monkeypatch: pytest.MonkeyPatch):
     thread = FakeThread(os.SCHED_FIFO, 50, monkeypatch)
     thread.limit = 0
     with Realtime().beside():
@@ -208,13 +199,7 @@ def test_a_cpu_that_vanished_is_told_by_its_number(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize(
     ("text", "cpus"),
-    [
-        ("", []),
-        ("0", [0]),
-        ("2-3,6", [2, 3, 6]),
-        ("1-1", [1]),
-        ("0-2,4,8-11", [0, 1, 2, 4, 8, 9, 10, 11]),
-    ],
+    [("", []), ("0", [0]), ("2-3,6", [2, 3, 6]), ("1-1", [1]), ("0-2,4,8-11", [0, 1, 2, 4, 8, 9, 10, 11])],
 )
 def test_a_list_of_cpus_is_read(text: str, cpus: list[int]):
     assert cpus_of(text) == cpus
@@ -232,11 +217,7 @@ def test_a_list_of_cpus_is_read(text: str, cpus: list[int]):
     ],
 )
 def test_the_best_cpu_is_an_isolated_one_that_is_allowed(
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    isolated: str | None,
-    allowed: set[int],
-    best: int,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, isolated: str | None, allowed: set[int], best: int
 ):
     file = tmp_path / "isolated"
     if isolated is not None:

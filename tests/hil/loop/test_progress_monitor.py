@@ -60,9 +60,7 @@ class Bench:
 
     def receive(self, payload: bytes, identifier: int = COMMAND, tick: int = 0) -> None:
         frames = frames_of([(identifier, payload)])
-        self.counts = receive(
-            self.config.inputs, self.reception, self.counts, frames, tick * self.config.step_ns
-        )
+        self.counts = receive(self.config.inputs, self.reception, self.counts, frames, tick * self.config.step_ns)
 
     def look(self, tick: int = 0, after: float = 1.0, is_last: bool = False) -> list[str]:
         self.now += after
@@ -110,9 +108,7 @@ def test_each_first_refusal_is_told_once_with_what_was_expected(bench: Bench):
 def test_what_is_waited_for_is_told_when_it_is_long_in_coming(bench: Bench):
     assert bench.look(after=0.0) == []
     assert bench.look(tick=1000) == []
-    assert bench.look(tick=2500, after=1.5) == [
-        "2.500 s: waits for DriveCommand (0x120), motors off"
-    ]
+    assert bench.look(tick=2500, after=1.5) == ["2.500 s: waits for DriveCommand (0x120), motors off"]
     assert bench.look(tick=9000, after=9.0) == []
     bench.receive(command_payload(bench.rig, 1), tick=9100)
     assert bench.look(tick=9101) == ["9.101 s: DriveCommand received"]

@@ -108,12 +108,7 @@ def test_frames_of_a_skipped_time_are_received_and_nothing_is_sent_twice(rig: Ri
             now[0] += 3_300_000
 
     shown = Trace()
-    loop = loop_of(
-        transport,
-        loop_config(rig=rig),
-        peers=[Slow()],
-        sinks=[shown],
-    )
+    loop = loop_of(transport, loop_config(rig=rig), peers=[Slow()], sinks=[shown])
     run_clocked(loop, clock, 100, never)
     assert loop.state.tick == 100
     # Each skipped tick is shown.
@@ -176,9 +171,7 @@ def test_beginning_leaves_no_trace(rig: Rig):
 
 
 def test_a_recorder_gets_every_frame_of_either_way_once(rig: Rig):
-    batches: list[Rows] = [
-        [command(rig, n), (0x55, b"x")] if n % 10 == 0 else [] for n in range(100)
-    ]
+    batches: list[Rows] = [[command(rig, n), (0x55, b"x")] if n % 10 == 0 else [] for n in range(100)]
     transport, notes = Memory([list(batch) for batch in batches]), Notes()
     loop = loop_of(transport, loop_config(rig=rig), sinks=[notes])
     run_free(loop, 100, never)
@@ -187,8 +180,7 @@ def test_a_recorder_gets_every_frame_of_either_way_once(rig: Rig):
     summary = loop.summary("free")
     assert summary.frames_sent == len(transport.sent)
     bits = sum(
-        47 + 8 * len(payload)
-        for _, payload in (*transport.sent, *functools.reduce(operator.iadd, batches, []))
+        47 + 8 * len(payload) for _, payload in (*transport.sent, *functools.reduce(operator.iadd, batches, []))
     )
     assert summary.bus_load_percent == pytest.approx(100.0 * bits / (500_000 * 0.1))
 
@@ -231,9 +223,7 @@ def closed_loop(rig: Rig, folder: Path, ticks: int) -> tuple[Loop, ReferenceEcu,
     recorders = [open_writer(path, Content(columns_of(2), "bench")) for path in paths]
     recording = RecordingSink(recorders)
     noise = ["sensors.current_noise=0.05"]
-    loop = loop_of(
-        ours, loop_config(rig=rig, settings=noise, seed=5), sinks=[recording], peers=[peer]
-    )
+    loop = loop_of(ours, loop_config(rig=rig, settings=noise, seed=5), sinks=[recording], peers=[peer])
     try:
         loop.begin()
         run_free(loop, ticks, never)
@@ -345,9 +335,7 @@ def channel() -> Iterator[str]:
     return str(uuid.uuid4())
 
 
-def test_ten_thousand_bad_frames_on_a_real_bus_are_each_counted_once_and_survived(
-    rig: Rig, channel: str
-):
+def test_ten_thousand_bad_frames_on_a_real_bus_are_each_counted_once_and_survived(rig: Rig, channel: str):
     transport = CanTransport({"interface": "virtual", "channel": channel})
     loop = loop_of(transport, loop_config(rig=rig))
     heard: Rows = []
@@ -387,9 +375,7 @@ def test_a_flood_is_read_over_several_ticks_and_none_of_it_is_dropped(rig: Rig, 
     assert loop.state.counts == NO_COUNTS._replace(foreign=2000)
 
 
-def test_commands_with_every_possible_byte_leave_the_plant_finite(
-    rig: Rig, fast_tick: Callable[..., Any]
-):
+def test_commands_with_every_possible_byte_leave_the_plant_finite(rig: Rig, fast_tick: Callable[..., Any]):
     config = loop_config(rig=rig)
     state = start_of(config)
     for number, byte in enumerate(range(256)):

@@ -38,25 +38,10 @@ from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop import advance, datagrams, realtime_loop
 from liftgate_hil.loop.arrivals import arrival_of
 from liftgate_hil.loop.closed_loop import Trace
-from liftgate_hil.loop.datagrams import (
-    CAPACITY,
-    Reading,
-    Writing,
-    make_buffers,
-    read_frames,
-    write_frames,
-)
+from liftgate_hil.loop.datagrams import CAPACITY, Reading, Writing, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import BINS, bin_of
 from liftgate_hil.loop.python_loop import Loop
-from liftgate_hil.loop.realtime_loop import (
-    DIVERGED,
-    ENDED,
-    OVERRUN,
-    Room,
-    RunParams,
-    make_room,
-    run_realtime,
-)
+from liftgate_hil.loop.realtime_loop import DIVERGED, ENDED, OVERRUN, Room, RunParams, make_room, run_realtime
 from liftgate_hil.loop.realtime_run import RealtimeRun, feedback_identifiers
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
 from liftgate_hil.loop.tick import STOPPED, LoopConfig, LoopState
@@ -81,12 +66,7 @@ class Rehearsal:
     """
 
     def __init__(
-        self,
-        monkeypatch: pytest.MonkeyPatch,
-        rig: Rig,
-        rate: float = 1000.0,
-        rows: int = 4096,
-        frames: int = 4096,
+        self, monkeypatch: pytest.MonkeyPatch, rig: Rig, rate: float = 1000.0, rows: int = 4096, frames: int = 4096
     ) -> None:
         self.rig = rig
         self.config = loop_config(rate, rig)
@@ -157,9 +137,7 @@ class Rehearsal:
         monkeypatch.setattr(datagrams, "_sendmmsg", sendmmsg)
         monkeypatch.setattr(datagrams, "_nanosleep", nanosleep)
 
-    def run(
-        self, ticks: int, state: LoopState | None = None, limit_ns: int = 10**9
-    ) -> tuple[LoopState, int]:
+    def run(self, ticks: int, state: LoopState | None = None, limit_ns: int = 10**9) -> tuple[LoopState, int]:
         feedback = np.array(feedback_identifiers(self.rig), dtype=np.int64)
         self.stimuli = stimulus_plan(self.config)
         params = RunParams(
@@ -284,9 +262,7 @@ def test_it_does_what_the_portable_loop_does_bit_for_bit(
     assert outcome == ENDED
 
     transport, shown = Given(), Trace()
-    loop = Loop(
-        play.config, start_of(play.config), stimulus_plan(play.config), transport, sinks=[shown]
-    )
+    loop = Loop(play.config, start_of(play.config), stimulus_plan(play.config), transport, sinks=[shown])
     assert play.steps[:-1].count(1) == len(play.steps) - 3
     assert sorted(play.steps)[-2:] == [2, 4]
     sent: list[Rows] = []
@@ -336,9 +312,7 @@ def test_a_late_waking_skips_whole_periods_and_the_plant_catches_up(
     assert play.given == [3 + steps - 1]
 
 
-def test_each_tick_of_a_catch_up_gets_what_had_arrived_by_then(
-    rehearse: Callable[..., Rehearsal], rig: Rig
-):
+def test_each_tick_of_a_catch_up_gets_what_had_arrived_by_then(rehearse: Callable[..., Rehearsal], rig: Rig):
     """The gate moves as it would have, had no tick been missed; a frame waits for its tick, not for the waking."""
     play = rehearse()
     play.late = {10: 30 * MS + 1}
@@ -376,10 +350,7 @@ def test_a_catch_up_reads_on_where_more_had_come_than_there_is_room_for(
         while come and play.wakings > 10 and count < CAPACITY:
             stamps[count], row = come.pop(0)
             given = frames_of([row])
-            frames.identifiers[count], frames.lengths[count] = (
-                given.identifiers[0],
-                given.lengths[0],
-            )
+            frames.identifiers[count], frames.lengths[count] = (given.identifiers[0], given.lengths[0])
             frames.data[count] = given.data[0]
             count += 1
         return Reading(count, 0, -1)
@@ -390,9 +361,7 @@ def test_a_catch_up_reads_on_where_more_had_come_than_there_is_room_for(
     assert (state.counts.accepted, state.counts.foreign) == (6, 2400)
 
 
-def test_a_command_older_than_its_time_out_moves_nothing(
-    rehearse: Callable[..., Rehearsal], rig: Rig
-):
+def test_a_command_older_than_its_time_out_moves_nothing(rehearse: Callable[..., Rehearsal], rig: Rig):
     timeout = int(play_timeout_ns(rig))
     play = rehearse()
 
@@ -425,9 +394,7 @@ def test_a_time_out_begins_when_a_command_came_not_when_it_was_picked_up(
     assert driven.tolist() == list(range(100, 100 + timeout_ms - waited_ms))
 
 
-def test_a_frame_of_the_gate_that_waits_on_its_way_is_the_benchs_delay(
-    rehearse: Callable[..., Rehearsal],
-):
+def test_a_frame_of_the_gate_that_waits_on_its_way_is_the_benchs_delay(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
 
     def at(waking: int) -> None:
@@ -469,11 +436,7 @@ def test_past_the_limit_it_gives_up_with_the_motors_off(
 def everything(rig: Rig) -> list[int]:
     """Identifiers of what is always sent; how well it keeps time is not known before its first figures."""
     return sorted(
-        {
-            rig.messages[wire.message].frame_id
-            for wire in rig.outputs
-            if wire.quantity not in Timing._fields
-        }
+        {rig.messages[wire.message].frame_id for wire in rig.outputs if wire.quantity not in Timing._fields}
     )
 
 
@@ -489,9 +452,7 @@ def last_words(play: Rehearsal) -> list[int]:
 
 
 @pytest.mark.parametrize("where", ["gate_angle", "right"])
-def test_a_plant_that_gives_no_numbers_ends_it_with_the_motors_off(
-    rehearse: Callable[..., Rehearsal], where: str
-):
+def test_a_plant_that_gives_no_numbers_ends_it_with_the_motors_off(rehearse: Callable[..., Rehearsal], where: str):
     play = rehearse()
     state = start_of(play.config)
     plant = state.plant._replace(gate_angle=math.nan)
@@ -503,9 +464,7 @@ def test_a_plant_that_gives_no_numbers_ends_it_with_the_motors_off(
     assert sorted(identifier for identifier, _ in play.sent[-1]) == everything(play.rig)
 
 
-def test_told_to_stop_it_sends_every_message_once_and_ends(
-    rehearse: Callable[..., Rehearsal], rig: Rig
-):
+def test_told_to_stop_it_sends_every_message_once_and_ends(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
 
     def at(waking: int) -> None:
@@ -550,9 +509,7 @@ def test_but_not_for_ever(rehearse: Callable[..., Rehearsal]):
     assert 100 * MS <= play.now - START - 10 * MS <= 110 * MS
 
 
-def test_what_the_wire_does_not_take_is_counted_and_the_run_goes_on(
-    rehearse: Callable[..., Rehearsal],
-):
+def test_what_the_wire_does_not_take_is_counted_and_the_run_goes_on(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
     play.refuse = lambda tick, trial: 20 <= tick < 40
     play.run(100)
@@ -586,14 +543,8 @@ def test_a_commanded_value_holds_from_the_next_tick_on_until_another_is_commande
     rehearse: Callable[..., Rehearsal],
 ):
     play = rehearse()
-    said = {
-        20: {"hand_force_n": 25.0},
-        50: {"hand_force_n": math.nan},
-        30: {"snow_mass_kg": 7.0},
-    }
-    play.at = lambda waking: (
-        post_values(play.stimuli.queue, said[waking]) if waking in said else None
-    )
+    said = {20: {"hand_force_n": 25.0}, 50: {"hand_force_n": math.nan}, 30: {"snow_mass_kg": 7.0}}
+    play.at = lambda waking: post_values(play.stimuli.queue, said[waking]) if waking in said else None
     play.late = {30: 4 * MS}
     play.run(100)
     assert play.column("hand_force_n") == [0.0] * 20 + [25.0] * 34 + [0.0] * 47
@@ -605,17 +556,11 @@ def test_a_commanded_value_holds_from_the_next_tick_on_until_another_is_commande
 def test_figures_that_are_posted_are_told_on_the_bus(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
     told = Timing(*(20.0 * (10 + place) for place in range(len(Timing._fields))))
-    play.at = lambda waking: (
-        post_values(play.stimuli.queue, told._asdict()) if waking == 5 else None
-    )
+    play.at = lambda waking: post_values(play.stimuli.queue, told._asdict()) if waking == 5 else None
     play.run(300)
     sent = frames_of([row for rows in play.sent for row in rows])
     wires = [wire for wire in rig.outputs if wire.quantity in Timing._fields]
-    assert {wire.quantity for wire in wires} >= {
-        "lateness_p50",
-        "execution_max",
-        "command_delay_max",
-    }
+    assert {wire.quantity for wire in wires} >= {"lateness_p50", "execution_max", "command_delay_max"}
     for wire in wires:
         rows = decoded(rig, sent, wire.message)
         assert rows, wire
@@ -631,9 +576,7 @@ def first_feedback(play: Rehearsal, waking: int) -> int:
     """The tick, from that waking on, that sends what shows a command."""
     shown = set(feedback_identifiers(play.rig))
     return next(
-        tick
-        for tick in range(waking, len(play.sent))
-        if shown & {identifier for identifier, _ in play.sent[tick]}
+        tick for tick in range(waking, len(play.sent)) if shown & {identifier for identifier, _ in play.sent[tick]}
     )
 
 
@@ -655,9 +598,7 @@ def test_the_delay_is_from_arrival_to_the_first_feedback(
     assert delay <= 5 * MS + age + TAKES
 
 
-def test_the_oldest_command_that_no_feedback_has_shown_counts(
-    rehearse: Callable[..., Rehearsal], rig: Rig
-):
+def test_the_oldest_command_that_no_feedback_has_shown_counts(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
 
     def at(waking: int) -> None:
@@ -715,11 +656,7 @@ def test_an_arrival_is_never_in_the_future_nor_before_the_last_read(stamp: int, 
 
 @pytest.mark.parametrize(("step", "age"), [(0, 250_000), (6 * 10**9, MS), (-6 * 10**9, 0)])
 def test_the_kernels_stamp_is_of_the_wall_clock_which_may_be_set(
-    rehearse: Callable[..., Rehearsal],
-    rig: Rig,
-    monkeypatch: pytest.MonkeyPatch,
-    step: int,
-    age: int,
+    rehearse: Callable[..., Rehearsal], rig: Rig, monkeypatch: pytest.MonkeyPatch, step: int, age: int
 ):
     play = rehearse()
 
@@ -738,9 +675,7 @@ def test_the_kernels_stamp_is_of_the_wall_clock_which_may_be_set(
     play.run(50)
     delay = when_sent(first_feedback(play, 24)) - (START + 25 * MS - age)
     assert play.noted(DELAY) == {bin_of(delay): 1}
-    assert (
-        play.shared.control[0].dropped == 5
-    )  # 17 were dropped before the first frame, and so before the run
+    assert play.shared.control[0].dropped == 5  # 17 were dropped before the first frame, and so before the run
 
 
 # What it leaves behind.
@@ -887,9 +822,7 @@ def ends_stopped(run: RealtimeRun) -> bool:
     return bool(decoded(run.rig, frames_of(last), "BenchStatus")[-1]["EmulatorState"] == STOPPED)
 
 
-def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(
-    ready: Callable[..., RealtimeRun], rig: Rig
-):
+def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(ready: Callable[..., RealtimeRun], rig: Rig):
     shown = Trace()
     run = ready(sinks=[shown])
     run.begin()
@@ -934,9 +867,7 @@ def test_the_motors_are_off_at_its_end(ready: Callable[..., RealtimeRun]):
     assert ends_stopped(run)
 
 
-def test_news_of_the_line_is_told(
-    ready: Callable[..., RealtimeRun],
-):
+def test_news_of_the_line_is_told(ready: Callable[..., RealtimeRun]):
     said: list[str] = []
     line = SocketLine([None, "is lost", None, "is back"])
     run = ready(line=line, say=said.append)
@@ -945,9 +876,7 @@ def test_news_of_the_line_is_told(
     assert [text.partition(" s: ")[2] for text in said] == ["pair is lost", "pair is back"]
 
 
-def test_what_the_machine_refuses_is_told_even_when_it_takes_its_time(
-    ready: Callable[..., RealtimeRun],
-):
+def test_what_the_machine_refuses_is_told_even_when_it_takes_its_time(ready: Callable[..., RealtimeRun]):
     said: list[str] = []
     asked = Asked()
     run = ready(say=said.append, realtime=asked)
@@ -997,9 +926,7 @@ class SlowTaker:
         self.seconds = 0.0
 
 
-def test_rows_that_were_overwritten_before_they_were_judged_are_counted(
-    ready: Callable[..., RealtimeRun],
-):
+def test_rows_that_were_overwritten_before_they_were_judged_are_counted(ready: Callable[..., RealtimeRun]):
     """As where an ECU in this process does not answer for longer than the ring holds."""
     run = ready(sinks=[SlowTaker(0.0)])
     run.begin()

@@ -41,9 +41,7 @@ class World:
         if self.now >= self.stop_at:
             shared.control[0].stop = 1
 
-    def send(
-        self, shared: Shared, params: PlayParams, room: Room, frames: Frames, patience: int
-    ) -> int:
+    def send(self, shared: Shared, params: PlayParams, room: Room, frames: Frames, patience: int) -> int:
         numbers = [int(frames.data[row, 0]) for row in range(frames.count)]
         self.sent.append((self.now, [each for each in numbers if each not in self.refused]))
         self.now += COST

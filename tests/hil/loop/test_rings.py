@@ -121,9 +121,7 @@ def test_a_reader_that_slept_knows_how_many_it_lost(capacity: int, batch: int):
     for _ in range(2 * batch * 100):
         writer.half_row()
     rows = reader.take()
-    assert [int(row[0]) for row in rows] == list(
-        range(100 * batch - max(capacity - batch, 0), 100 * batch)
-    )
+    assert [int(row[0]) for row in rows] == list(range(100 * batch - max(capacity - batch, 0), 100 * batch))
     assert reader.lost == 100 * batch - len(rows)
 
 
@@ -154,10 +152,7 @@ def test_another_process_sees_the_same_and_is_seen():
         pass_fds=[memory.descriptor], capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.stderr == ""
-    assert done.stdout.splitlines() == [
-        "[1.0, 2.0, 3.0] [288, 4294967296] [0, 255]",
-        "41",
-    ]
+    assert done.stdout.splitlines() == ["[1.0, 2.0, 3.0] [288, 4294967296] [0, 255]", "41"]
     assert shared.control[0].stop == 1
     memory.close()
 
@@ -186,16 +181,12 @@ def test_its_parts_do_not_overlap():
 
 def frames_of(*numbers: int) -> Frames:
     count = len(numbers)
-    return Frames(
-        count, np.array(numbers), np.zeros(count, np.int64), np.zeros((count, 64), np.uint8)
-    )
+    return Frames(count, np.array(numbers), np.zeros(count, np.int64), np.zeros((count, 64), np.uint8))
 
 
 @CALM
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 3), st.booleans()), max_size=60))
-def test_each_frame_that_came_is_read_once_among_those_that_were_sent(
-    ticks: list[tuple[int, int, bool]],
-):
+def test_each_frame_that_came_is_read_once_among_those_that_were_sent(ticks: list[tuple[int, int, bool]]):
     memory = Memory(4, 4096)
     reader, arrivals, came, seen = ArrivalReader(memory.shared), np.zeros(2, np.int64), [], []
     for number, (received, sent, is_looked_at) in enumerate(ticks):

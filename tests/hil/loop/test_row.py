@@ -27,9 +27,7 @@ def test_what_is_no_number_is_not_sound(name: str, value: float) -> None:
 
 @pytest.mark.parametrize("name", MOVING)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_currents_and_motions_that_the_catalogue_does_not_know_are_not_sound(
-    name: str, sign: float
-) -> None:
+def test_currents_and_motions_that_the_catalogue_does_not_know_are_not_sound(name: str, sign: float) -> None:
     limit = CATALOGUE[name].high
     assert is_sound(REST._replace(**{name: sign * limit}))
     assert not is_sound(REST._replace(**{name: sign * 1.001 * limit}))

@@ -42,16 +42,7 @@ from hil_support import (
 from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.scenario import load_scenario
-from liftgate_hil.loop.tick import (
-    RUNNING,
-    STOPPED,
-    TIMEOUT,
-    WAITING,
-    LoopConfig,
-    LoopState,
-    copied,
-    tick,
-)
+from liftgate_hil.loop.tick import RUNNING, STOPPED, TIMEOUT, WAITING, LoopConfig, LoopState, copied, tick
 from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.moments import no_moments
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
@@ -96,10 +87,7 @@ def run(
     for number in range(ticks):
         rows = frames_at(number)
         state, sent, truth, seen = call(
-            config,
-            state,
-            frames_of(rows) if rows else NOTHING,
-            outside(around, state.tick * config.step),
+            config, state, frames_of(rows) if rows else NOTHING, outside(around, state.tick * config.step)
         )
         truths.append(truth)
         replies.append(sent)
@@ -142,9 +130,7 @@ def test_nothing_but_the_arrays_of_its_own_state_is_written(rig: Rig, fast_tick:
         assert equal(config, kept_config)
         assert equal(frames, kept_frames)
         assert equal(around, kept_around)
-        assert after.reception.values is own.reception.values or equal(
-            after.reception, own.reception
-        )
+        assert after.reception.values is own.reception.values or equal(after.reception, own.reception)
 
 
 @pytest.mark.parametrize("which", ["plain", "compiled"])
@@ -258,9 +244,7 @@ def test_a_time_out_within_a_catch_up_is_met_at_its_own_step(rig: Rig, fast_tick
         config,
         start,
         50,
-        lambda number: (
-            [command_frame(rig, 1, **both(80.0, OPEN, release=1))] if number == 0 else []
-        ),
+        lambda number: [command_frame(rig, 1, **both(80.0, OPEN, release=1))] if number == 0 else [],
     )
     assert equal(at_once.plant, singly.plant)
     assert (at_once.timeouts, at_once.tick) == (1, 50)
@@ -314,9 +298,7 @@ def test_so_many_steps_at_once_are_single_ticks_to_the_plant_and_to_the_rows(
     assert [each[1].count for each in ticked[:-1]] == [0] * (steps - 1)
 
 
-def test_a_catch_up_follows_the_timeline_tick_by_tick(
-    rig: Rig, fast_tick: Tick, around: StimulusPlan
-):
+def test_a_catch_up_follows_the_timeline_tick_by_tick(rig: Rig, fast_tick: Tick, around: StimulusPlan):
     config = loop_config(rig=rig)
     ticked = catch_up(fast_tick, config, rest(config), NOTHING, 401, around=around)
     _, truths, _, _ = run(fast_tick, config, rest(config), 401, around=around)
@@ -359,9 +341,7 @@ def test_skipped_periods_are_told_on_the_bus_and_clip_at_the_largest(rig: Rig, f
 # The messages.
 
 
-def sent_times(
-    fast_tick: Tick, config: LoopConfig, ticks: int
-) -> tuple[Counter[int], dict[int, list[int]]]:
+def sent_times(fast_tick: Tick, config: LoopConfig, ticks: int) -> tuple[Counter[int], dict[int, list[int]]]:
     _, _, replies, _ = run(fast_tick, config, rest(config), ticks)
     times: dict[int, list[int]] = {}
     for number, frames in enumerate(replies):
@@ -407,9 +387,7 @@ def test_what_is_sent_is_what_the_plant_does(rig: Rig, fast_tick: Tick):
     assert right["MotorCurrent"] == pytest.approx(truth.right_current_a, abs=0.0026)
     assert left["HallCount"] == truth.left_hall_count
     assert right["HallCount"] == truth.right_hall_count
-    assert left["HallSpeed"] == pytest.approx(
-        truths[-1].left_hall_count - truths[-6].left_hall_count, abs=0
-    )
+    assert left["HallSpeed"] == pytest.approx(truths[-1].left_hall_count - truths[-6].left_hall_count, abs=0)
     assert gate["Angle"] == pytest.approx(truth.gate_angle_deg, abs=0.0051)
     assert gate["LatchState"] == 0
     assert gate["TerminalVoltage"] == pytest.approx(12.0)
@@ -429,11 +407,7 @@ def test_the_first_frames_say_closed_latched_and_waiting(rig: Rig, fast_tick: Ti
 def test_refused_frames_are_told_on_the_bus(rig: Rig, fast_tick: Tick):
     bad = [(COMMAND, bytes(8)), (COMMAND, bytes(2)), (0x6E1, bytes(1)), (0x111, bytes(8))]
     _, _, replies, _ = run(
-        fast_tick,
-        loop_config(rig=rig),
-        rest(loop_config(rig=rig)),
-        100,
-        lambda n: bad if n == 3 else [],
+        fast_tick, loop_config(rig=rig), rest(loop_config(rig=rig)), 100, lambda n: bad if n == 3 else []
     )
     assert decoded(rig, replies[99], "BenchStatus")[0]["RejectedFrames"] == 3
 
@@ -462,9 +436,7 @@ def test_each_bridge_state_does_what_it_is_called(rig: Rig, fast_tick: Tick):
     start = open_at(rig, fast_tick, config, 45.0)
     ends = {}
     for direction in (COAST, OPEN, CLOSE, BRAKE):
-        _state, truths, _, _ = run(
-            fast_tick, config, start, 100, driving(rig, **both(70.0, direction))
-        )
+        _state, truths, _, _ = run(fast_tick, config, start, 100, driving(rig, **both(70.0, direction)))
         ends[direction] = truths[-1]
         assert truths[-1].left_coast == (direction == COAST)
     assert ends[OPEN].left_speed_rps > 1.0
@@ -486,9 +458,7 @@ def test_motors_are_told_apart(rig: Rig, fast_tick: Tick):
 
 def test_the_latch_holds_until_it_is_released_and_takes_up_at_home(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
-    state, truths, _, _ = run(
-        fast_tick, config, rest(config), 400, driving(rig, **both(40.0, OPEN))
-    )
+    state, truths, _, _ = run(fast_tick, config, rest(config), 400, driving(rig, **both(40.0, OPEN)))
     assert truths[-1].latched == 1
     assert truths[-1].gate_angle_deg == 0.0
     state, truths, _, _ = run(fast_tick, config, state, 1500, driving(rig, **both(60.0, OPEN, 1)))
@@ -538,9 +508,7 @@ def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, aro
     assert slopes == pytest.approx([*(8.0 * (n + 0.5) / 400 for n in range(400)), 8.0])
 
 
-def test_a_panel_replaces_the_scenario_from_its_first_frame_on(
-    rig: Rig, fast_tick: Tick, around: StimulusPlan
-):
+def test_a_panel_replaces_the_scenario_from_its_first_frame_on(rig: Rig, fast_tick: Tick, around: StimulusPlan):
     config = loop_config(rig=rig)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
@@ -555,9 +523,7 @@ def test_a_panel_replaces_the_scenario_from_its_first_frame_on(
         assert truth.hand_force_n == pytest.approx(25.0)
 
 
-def test_a_panels_rate_of_zero_takes_the_scenarios_obstacle_away(
-    rig: Rig, fast_tick: Tick, around: StimulusPlan
-):
+def test_a_panels_rate_of_zero_takes_the_scenarios_obstacle_away(rig: Rig, fast_tick: Tick, around: StimulusPlan):
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, 41.0)
     close = driving(rig, **both(80.0, CLOSE))
@@ -565,9 +531,7 @@ def test_a_panels_rate_of_zero_takes_the_scenarios_obstacle_away(
     assert max(truth.pinch_force_n for truth in met) > 20.0
 
     def removed(number: int) -> list[tuple[int, bytes]]:
-        return (
-            [panel_frame(rig, ObstacleRate=0.0), *close(number)] if number == 0 else close(number)
-        )
+        return [panel_frame(rig, ObstacleRate=0.0), *close(number)] if number == 0 else close(number)
 
     _, free, _, _ = run(fast_tick, config, start, 500, removed, around)
     assert max(truth.pinch_force_n for truth in free) == 0.0
@@ -593,29 +557,21 @@ def closing_onto(
 
 
 def test_an_obstacle_before_the_gate_is_met_at_its_angle(rig: Rig, fast_tick: Tick):
-    truths = closing_onto(
-        rig, fast_tick, {0: {"ObstacleAngle": 44.0, "ObstacleRate": 10.0}}, 45.0, 800
-    )
+    truths = closing_onto(rig, fast_tick, {0: {"ObstacleAngle": 44.0, "ObstacleRate": 10.0}}, 45.0, 800)
     for truth in truths:
         assert (truth.pinch_force_n > 0.0) <= (truth.gate_angle_deg < 44.0)
     last = truths[-1]
     assert last.pinch_force_n > 50.0
     # 10 N/mm at the gate's edge, 1 m from the hinge.
-    assert last.pinch_force_n == pytest.approx(
-        10_000.0 * math.radians(44.0 - last.gate_angle_deg), rel=0.01
-    )
+    assert last.pinch_force_n == pytest.approx(10_000.0 * math.radians(44.0 - last.gate_angle_deg), rel=0.01)
 
 
 def test_an_obstacle_that_appears_behind_the_gate_is_not_met(rig: Rig, fast_tick: Tick):
-    truths = closing_onto(
-        rig, fast_tick, {100: {"ObstacleAngle": 60.0, "ObstacleRate": 10.0}}, 45.0, 800
-    )
+    truths = closing_onto(rig, fast_tick, {100: {"ObstacleAngle": 60.0, "ObstacleRate": 10.0}}, 45.0, 800)
     assert max(truth.pinch_force_n for truth in truths) == 0.0
 
 
-def test_an_obstacle_behind_the_gate_is_met_once_the_gate_was_clear_of_it(
-    rig: Rig, fast_tick: Tick
-):
+def test_an_obstacle_behind_the_gate_is_met_once_the_gate_was_clear_of_it(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, 45.0)
 
@@ -633,9 +589,7 @@ def test_an_obstacle_behind_the_gate_is_met_once_the_gate_was_clear_of_it(
 
 
 @pytest.mark.parametrize("angle_deg", [50.0, 70.0])
-def test_an_obstacle_that_is_moved_behind_the_gate_is_not_met(
-    rig: Rig, fast_tick: Tick, angle_deg: float
-):
+def test_an_obstacle_that_is_moved_behind_the_gate_is_not_met(rig: Rig, fast_tick: Tick, angle_deg: float):
     panels = {
         0: {"ObstacleAngle": 20.0, "ObstacleRate": 10.0},
         100: {"ObstacleAngle": angle_deg, "ObstacleRate": 10.0},
@@ -644,13 +598,9 @@ def test_an_obstacle_that_is_moved_behind_the_gate_is_not_met(
     assert max(truth.pinch_force_n for truth in truths) == 0.0
 
 
-def test_an_obstacle_that_follows_another_behind_the_gate_is_not_met(
-    rig: Rig, fast_tick: Tick, tmp_path: Path
-):
+def test_an_obstacle_that_follows_another_behind_the_gate_is_not_met(rig: Rig, fast_tick: Tick, tmp_path: Path):
     path = tmp_path / "scenario.toml"
-    path.write_text(
-        "[[obstacle]]\nend = 0.1\nangle_deg = 20\n[[obstacle]]\nstart = 0.1\nangle_deg = 60\n"
-    )
+    path.write_text("[[obstacle]]\nend = 0.1\nangle_deg = 20\n[[obstacle]]\nstart = 0.1\nangle_deg = 60\n")
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, 45.0)
     around = stimuli_alone(load_scenario(path).stimuli)
@@ -681,9 +631,7 @@ def test_a_rod_under_the_closed_gate_is_met_on_the_way_back(rig: Rig, fast_tick:
 def test_a_diverged_plant_still_gets_its_frames_out(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     state = rest(config)
-    broken = state.plant._replace(
-        gate_angle=math.nan, left=state.plant.left._replace(current=math.inf)
-    )
+    broken = state.plant._replace(gate_angle=math.nan, left=state.plant.left._replace(current=math.inf))
     _, sent, _, _ = fast_tick(config, state._replace(plant=broken), NOTHING, outside(stop=True))
     assert sent.count == len(cycles(rig))
     assert decoded(rig, sent, "BenchStatus")[0]["EmulatorState"] == STOPPED
@@ -703,9 +651,7 @@ BA_ "GenMsgCycleTime" BO_ 256 20;
 """
 
 
-@pytest.mark.parametrize(
-    ("duty", "expected"), [(0.4, (0.4, 0)), (-0.4, (-0.4, 0)), (0.0, (0.0, 0))]
-)
+@pytest.mark.parametrize(("duty", "expected"), [(0.4, (0.4, 0)), (-0.4, (-0.4, 0)), (0.0, (0.0, 0))])
 def test_without_a_direction_the_duty_is_signed_and_zero_brakes(
     fast_tick: Tick, tmp_path: Path, duty: float, expected: tuple[float, int]
 ):

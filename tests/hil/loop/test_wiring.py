@@ -12,15 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from catalogue_bus import catalogue_rig, input_frames, outputs_in
-from hil_support import (
-    frames_of,
-    loop_config,
-    outside,
-    start_of,
-    stimuli_alone,
-    stimulus_plan,
-    transmitted,
-)
+from hil_support import frames_of, loop_config, outside, start_of, stimuli_alone, stimulus_plan, transmitted
 
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS
@@ -73,8 +65,7 @@ class Rows(NamedTuple):
     def by_name(self) -> dict[str, float]:
         """As a rig calls them."""
         values = {
-            bus_name(name, signal): getattr(self.sensed, name)
-            for name, signal in signals_of(Sensed).items()
+            bus_name(name, signal): getattr(self.sensed, name) for name, signal in signals_of(Sensed).items()
         }
         values |= self.status._asdict() | self.timing._asdict() | self.edges._asdict()
         for name, signal in signals_of(Truth).items():
@@ -122,9 +113,7 @@ def test_a_tick_tells_what_it_senses_what_is_so_and_what_it_is_told(
     monkeypatch.setattr(tick_module, "truth_of", lambda *given: rows.truth)
     monkeypatch.setattr(tick_module, "edge_times", lambda *given: rows.edges)
     config = loop_config(rig=whole)
-    state = start_of(config)._replace(
-        timeouts=111, counts=NO_COUNTS._replace(wrong_length=113), pinch_hold=113.5
-    )
+    state = start_of(config)._replace(timeouts=111, counts=NO_COUNTS._replace(wrong_length=113), pinch_hold=113.5)
     around = outside(missed=107, stop=True)._replace(timing=rows.timing)
     _, replies, truth, sensed = tick(config, state, empty_frames(0), around)
     assert (truth, sensed) == (rows.truth, rows.sensed)
@@ -133,9 +122,7 @@ def test_a_tick_tells_what_it_senses_what_is_so_and_what_it_is_told(
 
 def test_timing_that_is_not_known_is_not_sent(whole: Rig, fast_tick: Tick) -> None:
     config = loop_config(rig=whole)
-    _, replies, truth, sensed = fast_tick(
-        config, start_of(config), empty_frames(0), outside(stop=True)
-    )
+    _, replies, truth, sensed = fast_tick(config, start_of(config), empty_frames(0), outside(stop=True))
     found = outputs_in(whole, replies)
     assert found.keys() == BUS_OUTPUTS.keys() - {*Timing._fields}
     status = Status(0.0, 0.0, 0.0, float(STOPPED), 0.0)
@@ -166,9 +153,7 @@ SAID = {
 }
 
 
-def test_every_input_reaches_what_its_name_says(
-    whole: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_input_reaches_what_its_name_says(whole: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     assert SAID.keys() == BUS_INPUTS.keys()
     given: list[Inputs] = []
 
@@ -211,9 +196,7 @@ def test_every_input_reaches_what_its_name_says(
 
 DRIVEN = {"left_duty": 0.30, "right_duty": -0.55, "left_coast": 0.0, "right_coast": 0.0}
 COASTING = {"left_duty": 0.0, "right_duty": 0.0, "left_coast": 1.0, "right_coast": 1.0}
-SURROUNDINGS = {
-    column: SAID[bus_name(column, signal)] for column, signal in signals_of(Surroundings).items()
-}
+SURROUNDINGS = {column: SAID[bus_name(column, signal)] for column, signal in signals_of(Surroundings).items()}
 
 
 def shown(call: Tick, config: Any, said: dict[str, float], around: Any) -> dict[str, float]:
@@ -230,9 +213,7 @@ def test_the_truth_shows_every_input(whole: Rig, fast_tick: Tick) -> None:
 
 @pytest.mark.parametrize("way", ["profile", "panel", "commanded"])
 @pytest.mark.parametrize("column", Surroundings._fields)
-def test_what_is_said_of_one_quantity_moves_no_other(
-    whole: Rig, fast_tick: Tick, column: str, way: str
-) -> None:
+def test_what_is_said_of_one_quantity_moves_no_other(whole: Rig, fast_tick: Tick, column: str, way: str) -> None:
     config = loop_config(rig=whole)
     before = shown(fast_tick, config, {}, outside())
     assert before.items() >= COASTING.items()
@@ -250,9 +231,7 @@ def test_what_is_said_of_one_quantity_moves_no_other(
     assert shown(fast_tick, config, said, around) == pytest.approx({**before, column: value})
 
 
-def test_a_command_counts_before_the_panel_and_that_before_the_profile(
-    whole: Rig, fast_tick: Tick
-) -> None:
+def test_a_command_counts_before_the_panel_and_that_before_the_profile(whole: Rig, fast_tick: Tick) -> None:
     config = loop_config(rig=whole)
     ranges = signals_of(Surroundings)
     levels = {
@@ -262,9 +241,7 @@ def test_a_command_counts_before_the_panel_and_that_before_the_profile(
         }
         for k, way in enumerate(("profile", "panel", "commanded"))
     }
-    stimuli = TimedStimuli(
-        {name: Profile([(0.0, value)]) for name, value in levels["profile"].items()}
-    )
+    stimuli = TimedStimuli({name: Profile([(0.0, value)]) for name, value in levels["profile"].items()})
     scheduled, commanded = stimuli_alone(stimuli), stimuli_alone(stimuli)
     panel = {bus_name(name, ranges[name]): value for name, value in levels["panel"].items()}
     for name, value in levels["commanded"].items():
@@ -368,9 +345,7 @@ CODES = {(0, 0): 0, (1, 0): 1, (1, 1): 2, (0, 1): 3}
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0])
-def test_hall_a_and_b_fit_the_count_opening_and_closing(
-    whole: Rig, fast_tick: Tick, rate: float
-) -> None:
+def test_hall_a_and_b_fit_the_count_opening_and_closing(whole: Rig, fast_tick: Tick, rate: float) -> None:
     """At 200 Hz several edges come a tick: the levels are those of the count all the same. At 1 kHz an ECU that
     samples A and B once a tick counts what the decoder does.
     """

@@ -14,20 +14,9 @@ from hypothesis import strategies as st
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.read import read_measurement
 
-CELLS = st.sampled_from(
-    ["0", "1", "-1.5e3", "", "nan", "inf", "x", " 2 ", '"3"', '"', "1,5", "1e400"]
-)
+CELLS = st.sampled_from(["0", "1", "-1.5e3", "", "nan", "inf", "x", " 2 ", '"3"', '"', "1,5", "1e400"])
 NAMES = st.sampled_from(
-    [
-        "time_s",
-        "voltage_v",
-        "left_duty",
-        "left_current_a",
-        "latched",
-        "left_coast",
-        "left_current_ma",
-        "",
-    ]
+    ["time_s", "voltage_v", "left_duty", "left_current_a", "latched", "left_coast", "left_current_ma", ""]
 )
 
 

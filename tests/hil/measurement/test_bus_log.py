@@ -37,13 +37,7 @@ FORMATS = ["log", "asc", "blf", "trc", "mf4"]
 
 def drive(rig: Rig, counter: int, current: float, count: int) -> bytes:
     payload = rig.messages["LeftDrive"].encode(
-        {
-            "MotorCurrent": current,
-            "HallCount": count,
-            "HallSpeed": 0,
-            "AliveCounter": counter % 16,
-            "Checksum": 0,
-        }
+        {"MotorCurrent": current, "HallCount": count, "HallSpeed": 0, "AliveCounter": counter % 16, "Checksum": 0}
     )
     return with_checksum(LEFT_DRIVE, payload)
 
@@ -76,9 +70,7 @@ def stimulus_plan(rig: Rig) -> list[Frame]:
 
 def test_every_format_gives_the_same_measurement(tmp_path: Path, rig: Rig) -> None:
     frames = stimulus_plan(rig)
-    read = [
-        read_measurement(write_log(tmp_path / f"m.{suffix}", frames), {}, rig) for suffix in FORMATS
-    ]
+    read = [read_measurement(write_log(tmp_path / f"m.{suffix}", frames), {}, rig) for suffix in FORMATS]
     for measurement in read:
         assert measurement.through_sensors
         # .trc stamps to 0.1 ms, the others to 1 us; a rounded tick there may split or merge nothing here.
@@ -164,10 +156,7 @@ def test_a_command_that_ends_before_the_log_goes_stale(tmp_path: Path, rig: Rig)
 
 def test_frames_stamped_a_little_out_of_turn_keep_their_order(tmp_path: Path, rig: Rig) -> None:
     path = tmp_path / "m.log"
-    frames = [
-        (9.0, COMMAND, command_payload(rig, 0, **left(50, OPEN))),
-        (9.01, GATE, gate(rig, 1.0)),
-    ]
+    frames = [(9.0, COMMAND, command_payload(rig, 0, **left(50, OPEN))), (9.01, GATE, gate(rig, 1.0))]
     frames += [(9.009, COMMAND, command_payload(rig, 1, **left(20, OPEN)))]
     frames += [(9.02, GATE, gate(rig, 2.0))]
     path.write_text("".join(f"({t:.6f}) can0 {i:03X}#{data.hex()}\n" for t, i, data in frames))
@@ -318,13 +307,7 @@ def theirs(tmp_path: Path, suffix: str, rig: Rig) -> Measurement:
 @pytest.mark.parametrize("suffix", ["log", "asc", "blf", "mf4"])
 def test_a_foreign_rig_says_what_foreign_frames_mean(tmp_path: Path, suffix: str) -> None:
     m = theirs(tmp_path, suffix, rig_of(tmp_path, THEIRS, THEIR_RIG))
-    assert list(m.columns) == [
-        "left_duty",
-        "left_coast",
-        "left_current_a",
-        "left_hall_count",
-        "gate_angle_deg",
-    ]
+    assert list(m.columns) == ["left_duty", "left_coast", "left_current_a", "left_hall_count", "gate_angle_deg"]
     # The sign is the direction, and none is brake.
     for k, duty in enumerate([0.0, -0.4, 1.0]):
         rows = (m.times >= 0.4 * k - 1e-9) & (m.times < 0.4 * (k + 1) - 1e-9)

@@ -33,8 +33,7 @@ def test_a_flag_says_name_unit_and_scale(given: str, ours: str, theirs: Theirs) 
 def test_a_file_says_the_same_and_offsets(tmp_path: Path) -> None:
     path = tmp_path / "m.toml"
     path.write_text(
-        '[columns]\nleft_current_a = { name = "Iq", unit = "mA", scale = 2.0, offset = -5 }\n'
-        'time_s = "t"\n'
+        '[columns]\nleft_current_a = { name = "Iq", unit = "mA", scale = 2.0, offset = -5 }\ntime_s = "t"\n'
     )
     assert parse_maps([str(path), "voltage_v=U"]) == {
         "left_current_a": Theirs("Iq", "mA", 2.0, -5.0),
@@ -82,11 +81,7 @@ def test_a_mapped_file_is_read_in_our_units(tmp_path: Path) -> None:
     columns = {"t": TIMES * 1e3, "U": TIMES * 1e3, "Iq [mA]": TIMES * 1e3, "n": TIMES * 600.0}
     path = write_csv(tmp_path / "m.csv", columns)
     measurement = read(
-        path,
-        "time_s=t[ms]",
-        "left_voltage_v=U[mV]*2",
-        "left_current_a=Iq[mA]",
-        "left_speed_rps=n[1/min]*-1",
+        path, "time_s=t[ms]", "left_voltage_v=U[mV]*2", "left_current_a=Iq[mA]", "left_speed_rps=n[1/min]*-1"
     )
     assert np.allclose(measurement.times, TIMES, rtol=1e-12)
     assert np.allclose(measurement.columns["left_voltage_v"], 2.0 * TIMES, rtol=1e-12)
@@ -116,10 +111,8 @@ def test_all_faults_of_all_maps_come_at_once(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_maps(["nothing", "left_speed_rps=n[mm]", "current=I", "time_s=t[s]*0", str(path)])
     assert caught.value.issues == [
-        "`map` nothing: allowed: OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, "
-        "or FILE.toml",
-        "`map` left_speed_rps=n[mm]: left_speed_rps: unit 'mm'; allowed: rev/s, rpm, rad/s, "
-        "deg/s, mdeg/s",
+        "`map` nothing: allowed: OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, or FILE.toml",
+        "`map` left_speed_rps=n[mm]: left_speed_rps: unit 'mm'; allowed: rev/s, rpm, rad/s, deg/s, mdeg/s",
         f"`map` current=I: current: unknown column; allowed: {', '.join(KNOWN)}",
         "`map` time_s=t[s]*0: time_s: scale '0'; allowed: a number, not 0",
         f"{path}: columns.left_current_a.skale: 1: unknown key; allowed: name, unit, scale, offset",

@@ -38,24 +38,18 @@ def test_a_cut_keeps_rows_and_times_of_the_file() -> None:
 def test_a_cut_of_nothing_changes_nothing() -> None:
     m = measured(np.arange(3.0), left_voltage_v=np.zeros(3))
     assert cut_time(m) is m
-    assert cut_angle(measured(np.arange(3.0), gate_angle_deg=np.ones(3)), 0.0, 2.0).notes == (
-        "read",
-    )
+    assert cut_angle(measured(np.arange(3.0), gate_angle_deg=np.ones(3)), 0.0, 2.0).notes == ("read",)
 
 
 def test_a_cut_beside_the_measurement_is_a_fault() -> None:
     with pytest.raises(ConfigError) as caught:
         cut_time(measured(np.arange(3.0), left_voltage_v=np.zeros(3)), 5.0)
-    assert caught.value.issues == [
-        "m.csv: no row from 5 to 2 s; allowed: within 0 to 2 s",
-    ]
+    assert caught.value.issues == ["m.csv: no row from 5 to 2 s; allowed: within 0 to 2 s"]
 
 
 def test_the_longest_stretch_between_two_angles_is_kept() -> None:
     times = np.arange(300) * 0.1
-    angle = np.concatenate(
-        [np.linspace(0, 80, 100), np.linspace(80, 10, 150), np.linspace(10, 80, 50)]
-    )
+    angle = np.concatenate([np.linspace(0, 80, 100), np.linspace(80, 10, 150), np.linspace(10, 80, 50)])
     m = cut_angle(measured(times, left_voltage_v=times, gate_angle_deg=angle), 20.0, 60.0)
     inside = np.flatnonzero((angle >= 20) & (angle <= 60))
     falling = inside[(inside >= 100) & (inside < 250)]
@@ -107,9 +101,7 @@ def test_inputs_stay_as_they_are() -> None:
 
 
 @pytest.mark.parametrize(("rate", "factor"), [(None, 7), (300.0, 1), (500.0, 4), (3000.0, 5)])
-def test_what_is_done_to_the_measured_is_done_to_the_simulated(
-    rate: float | None, factor: int
-) -> None:
+def test_what_is_done_to_the_measured_is_done_to_the_simulated(rate: float | None, factor: int) -> None:
     """A simulation that meets every sample there is meets every one that is left."""
     random = np.random.default_rng(4)
     times = np.cumsum(random.uniform(0.8, 1.2, 4000)) * STEP if rate else np.arange(4000) * STEP
@@ -180,9 +172,7 @@ def test_a_gap_stays_a_gap() -> None:
         (1e9, 1, "m.csv: `resample` 1e+09: 149000001 rows; allowed: up to 5e+07"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_thinned_out_so_is_a_fault(
-    rate: float | None, factor: int, said: str
-) -> None:
+def test_what_cannot_be_thinned_out_so_is_a_fault(rate: float | None, factor: int, said: str) -> None:
     times = np.cumsum(np.tile([0.001, 0.002], 50))
     with pytest.raises(ConfigError) as caught:
         thinned(experiment(times, left_current_a=times), rate, factor, QUANTUM)

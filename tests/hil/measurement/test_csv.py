@@ -56,8 +56,7 @@ def test_quoted_cells_and_blanks_are_read(tmp_path: Path) -> None:
 
 @CALM
 @given(
-    arrays.arrays(np.float64, (7, 3), elements=st.floats(-900.0, 900.0, allow_nan=False, width=64)),
-    st.booleans(),
+    arrays.arrays(np.float64, (7, 3), elements=st.floats(-900.0, 900.0, allow_nan=False, width=64)), st.booleans()
 )
 def test_fast_and_careful_reading_agree_to_the_last_bit(table: np.ndarray, quoted: bool) -> None:
     with TemporaryDirectory() as folder:
@@ -157,15 +156,9 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
             HEAD.replace(",", ";") + "0;1;1,5\n",
             ["left_current_a: '1,5' in row 1; allowed: a number with a decimal point"],
         ),
-        (
-            HEAD + "0,5,1,2\n",
-            ["row 1: 4 cells (is it a decimal comma?); allowed: 3, as in the header"],
-        ),
+        (HEAD + "0,5,1,2\n", ["row 1: 4 cells (is it a decimal comma?); allowed: 3, as in the header"]),
         (HEAD.replace(",", ";") + "0;5\n", ["row 1: 2 cells; allowed: 3, as in the header"]),
-        (
-            HEAD + "0,1,2\n0.2,1,2\n0.1,1,2\n",
-            ["time_s: row 3; allowed: finite and rising (0.1 s after 0.2 s)"],
-        ),
+        (HEAD + "0,1,2\n0.2,1,2\n0.1,1,2\n", ["time_s: row 3; allowed: finite and rising (0.1 s after 0.2 s)"]),
         (HEAD + "0,1,2\n,1,2\n", ["time_s: empty cell in row 2; allowed: finite and rising"]),
         (
             HEAD + "0,1,20000\n0,-2000,2\n",
@@ -179,16 +172,11 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
         ),
         (
             "time_s,left_duty,left_current_a\n0,50,2\n1,100,2\n",
-            [
-                "left_duty: 50 in row 1 (2 such rows); allowed: -1 to 1; is it %? "
-                "`map` 'left_duty=left_duty[%]'"
-            ],
+            ["left_duty: 50 in row 1 (2 such rows); allowed: -1 to 1; is it %? `map` 'left_duty=left_duty[%]'"],
         ),
         (
             "time_s,left_voltage_v,left_current_ma\n0,1,2\n",
-            [
-                "left_current_ma: unexpected unit; allowed: `map` 'left_current_a=left_current_ma[mA]'"
-            ],
+            ["left_current_ma: unexpected unit; allowed: `map` 'left_current_a=left_current_ma[mA]'"],
         ),
         (
             "time_ms,left_voltage_v,left_current_a\n0,1,2\n",
@@ -198,7 +186,7 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
             "time_s,left_voltage_v,voltage_v,left_duty,left_current_a\n0,1,1,0,2\n",
             [
                 "voltage_v and left_voltage_v and left_duty: allowed: one of them, "
-                "chosen by `map` left_duty=left_duty",
+                "chosen by `map` left_duty=left_duty"
             ],
         ),
         (
@@ -209,15 +197,10 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
             "time_s,left_current_a\n0,2\n",
             [f"no input column; allowed: voltage_v, {', '.join(INPUTS)}, others by `map`"],
         ),
-        (
-            "time_s,left_voltage_v,left_current_a\n0,1,\n",
-            ["no sample of any output column"],
-        ),
+        ("time_s,left_voltage_v,left_current_a\n0,1,\n", ["no sample of any output column"]),
     ],
 )
-def test_faults_are_told_all_at_once_with_their_place(
-    tmp_path: Path, text: str, said: list[str]
-) -> None:
+def test_faults_are_told_all_at_once_with_their_place(tmp_path: Path, text: str, said: list[str]) -> None:
     path = tmp_path / "m.csv"
     path.write_text(text)
     assert faults_of(path) == said
@@ -265,11 +248,7 @@ CELLS = st.sampled_from(["1", "-2.5", "1e-3", "", " 7 ", "nan", "inf", "x"])
 
 
 @CALM
-@given(
-    st.lists(st.tuples(CELLS, CELLS, CELLS), min_size=1, max_size=12),
-    st.booleans(),
-    st.integers(1, 40),
-)
+@given(st.lists(st.tuples(CELLS, CELLS, CELLS), min_size=1, max_size=12), st.booleans(), st.integers(1, 40))
 def test_blocks_of_any_size_say_what_the_careful_reader_does(
     rows: list[tuple[str, str, str]], is_ended: bool, block: int
 ) -> None:

@@ -69,9 +69,7 @@ def test_every_column_fills_the_place_of_its_name(tmp_path: Path, left_out: str)
 
 
 def test_one_voltage_is_both_motors_and_what_is_not_said_is_not_there(tmp_path: Path) -> None:
-    samples, notes = read_samples(
-        written(tmp_path, {"voltage_v": [1.0, 2.0, 3.0], "snow_mass_kg": [4.0] * 3}), {}
-    )
+    samples, notes = read_samples(written(tmp_path, {"voltage_v": [1.0, 2.0, 3.0], "snow_mass_kg": [4.0] * 3}), {})
     assert notes == ()
     (row,) = samples.rows_at(np.array([0.001]))
     said = {"left_voltage_v": 2.0, "right_voltage_v": 2.0, "snow_mass_kg": 4.0}

@@ -24,9 +24,7 @@ LINES = st.builds(
     st.one_of(st.binary(max_size=8).map(lambda data: data.hex().upper()), st.just("11ab")),
     st.sampled_from(["", " R", " T"]),
 )
-OTHERS = st.sampled_from(
-    ["(1.500000) can0 220#R", "(1.500000) can0 220#R8 R", "(3.000000) can0 210#R T"]
-)
+OTHERS = st.sampled_from(["(1.500000) can0 220#R", "(1.500000) can0 220#R8 R", "(3.000000) can0 210#R T"])
 
 
 def same(one: LogFrames, other: LogFrames) -> None:
@@ -38,18 +36,13 @@ def same(one: LogFrames, other: LogFrames) -> None:
 
 @settings(CALM, max_examples=40)
 @given(
-    lines=st.lists(st.one_of(LINES, OTHERS), max_size=20),
-    end=st.sampled_from(["\n", "\r\n", "\n(1.0) can0 22"]),
+    lines=st.lists(st.one_of(LINES, OTHERS), max_size=20), end=st.sampled_from(["\n", "\r\n", "\n(1.0) can0 22"])
 )
 def test_lines_are_what_python_can_makes_of_them(
     lines: list[str], end: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    path = (
-        tmp_path_factory.getbasetemp() / "lines.log"
-    )  # the same one each time: folders take longer
-    path.write_bytes(
-        "".join(f"{line}\n" for line in lines)[:-1].encode() + end.encode() if lines else b""
-    )
+    path = tmp_path_factory.getbasetemp() / "lines.log"  # the same one each time: folders take longer
+    path.write_bytes("".join(f"{line}\n" for line in lines)[:-1].encode() + end.encode() if lines else b"")
     read: Any = log_frames._by_lines
     by_lines = read_frames(path, NAMES, shipped_rig())
     assert read(path, ()) is not None

@@ -42,11 +42,7 @@ def test_a_sound_measurement_has_no_faults() -> None:
         (60.0, "left_speed_rps is 60 x the slope of left_position_rev: is it 1/min?"),
         (2.0 * math.pi, "left_speed_rps is 6.28 x the slope of left_position_rev: is it rad/s?"),
         (360.0, "left_speed_rps is 360 x the slope of left_position_rev: is it deg/s?"),
-        (
-            1.0 / 360.0,
-            "left_speed_rps is 0.00278 x the slope of left_position_rev: "
-            "is the position in 1/360 rev?",
-        ),
+        (1.0 / 360.0, "left_speed_rps is 0.00278 x the slope of left_position_rev: is the position in 1/360 rev?"),
         (
             -1.0,
             "left_speed_rps is -1 x the slope of left_position_rev: has one of them the wrong "
@@ -63,16 +59,13 @@ def test_a_speed_in_another_unit_is_found(factor: float, said: str) -> None:
 
 def test_a_speed_is_held_against_the_count_where_there_is_no_position() -> None:
     m = measured(left_speed_rps=60.0 * SPEED, left_hall_count=np.floor(4.0 * POSITION))
-    assert check(m, SUV) == [
-        "m.csv: left_speed_rps is 60 x the slope of left_hall_count / 4: is it 1/min?"
-    ]
+    assert check(m, SUV) == ["m.csv: left_speed_rps is 60 x the slope of left_hall_count / 4: is it 1/min?"]
 
 
 def test_a_count_of_another_sensor_is_found() -> None:
     m = measured(left_position_rev=POSITION, left_hall_count=np.floor(6.0 * POSITION))
     assert check(m, SUV) == [
-        "m.csv: left_hall_count is 6 x left_position_rev; allowed: 4, the vehicle's "
-        "sensors.hall_counts"
+        "m.csv: left_hall_count is 6 x left_position_rev; allowed: 4, the vehicle's sensors.hall_counts"
     ]
     assert check(m) == []
 
@@ -85,8 +78,7 @@ def test_at_rest_nothing_is_compared() -> None:
 def test_milliamperes_and_millivolts_are_found() -> None:
     m = measured(left_current_a=200.0 + TIMES, left_voltage_v=np.full(2000, 900.0))
     assert check(m, SUV) == [
-        "m.csv: left_current_a: 201.999 in row 2000: is it mA? allowed: up to 170 A with this "
-        "vehicle",
+        "m.csv: left_current_a: 201.999 in row 2000: is it mA? allowed: up to 170 A with this vehicle",
         "m.csv: left_voltage_v: 900 in row 1: is it mV? allowed: up to 60 V with this vehicle",
     ]
 
@@ -97,9 +89,7 @@ def test_too_few_rows_or_samples_are_faults() -> None:
         "m.csv: 19 rows; allowed: 20 or more"
     ]
     sparse = np.where(np.arange(2000) < 7, 1.0, np.nan)
-    assert check(measured(left_current_a=sparse)) == [
-        "m.csv: left_current_a: 7 samples; allowed: 20 or more"
-    ]
+    assert check(measured(left_current_a=sparse)) == ["m.csv: left_current_a: 7 samples; allowed: 20 or more"]
 
 
 def test_what_conditioning_must_not_leave_is_a_fault() -> None:

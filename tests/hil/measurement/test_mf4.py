@@ -91,13 +91,9 @@ def test_a_channels_own_unit_is_converted(tmp_path: Path) -> None:
 
 
 def test_a_unit_of_another_dimension_is_a_fault(tmp_path: Path) -> None:
-    path = write(
-        tmp_path / "m.mf4",
-        [("left_current_a", FINE, FINE, "V"), ("left_voltage_v", FINE, FINE, "V")],
-    )
+    path = write(tmp_path / "m.mf4", [("left_current_a", FINE, FINE, "V"), ("left_voltage_v", FINE, FINE, "V")])
     assert faults_of(path) == [
-        "left_current_a: unit 'V'; allowed: A, mA, µA, kA; "
-        "or `map` 'left_current_a=left_current_a[unit]'"
+        "left_current_a: unit 'V'; allowed: A, mA, µA, kA; or `map` 'left_current_a=left_current_a[unit]'"
     ]
     m = read(path, "left_current_a=left_current_a[A]*2")
     assert np.allclose(m.columns["left_current_a"], 2.0 * FINE)
@@ -148,27 +144,16 @@ def test_a_channel_in_two_groups_and_times_of_ones_own_are_faults(tmp_path: Path
 def test_times_that_do_not_rise_are_a_fault(tmp_path: Path) -> None:
     late = FINE.copy()
     late[50] = late[49]
-    path = write(
-        tmp_path / "m.mf4",
-        [("left_current_a", FINE, FINE, "A")],
-        [("left_voltage_v", late, FINE, "V")],
-    )
+    path = write(tmp_path / "m.mf4", [("left_current_a", FINE, FINE, "A")], [("left_voltage_v", late, FINE, "V")])
     assert faults_of(path) == [
-        "left_voltage_v: time 0.049 s in sample 51 is not later than the one before; "
-        "allowed: finite and rising"
+        "left_voltage_v: time 0.049 s in sample 51 is not later than the one before; allowed: finite and rising"
     ]
 
 
 def test_channels_without_samples_are_a_fault(tmp_path: Path) -> None:
     none = np.zeros(0)
-    path = write(
-        tmp_path / "m.mf4",
-        [("left_current_a", none, none, "A"), ("left_voltage_v", none, none, "V")],
-    )
-    assert faults_of(path) == [
-        "no sample of any input column",
-        "no sample of any output column",
-    ]
+    path = write(tmp_path / "m.mf4", [("left_current_a", none, none, "A"), ("left_voltage_v", none, none, "V")])
+    assert faults_of(path) == ["no sample of any input column", "no sample of any output column"]
 
 
 @pytest.mark.parametrize("ring", ["data groups", "channel groups"])

@@ -7,17 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hil_support import (
-    CLOSE,
-    COAST,
-    OPEN,
-    both,
-    command_frame,
-    frames_of,
-    loop_config,
-    outside,
-    start_of,
-)
+from hil_support import CLOSE, COAST, OPEN, both, command_frame, frames_of, loop_config, outside, start_of
 from measurement_files import read
 
 from liftgate_hil.cli.main import main
@@ -33,9 +23,7 @@ def run(rig: Rig, fast_tick: Callable[..., Any], folder: Path) -> tuple[Path, Pa
     """A run of 0.6 s: released and opening, closing, coasting; recorded as a table and as a bus log."""
     config = loop_config(rig=rig)
     state = start_of(config)
-    table, log = (
-        open_writer(folder / name, Content(columns_of(2))) for name in ("run.csv", "bus.log")
-    )
+    table, log = (open_writer(folder / name, Content(columns_of(2))) for name in ("run.csv", "bus.log"))
     log.begin(10**18)
     orders = [both(60, OPEN, 1), both(30, CLOSE), both(0, COAST)]
     for k in range(600):
@@ -63,8 +51,7 @@ def test_a_recordings_inputs_hold_from_their_row_on(
     # The row at 0.2 s is the state when the gate is told to close.
     for name in ("left_duty", "right_duty"):
         assert np.array_equal(
-            np.round(m.columns[name], 9),
-            np.select([m.times < 0.2 - 1e-9, m.times < 0.4 - 1e-9], [0.6, -0.3], 0.0),
+            np.round(m.columns[name], 9), np.select([m.times < 0.2 - 1e-9, m.times < 0.4 - 1e-9], [0.6, -0.3], 0.0)
         )
     assert np.array_equal(m.columns["left_coast"] == 1.0, m.times >= 0.4 - 1e-9)
     # Duty times supply over a step is the voltage in the row that it leads to.
@@ -75,9 +62,7 @@ def test_a_recordings_inputs_hold_from_their_row_on(
     assert np.array_equal(m.columns["left_current_a"], raw["left_current_a"])
 
 
-def test_a_bus_log_of_the_same_run_says_the_same(
-    tmp_path: Path, rig: Rig, fast_tick: Callable[..., Any]
-) -> None:
+def test_a_bus_log_of_the_same_run_says_the_same(tmp_path: Path, rig: Rig, fast_tick: Callable[..., Any]) -> None:
     table, log = run(rig, fast_tick, tmp_path)
     true, seen = read(table), read_measurement(log, {}, rig)
     assert seen.through_sensors
@@ -100,10 +85,7 @@ def test_simulates_output_is_used_as_it_is(tmp_path: Path) -> None:
         target = tmp_path / f"out.{suffix}"
         source = tmp_path / "in.csv"
         source.write_text("time_s,voltage_v\n0,0\n0.01,6\n0.05,-3\n")
-        assert (
-            main(["simulate", "--input", str(source), "--duration", "0.1", "--output", str(target)])
-            == 0
-        )
+        assert main(["simulate", "--input", str(source), "--duration", "0.1", "--output", str(target)]) == 0
         m = read(target)
         assert np.allclose(m.times, np.arange(101) * 0.001, rtol=0, atol=1e-12)
         held = np.select([m.times < 0.01 - 1e-9, m.times < 0.05 - 1e-9], [0.0, 6.0], -3.0)

@@ -28,9 +28,7 @@ SUFFIXES = (".log", ".asc", ".blf", ".trc", ".mf4", ".mcap")
 FRAMES = [(0x100 + k % 5 if k % 7 else 0x18F00300 | EXTENDED, bytes([k, 1])) for k in range(60)]
 
 
-def write(
-    path: Path, frames: list[tuple[int, bytes]], is_sent: list[bool], step: float = 1e-3
-) -> Path:
+def write(path: Path, frames: list[tuple[int, bytes]], is_sent: list[bool], step: float = 1e-3) -> Path:
     rows = logged(frames_of(frames), 0, True)
     rows["time_ns"] = (np.arange(len(frames)) * step * 1e9).astype(np.int64) + 5_000_000
     rows["is_sent"] = is_sent
@@ -54,16 +52,12 @@ def play(path: Path, stopped: Any = lambda: False, **how: Any) -> tuple[Played, 
 
 
 def told_of(messages: list[can.Message]) -> list[tuple[int, bytes]]:
-    return [
-        (m.arbitration_id | (EXTENDED if m.is_extended_id else 0), bytes(m.data)) for m in messages
-    ]
+    return [(m.arbitration_id | (EXTENDED if m.is_extended_id else 0), bytes(m.data)) for m in messages]
 
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_every_frame_of_every_format_comes_once_and_in_its_order(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_every_frame_of_every_format_comes_once_and_in_its_order(tmp_path: Path, suffix: str) -> None:
     if suffix in (".mf4", ".mcap"):
         pytest.importorskip({".mf4": "asammdf", ".mcap": "mcap"}[suffix])
     path = write(tmp_path / f"run{suffix}", FRAMES, [True] * len(FRAMES))
@@ -74,15 +68,11 @@ def test_every_frame_of_every_format_comes_once_and_in_its_order(
     assert played.played_s == pytest.approx(0.059)
 
 
-def test_without_a_direction_it_plays_what_was_sent_and_where_nothing_was_all(
-    tmp_path: Path,
-) -> None:
+def test_without_a_direction_it_plays_what_was_sent_and_where_nothing_was_all(tmp_path: Path) -> None:
     ways = [k % 3 == 0 for k in range(60)]
     path = write(tmp_path / "run.log", FRAMES, ways)
     _, messages = play(path)
-    assert told_of(messages) == [
-        each for each, is_sent in zip(FRAMES, ways, strict=True) if is_sent
-    ]
+    assert told_of(messages) == [each for each, is_sent in zip(FRAMES, ways, strict=True) if is_sent]
     _, messages = play(path, selection=Selection("received"))
     assert len(messages) == 40
     played, messages = play(write(tmp_path / "their.log", FRAMES, [False] * 60))

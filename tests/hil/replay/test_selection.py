@@ -19,9 +19,7 @@ NS = 1_000_000_000
 
 
 def recorded(times: list[float], identifiers: list[int] | None = None, sent: bool = True) -> Any:
-    frames = logged(
-        frames_of([(each, b"") for each in identifiers or [0x100] * len(times)]), 0, sent
-    )
+    frames = logged(frames_of([(each, b"") for each in identifiers or [0x100] * len(times)]), 0, sent)
     frames["time_ns"] = np.round(np.array(times) * 1e9)
     return frames
 
@@ -84,9 +82,7 @@ def test_frames_are_chosen_by_time_direction_and_identifier() -> None:
     blocks = [sent, received]
 
     def left(**how: Any) -> list[float]:
-        return [
-            float(t) * 1e-9 for part in Selection(**how).of(iter(blocks)) for t in part["time_ns"]
-        ]
+        return [float(t) * 1e-9 for part in Selection(**how).of(iter(blocks)) for t in part["time_ns"]]
 
     assert left() == [0.0, 1.0, 2.0, 3.0, 1.5]
     assert left(direction="received") == [1.5]
@@ -113,9 +109,7 @@ def test_error_frames_are_left_out_and_can_fd_needs_such_a_bus() -> None:
     kept, left_out = playable(frames, False)
     assert (kept["identifier"].tolist(), left_out) == ([0x100], 1)
     fd = recorded([0.0, 1.0], [0x100, 0x100 | FD])
-    with pytest.raises(
-        ConfigError, match=r"the frame at 1\.000000 s is CAN FD; allowed: with `fd`"
-    ):
+    with pytest.raises(ConfigError, match=r"the frame at 1\.000000 s is CAN FD; allowed: with `fd`"):
         playable(fd, False)
     assert len(playable(fd, True)[0]) == 2
 

@@ -22,17 +22,14 @@ def hostile():
     bad = report_support.HOSTILE
     found = report_support.identification(300, names=(bad, "b" * 400))
     first = found.experiments[0]
-    renamed = replace(
-        first, series=(replace(first.series[0], output=f"{bad}_a"), *first.series[1:])
-    )
+    renamed = replace(first, series=(replace(first.series[0], output=f"{bad}_a"), *first.series[1:]))
     return replace(
         found,
         vehicle=bad,
         model=bad,
         outputs=(f"{bad}_a", *found.outputs[1:]),
         parameters=tuple(
-            replace(each, name=f"{bad}{i}", unit=bad, remark=bad)
-            for i, each in enumerate(found.parameters)
+            replace(each, name=f"{bad}{i}", unit=bad, remark=bad) for i, each in enumerate(found.parameters)
         ),
         profiles=tuple(replace(each, name=bad) for each in found.profiles),
         inseparable=(bad,),

@@ -2,14 +2,7 @@
 
 import numpy as np
 
-from liftgate_hil.identify.result import (
-    Estimate,
-    Experiment,
-    Identification,
-    Profile,
-    Series,
-    Validation,
-)
+from liftgate_hil.identify.result import Estimate, Experiment, Identification, Profile, Series, Validation
 
 LAGS = 25
 COLUMNS = ("left_current_a", "left_speed_rps", "left_position_rev", "gate_angle_deg")
@@ -159,9 +152,7 @@ def identification(samples=2000, names=("open.csv", "close.csv"), columns=COLUMN
         "seconds": 12.34,
         "covariance_kind": "robust (autocorrelated residuals)",
         "history": np.geomspace(13.7, 2.2e-4, 10),
-        "experiments": tuple(
-            experiment_of(name, samples, seed, columns) for seed, name in enumerate(names)
-        ),
+        "experiments": tuple(experiment_of(name, samples, seed, columns) for seed, name in enumerate(names)),
         "profiles": profiles(),
         "notes": ("open.csv: 3 samples left out: outliers", "decimated from 10 kHz to 1 kHz"),
     }
@@ -171,7 +162,6 @@ def identification(samples=2000, names=("open.csv", "close.csv"), columns=COLUMN
 def validation(samples=2000, names=("open.csv", "close.csv"), columns=COLUMNS):
     """The same experiments, judged."""
     experiments = tuple(
-        experiment_of(name, samples, seed, columns, with_before=False)
-        for seed, name in enumerate(names)
+        experiment_of(name, samples, seed, columns, with_before=False) for seed, name in enumerate(names)
     )
     return Validation("full", "suv", experiments, ("close.csv: decimated",))

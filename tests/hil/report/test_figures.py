@@ -92,10 +92,7 @@ def test_strange_estimates_are_drawn(found):
     )
     alone = report_support.estimates()[4]
     bare = replace(found, parameters=(alone,), correlation=np.ones((1, 1)), history=np.empty(0))
-    lost = replace(
-        found,
-        parameters=tuple(replace(each, value=np.nan, std=np.nan) for each in found.parameters),
-    )
+    lost = replace(found, parameters=tuple(replace(each, value=np.nan, std=np.nan) for each in found.parameters))
     for result in (strange, bare, lost):
         for draw in ESTIMATES:
             assert png(draw(result), 40)
@@ -122,8 +119,7 @@ def test_tick_labels_are_not_rounded_with_the_paths(found):
 
 
 @given(
-    arrays(np.float64, st.integers(0, 300), elements=st.floats(-1e6, 1e6) | st.just(np.nan)),
-    st.integers(4, 60),
+    arrays(np.float64, st.integers(0, 300), elements=st.floats(-1e6, 1e6) | st.just(np.nan)), st.integers(4, 60)
 )
 def test_thinning_keeps_the_peaks_and_the_limit(values, limit):
     times = np.arange(len(values), dtype=np.float64)

@@ -54,9 +54,7 @@ def test_a_page_of_long_measurements_stays_small():
 
 
 def test_many_experiments_are_all_in_the_table_but_not_all_drawn():
-    judged = report_support.validation(
-        60, names=[f"{i}.csv" for i in range(10)], columns=("left_current_a",)
-    )
+    judged = report_support.validation(60, names=[f"{i}.csv" for i in range(10)], columns=("left_current_a",))
     page = Page(validation_html(judged))
     assert page.tags.count("svg") == 8 * 3
     assert "no figures, to keep the page small: 8.csv, 9.csv" in page.text
@@ -74,9 +72,7 @@ def test_a_result_with_nothing_in_it_is_still_a_page(judged):
 def test_a_failed_search_is_still_a_page(found):
     lost = replace(
         found,
-        parameters=tuple(
-            replace(each, value=np.nan, std=np.nan, identifiable=False) for each in found.parameters
-        ),
+        parameters=tuple(replace(each, value=np.nan, std=np.nan, identifiable=False) for each in found.parameters),
         covariance=np.full((5, 5), np.nan),
         correlation=np.full((5, 5), np.nan),
         noise_variance=np.full((4, 4), np.inf),

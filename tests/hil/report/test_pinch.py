@@ -68,9 +68,7 @@ def test_a_gate_that_an_obstacle_leaves_did_not_reverse() -> None:
     """It bounces at the touch, presses on, and springs back when the rod is taken away."""
     columns = rows()
     rate = np.select([TIMES < 4.6, TIMES < 4.65, TIMES < 5.2, TIMES < 5.5], [-2.0, 2.0, 0.0, 3.0])
-    event = event_of(
-        {**columns, "gate_rate_degps": rate, "pinch_force_n": 100.0 * (abs(TIMES - 4.85) < 0.35)}
-    )
+    event = event_of({**columns, "gate_rate_degps": rate, "pinch_force_n": 100.0 * (abs(TIMES - 4.85) < 0.35)})
     assert np.isnan([event.turn_s, event.back_deg]).all()
 
 

@@ -45,9 +45,7 @@ def test_it_is_json_and_a_table_with_the_same_in_both(tmp_path: Path) -> None:
     assert set(content) == {
         "command_line", "date", "sources", "versions", "platform", "libc", "processor", "processor_features",
     }  # fmt: skip
-    assert {"liftgate-hil", "python", "numba", "numpy", "python-can", "cantools"} <= set(
-        content["versions"]
-    )
+    assert {"liftgate-hil", "python", "numba", "numpy", "python-can", "cantools"} <= set(content["versions"])
     rows = dict(record.rows())
     assert content["sources"]["rig"]["sha256"] in rows["rig"]
     assert f"python {content['versions']['python']}" in rows["versions"]

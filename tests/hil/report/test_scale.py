@@ -16,9 +16,7 @@ ANY = st.floats(allow_nan=True, allow_infinity=True)
 
 @CALM
 @given(st.lists(ANY, max_size=5), st.lists(ANY, max_size=3), st.integers(3, 9))
-def test_there_is_an_axis_for_everything(
-    values: list[float], levels: list[float], most: int
-) -> None:
+def test_there_is_an_axis_for_everything(values: list[float], levels: list[float], most: int) -> None:
     low, high = range_of(np.array(values), levels)
     assert math.isfinite(low)
     assert math.isfinite(high)

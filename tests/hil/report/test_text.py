@@ -70,6 +70,4 @@ def test_wide_noise_matrices_are_broken_into_blocks(found):
 def test_a_fit_below_zero_is_pointed_out(judged):
     first = judged.experiments[0]
     worse = replace(first, series=(replace(first.series[0], fit_percent=-3.0), *first.series[1:]))
-    assert "worse than the mean value: left_current_a" in validation_text(
-        replace(judged, experiments=(worse,))
-    )
+    assert "worse than the mean value: left_current_a" in validation_text(replace(judged, experiments=(worse,)))

@@ -23,9 +23,7 @@ def drawn(*panels: Panel, window: tuple[float, float] | None = None) -> str:
 
 def heights(svg: str, name: str) -> list[float]:
     """Of horizontal lines of a class."""
-    return [
-        float(each) for each in re.findall(rf'class="{name}" d="M[\d.]+ (-?[\d.]+)H[\d.]+"', svg)
-    ]
+    return [float(each) for each in re.findall(rf'class="{name}" d="M[\d.]+ (-?[\d.]+)H[\d.]+"', svg)]
 
 
 def test_axes_have_names_units_and_round_numbers() -> None:
@@ -37,9 +35,7 @@ def test_axes_have_names_units_and_round_numbers() -> None:
 
 
 def test_limits_are_lines_with_their_texts() -> None:
-    svg = drawn(
-        panel(np.zeros(201), Level(80.0, "< 80 N", False), Level(5.0, "trigger: > 5 N", True))
-    )
+    svg = drawn(panel(np.zeros(201), Level(80.0, "< 80 N", False), Level(5.0, "trigger: > 5 N", True)))
     assert "< 80 N" in Page(svg).text
     (limit,) = heights(svg, "limit")
     (trigger,) = heights(svg, "trigger")
@@ -81,9 +77,7 @@ def test_a_gap_and_a_signal_without_a_value_are_shown() -> None:
 
 
 def test_a_step_keeps_its_corners_and_a_level_line_has_no_more_than_two_points() -> None:
-    (path,) = re.findall(
-        r'class="k k0" d="([^"]*)"', drawn(panel(np.where(np.arange(201) < 100, 0.0, 1.0)))
-    )
+    (path,) = re.findall(r'class="k k0" d="([^"]*)"', drawn(panel(np.where(np.arange(201) < 100, 0.0, 1.0))))
     points = [tuple(map(float, each.split())) for each in path[1:].split("L")]
     assert len(points) == 4
     assert points[0][1] == points[1][1]

@@ -112,9 +112,7 @@ def test_run_tells_what_is_allowed(
 def test_the_same_is_told_before_a_librarys_process_is_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "liftgate_hil.running.isolation.run_isolated", lambda *_: pytest.fail("started")
-    )
+    monkeypatch.setattr("liftgate_hil.running.isolation.run_isolated", lambda *_: pytest.fail("started"))
     library = tmp_path / "ecu.so"
     library.touch()
     for arguments, message in BOTH:
@@ -209,9 +207,7 @@ def test_a_measurement_file_is_written_too(tmp_path: Path) -> None:
     path = tmp_path / "x.mf4"
     assert lh.run(SHORT, record=path).verdict == "pass"
     with can.LogReader(path) as reader:
-        assert (
-            len(list(reader)) == 5 + 6 * 10 + 2 * 5 + 10
-        )  # commands, drives, the gate, the last tick
+        assert len(list(reader)) == 5 + 6 * 10 + 2 * 5 + 10  # commands, drives, the gate, the last tick
 
 
 @pytest.mark.parametrize(
@@ -336,9 +332,7 @@ def test_a_duty_with_a_sign_follows_the_direction_where_that_is_named(
 def test_a_rig_that_cannot_say_coast_tells_it(signed_rig: Path) -> None:
     with (
         lh.Gate(rig=signed_rig) as gate,
-        pytest.raises(
-            ConfigError, match="coast: it has no signal in this rig; allowed: open, close"
-        ),
+        pytest.raises(ConfigError, match="coast: it has no signal in this rig; allowed: open, close"),
     ):
         gate.command(left_duty=0, direction="coast")
 

@@ -43,9 +43,7 @@ def opening(duty: float = 60.0, initial: Any = 30, **more: Any) -> lh.Gate:
     return gate
 
 
-def pair(
-    kind: str, seconds: float, where: str | None = "left", **values: Any
-) -> tuple[lh.Gate, lh.Gate]:
+def pair(kind: str, seconds: float, where: str | None = "left", **values: Any) -> tuple[lh.Gate, lh.Gate]:
     """A sound gate and one with a fault, so long after it began."""
     sound, broken = opening(), opening()
     broken.fault(kind, where=where, **values)
@@ -74,9 +72,7 @@ SENSORS: list[tuple[str, dict[str, Any], set[str], set[str]]] = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("kind", "values", "must", "may"), SENSORS, ids=[each[0] for each in SENSORS]
-)
+@pytest.mark.parametrize(("kind", "values", "must", "may"), SENSORS, ids=[each[0] for each in SENSORS])
 def test_a_faulty_sensor_changes_what_it_measures_and_nothing_that_is_so(
     kind: str, values: dict[str, Any], must: set[str], may: set[str]
 ) -> None:
@@ -138,9 +134,7 @@ def test_a_swapped_pair_counts_backwards() -> None:
     forth = sound.sensed["left_hall_count"] - before
     assert forth > 20
     assert broken.sensed["left_hall_count"] - before == pytest.approx(-forth, abs=3)
-    assert broken.sensed["left_period_speed_rps"] == pytest.approx(
-        -sound.sensed["left_period_speed_rps"]
-    )
+    assert broken.sensed["left_period_speed_rps"] == pytest.approx(-sound.sensed["left_period_speed_rps"])
 
 
 def test_random_faults_are_the_same_with_the_same_seeds_and_others_with_another() -> None:
@@ -157,9 +151,7 @@ def test_random_faults_are_the_same_with_the_same_seeds_and_others_with_another(
 
 def test_the_current_is_read_with_gain_and_offset_within_the_converters_range() -> None:
     sound, broken = pair("current_gain", 0.3, factor=-3.0)
-    assert broken.sensed["left_current_a"] == pytest.approx(
-        -3 * sound.sensed["left_current_a"], abs=0.4
-    )
+    assert broken.sensed["left_current_a"] == pytest.approx(-3 * sound.sensed["left_current_a"], abs=0.4)
     _, broken = pair("current_offset", 0.1, value=1000.0)
     limit = lh.load_vehicle("suv").sensors.current_limit
     assert broken.sensed["left_current_a"] == limit
@@ -198,9 +190,7 @@ def test_a_frozen_reading_is_the_last_one() -> None:
         assert gate.sensed[column] != last
 
 
-def test_an_open_motor_line_carries_no_current_from_that_tick_on_and_the_other_drive_the_gate() -> (
-    None
-):
+def test_an_open_motor_line_carries_no_current_from_that_tick_on_and_the_other_drive_the_gate() -> None:
     gate = opening()
     assert gate.truth["left_current_a"] > 0.2
     gate.fault("motor_open", where="left")
@@ -396,9 +386,7 @@ def test_the_frames_say_what_is_sensed() -> None:
                 values: Any = message.decode(frame.data, decode_choices=False)
                 said |= {f"{message.name}.{name}": value for name, value in values.items()}
     assert said["LeftDrive.HallCount"] == gate.sensed["left_hall_count"]
-    assert said["RightDrive.MotorCurrent"] == pytest.approx(
-        gate.sensed["right_current_a"], abs=0.01
-    )
+    assert said["RightDrive.MotorCurrent"] == pytest.approx(gate.sensed["right_current_a"], abs=0.01)
     assert said["Gate.Angle"] == pytest.approx(gate.sensed["gate_angle_deg"], abs=0.01)
     assert said["Gate.LatchState"] == 1
 
@@ -440,9 +428,7 @@ def test_of_two_values_of_one_key_the_last_counts_and_of_two_keys_each() -> None
     assert force(("gate.mass", 40.0), ("gate.mass", 33.0)) == force(("gate.mass", 33.0))
     both = force(("gate.mass", 33.0), ("gate.gravity_point[0]", 0.5))
     assert both != force(("gate.mass", 33.0))
-    assert both == pytest.approx(
-        force(("gate.gravity_point[0]", 0.5), ("gate.mass", 33.0)), rel=1e-9
-    )
+    assert both == pytest.approx(force(("gate.gravity_point[0]", 0.5), ("gate.mass", 33.0)), rel=1e-9)
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -481,9 +467,7 @@ def test_any_number_of_extra_edges_has_times_of_its_own(rate: float) -> None:
         ("sensors.hall_counts", 40.0, "the decoders already count with it"),
     ],
 )
-def test_a_parameter_is_refused_where_a_vehicle_file_with_it_is(
-    key: str, value: float, said: str
-) -> None:
+def test_a_parameter_is_refused_where_a_vehicle_file_with_it_is(key: str, value: float, said: str) -> None:
     with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
         gate.fault("parameter", key=key, value=value)
     assert said in str(caught.value)
@@ -569,13 +553,9 @@ def test_a_fault_goes_on_while_others_come_and_go() -> None:
         other.clear()
         gate.step(0.2)
         alone = gate._script.stimuli.faults.row.copy()
-        for row, time, faults in (
-            (both, 0.599, [slow.fault, other.fault]),
-            (alone, 0.799, [slow.fault]),
-        ):
+        for row, time, faults in ((both, 0.599, [slow.fault, other.fault]), (alone, 0.799, [slow.fault])):
             planned = stimulus_plan_of(
-                constants_of(gate._vehicle),
-                injections=injections_of(faults, gate._vehicle, gate.rig),
+                constants_of(gate._vehicle), injections=injections_of(faults, gate._vehicle, gate.rig)
             )
             turns(planned, time)
             np.testing.assert_array_equal(row, planned.faults.row)

@@ -57,9 +57,7 @@ def test_step_gives_the_frames_that_the_gate_sent_meanwhile() -> None:
         assert decoded["LatchState"] == 1
 
 
-@pytest.mark.parametrize(
-    ("seconds", "ticks"), [(0.0001, 1), (0.001, 1), (0.0014, 1), (0.0016, 2), (3.0, 3000)]
-)
+@pytest.mark.parametrize(("seconds", "ticks"), [(0.0001, 1), (0.001, 1), (0.0014, 1), (0.0016, 2), (3.0, 3000)])
 def test_steps_are_whole_ticks_and_at_least_one(seconds: float, ticks: int) -> None:
     with lh.Gate() as gate:
         gate.step(seconds)

@@ -43,8 +43,7 @@ class Answering:
                 answer = self.answers[data[1 : 1 + data[0]].hex()]
                 found, self._next = answer[:1], answer[1:]
         return [
-            can.Message(arbitration_id=RESPONSE, data=bytes.fromhex(each), is_extended_id=False)
-            for each in found
+            can.Message(arbitration_id=RESPONSE, data=bytes.fromhex(each), is_extended_id=False) for each in found
         ]
 
 
@@ -71,8 +70,7 @@ class Reference:
         self._peer.poll(round(now_s * 1e9))
         sent, self._wire.sent = self._wire.sent, []
         return [
-            can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
-            for identifier, data in sent
+            can.Message(arbitration_id=identifier, data=data, is_extended_id=False) for identifier, data in sent
         ]
 
 
@@ -172,9 +170,7 @@ def test_a_silent_ecu_is_an_error_after_the_rig_s_timeout() -> None:
     ecu = Answering()
     with lh.Gate() as gate:
         cycle = loop(gate, ecu)
-        with pytest.raises(
-            DiagnosticsError, match=r"^ReadDTCInformation: no response within 1\.01 s$"
-        ) as caught:
+        with pytest.raises(DiagnosticsError, match=r"^ReadDTCInformation: no response within 1\.01 s$") as caught:
             gate.read_dtcs(cycle)
         assert caught.value.nrc is None
         ecu.answers[READ] = ["0359027f"]
@@ -204,9 +200,7 @@ def test_response_pending_without_an_end_is_an_error() -> None:
 
     with (
         lh.Gate() as gate,
-        pytest.raises(
-            DiagnosticsError, match=r"ReadDTCInformation: no response within 60 s but pending"
-        ),
+        pytest.raises(DiagnosticsError, match=r"ReadDTCInformation: no response within 60 s but pending"),
     ):
         gate.read_dtcs(loop(gate, Pending(), 0.5))
 
@@ -214,9 +208,7 @@ def test_response_pending_without_an_end_is_an_error() -> None:
 def test_a_malformed_response_is_told() -> None:
     with (
         lh.Gate() as gate,
-        pytest.raises(
-            DiagnosticsError, match="ReadDTCInformation: malformed response: 59 02 7f 9a 01 62"
-        ),
+        pytest.raises(DiagnosticsError, match="ReadDTCInformation: malformed response: 59 02 7f 9a 01 62"),
     ):
         gate.read_dtcs(loop(gate, Answering(read=["0659027f9a0162"])))
 
@@ -250,10 +242,7 @@ def test_what_is_no_function_is_told() -> None:
 
 
 def test_one_request_at_a_time() -> None:
-    with (
-        lh.Gate() as gate,
-        pytest.raises(ConfigError, match="`clear_dtcs`: the tester waits for a response"),
-    ):
+    with lh.Gate() as gate, pytest.raises(ConfigError, match="`clear_dtcs`: the tester waits for a response"):
         gate.read_dtcs(lambda: gate.clear_dtcs(lambda: gate.step(0.01)))
 
 
@@ -269,9 +258,7 @@ def test_a_rig_without_diagnostics_is_told(tmp_path: Path) -> None:
     text = Path(ours.source).read_text(encoding="utf-8").partition("[diagnostics]")
     rest = text[2][text[2].index("\n[") :]
     path = tmp_path / "bare.toml"
-    path.write_text(
-        (text[0] + rest).replace('"liftgate.dbc"', f'"{ours.database}"'), encoding="utf-8"
-    )
+    path.write_text((text[0] + rest).replace('"liftgate.dbc"', f'"{ours.database}"'), encoding="utf-8")
     with lh.Gate(rig=path) as gate, pytest.raises(ConfigError) as caught:
         gate.read_dtcs(lambda: gate.step(0.01))
     said = "has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
@@ -282,8 +269,6 @@ def test_a_missing_library_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "udsoncan", None)
     with (
         lh.Gate() as gate,
-        pytest.raises(
-            ConfigError, match=r"`clear_dtcs`: trouble codes need udsoncan; .*'liftgate-hil\[uds\]'"
-        ),
+        pytest.raises(ConfigError, match=r"`clear_dtcs`: trouble codes need udsoncan; .*'liftgate-hil\[uds\]'"),
     ):
         gate.clear_dtcs(lambda: gate.step(0.01))

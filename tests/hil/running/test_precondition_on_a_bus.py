@@ -56,10 +56,7 @@ class Ecu(threading.Thread):
                 self.counters.append(message.data[1] & 15)
                 if button and button != was and not self._is_deaf:
                     self.buttons.append(button)
-                    until, way = (
-                        cycles + round(self._push * 100),
-                        {1: OPEN, 2: CLOSE}.get(button, 0),
-                    )
+                    until, way = (cycles + round(self._push * 100), {1: OPEN, 2: CLOSE}.get(button, 0))
                 was = button
             elif message.arbitration_id == BODY:
                 self.offs += int(message.data[0] & 3 == 0 and not is_off)
@@ -69,9 +66,7 @@ class Ecu(threading.Thread):
                 self._command(cycles, way if cycles < until and not is_off else 0)
 
     def _command(self, turn: int, way: int) -> None:
-        identifier, payload = command_frame(
-            self._rig, turn, **both(60.0 if way else 0.0, way, int(way == OPEN))
-        )
+        identifier, payload = command_frame(self._rig, turn, **both(60.0 if way else 0.0, way, int(way == OPEN)))
         self._bus.send(can.Message(arbitration_id=identifier, data=payload, is_extended_id=False))
 
     def close(self) -> None:
@@ -113,9 +108,7 @@ def scenario(folder: Path, text: str) -> Path:
 
 def rig_with(folder: Path, text: str) -> Rig:
     """Ours, and this."""
-    whole = (
-        Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
-    )
+    whole = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
     path = folder / "their.toml"
     path.write_text(f"{whole}\n{text}", encoding="utf-8")
     return load_rig(path)
@@ -130,9 +123,7 @@ def test_requests_of_a_scenario_press_the_rig_s_buttons(tmp_path: Path, on_bus: 
     assert result.maxima["left_current_a"] > 1.0
 
 
-def test_a_precondition_is_gone_through_on_the_wire_before_time_0(
-    tmp_path: Path, on_bus: Any
-) -> None:
+def test_a_precondition_is_gone_through_on_the_wire_before_time_0(tmp_path: Path, on_bus: Any) -> None:
     text = 'precondition = ["open", "close"]\n[[request]]\ntime = 0.1\naction = "open"\n'
     ecu, result = on_bus(scenario(tmp_path, text))
     assert ecu.buttons == [1, 2, 1]
@@ -156,9 +147,7 @@ def test_an_ecu_that_is_not_heard_is_not_waited_for_without_an_end(tmp_path: Pat
         heard.is_over()
     row[0, COLUMN_PLACE["gate_rate_degps"]] = 1.0
     motion.take(np.repeat(row, 120_001, axis=0), no_logged())
-    with pytest.raises(
-        PreconditionError, match="open: the gate does not come to rest within 120 s"
-    ):
+    with pytest.raises(PreconditionError, match="open: the gate does not come to rest within 120 s"):
         motion.is_over()
 
 
@@ -172,9 +161,7 @@ def test_a_reset_goes_before_a_scenario(tmp_path: Path, on_bus: Any) -> None:
     assert ecu.offs == 1
 
 
-def test_a_reset_in_the_middle_of_a_scenario_is_the_rig_s_signal(
-    tmp_path: Path, on_bus: Any
-) -> None:
+def test_a_reset_in_the_middle_of_a_scenario_is_the_rig_s_signal(tmp_path: Path, on_bus: Any) -> None:
     text = '[[request]]\ntime = 0.05\naction = "reset"\n'
     ecu, result = on_bus(scenario(tmp_path, text), rig_with(tmp_path, RESET))
     assert result.verdict == "pass", result.reason
@@ -182,12 +169,9 @@ def test_a_reset_in_the_middle_of_a_scenario_is_the_rig_s_signal(
 
 
 @pytest.mark.parametrize(
-    ("ready", "verdict"),
-    [("DriveCommand.LeftDirection == 0", "pass"), ("gate_angle_deg > 90", "inconclusive")],
+    ("ready", "verdict"), [("DriveCommand.LeftDirection == 0", "pass"), ("gate_angle_deg > 90", "inconclusive")]
 )
-def test_a_reset_is_over_when_the_ecu_is_ready(
-    tmp_path: Path, on_bus: Any, ready: str, verdict: str
-) -> None:
+def test_a_reset_is_over_when_the_ecu_is_ready(tmp_path: Path, on_bus: Any, ready: str, verdict: str) -> None:
     rig = rig_with(tmp_path, f'{RESET}ready = "{ready}"\ntimeout_s = 0.5\n')
     _, result = on_bus(scenario(tmp_path, EXPECT), rig)
     assert result.verdict == verdict
@@ -205,9 +189,7 @@ PROGRAMS = [
 
 @pytest.mark.parametrize(("program", "said"), PROGRAMS)
 def test_a_reset_may_be_a_program(tmp_path: Path, on_bus: Any, program: str, said: str) -> None:
-    command = (
-        f"[{sys.executable!r}, '-ISc', {program!r}]".replace("'", '"') if '"' not in program else ""
-    )
+    command = f"[{sys.executable!r}, '-ISc', {program!r}]".replace("'", '"') if '"' not in program else ""
     if "'" in program:
         (tmp_path / "power.py").write_text(program, encoding="utf-8")
         command = f'["{sys.executable}", "-ISB", "{tmp_path / "power.py"}"]'
@@ -247,20 +229,14 @@ def test_a_reset_in_the_middle_of_a_scenario_may_be_a_program(
         assert told.reason.startswith("request: reset: ")
 
 
-def test_a_program_that_takes_too_long_is_ended_with_all_that_it_has_begun(
-    tmp_path: Path, on_bus: Any
-) -> None:
+def test_a_program_that_takes_too_long_is_ended_with_all_that_it_has_begun(tmp_path: Path, on_bus: Any) -> None:
     alive, script = tmp_path / "alive.txt", tmp_path / "power.py"
-    child = (
-        f"import time\\nfor n in range(600): open({str(alive)!r}, 'a').write('x'); time.sleep(0.05)"
-    )
+    child = f"import time\\nfor n in range(600): open({str(alive)!r}, 'a').write('x'); time.sleep(0.05)"
     script.write_text(
         f"import subprocess, sys, time\nsubprocess.Popen([sys.executable, '-c', \"{child}\"])\ntime.sleep(60)",
         encoding="utf-8",
     )
-    rig = rig_with(
-        tmp_path, f'[reset]\ncommand = ["{sys.executable}", "-ISB", "{script}"]\ntimeout_s = 1.5\n'
-    )
+    rig = rig_with(tmp_path, f'[reset]\ncommand = ["{sys.executable}", "-ISB", "{script}"]\ntimeout_s = 1.5\n')
     _, result = on_bus(scenario(tmp_path, EXPECT), rig)
     (told,) = result.expectations.values()
     assert "not finished after 1.5 s" in told.reason
@@ -306,8 +282,5 @@ def test_mistakes_in_the_sections_are_told(tmp_path: Path, text: str, said: str)
 
 def test_a_request_that_the_rig_has_no_button_for_is_told(tmp_path: Path) -> None:
     text = 'precondition = ["open"]\n[[request]]\ntime = 1\naction = "reset"\n'
-    with pytest.raises(
-        ConfigError,
-        match=r"request: reset: allowed on a bus with \[reset\] in the rig",
-    ):
+    with pytest.raises(ConfigError, match=r"request: reset: allowed on a bus with \[reset\] in the rig"):
         lh.run(scenario(tmp_path, text), "bus", "lockstep", bus="virtual:nobody")

@@ -91,9 +91,7 @@ def test_a_recording_holds_what_its_run_was_made_from(tmp_path: Path, suffix: st
         assert told["files"][name]["text"] == path.read_text(encoding="utf-8")
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         assert told["files"][name]["sha256"] == digest
-    assert open_recording(tmp_path / f"run{suffix}").about == in_the_words_of_others(
-        tmp_path / f"run{suffix}"
-    )
+    assert open_recording(tmp_path / f"run{suffix}").about == in_the_words_of_others(tmp_path / f"run{suffix}")
 
 
 def test_the_same_run_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -146,9 +144,7 @@ def test_converting_keeps_it_or_tells_that_it_is_left_out(tmp_path: Path) -> Non
         assert open_recording(path).about == about
         assert not [note for note in done.notes if "provenance" in note]
     done = convert(path, tmp_path / "out.csv")
-    assert done.notes == (
-        "provenance omitted: .csv cannot hold it; allowed: .parquet, .mf4, .mcap",
-    )
+    assert done.notes == ("provenance omitted: .csv cannot hold it; allowed: .parquet, .mf4, .mcap",)
 
 
 def test_a_simulation_says_it_too(tmp_path: Path) -> None:
@@ -172,9 +168,7 @@ def test_what_is_damaged_is_told_and_not_carried_on(tmp_path: Path) -> None:
     for about in (b'{"seed": 1', b"[]", b'{"seed": 1}'):
         table = table.replace_schema_metadata({b"liftgate-hil run": about})
         parquet.write_table(table, tmp_path / "hurt.parquet")
-        with pytest.raises(
-            ConfigError, match=r"hurt\.parquet: cannot be read: its provenance is damaged"
-        ):
+        with pytest.raises(ConfigError, match=r"hurt\.parquet: cannot be read: its provenance is damaged"):
             convert(tmp_path / "hurt.parquet", tmp_path / "out.mcap")
 
 

@@ -104,9 +104,7 @@ def test_a_recorder_is_told_once_when_the_run_began(memory: Memory) -> None:
     assert (notes.epochs, notes.rows) == ([EPOCH_NS], 3)
 
 
-def test_stamps_before_the_first_frame_sent_are_the_same_in_asc_and_log(
-    memory: Memory, tmp_path: Path
-) -> None:
+def test_stamps_before_the_first_frame_sent_are_the_same_in_asc_and_log(memory: Memory, tmp_path: Path) -> None:
     paths = [tmp_path / "run.log", tmp_path / "run.asc"]
     process = RecorderProcess(paths, BOTH, None, memory)
     process.wait_until_ready()
@@ -131,9 +129,7 @@ def test_the_files_are_told_and_whole(memory: Memory, tmp_path: Path) -> None:
     assert times == [0.001 * k for k in range(3000)]
 
 
-def test_a_recorder_that_is_killed_is_told_at_once_and_at_the_end(
-    memory: Memory, tmp_path: Path
-) -> None:
+def test_a_recorder_that_is_killed_is_told_at_once_and_at_the_end(memory: Memory, tmp_path: Path) -> None:
     heard = threading.Event()
     said: list[str] = []
 
@@ -173,9 +169,7 @@ def test_a_full_disk_is_told_at_once_and_at_the_end(memory: Memory, tmp_path: Pa
     assert len(read_csv(good)) == 20, "the other recording goes on"
 
 
-def test_a_file_that_cannot_be_opened_is_told_before_the_run(
-    memory: Memory, tmp_path: Path
-) -> None:
+def test_a_file_that_cannot_be_opened_is_told_before_the_run(memory: Memory, tmp_path: Path) -> None:
     process = RecorderProcess([tmp_path / "nosuch" / "x.csv"], BOTH, None, memory)
     with pytest.raises(ConfigError, match=r"^`record` .*cannot be written: No such file"):
         process.wait_until_ready()

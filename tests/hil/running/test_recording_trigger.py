@@ -44,9 +44,7 @@ def rows_with(forces: list[float]) -> np.ndarray:
 
 
 def frames_at(times_us: list[int]) -> Any:
-    frames = logged(
-        frames_of([(0x100 + k % 3, bytes([k % 256])) for k in range(len(times_us))]), 0, True
-    )
+    frames = logged(frames_of([(0x100 + k % 3, bytes([k % 256])) for k in range(len(times_us))]), 0, True)
     frames["time_ns"] = np.array(times_us, dtype=np.int64) * 1000
     return frames
 
@@ -69,9 +67,7 @@ def test_all_that_is_near_a_true_tick_and_no_more_is_kept_however_it_comes(
     sieve = Triggered(pressed()._replace(before=1e-3 * before, after=1e-3 * after))
     kept_rows, kept_frames, edges = [], [], [0, *sorted(cuts), 60]
     for first, end in itertools.pairwise(edges):
-        low, high = np.searchsorted(
-            times, [1000 * first, 1000 * end] if end < 60 else [1000 * first, 10**9]
-        )
+        low, high = np.searchsorted(times, [1000 * first, 1000 * end] if end < 60 else [1000 * first, 10**9])
         part = frames[low:high]
         more, others = sieve.kept(rows[first:end], part, part)
         kept_rows.append(more)
@@ -194,9 +190,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_every_format_has_the_rows_and_frames_of_the_whole_with_the_runs_times(
-    runs: Path, suffix: str
-) -> None:
+def test_every_format_has_the_rows_and_frames_of_the_whole_with_the_runs_times(runs: Path, suffix: str) -> None:
     whole, part = (open_recording(runs / f"{name}.{suffix}") for name in ("whole", "part"))
     if whole.signals:
         compared = compare_tables((whole, part))
@@ -209,9 +203,7 @@ def test_every_format_has_the_rows_and_frames_of_the_whole_with_the_runs_times(
         assert compared.rows == round(1000 * (near[-1] - near[0] + 0.15)) + 1
     if whole.channel is not None:
         every, some = (np.concatenate(list(each.frames())) for each in (whole, part))
-        inside = (every["time_ns"] >= some["time_ns"][0]) & (
-            every["time_ns"] <= some["time_ns"][-1]
-        )
+        inside = (every["time_ns"] >= some["time_ns"][0]) & (every["time_ns"] <= some["time_ns"][-1])
         assert some.tobytes() == every[inside].tobytes()
         assert 0 < len(some) < len(every) / 2
 
@@ -223,9 +215,7 @@ def test_a_recording_says_around_what_it_was_made(runs: Path) -> None:
     }  # fmt: skip
     assert "recorded" not in json.loads(open_recording(runs / "whole.mcap").about)
     lines = (runs / "part.asc").read_text().splitlines()
-    assert any(
-        each.startswith("// recorded only from 0.1 s before to 0.05 s after") for each in lines
-    )
+    assert any(each.startswith("// recorded only from 0.1 s before to 0.05 s after") for each in lines)
 
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
@@ -275,14 +265,8 @@ def test_in_real_time_the_recording_process_does_the_same(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (
-            ["--record-when", "time_s > 1"],
-            "--record-when time_s > 1: allowed: together with --record",
-        ),
-        (
-            ["--record-before", "1", "--record", "x.csv"],
-            "--record-before 1: allowed: together with",
-        ),
+        (["--record-when", "time_s > 1"], "--record-when time_s > 1: allowed: together with --record"),
+        (["--record-before", "1", "--record", "x.csv"], "--record-before 1: allowed: together with"),
         (["--record-after", "-1"], "argument --record-after: '-1'; allowed: 0 to 600 s"),
     ],
 )

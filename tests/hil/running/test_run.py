@@ -64,9 +64,7 @@ def test_parameters_replace_those_of_the_file(scenario: Path) -> None:
 
 
 def test_arguments_win_over_the_file(scenario: Path) -> None:
-    result = lh.run(
-        scenario, vehicle="compact", initial="closed", duration=0.5, settings=["supply.voltage=11"]
-    )
+    result = lh.run(scenario, vehicle="compact", initial="closed", duration=0.5, settings=["supply.voltage=11"])
     assert result.summary.model_time_s == pytest.approx(0.501)
     assert result.maxima["supply_voltage_v"] == 11.0
     assert result.minima["latched"] == 1.0
@@ -111,25 +109,17 @@ def test_recordings_are_written(scenario: Path, tmp_path: Path) -> None:
         ({"settings": ["nix"]}, "`set` nix: allowed: KEY=VALUE"),
     ],
 )
-def test_what_cannot_be_meant_is_told(
-    scenario: Path, arguments: dict[str, Any], message: str
-) -> None:
+def test_what_cannot_be_meant_is_told(scenario: Path, arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         lh.run(scenario, **arguments)
 
 
 def test_shipped_names_and_paths_are_loaded(scenario: Path) -> None:
-    scenario.write_text(
-        TEXT.partition("[set]")[0] + "[[obstacle]]" + TEXT.partition("[[obstacle]]")[2]
-    )
+    scenario.write_text(TEXT.partition("[set]")[0] + "[[obstacle]]" + TEXT.partition("[[obstacle]]")[2])
     loaded = lh.load_scenario(scenario, {"rod": 20_000})
     assert loaded.parameters["rod"] == 20_000
     result = lh.run(
-        loaded,
-        vehicle=lh.load_vehicle("compact"),
-        rig=lh.load_rig("liftgate"),
-        initial=45.0,
-        duration=0.1,
+        loaded, vehicle=lh.load_vehicle("compact"), rig=lh.load_rig("liftgate"), initial=45.0, duration=0.1
     )
     assert result.verdict == "pass"
 

@@ -140,9 +140,7 @@ def test_an_ecu_reset_goes_before_a_scenario(on_bus: Run) -> None:
 
 
 @pytest.mark.parametrize(("kind", "asked"), [("keyOffOnReset", "1102"), ("softReset", "1103")])
-def test_the_other_kinds_of_ecu_resets_are_asked_for_by_their_names(
-    on_bus: Run, kind: str, asked: str
-) -> None:
+def test_the_other_kinds_of_ecu_resets_are_asked_for_by_their_names(on_bus: Run, kind: str, asked: str) -> None:
     ecu, result = on_bus(EXPECT, f'[reset]\nuds = "{kind}"\n', [(0, f"51{asked[2:]}")])
     assert result.verdict == "pass", result
     assert ecu.requests == [asked]
@@ -210,9 +208,7 @@ def test_an_ecu_gets_time_to_go_down_after_its_answer(tmp_path: Path) -> None:
     assert phase.end.is_over()
 
 
-def test_a_reset_in_the_middle_of_a_scenario_is_an_ecu_reset_where_there_is_no_signal(
-    on_bus: Run,
-) -> None:
+def test_a_reset_in_the_middle_of_a_scenario_is_an_ecu_reset_where_there_is_no_signal(on_bus: Run) -> None:
     later = '[[request]]\ntime = "time_s > 0.3"\naction = "reset"\n'
     ecu, result = on_bus(EXPECT + AT_100_MS + later, UDS, *[[(0, YES)]] * 3)
     assert result.verdict == "pass", result
@@ -220,9 +216,7 @@ def test_a_reset_in_the_middle_of_a_scenario_is_an_ecu_reset_where_there_is_no_s
     assert ecu.cycles[2] - ecu.cycles[1] == pytest.approx(20, abs=1)
 
 
-def test_a_reset_in_the_middle_of_a_scenario_is_the_signal_where_there_is_one(
-    on_bus: Run,
-) -> None:
+def test_a_reset_in_the_middle_of_a_scenario_is_the_signal_where_there_is_one(on_bus: Run) -> None:
     ecu, result = on_bus(EXPECT + AT_100_MS, f'{SIGNAL}uds = "hardReset"\n', [(0, YES)])
     assert result.verdict == "pass", result
     assert ecu.requests == [HARD]
@@ -298,14 +292,10 @@ def test_an_ecu_reset_is_one_of_three(tmp_path: Path, value: str) -> None:
     assert "one of hardReset, keyOffOnReset, softReset" in caught.value.issues[0]
 
 
-def test_a_missing_library_is_told_before_anything_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_library_is_told_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "udsoncan", None)
     rig, path = rig_with(tmp_path, UDS), scenario(tmp_path, EXPECT)
-    with pytest.raises(
-        ConfigError, match=r"reset\.uds: resets over UDS need udsoncan; .*'liftgate-hil\[uds\]'"
-    ):
+    with pytest.raises(ConfigError, match=r"reset\.uds: resets over UDS need udsoncan; .*'liftgate-hil\[uds\]'"):
         lh.run(path, "bus", "lockstep", bus="virtual:nobody", rig=rig, wall_timeout=0.1)
     assert lh.run(path, rig=rig).verdict == "pass"  # of an ECU in this process it is made anew
 

@@ -30,9 +30,7 @@ def opening(**more: Any) -> lh.Gate:
 
 def of(frames: list[Any], identifier: int) -> list[tuple[float, bytes]]:
     return [
-        (round(float(each.timestamp), 6), bytes(each.data))
-        for each in frames
-        if each.arbitration_id == identifier
+        (round(float(each.timestamp), 6), bytes(each.data)) for each in frames if each.arbitration_id == identifier
     ]
 
 
@@ -56,9 +54,7 @@ def others(frames: list[Any], identifier: int) -> list[tuple[float, int, bytes]]
 
 
 def test_frames_are_lost_with_their_probability_each_and_those_of_other_messages_are_not() -> None:
-    said, heard = pair(
-        "frame_lost", 5.0, where="LeftDrive", direction="sent", probability=0.3, seed=7
-    )
+    said, heard = pair("frame_lost", 5.0, where="LeftDrive", direction="sent", probability=0.3, seed=7)
     left, all_left = of(heard, LEFT), of(said, LEFT)
     assert set(left) < set(all_left)
     assert len(all_left) == 1000
@@ -188,9 +184,7 @@ def test_somebody_sends_without_end(identifier: int, rate: float) -> None:
     added = of(heard, identifier)
     assert abs(len(added) - rate) <= 1 + rate * 0.001  # the first tick sends one
     assert {data for _, data in added} == {bytes(8)}
-    assert {each.is_extended_id for each in heard if each.arbitration_id == identifier} == {
-        identifier > 0x7FF
-    }
+    assert {each.is_extended_id for each in heard if each.arbitration_id == identifier} == {identifier > 0x7FF}
     assert others(heard, identifier) == others(said, identifier)
 
 
@@ -219,9 +213,7 @@ COMMANDS = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("kind", "values", "count", "goes_on"), COMMANDS, ids=[each[0] for each in COMMANDS]
-)
+@pytest.mark.parametrize(("kind", "values", "count", "goes_on"), COMMANDS, ids=[each[0] for each in COMMANDS])
 def test_what_the_gate_gets_of_a_command_is_as_the_fault_says(
     kind: str, values: dict[str, Any], count: str | None, goes_on: bool
 ) -> None:
@@ -232,9 +224,7 @@ def test_what_the_gate_gets_of_a_command_is_as_the_fault_says(
     assert goes_on or gate.summary.received.accepted == before.accepted  # not one more gets through
     gate.step(0.18)
     after = gate.summary.received
-    refused = {name for name in after._fields if getattr(after, name) != getattr(before, name)} - {
-        "accepted"
-    }
+    refused = {name for name in after._fields if getattr(after, name) != getattr(before, name)} - {"accepted"}
     if kind == "frame_corrupted":  # a bit of the identifier's or length's is not among them
         assert count in refused
     else:

@@ -101,9 +101,7 @@ def test_an_obstacle_comes_and_goes_with_conditions(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
-def test_an_intermittent_fault_is_on_in_the_first_part_of_each_period(
-    tmp_path: Path, clock: str
-) -> None:
+def test_an_intermittent_fault_is_on_in_the_first_part_of_each_period(tmp_path: Path, clock: str) -> None:
     fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nstart = 0.5\nend = 1.45\n'
     fault += "period_s = 0.2\nshare = 0.25\n"
     result = ran(tmp_path, OPENING + fault, clock=clock, duration=2.0)
@@ -163,10 +161,7 @@ def test_a_drive_that_is_not_there_cannot_break(tmp_path: Path) -> None:
     text = 'duration = 1.0\n[[fault]]\nkind = "motor_open"\nwhere = "right"\nstart = "right_current_a > 1"\n'
     with pytest.raises(ConfigError) as caught:
         ran(tmp_path, text, vehicle="compact")
-    assert [line.split(": ")[1] for line in caught.value.issues] == [
-        "fault[0].where",
-        "fault[0].start",
-    ]
+    assert [line.split(": ")[1] for line in caught.value.issues] == ["fault[0].where", "fault[0].start"]
 
 
 def test_where_a_stimulus_never_came_nothing_passes(tmp_path: Path) -> None:
@@ -188,9 +183,7 @@ def test_a_delay_is_added_to_a_time_too(tmp_path: Path) -> None:
 
 def test_what_ticks_cannot_show_is_refused(tmp_path: Path) -> None:
     fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nperiod_s = 0.01\nshare = 0.05\n'
-    with pytest.raises(
-        ConfigError, match=r"fault\[0\].period_s: 0.01: on or off for less than a tick of 1 ms"
-    ):
+    with pytest.raises(ConfigError, match=r"fault\[0\].period_s: 0.01: on or off for less than a tick of 1 ms"):
         ran(tmp_path, OPENING + fault)
     ran(tmp_path, OPENING + fault, rate=10_000.0, duration=0.05)
 
@@ -198,9 +191,7 @@ def test_what_ticks_cannot_show_is_refused(tmp_path: Path) -> None:
 @CALM
 @given(FORMULAS, st.lists(VALUES, min_size=5, max_size=5))
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_no_tick_in_which_a_condition_is_true_is_left_out_unevaluated(
-    formula: Made, values: list[float]
-) -> None:
+def test_no_tick_in_which_a_condition_is_true_is_left_out_unevaluated(formula: Made, values: list[float]) -> None:
     text, value = formula
     known = dict(zip([*COLUMNS, *SIGNALS], values, strict=True))
     try:
@@ -228,8 +219,6 @@ def test_no_tick_in_which_a_condition_is_true_is_left_out_unevaluated(
         ("2 * gate_angle_deg > 33", "", -np.inf, np.inf),
     ],
 )
-def test_by_which_column_most_ticks_are_told(
-    text: str, column: str, low: float, high: float
-) -> None:
+def test_by_which_column_most_ticks_are_told(text: str, column: str, low: float, high: float) -> None:
     place = COLUMN_PLACE[column] if column else -1
     assert necessary(parsed(text, {})) == (place, low, high)

@@ -17,12 +17,7 @@ from liftgate_hil.stimuli.held_values import HELD
 from liftgate_hil.stimuli.moments import Instant, no_moments
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.stimulus_plan import TimedStimuli, take_posted
-from liftgate_hil.stimuli.timeline import (
-    Profile,
-    TimedObstacle,
-    obstacle_at,
-    profiles_over,
-)
+from liftgate_hil.stimuli.timeline import Profile, TimedObstacle, obstacle_at, profiles_over
 from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import NO_OBSTACLE
 from liftgate_plant.obstacle import Obstacle
@@ -38,16 +33,13 @@ def called(function: Callable[..., Any], which: str) -> Callable[..., Any]:
 
 def by_name(around: Outside) -> dict[str, float]:
     """Values that commands have set, by their names."""
-    obstacle = {
-        f"obstacle_{name}": value for name, value in around.commanded_obstacle._asdict().items()
-    }
+    obstacle = {f"obstacle_{name}": value for name, value in around.commanded_obstacle._asdict().items()}
     return {**around.commanded._asdict(), **obstacle, **around.timing._asdict()}
 
 
 def same(first: dict[str, float], second: dict[str, float]) -> bool:
     return first.keys() == second.keys() and all(
-        first[name] == second[name] or (math.isnan(first[name]) and math.isnan(second[name]))
-        for name in first
+        first[name] == second[name] or (math.isnan(first[name]) and math.isnan(second[name])) for name in first
     )
 
 
@@ -56,9 +48,7 @@ def test_every_profile_moves_the_quantity_of_its_name(which: str) -> None:
     said = distinct(Surroundings)._asdict()
     # In another order than the catalogue's.
     stimuli = stimuli_alone(
-        TimedStimuli(
-            {name: Profile([(0.0, said[name]), (1.0, said[name])]) for name in reversed(said)}
-        )
+        TimedStimuli({name: Profile([(0.0, said[name]), (1.0, said[name])]) for name in reversed(said)})
     )
     assert called(profiles_over, which)(stimuli.timeline, 0.5, 0.001)._asdict() == said
     around = called(outside_at, which)(stimuli, 0.5, 0.001, 0, False, False)

@@ -41,9 +41,7 @@ def of(frames: list[tuple[float, int, bytes]], identifier: int) -> list[tuple[fl
 SPEED = '[[signal]]\nsignal = "Body.VehicleSpeed"\n'
 
 
-def test_a_message_comes_in_its_cycle_with_counter_checksum_and_start_values(
-    tmp_path: Path,
-) -> None:
+def test_a_message_comes_in_its_cycle_with_counter_checksum_and_start_values(tmp_path: Path) -> None:
     _, frames = recorded(tmp_path, SPEED + "time = 0.45\nvalue = 12.5\n")
     own = of(frames, BODY)
     assert [time for time, _ in own] == pytest.approx([0.1 * n for n in range(1, 11)])
@@ -90,23 +88,17 @@ def test_labels_of_the_database_are_values(tmp_path: Path) -> None:
 def test_what_is_wrong_with_its_protection_is_told_with_the_file(tmp_path: Path) -> None:
     """Of a message that nothing is mapped to, so that only a scenario that sets its signal asks for it."""
     own = '[messages.Body]\ncounter = "AliveCounter"\nchecksum = "Checksum"\n'
-    text = (
-        Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
-    )
+    text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
     assert own in text
     rig = tmp_path / "their.toml"
     wrong = '[messages.Body]\nchecksum = "Checksum"\nprotection = "e2e-p01"\ndata_id = 0x1234\n'
     rig.write_text(text.replace(own, wrong), encoding="utf-8")
     with pytest.raises(ConfigError) as caught:
         recorded(tmp_path, SPEED + "value = 30\n", rig=rig)
-    assert caught.value.issues == [
-        f"{rig}: messages.Body.counter: missing; allowed: the signal of e2e-p01"
-    ]
+    assert caught.value.issues == [f"{rig}: messages.Body.counter: missing; allowed: the signal of e2e-p01"]
 
 
-def test_its_messages_are_protected_as_the_rig_says(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_its_messages_are_protected_as_the_rig_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With AUTOSAR's profile 1, judged by the receiver that an ECU has; in plain Python: a rig with profiles has
     machine code of its own, which takes a minute.
     """
@@ -115,9 +107,7 @@ def test_its_messages_are_protected_as_the_rig_says(
     text = Path(RIG.source).read_text(encoding="utf-8")
     text = text.replace(own, f'{own}protection = "e2e-p01"\ndata_id = 0x1234\n')
     assert "e2e-p01" in text
-    (tmp_path / "their.toml").write_text(
-        text.replace('"liftgate.dbc"', f'"{RIG.database}"'), encoding="utf-8"
-    )
+    (tmp_path / "their.toml").write_text(text.replace('"liftgate.dbc"', f'"{RIG.database}"'), encoding="utf-8")
     rig = load_rig(tmp_path / "their.toml")
     _, frames = recorded(tmp_path, SPEED + "value = 30\n", rig=rig)
     issues = ConfigIssues("")
@@ -185,14 +175,8 @@ def issue_of(folder: Path, text: str) -> str:
 
 
 WRONG = [
-    (
-        'signal = "Nope.X"',
-        "no such message; allowed: MESSAGE.SIGNAL of BenchInject, Body, DriverRequest",
-    ),
-    (
-        'signal = "Body.Nope"',
-        "no such signal; allowed: Body.{Ignition, KeyInRange, Gear, VehicleSpeed}",
-    ),
+    ('signal = "Nope.X"', "no such message; allowed: MESSAGE.SIGNAL of BenchInject, Body, DriverRequest"),
+    ('signal = "Body.Nope"', "no such signal; allowed: Body.{Ignition, KeyInRange, Gear, VehicleSpeed}"),
     ('signal = "Body.AliveCounter"', "its protection or multiplexer sets it"),
     ('signal = "Gate.Angle"', "the gate or the ECU sends it"),
     ('signal = "DriveCommand.LeftDuty"', "the gate or the ECU sends it"),
@@ -206,9 +190,7 @@ def test_a_signal_that_the_bench_cannot_send_is_told(tmp_path: Path, line: str, 
     assert said in issue
 
 
-@pytest.mark.parametrize(
-    "value", ["999", "-1", "nan", "1" + 400 * "0", "true", '"fast"', '""', "[]"]
-)
+@pytest.mark.parametrize("value", ["999", "-1", "nan", "1" + 400 * "0", "true", '"fast"', '""', "[]"])
 def test_a_value_that_the_signal_cannot_have_is_told(tmp_path: Path, value: str) -> None:
     issue = issue_of(tmp_path, f"{SPEED}value = {value}\n")
     assert issue.startswith("signal[0].value: ")

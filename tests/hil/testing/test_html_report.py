@@ -67,12 +67,7 @@ ORIGIN = Provenance("liftgate-hil test <x>", "2026-01-01T00:00:00+00:00", {}, {"
 def outcomes_of(folder: Path, **files: str) -> list[Outcome]:
     for name, content in files.items():
         (folder / f"{name}.toml").write_text(content)
-    template = Job(
-        scenario=None,
-        ecu="reference",
-        options=RunOptions(clock="free"),
-        is_summarized=True,
-    )
+    template = Job(scenario=None, ecu="reference", options=RunOptions(clock="free"), is_summarized=True)
     paths = [folder / f"{name}.toml" for name in files]
     return [run_case(case) for case in cases_of(paths, template)]
 
@@ -176,9 +171,7 @@ def test_a_scenario_is_told_in_words(page: Any) -> None:
         assert said in part
 
 
-def test_an_expectation_has_its_formula_its_numbers_and_its_pictures(
-    page: Any, outcomes: list[Outcome]
-) -> None:
+def test_an_expectation_has_its_formula_its_numbers_and_its_pictures(page: Any, outcomes: list[Outcome]) -> None:
     soft, reverses, _, waits = outcomes[0].expectations
     text = page.text
     assert (soft.verdict, reverses.verdict) == ("fail", "pass")
@@ -197,9 +190,7 @@ def test_an_expectation_has_its_formula_its_numbers_and_its_pictures(
 
 
 @pytest.mark.parametrize(("most", "verdict"), [(100.0, "fail"), (200.0, "pass")])
-def test_a_margin_is_drawn_from_the_limit_to_the_peak(
-    most: float, verdict: str, tmp_path: Path
-) -> None:
+def test_a_margin_is_drawn_from_the_limit_to_the_peak(most: float, verdict: str, tmp_path: Path) -> None:
     (outcome,) = outcomes_of(tmp_path, a=CLOSING.replace("most = 100", f"most = {most}"))
     assert outcome.expectations[0].verdict == verdict
     pictures = re.findall(r"<svg.*?</svg>", html_of([outcome]), re.DOTALL)[:2]
@@ -265,18 +256,14 @@ def test_a_scenario_that_could_not_run_is_told(outcomes: list[Outcome]) -> None:
     assert "Test report: error" in text
 
 
-def test_pictures_take_no_more_than_their_share(
-    outcomes: list[Outcome], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pictures_take_no_more_than_their_share(outcomes: list[Outcome], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(html_report, "MOST_PASSED", 30_000)
     many = [outcomes[1]] * 40 + [outcomes[0]] * 5 + [outcomes[1]] * 40
     many = [replace(each, case=replace(each.case, file=f"{k}.toml")) for k, each in enumerate(many)]
     found = html_of(many)
     assert "expectations have none." in Page(found).text
     passed = re.findall(r'<details id="s\d+e\d+">.*?</details>', found, re.DOTALL)
-    pictures = [
-        each for one in passed for each in re.findall(r"<figure>.*?</figure>", one, re.DOTALL)
-    ]
+    pictures = [each for one in passed for each in re.findall(r"<figure>.*?</figure>", one, re.DOTALL)]
     assert 10_000 < sum(map(len, pictures)) <= 30_000
     others = re.findall(r'<details id="s\d+e\d+" open>.*?</details>', found, re.DOTALL)
     assert len(others) == 5 * 2

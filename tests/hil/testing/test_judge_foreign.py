@@ -45,19 +45,13 @@ def even(rate: float, end: float) -> list[float]:
 def test_a_logger_in_a_car_is_judged_by_its_own_names(rig: str) -> None:
     maps = [ANGLE]
     if rig == "theirs.dbc":  # which says nothing of what stands for what
-        maps += [
-            f"sensed_{a}_current_a=HK_Motor.HK_Strom{b}"
-            for a, b in (("left", "Links"), ("right", "Rechts"))
-        ]
+        maps += [f"sensed_{a}_current_a=HK_Motor.HK_Strom{b}" for a, b in (("left", "Links"), ("right", "Rechts"))]
     found = lh.judge([CAR / "closing.log"], CAR / "closing.toml", rig=CAR / rig, maps=maps)
     back, far, fuse, pinch = found.values()
     assert (back.verdict, far.verdict, fuse.verdict) == ("pass", "pass", "pass")
     assert back.window_s is not None
     assert 1.0 < back.window_s[0] < back.time_s < back.window_s[0] + 0.2  # type: ignore[operator]
-    assert (far.margin_unit, far.margin) == (
-        "deg",
-        pytest.approx(4.47, abs=0.01),
-    )  # in rad on their bus
+    assert (far.margin_unit, far.margin) == ("deg", pytest.approx(4.47, abs=0.01))  # in rad on their bus
     assert (fuse.margin_unit, fuse.margin) == ("A", pytest.approx(4.5, abs=0.1))  # in mA
     assert pinch.verdict == "inconclusive"
     assert pinch.reason == "not in the recording: pinch_force_n"
@@ -65,9 +59,7 @@ def test_a_logger_in_a_car_is_judged_by_its_own_names(rig: str) -> None:
 
 def test_a_map_takes_names_units_and_scales(tmp_path: Path) -> None:
     path = table(
-        tmp_path / "m.csv",
-        "t;Winkel [rad];I".replace(";", ","),
-        [(0.1 * k, 0.1 * k, -k) for k in range(9)],
+        tmp_path / "m.csv", "t;Winkel [rad];I".replace(";", ","), [(0.1 * k, 0.1 * k, -k) for k in range(9)]
     )
     own = scenario(
         tmp_path,
@@ -91,15 +83,11 @@ def test_parquet_and_mf4_of_others_say_the_same_as_csv(tmp_path: Path) -> None:
     from pyarrow import parquet
 
     own = scenario(
-        tmp_path,
-        'name = "a"\neventually = "gate_angle_deg >= 14.9"\nfor_s = 0.2',
-        head="duration = 2\n",
+        tmp_path, 'name = "a"\neventually = "gate_angle_deg >= 14.9"\nfor_s = 0.2', head="duration = 2\n"
     )
     times = even(50.0, 2.0)
     angles = [10.0 * time for time in times]
-    found = [
-        lh.judge([ramp(tmp_path / "m.csv", times, "time_s,W")], own, maps=["gate_angle_deg=W"])
-    ]
+    found = [lh.judge([ramp(tmp_path / "m.csv", times, "time_s,W")], own, maps=["gate_angle_deg=W"])]
     parquet.write_table(pa.table({"time_s": times, "W": angles}), tmp_path / "m.parquet")
     found.append(lh.judge([tmp_path / "m.parquet"], own, maps=["gate_angle_deg=W"]))
     with MDF(version="4.10") as file:
@@ -116,9 +104,7 @@ def test_parquet_and_mf4_of_others_say_the_same_as_csv(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rate", [100.0, 37.0])
-def test_windows_and_stretches_are_counted_in_ticks_whatever_the_raster(
-    tmp_path: Path, rate: float
-) -> None:
+def test_windows_and_stretches_are_counted_in_ticks_whatever_the_raster(tmp_path: Path, rate: float) -> None:
     own = scenario(
         tmp_path,
         'name = "w"\neventually = "gate_angle_deg >= 10"\nafter = 0.5\nwithin_s = 0.4',
@@ -151,13 +137,9 @@ def test_jitter_is_no_gap_and_what_is_longer_than_usual_is_one(tmp_path: Path) -
     assert lh.judge([path], own, longest_gap=0.011)["early"].verdict == "inconclusive"
 
 
-def test_a_gap_counts_for_the_column_that_has_it_and_what_ends_early_has_one(
-    tmp_path: Path,
-) -> None:
+def test_a_gap_counts_for_the_column_that_has_it_and_what_ends_early_has_one(tmp_path: Path) -> None:
     a = ramp(tmp_path / "a.csv", even(100.0, 1.0))
-    b = table(
-        tmp_path / "b.csv", "time_s,left_current_a", [(time, 1.0) for time in even(100.0, 2.0)]
-    )
+    b = table(tmp_path / "b.csv", "time_s,left_current_a", [(time, 1.0) for time in even(100.0, 2.0)])
     own = scenario(
         tmp_path, 'name = "a"\nalways = "gate_angle_deg < 30"', 'name = "b"\nalways = "left_current_a < 30"',
         'name = "first"\nalways = "gate_angle_deg < 30"\nwithin_s = 0.9',
@@ -170,27 +152,15 @@ def test_a_gap_counts_for_the_column_that_has_it_and_what_ends_early_has_one(
     assert found["a"].reason == "there is no sample of gate_angle_deg from 1 s to 2 s"
 
 
-def test_clocks_of_a_wall_count_from_the_first_stamp_and_must_be_in_all_files(
-    tmp_path: Path,
-) -> None:
+def test_clocks_of_a_wall_count_from_the_first_stamp_and_must_be_in_all_files(tmp_path: Path) -> None:
     epoch = 1_751_364_005.25
     log = tmp_path / "m.log"
-    log.write_text(
-        "".join(f"({epoch + 0.01 * k:.6f}) can1 393#{400 * k:04X}00\n" for k in range(101))
-    )
-    own = scenario(
-        tmp_path, 'name = "x"\neventually = "HK_Status.HK_Winkel > 0.405 and left_current_a > 4.5"'
-    )
-    late = table(
-        tmp_path / "m.csv",
-        "time_s,left_current_a",
-        [(epoch + time, 10 * time) for time in even(100, 1)],
-    )
+    log.write_text("".join(f"({epoch + 0.01 * k:.6f}) can1 393#{400 * k:04X}00\n" for k in range(101)))
+    own = scenario(tmp_path, 'name = "x"\neventually = "HK_Status.HK_Winkel > 0.405 and left_current_a > 4.5"')
+    late = table(tmp_path / "m.csv", "time_s,left_current_a", [(epoch + time, 10 * time) for time in even(100, 1)])
     found = lh.judge([late, log], own, rig=CAR / "theirs.dbc")
     assert found["x"].time_s == pytest.approx(0.51)  # 0.01 rad a frame, from -0.1
-    other = table(
-        tmp_path / "o.csv", "time_s,left_current_a", [(time, 1.0) for time in even(100, 1)]
-    )
+    other = table(tmp_path / "o.csv", "time_s,left_current_a", [(time, 1.0) for time in even(100, 1)])
     with pytest.raises(ConfigError, match=r"m\.log: wall-clock timestamps, but none in .*o\.csv"):
         lh.judge([other, log], own, rig=CAR / "theirs.dbc")
 
@@ -201,17 +171,12 @@ def test_clocks_of_a_wall_count_from_the_first_stamp_and_must_be_in_all_files(
         (["gate_angle_deg=Nobody"], "gate_angle_deg: no column 'Nobody'; allowed: time_s, W"),
         (["gate_angle_deg=W[kg]"], r"gate_angle_deg: unit 'kg'; allowed: rev, deg"),
         (["no_such=W"], "no_such: unknown column; allowed: time_s"),
-        (
-            ["gate_angle_deg=HK_Status.HK_Winkel"],
-            "no column 'HK_Status.HK_Winkel'; allowed: time_s, W",
-        ),
+        (["gate_angle_deg=HK_Status.HK_Winkel"], "no column 'HK_Status.HK_Winkel'; allowed: time_s, W"),
         (["left_current_a=W[rad]"], "unit 'rad'; allowed: A"),
         ([], "time_s: missing"),
     ],
 )
-def test_a_map_that_names_what_is_not_there_is_refused(
-    tmp_path: Path, maps: list[str], said: str
-) -> None:
+def test_a_map_that_names_what_is_not_there_is_refused(tmp_path: Path, maps: list[str], said: str) -> None:
     own = scenario(tmp_path, 'name = "x"\nalways = "gate_angle_deg < 30"')
     path = ramp(tmp_path / "m.csv", even(100.0, 1.0), "time_s,W" if maps else "t,gate_angle_deg")
     with pytest.raises(ConfigError, match=said):
@@ -225,30 +190,22 @@ def test_a_rig_refuses_what_its_protection_refuses_on_the_bus(tmp_path: Path) ->
     )
     own = scenario(tmp_path, 'name = "x"\nnever = "sensed.left_current_a > 0.5"')
     frames = [
-        (0.01 * k, f"392#{0 if k != 7 else 2000:04X}0000{(k if k != 7 else 6) % 4096:03X}0")
-        for k in range(50)
+        (0.01 * k, f"392#{0 if k != 7 else 2000:04X}0000{(k if k != 7 else 6) % 4096:03X}0") for k in range(50)
     ]
-    (tmp_path / "m.log").write_text(
-        "".join(f"({time:010.6f}) can0 {said}\n" for time, said in frames)
-    )
+    (tmp_path / "m.log").write_text("".join(f"({time:010.6f}) can0 {said}\n" for time, said in frames))
     assert lh.judge([tmp_path / "m.log"], own, rig=tmp_path / "r.toml")["x"].verdict == "pass"
     assert lh.judge([tmp_path / "m.log"], own, rig=CAR / "theirs.toml")["x"].verdict == "fail"
 
 
 def by_hand(track: Track, at: list[int]) -> list[float]:
     seen: Callable[[int], list[float]] = lambda now: [  # noqa: E731
-        value
-        for time, value in zip(track.times_us.tolist(), track.values.tolist(), strict=True)
-        if time <= now
+        value for time, value in zip(track.times_us.tolist(), track.values.tolist(), strict=True) if time <= now
     ]
     return [seen(now)[-1] if seen(now) else math.nan for now in at]
 
 
 @CALM
-@given(
-    st.lists(st.integers(0, 40), unique=True, max_size=12),
-    st.lists(st.integers(-5, 45), max_size=12),
-)
+@given(st.lists(st.integers(0, 40), unique=True, max_size=12), st.lists(st.integers(-5, 45), max_size=12))
 def test_a_column_has_its_last_sample_in_each_tick(times: list[int], at: list[int]) -> None:
     track = Track(np.array(sorted(times), dtype=np.int64), np.arange(len(times), dtype=float))
     np.testing.assert_equal(track.held(np.array(at, dtype=np.int64)), by_hand(track, at))

@@ -30,15 +30,11 @@ def elements(folder: Path) -> ElementTree.Element:
     fails = EXPECT.format(name="y", condition="time_s < 0.05")
     (folder / "sub" / "b.x.toml").write_text(HEAD + brief + fails + late)
     files = [folder / "a.toml", folder / "sub" / "b.x.toml"]
-    cases = suite.cases_of(
-        files, Job(scenario=None, ecu="reference", options=RunOptions(clock="free"))
-    )
+    cases = suite.cases_of(files, Job(scenario=None, ecu="reference", options=RunOptions(clock="free")))
     return ElementTree.fromstring(as_junit([suite.run_case(each) for each in cases]))
 
 
-def test_a_suite_says_when_and_where_it_ran(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_suite_says_when_and_where_it_ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     before = datetime.datetime.fromtimestamp(time.time() - 1.0, datetime.UTC)
     root = elements(tmp_path)
@@ -54,29 +50,15 @@ def test_a_suite_says_when_and_where_it_ran(
         assert kinds == ["properties", "testcase", "system-out", "system-err"]
     assert [each.get("package") for each in root] == ["", "sub"]
     assert [case.get("classname") for case in root.iter("testcase")] == ["a", "sub.b_x", "sub.b_x"]
-    assert [case.find("failure") is not None for case in root.iter("testcase")] == [
-        False,
-        True,
-        False,
-    ]
-    assert [case.find("error") is not None for case in root.iter("testcase")] == [
-        False,
-        False,
-        True,
-    ]
+    assert [case.find("failure") is not None for case in root.iter("testcase")] == [False, True, False]
+    assert [case.find("error") is not None for case in root.iter("testcase")] == [False, False, True]
     assert "too short to matter" in str(root[1].findtext("system-out"))
 
 
-def test_class_names_are_the_same_however_a_file_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_class_names_are_the_same_however_a_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "suite" / "deep").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
-    ways = (
-        "suite/deep/a b.toml",
-        "./suite/../suite/deep/a b.toml",
-        tmp_path / "suite/deep/a b.toml",
-    )
+    ways = ("suite/deep/a b.toml", "./suite/../suite/deep/a b.toml", tmp_path / "suite/deep/a b.toml")
     assert {class_names([Path(each)])[0] for each in ways} == {"suite.deep.a_b"}
     pack = data_root() / "configs" / "scenarios" / "pack" / "snow.toml"
     assert class_names([pack]) == ["pack.snow"]

@@ -28,20 +28,8 @@ def test_every_expectation_has_a_node_name_of_its_own(names: list[str]) -> None:
 
 
 def pytest_in(folder: Path, *arguments: str) -> str:
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:xdist",
-        "-p",
-        "no:randomly",
-        *arguments,
-    ]
-    done = subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, timeout=600, check=False
-    )
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "-p", "no:randomly", *arguments]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
     return done.stdout + done.stderr
 
 
@@ -61,10 +49,7 @@ def test_what_has_failed_runs_again_with_lf_by_its_id_and_stands_in_junit(tmp_pa
     assert {each.get("classname") for each in cases} == {"test_odd.toml"}
     assert [each.get("name") for each in cases] == node_names([*ODD, "[passes]"])
     told = [each.find("properties/property[@name='expectation']") for each in cases]
-    names = [
-        each.get("name") if own is None else own.get("value")
-        for each, own in zip(cases, told, strict=True)
-    ]
+    names = [each.get("name") if own is None else own.get("value") for each, own in zip(cases, told, strict=True)]
     assert names == [*ODD, "[passes]"]
     ids = [f"test_odd.toml::{each}" for each in node_names(ODD)]
     assert f"{len(ODD)} failed" in pytest_in(tmp_path, *ids)

@@ -27,9 +27,7 @@ SIDES = st.sampled_from(
         "1e15", "1 / 0", "-2", "Gate.Angle", "DriveCommand.LeftDirection", "latched * gate_angle_deg",
     ]
 )  # fmt: skip
-COMPARISONS = st.tuples(SIDES, st.sampled_from(["<", "<=", ">", ">=", "==", "!="]), SIDES).map(
-    " ".join
-)
+COMPARISONS = st.tuples(SIDES, st.sampled_from(["<", "<=", ">", ">=", "==", "!="]), SIDES).map(" ".join)
 CONDITIONS = st.recursive(
     COMPARISONS,
     lambda part: st.one_of(

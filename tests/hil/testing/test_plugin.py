@@ -73,9 +73,7 @@ def pytest_in(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]
     if any(each.startswith("--lf") for each in arguments):
         command.remove("no:cacheprovider")
         command.remove("-p")
-    return subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, timeout=600, check=False
-    )
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
 
 
 def test_scenarios_and_the_fixture_are_tests(foreign: Path) -> None:
@@ -87,12 +85,7 @@ def test_scenarios_and_the_fixture_are_tests(foreign: Path) -> None:
     assert "never comes: inconclusive: its trigger never came: gate_angle_deg > 50" in done.stdout
     assert "NoVerdictError" not in done.stdout
     suite = ElementTree.parse(foreign / "out.xml").getroot()[0]
-    assert [suite.get(name) for name in ("tests", "failures", "errors", "skipped")] == [
-        "5",
-        "1",
-        "1",
-        "0",
-    ]
+    assert [suite.get(name) for name in ("tests", "failures", "errors", "skipped")] == ["5", "1", "1", "0"]
 
 
 def test_a_dead_ecu_fails_them(foreign: Path) -> None:
@@ -111,9 +104,7 @@ def test_it_works_beside_xdist_and_with_what_failed_last(foreign: Path) -> None:
 
 
 def test_mistakes_of_a_scenario_are_told_when_it_is_collected(foreign: Path) -> None:
-    (foreign / "tests" / "test_three.toml").write_text(
-        THREE.replace("gate_angle_deg < 1", "gate_angle < 1")
-    )
+    (foreign / "tests" / "test_three.toml").write_text(THREE.replace("gate_angle_deg < 1", "gate_angle < 1"))
     done = pytest_in(foreign, "tests/test_three.toml")
     assert done.returncode == 2
     assert "expect[0].always: gate_angle: no such column; allowed: gate_angle_deg" in done.stdout

@@ -25,12 +25,8 @@ def texts(result: lh.Result) -> list[str]:
     return [each.text.split(":")[0] for each in result.events]
 
 
-def test_a_learned_ecu_begins_at_time_0_with_nothing_told_or_recorded_before(
-    tmp_path: Path,
-) -> None:
-    result = lh.run(
-        scenario(tmp_path, LEARNED + OPENS + OPEN), trace=True, record=tmp_path / "run.log"
-    )
+def test_a_learned_ecu_begins_at_time_0_with_nothing_told_or_recorded_before(tmp_path: Path) -> None:
+    result = lh.run(scenario(tmp_path, LEARNED + OPENS + OPEN), trace=True, record=tmp_path / "run.log")
     assert result.verdict == "pass"
     assert texts(result) == ["opening", "open"]  # and not "open, travel learned"
     assert result.events[0].time == pytest.approx(0.5, abs=0.01)
@@ -179,25 +175,15 @@ class Counts:
         import can
 
         self.calls += 1
-        return [
-            can.Message(
-                arbitration_id=0x555, data=self.calls.to_bytes(4, "big"), is_extended_id=False
-            )
-        ]
+        return [can.Message(arbitration_id=0x555, data=self.calls.to_bytes(4, "big"), is_extended_id=False)]
 
 
 def calls(log: Path) -> list[int]:
-    return [
-        int(line.split("#")[1].split()[0], 16)
-        for line in log.read_text().splitlines()
-        if " 555#" in line
-    ]
+    return [int(line.split("#")[1].split()[0], 16) for line in log.read_text().splitlines() if " 555#" in line]
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
-def test_a_python_ecu_is_made_anew(
-    tmp_path: Path, clock: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_python_ecu_is_made_anew(tmp_path: Path, clock: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     log = tmp_path / "run.log"
     lh.run(scenario(tmp_path, RESET, 3.0), f"{Path(__file__).stem}:Counts", clock, record=log)

@@ -62,9 +62,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, lh.Result]:
 
 
 @pytest.mark.parametrize("files", FORMATS, ids="+".join)
-def test_every_format_gives_the_verdicts_of_the_run(
-    run: tuple[Path, lh.Result], files: list[str]
-) -> None:
+def test_every_format_gives_the_verdicts_of_the_run(run: tuple[Path, lh.Result], files: list[str]) -> None:
     folder, result = run
     assert {each.verdict for each in result.expectations.values()} == {"pass", "fail"}
     again = lh.judge([folder / name for name in files], folder / "s.toml")
@@ -78,9 +76,7 @@ def test_a_run_in_lockstep_is_judged_alike(tmp_path: Path) -> None:
     assert lh.judge(files, tmp_path / "s.toml") == dict(result.expectations)
 
 
-def test_what_was_not_recorded_or_was_cut_is_inconclusive(
-    run: tuple[Path, lh.Result], tmp_path: Path
-) -> None:
+def test_what_was_not_recorded_or_was_cut_is_inconclusive(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, result = run
     alone = lh.judge([folder / "run.csv"], folder / "s.toml")
     assert {name: each.verdict for name, each in alone.items()} == {
@@ -105,9 +101,7 @@ def test_what_was_not_recorded_or_was_cut_is_inconclusive(
     assert lh.judge([tmp_path / "thin.csv"], folder / "s.toml")["soft"].verdict == "fail"
 
 
-def test_a_value_that_was_taken_out_is_missing_like_a_row(
-    run: tuple[Path, lh.Result], tmp_path: Path
-) -> None:
+def test_a_value_that_was_taken_out_is_missing_like_a_row(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, result = run
     head, *lines = (folder / "run.csv").read_text().splitlines()
     rows = [line.split(",") for line in lines]
@@ -120,9 +114,7 @@ def test_a_value_that_was_taken_out_is_missing_like_a_row(
     assert found["sends"] == result.expectations["sends"]
 
 
-def test_a_stimulus_whose_condition_was_not_recorded_says_so(
-    run: tuple[Path, lh.Result], tmp_path: Path
-) -> None:
+def test_a_stimulus_whose_condition_was_not_recorded_says_so(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, _ = run
     text = 'duration = 4.0\n[[request]]\ntime = "gate_angle_deg < 45"\naction = "stop"\n'
     text += '[[expect]]\nname = "dry"\nalways = "supply_voltage_v > 5"\n'
@@ -136,9 +128,7 @@ def test_a_stimulus_whose_condition_was_not_recorded_says_so(
     assert found.reason == said
 
 
-def test_a_reset_of_a_recording_without_the_end_is_not_known_to_have_been_made(
-    tmp_path: Path,
-) -> None:
+def test_a_reset_of_a_recording_without_the_end_is_not_known_to_have_been_made(tmp_path: Path) -> None:
     text = """
 duration = 1.0
 [[request]]
@@ -177,8 +167,7 @@ within_s = 0.5
 
 
 @pytest.mark.parametrize(
-    "cut",
-    ["run.csv", "run.log", "run.parquet", "run.blf", "run.mf4", "run.mcap", "run.asc", "run.trc"],
+    "cut", ["run.csv", "run.log", "run.parquet", "run.blf", "run.mf4", "run.mcap", "run.asc", "run.trc"]
 )
 @pytest.mark.parametrize("where", [0.6, 0.6003])
 def test_what_a_killed_recorder_leaves_is_never_a_pass(
@@ -189,9 +178,7 @@ def test_what_a_killed_recorder_leaves_is_never_a_pass(
     files = next(each for each in FORMATS if cut in each)
     for name in files:
         content = (folder / name).read_bytes()
-        (tmp_path / name).write_bytes(
-            content[: int(where * len(content))] if name == cut else content
-        )
+        (tmp_path / name).write_bytes(content[: int(where * len(content))] if name == cut else content)
     paths = [tmp_path / name for name in files]
     if cut in ("run.parquet", "run.mf4", "run.mcap"):  # which have their contents at their end
         with pytest.raises(ConfigError, match=rf"{cut}: cannot be read"):
@@ -204,9 +191,7 @@ def test_what_a_killed_recorder_leaves_is_never_a_pass(
     }  # fmt: skip
 
 
-def test_the_texts_beside_what_a_kill_has_spoilt_are_judged(
-    run: tuple[Path, lh.Result], tmp_path: Path
-) -> None:
+def test_the_texts_beside_what_a_kill_has_spoilt_are_judged(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, result = run
     for name in ("run.csv", "run.log"):
         (tmp_path / f"run.mf4{name[3:]}").write_bytes((folder / name).read_bytes())
@@ -247,9 +232,7 @@ def test_a_foreign_log_with_a_foreign_rig_is_judged(tmp_path: Path) -> None:
         'dbc = "their.dbc"\n[inputs]\nleft_duty = "THEIR_Cmd.Duty"\n'
         '[outputs]\nleft_current = "THEIR_Gate.Ampere"\n'
     )
-    lines = [
-        f"({0.01 * k:.6f}) can0 065#{(100 * k) & 0xFFFF:04X}000000000000 R\n" for k in range(20)
-    ]
+    lines = [f"({0.01 * k:.6f}) can0 065#{(100 * k) & 0xFFFF:04X}000000000000 R\n" for k in range(20)]
     (tmp_path / "their.log").write_text("".join(lines))
     (tmp_path / "s.toml").write_text(
         'duration = 0.19\nrig = "rig.toml"\nvehicle = "compact"\n'
@@ -282,10 +265,7 @@ def test_the_command(run: tuple[Path, lh.Result], capsys: pytest.CaptureFixture[
     [
         ("gate_angle_deg\n1\n", "time_s: missing"),
         ("time_s,pinch_force_n\n0,x\n", "run.csv"),
-        (
-            "time_s,pinch_force_n\n0,1\n0.001,1\n0.001,1\n",
-            "time_s: row 3; allowed: finite and rising",
-        ),
+        ("time_s,pinch_force_n\n0,1\n0.001,1\n0.001,1\n", "time_s: row 3; allowed: finite and rising"),
         ("", "run.csv"),
     ],
 )

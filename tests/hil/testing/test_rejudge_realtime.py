@@ -109,9 +109,7 @@ def judged_live(path: Path, rows: Any, frames: Any) -> dict[str, Verdict]:
     for first in range(0, len(rows), 7):
         part = rows[first : first + 7]
         until = int(
-            np.searchsorted(
-                frames["time_ns"] // 10_000_000, times[first + len(part) - 1] // 10_000_000, "right"
-            )
+            np.searchsorted(frames["time_ns"] // 10_000_000, times[first + len(part) - 1] // 10_000_000, "right")
         )
         until = max(until, seen)
         judge.take(part, frames[seen:until])
@@ -156,9 +154,7 @@ def test_what_came_while_the_gate_was_sending_counts_when_it_came(tmp_path: Path
         data = message.encode({"Angle": angle, "LatchState": 0, "TerminalVoltage": 0})
         row["identifier"], row["length"] = message.frame_id, len(data)
         row["payload"][: len(data)] = list(data)
-    expected = expected_of(
-        load_scenario(tmp_path / "s.toml").expectations, {}, shipped_rig().messages, 2, "s"
-    )
+    expected = expected_of(load_scenario(tmp_path / "s.toml").expectations, {}, shipped_rig().messages, 2, "s")
     judge = Judge(expected, 1000.0, 0.02)
     judge.take(rows[:11], no_logged())
     judge.take(rows[11:], frames)

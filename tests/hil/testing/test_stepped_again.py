@@ -79,9 +79,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Path], flo
     return folder, [folder / "run.csv", folder / "run.log"], result.pinch_time_s
 
 
-def test_a_bench_that_is_late_by_less_than_the_margin_bears_is_judged(
-    run: tuple[Path, list[Path], float],
-) -> None:
+def test_a_bench_that_is_late_by_less_than_the_margin_bears_is_judged(run: tuple[Path, list[Path], float]) -> None:
     folder, files, peak = run
     true = lh.judge(files, scenario(folder, 300.0))
     for ticks, method in ((4, "direct"), (8, "replay"), (10, "replay")):
@@ -112,9 +110,7 @@ def test_what_an_ecu_may_take_for_messages_lost_leaves_open_all_that_is_decided_
     as they arrived hold its stop.
     """
     folder, files, peak = run
-    path = scenario(
-        folder, 300.0, '[[expect]]\nname = "early"\nalways = "pinch_force_n < 1"\nwithin_s = 0.5\n'
-    )
+    path = scenario(folder, 300.0, '[[expect]]\nname = "early"\nalways = "pinch_force_n < 1"\nwithin_s = 0.5\n')
     for ticks in (11, 50):
         found = lh.judge(with_lateness(files, peak - before, ticks), path)
         for name in ("soft", "lets go"):
@@ -123,9 +119,7 @@ def test_what_an_ecu_may_take_for_messages_lost_leaves_open_all_that_is_decided_
         assert (found["early"].verdict, found["early"].method) == ("pass", "direct")
 
 
-def test_a_failure_that_the_lateness_cannot_have_made_is_one(
-    run: tuple[Path, list[Path], float],
-) -> None:
+def test_a_failure_that_the_lateness_cannot_have_made_is_one(run: tuple[Path, list[Path], float]) -> None:
     folder, files, _ = run
     path = scenario(folder, 5.0)
     failed = lh.judge(files, path)["soft"]
@@ -147,9 +141,7 @@ def test_an_ecu_that_is_late_is_judged(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["frame_lost", "wrong_checksum", "frame_delayed"])
-def test_a_gate_whose_commands_were_spoiled_on_their_way_is_stepped_as_it_was(
-    tmp_path: Path, kind: str
-) -> None:
+def test_a_gate_whose_commands_were_spoiled_on_their_way_is_stepped_as_it_was(tmp_path: Path, kind: str) -> None:
     """What it got is in the recording: such a fault must not act again."""
     own = {"frame_lost": "probability = 0.3", "frame_delayed": "delay_s = 0.02"}.get(kind, "")
     fault = f'[[fault]]\nkind = "{kind}"\nwhere = "DriveCommand"\ndirection = "received"\n{own}\n'
@@ -157,9 +149,7 @@ def test_a_gate_whose_commands_were_spoiled_on_their_way_is_stepped_as_it_was(
     files = [tmp_path / "run.csv", tmp_path / "run.log"]
     result = lh.run(path, record=files)
     true = lh.judge(files, path)
-    assert {k: v.verdict for k, v in true.items()} == {
-        k: v.verdict for k, v in result.expectations.items()
-    }
+    assert {k: v.verdict for k, v in true.items()} == {k: v.verdict for k, v in result.expectations.items()}
     found = lh.judge(with_lateness(files, 1.0, 8), path)["soft"]
     assert (found.verdict, found.method) == ("pass", "replay")
     assert found.margin == true["soft"].margin
@@ -210,9 +200,7 @@ def test_a_run_that_is_held_up_is_decided_by_stepping_its_gate_again_or_left_ope
     assert lh.judge(files, path)["soft"] == found
 
 
-def test_another_gate_than_the_recorded_one_confirms_nothing(
-    run: tuple[Path, list[Path], float],
-) -> None:
+def test_another_gate_than_the_recorded_one_confirms_nothing(run: tuple[Path, list[Path], float]) -> None:
     folder, files, peak = run
     late = with_lateness(files, peak - 0.02, 8)
     found = lh.judge(late, scenario(folder, 300.0), vehicle="compact")["soft"]

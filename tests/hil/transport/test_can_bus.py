@@ -11,16 +11,7 @@ from typing import Any
 import can
 import numpy as np
 import pytest
-from hil_support import (
-    CALM,
-    EXTENDED,
-    frames_of,
-    loop_config,
-    rig_of,
-    rows_of,
-    start_of,
-    stimulus_plan,
-)
+from hil_support import CALM, EXTENDED, frames_of, loop_config, rig_of, rows_of, start_of, stimulus_plan
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -47,10 +38,7 @@ from liftgate_hil.transport.messages import message_of
             "slcan:/dev/ttyACM0@115200",
             {"interface": "slcan", "channel": "/dev/ttyACM0@115200", "bitrate": 250_000},
         ),
-        (
-            "pcan:PCAN_USBBUS1@125000",
-            {"interface": "pcan", "channel": "PCAN_USBBUS1", "bitrate": 125_000},
-        ),
+        ("pcan:PCAN_USBBUS1@125000", {"interface": "pcan", "channel": "PCAN_USBBUS1", "bitrate": 125_000}),
         ("pcan:PCAN_USBBUS1", {"interface": "pcan", "channel": "PCAN_USBBUS1", "bitrate": 250_000}),
         ("vector:0", {"interface": "vector", "channel": "0", "bitrate": 250_000}),
     ],
@@ -60,8 +48,7 @@ def test_a_bus_is_named_by_interface_channel_and_bit_rate(text: str, expected: d
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["", ":", "vcan0", "socketcan:", ":vcan0", "pcan:x@", "pcan:x@fast", "pcan:x@0", "pcan:x@-5"],
+    "text", ["", ":", "vcan0", "socketcan:", ":vcan0", "pcan:x@", "pcan:x@fast", "pcan:x@0", "pcan:x@-5"]
 )
 def test_a_bus_that_is_none_is_told_with_examples(text: str):
     with pytest.raises(ConfigError, match="`bus`"):
@@ -112,9 +99,7 @@ def test_a_bus_that_cannot_be_opened_is_told_on_one_line(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("error", [KeyError(), Exception(), can.CanError("")])
-def test_a_driver_that_fails_without_a_word_is_told_by_its_kind(
-    monkeypatch: pytest.MonkeyPatch, error: Exception
-):
+def test_a_driver_that_fails_without_a_word_is_told_by_its_kind(monkeypatch: pytest.MonkeyPatch, error: Exception):
     def broken(**arguments: Any) -> None:
         raise error
 
@@ -205,9 +190,7 @@ def test_a_message_and_its_frame_are_the_same(number: int, extended: bool, paylo
     message._check()
 
 
-def test_a_read_takes_at_most_its_capacity_and_the_next_goes_on(
-    pair: tuple[CanTransport, can.BusABC],
-):
+def test_a_read_takes_at_most_its_capacity_and_the_next_goes_on(pair: tuple[CanTransport, can.BusABC]):
     transport, other = pair
     for number in range(CAPACITY + 7):
         other.send(can.Message(arbitration_id=number, is_extended_id=False))
@@ -268,9 +251,7 @@ def test_whole_numbers_of_numpy_are_whole_numbers(monkeypatch: pytest.MonkeyPatc
     assert (int(frames.identifiers[0]), int(frames.lengths[0])) == (5 | REMOTE, 5)
 
 
-def test_any_number_of_messages_that_are_no_frames_is_no_lost_link(
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_any_number_of_messages_that_are_no_frames_is_no_lost_link(monkeypatch: pytest.MonkeyPatch):
     odd: list[Any] = [can.Message(arbitration_id=-1), ValueError("a line cut short"), IndexError()]
     transport = faulty(monkeypatch, [*odd * 100, can.Message(arbitration_id=5)])
     assert transport.receive().count == 1
@@ -324,9 +305,7 @@ def test_a_fault_while_receiving_is_counted_and_keeps_what_came_before(
     # What a bus held back that was just opened again is of no use.
     assert transport.receive().count == (0 if lost else 1)
     assert transport.is_up
-    assert transport.counts() == LinkCounts(
-        receive_failures=1, losses=int(lost), before_start=int(lost)
-    )
+    assert transport.counts() == LinkCounts(receive_failures=1, losses=int(lost), before_start=int(lost))
 
 
 def test_a_driver_that_only_fails_is_opened_again(monkeypatch: pytest.MonkeyPatch):
@@ -387,9 +366,7 @@ def test_each_message_leaves_in_the_frame_format_of_its_database(tmp_path: Path)
     config = loop_config(rig=rig)
     formats = {}
     with can.Bus(interface="virtual", channel=channel) as other:
-        run_free(
-            Loop(config, start_of(config), stimulus_plan(config), transport), 10, lambda: False
-        )
+        run_free(Loop(config, start_of(config), stimulus_plan(config), transport), 10, lambda: False)
         while (message := other.recv(0)) is not None:
             formats[message.arbitration_id] = (message.is_fd, len(message.data))
     transport.close()

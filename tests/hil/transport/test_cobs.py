@@ -76,9 +76,7 @@ def test_what_the_line_has_no_room_for_is_refused(identifier: int, size: int):
 
 @CALM
 @given(st.lists(frames), st.lists(st.integers(0, 2000)))
-def test_frames_come_out_as_they_went_in_however_they_are_cut(
-    rows: list[tuple[int, bytes]], cuts: list[int]
-):
+def test_frames_come_out_as_they_went_in_however_they_are_cut(rows: list[tuple[int, bytes]], cuts: list[int]):
     line = line_of(rows)
     assert line.count(0) == len(rows)
     decoder = Decoder()

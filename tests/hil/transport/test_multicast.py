@@ -112,9 +112,7 @@ def test_nobody_hears_himself(rig: Rig, monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.parametrize("address", ["239.78.{}.{}", "ff15::{}:{}"])
-def test_benches_on_two_groups_do_not_hear_each_other(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch, address: str
-):
+def test_benches_on_two_groups_do_not_hear_each_other(rig: Rig, monkeypatch: pytest.MonkeyPatch, address: str):
     monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43212}))
     here = os.getpid() % 250 + 1
     groups = [f"udp_multicast:{address.format(here, number)}" for number in (3, 4, 3)]
@@ -136,15 +134,10 @@ def test_benches_on_two_groups_do_not_hear_each_other(
 # How far it reaches.
 
 
-@pytest.mark.parametrize(
-    ("config", "hops"), [({}, 0), ({"hop_limit": 0}, 0), ({"hop_limit": 2}, 2)]
-)
+@pytest.mark.parametrize(("config", "hops"), [({}, 0), ({"hop_limit": 0}, 0), ({"hop_limit": 2}, 2)])
 @pytest.mark.parametrize(
     "choice",
-    [
-        WireChoice(bus="udp_multicast:239.0.0.7"),
-        WireChoice(interface="udp_multicast", channel="239.0.0.7"),
-    ],
+    [WireChoice(bus="udp_multicast:239.0.0.7"), WireChoice(interface="udp_multicast", channel="239.0.0.7")],
     ids=["bus", "interface"],
 )
 def test_a_bus_stays_on_this_machine_unless_its_configuration_says_otherwise(
@@ -163,13 +156,9 @@ def test_a_hop_limit_that_is_none_is_told(rig: Rig, monkeypatch: pytest.MonkeyPa
         bus_arguments(WireChoice(bus="udp_multicast:239.0.0.7"), rig)
 
 
-@pytest.mark.parametrize(
-    "name", ["1.2.3.4", "240.0.0.1", "localhost", "fe80::1", "ff02::1%lo", "239.1"]
-)
+@pytest.mark.parametrize("name", ["1.2.3.4", "240.0.0.1", "localhost", "fe80::1", "ff02::1%lo", "239.1"])
 def test_what_is_no_group_is_told_with_what_is(rig: Rig, name: str):
-    with pytest.raises(
-        ConfigError, match=r"not a multicast address; allowed: a group of 224\.0\.0\.0/4"
-    ):
+    with pytest.raises(ConfigError, match=r"not a multicast address; allowed: a group of 224\.0\.0\.0/4"):
         bus_arguments(WireChoice(bus=f"udp_multicast:{name}"), rig)
 
 
@@ -192,10 +181,7 @@ class Foreign:
 
 
 def counted(
-    monkeypatch: pytest.MonkeyPatch,
-    senders: list[tuple[Any, ...]],
-    hops: int,
-    name: str = "239.0.0.7",
+    monkeypatch: pytest.MonkeyPatch, senders: list[tuple[Any, ...]], hops: int, name: str = "239.0.0.7"
 ) -> tuple[int, int]:
     """Frames that counted, and those that were refused."""
     monkeypatch.setattr(can, "Bus", lambda **arguments: Foreign(senders, name))
@@ -211,16 +197,12 @@ AWAY = [("203.0.113.9", 43113), ("2001:db8::9", 43113, 0, 0)]
 
 
 @pytest.mark.parametrize("sender", AWAY)
-def test_another_machine_cannot_command_the_gate(
-    monkeypatch: pytest.MonkeyPatch, sender: tuple[Any, ...]
-):
+def test_another_machine_cannot_command_the_gate(monkeypatch: pytest.MonkeyPatch, sender: tuple[Any, ...]):
     assert counted(monkeypatch, [sender] * 3, hops=0) == (0, 3)
 
 
 @pytest.mark.parametrize("sender", AWAY)
-def test_with_a_hop_limit_the_network_is_meant(
-    monkeypatch: pytest.MonkeyPatch, sender: tuple[Any, ...]
-):
+def test_with_a_hop_limit_the_network_is_meant(monkeypatch: pytest.MonkeyPatch, sender: tuple[Any, ...]):
     assert counted(monkeypatch, [sender] * 3, hops=1) == (3, 0)
 
 
@@ -253,12 +235,9 @@ class Offline(socket.socket):
 
 
 @pytest.mark.parametrize(
-    ("name", "how"),
-    [("239.0.0.7", "ip route add 224.0.0.0/4 dev lo"), ("ff15::1", "a group of IPv4")],
+    ("name", "how"), [("239.0.0.7", "ip route add 224.0.0.0/4 dev lo"), ("ff15::1", "a group of IPv4")]
 )
-def test_a_machine_without_a_network_is_told_what_to_do(
-    monkeypatch: pytest.MonkeyPatch, name: str, how: str
-):
+def test_a_machine_without_a_network_is_told_what_to_do(monkeypatch: pytest.MonkeyPatch, name: str, how: str):
     monkeypatch.setattr(socket, "socket", Offline)
     with pytest.raises(TransportError, match=f"offline.*allowed: with a network, or .*{how}"):
         CanTransport({"interface": "udp_multicast", "channel": name, "hop_limit": 0})

@@ -317,9 +317,7 @@ def test_watching_tells_when_it_is_lost_and_when_it_is_back_each_once(rig: Rig):
         (AttributeError("'NoneType' object has no attribute 'write'"), 0),
     ],
 )
-def test_frames_that_the_driver_refuses_are_counted_and_later_ones_go(
-    rig: Rig, error: Exception, full: int
-):
+def test_frames_that_the_driver_refuses_are_counted_and_later_ones_go(rig: Rig, error: Exception, full: int):
     rig.drivers[0].refuse = error
     send(rig.pump, [(1, b"")] * 100)
     until(lambda: rig.pump.counts().send_failures == 100)
@@ -358,9 +356,7 @@ def test_a_driver_that_stands_still_in_send_holds_up_neither_the_loop_nor_receiv
     until(lambda: driver.sent[-1].arbitration_id == 3)
 
 
-def test_the_loop_is_told_how_long_its_frames_have_waited_for_the_thread(
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_the_loop_is_told_how_long_its_frames_have_waited_for_the_thread(monkeypatch: pytest.MonkeyPatch):
     threads: list[threading.Thread] = []
     start = threading.Thread.start
 
@@ -506,9 +502,7 @@ def test_an_arrival_is_when_the_bus_had_the_frame_not_when_it_was_read(rig: Rig)
         (None, 20.0, 20.0),  # nobody has looked for long
     ],
 )
-def test_the_age_of_a_frame_is_bounded_by_the_last_look(
-    stamp: float | None, unseen_s: float, age_s: float
-):
+def test_the_age_of_a_frame_is_bounded_by_the_last_look(stamp: float | None, unseen_s: float, age_s: float):
     given = 17.0 if stamp is None else time.time() - stamp
     assert age_of(given, round(1e9 * unseen_s)) == pytest.approx(1e9 * age_s, abs=0.5e9)
     if age_s in (0.0, 0.01):

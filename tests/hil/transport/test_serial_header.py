@@ -22,15 +22,7 @@ HEADERS = Path(liftgate_hil.transport.__file__).parent
 
 compiler = shutil.which("cc")
 needs_compiler = pytest.mark.skipif(compiler is None, reason="no C compiler")
-STRICT = (
-    "-Wall",
-    "-Wextra",
-    "-Wpedantic",
-    "-Wconversion",
-    "-Wsign-conversion",
-    "-Wshadow",
-    "-Werror",
-)
+STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Wshadow", "-Werror")
 COUNTERS = ("frames", "cut", "too_long", "too_short", "bad_crc", "bad_id")
 
 LIBRARY = """

@@ -60,9 +60,7 @@ def test_a_line_that_is_none_is_told_on_one_line(text: str):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "url", ["/dev/nosuch", "/dev/null", "hwgrep://nosuch", "spy:///dev/nosuch"]
-)
+@pytest.mark.parametrize("url", ["/dev/nosuch", "/dev/null", "hwgrep://nosuch", "spy:///dev/nosuch"])
 def test_a_port_that_cannot_be_opened_is_told_on_one_line(url: str):
     before = descriptors()
     with pytest.raises(TransportError) as caught:
@@ -221,9 +219,7 @@ def test_a_read_takes_at_most_its_capacity_and_the_next_goes_on(line: SerialTran
 # A reader that does not read.
 
 
-def test_frames_for_a_stalled_reader_are_dropped_whole_and_counted(
-    terminal: Terminal, line: SerialTransport
-):
+def test_frames_for_a_stalled_reader_are_dropped_whole_and_counted(terminal: Terminal, line: SerialTransport):
     rows = [(number % 0x800, number.to_bytes(8, "big")) for number in range(10_000)]
     for start in range(0, len(rows), 10):
         line.send(frames_of(rows[start : start + 10]))

@@ -78,13 +78,7 @@ def place_in_sequence(
 
 @outlined
 def checked(
-    profile: Any,
-    memory: NDArray[np.int64],
-    modulus: int,
-    is_sound: bool,
-    last: int,
-    turn: int,
-    late: int,
+    profile: Any, memory: NDArray[np.int64], modulus: int, is_sound: bool, last: int, turn: int, late: int
 ) -> int:
     """Return the status of a profile's frame and advance the state machine of its message.
 

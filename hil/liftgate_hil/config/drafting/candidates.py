@@ -19,9 +19,7 @@ class Kind(NamedTuple):
 
     section: str  # section of a rig
     quantity: str  # with "{side}" in it, e.g. "{side}_current", one of a drive
-    needs: tuple[
-        frozenset[str], ...
-    ]  # sets of concepts, of which a name must contain all of one set
+    needs: tuple[frozenset[str], ...]  # sets of concepts, of which a name must contain all of one set
     avoids: frozenset[str] = frozenset()
     dimensions: tuple[str, ...] = ()  # dimensions that its unit may have; (): any
     is_flag: bool = False  # one bit
@@ -107,9 +105,7 @@ def find_candidates(messages: Mapping[str, Message]) -> Found:
                 each = replace(candidate, sender=sender)
                 found[section].setdefault(candidate.quantity, []).append(each)
     return {
-        section: {
-            quantity: _best(candidates, speaks_of_gate) for quantity, candidates in each.items()
-        }
+        section: {quantity: _best(candidates, speaks_of_gate) for quantity, candidates in each.items()}
         for section, each in found.items()
     }
 
@@ -149,11 +145,7 @@ def _senders(messages: Mapping[str, Message], names: Iterable[str]) -> set[str]:
 
 def _sensors(messages: Mapping[str, Message]) -> list[str]:
     """Return the messages with readings of the drives' sensors; only those that name a gate, if some do."""
-    found = [
-        name
-        for name, message in messages.items()
-        if any(map(_is_of_a_drive, _all_of(message, "outputs")))
-    ]
+    found = [name for name, message in messages.items() if any(map(_is_of_a_drive, _all_of(message, "outputs")))]
     return [name for name in found if _speaks_of_gate(messages[name])] or found
 
 
@@ -176,10 +168,7 @@ def _commands(messages: Mapping[str, Message]) -> list[str]:
     found = [
         name
         for name, message in messages.items()
-        if any(
-            candidate.quantity.endswith(("_duty", "_direction"))
-            for candidate in _all_of(message, "inputs")
-        )
+        if any(candidate.quantity.endswith(("_duty", "_direction")) for candidate in _all_of(message, "inputs"))
         and not any(map(_is_of_a_drive, _all_of(message, "outputs")))
     ]
     return [name for name in found if _speaks_of_gate(messages[name])] or found
@@ -205,9 +194,7 @@ def _of(message: Message, signal: Signal, section: str) -> Iterator[Candidate]:
     quantities = BUS_INPUTS if section == "inputs" else BUS_OUTPUTS
     own = concepts_in(signal.name)
     # The message's name counts where the signal's own name leaves it open.
-    all_said = own | (
-        concepts_in(message.name) & {"gate", "motor", "hall", "latch", "left", "right"}
-    )
+    all_said = own | (concepts_in(message.name) & {"gate", "motor", "hall", "latch", "left", "right"})
     side = side_of(signal.name, message.name)
     plain = "".join(words_of(signal.name))
     is_found = False
@@ -256,8 +243,7 @@ def _best(candidates: Sequence[Candidate], speaks_of_gate: bool) -> list[Candida
         lambda each: each.fits,
         lambda each: each.is_named,
         lambda each: (
-            not speaks_of_gate
-            or "gate" in concepts_in(each.message.name) | concepts_in(each.signal.name)
+            not speaks_of_gate or "gate" in concepts_in(each.message.name) | concepts_in(each.signal.name)
         ),
     )
     kept = list(candidates)

@@ -40,10 +40,7 @@ def draft_rig(database: Path, target: Path) -> Draft:
     issues.raise_if_any()
     found = find_candidates(messages)
     tells_sides = any("right_" in name for each in found.values() for name in each)
-    lines = {
-        section: list(_lines_of(section, _by_side(each, tells_sides)))
-        for section, each in found.items()
-    }
+    lines = {section: list(_lines_of(section, _by_side(each, tells_sides))) for section, each in found.items()}
     _one_quantity_a_signal(lines)
     dbc = os.path.relpath(os.path.realpath(database), Path(os.path.realpath(target)).parent)
     head = [
@@ -59,9 +56,7 @@ def draft_rig(database: Path, target: Path) -> Draft:
         if not _withdraw(lines, faults):
             break
     mapped = [f"{line.section}.{line.quantity}" for line in _all(lines) if line.is_sure]
-    waiting = {
-        f"{line.section}.{line.quantity}": line.reason for line in _all(lines) if not line.is_sure
-    }
+    waiting = {f"{line.section}.{line.quantity}": line.reason for line in _all(lines) if not line.is_sure}
     text += "".join(_unused(text, messages, {line.message.name for line in _all(lines)}))
     return Draft(text, mapped, [*waiting.items(), *_missing(faults, waiting, mapped)])
 
@@ -113,9 +108,7 @@ def _lines_of(section: str, found: Mapping[str, list[Candidate]]) -> Iterator[Li
         for candidate in candidates[:_MOST]:
             line = line_for(section, quantity, candidate)
             if candidate.sender:
-                line = line.withdrawn(
-                    f"sent by {candidate.sender}: use it only if that node is not on the bus"
-                )
+                line = line.withdrawn(f"sent by {candidate.sender}: use it only if that node is not on the bus")
             if len(candidates) > 1:
                 line = line.withdrawn(f"one of {len(candidates)} candidates")
             elif "either_" in candidate.quantity and candidate is not _only(found, quantity):
@@ -125,11 +118,7 @@ def _lines_of(section: str, found: Mapping[str, list[Candidate]]) -> Iterator[Li
 
 def _only(found: Mapping[str, list[Candidate]], quantity: str) -> Candidate | None:
     """Return the candidate of a quantity; None if the other drive has the same candidates."""
-    other = (
-        quantity.replace("left_", "right_")
-        if "left_" in quantity
-        else quantity.replace("right_", "left_")
-    )
+    other = quantity.replace("left_", "right_") if "left_" in quantity else quantity.replace("right_", "left_")
     return None if found.get(other) == found[quantity] else found[quantity][0]
 
 
@@ -144,10 +133,7 @@ def _one_quantity_a_signal(lines: dict[str, list[Line]]) -> None:
 
 
 def _text(
-    head: list[str],
-    lines: Mapping[str, list[Line]],
-    messages: Mapping[str, Message],
-    target: Path,
+    head: list[str], lines: Mapping[str, list[Line]], messages: Mapping[str, Message], target: Path
 ) -> tuple[str, dict[str, str]]:
     """Return the file's text, and why a rig made of it is refused: reasons by key."""
     parts = list(head)

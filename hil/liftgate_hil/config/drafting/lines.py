@@ -70,9 +70,7 @@ def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
     if ours.values:
         return _enumeration(line, candidate.signal, ours.values)
     if quantity.endswith("hall_speed"):
-        return line.withdrawn(
-            "this quantity is in counts per sample period of the vehicle's sensors"
-        )
+        return line.withdrawn("this quantity is in counts per sample period of the vehicle's sensors")
     if quantity.endswith("_duty") and not candidate.unit and section == "inputs":
         return _share_by_range(line, candidate.signal)
     factors = conversion(ours, candidate.unit)
@@ -80,11 +78,7 @@ def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
         factors = (1.0, 0.0)
     low, high = physical_range(candidate.signal)
     if factors is None:
-        said = (
-            f"{candidate.unit!r} is not one of its units"
-            if candidate.unit
-            else "no unit in the database"
-        )
+        said = f"{candidate.unit!r} is not one of its units" if candidate.unit else "no unit in the database"
         reason = f"{said} ({low:g} to {high:g}); one of {allowed_units(ours)}"
         return replace(line, keys={"unit": '"?"'}).withdrawn(reason)
     step = abs(factors[0] * float(candidate.signal.scale))
@@ -93,11 +87,7 @@ def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
             f"steps of {step:g} {ours.unit} in the database's {candidate.unit!r} ({low:g} to {high:g}): is that "
             "its unit?"
         )
-    if (
-        quantity.endswith("_duty")
-        and not candidate.signal.is_float
-        and not 20.0 <= factors[0] * high <= 500.0
-    ):
+    if quantity.endswith("_duty") and not candidate.signal.is_float and not 20.0 <= factors[0] * high <= 500.0:
         return line.withdrawn(f"{low:g} to {high:g} in {candidate.unit!r}: is that its unit?")
     if quantity.endswith("_edge_age"):  # it grows without limit while the motor stands
         line = replace(line, keys={"saturates": "true"})
@@ -122,12 +112,7 @@ def _share_by_range(line: Line, signal: Signal) -> Line:
 def _enumeration(line: Line, signal: Signal, ours: tuple[str, ...]) -> Line:
     """Return the line of an enumeration: by labels that name our values, or by one bit that its name explains."""
     kind = next(
-        (
-            kind
-            for kind in ("direction", "latch_release", "latch_state")
-            if line.quantity.endswith(kind)
-        ),
-        "",
+        (kind for kind in ("direction", "latch_release", "latch_state") if line.quantity.endswith(kind)), ""
     )
     choices = {int(raw): str(label) for raw, label in (signal.choices or {}).items()}
     labels = {label.casefold() for label in choices.values()}
@@ -144,9 +129,7 @@ def _enumeration(line: Line, signal: Signal, ours: tuple[str, ...]) -> Line:
         return line if values else line.withdrawn("no labels in the database; values by number")
     named = named_values(kind, choices)
     left = [
-        label
-        for label in choices.values()
-        if label not in named.values() and not _NO_VALUE & {*words_of(label)}
+        label for label in choices.values() if label not in named.values() and not _NO_VALUE & {*words_of(label)}
     ]
     pairs = [f"{name} = {quoted(named.get(name, '?'))}" for name in ours]
     known = [pair for pair, name in zip(pairs, ours, strict=True) if name in named]
@@ -155,9 +138,7 @@ def _enumeration(line: Line, signal: Signal, ours: tuple[str, ...]) -> Line:
     is_sure = all(name in named for name in needed) and not (left and line.section == "inputs")
     if not is_sure:
         said = ", ".join(f"{raw} {label!r}" for raw, label in sorted(choices.items())[:16])
-        return replace(line, keys={"values": "{ " + ", ".join(pairs) + " }"}).withdrawn(
-            f"labels {said}"
-        )
+        return replace(line, keys={"values": "{ " + ", ".join(pairs) + " }"}).withdrawn(f"labels {said}")
     return replace(line, keys={"values": "{ " + ", ".join(known) + " }"})
 
 
@@ -170,10 +151,7 @@ def _flag(line: Line, signal: Signal, kind: str) -> str:
     if kind == "latch_release" and "release" in said:
         return "{ hold = 0, release = 1 }"
     whole = "".join(words_of(signal.name))
-    is_shut = (
-        any(each in whole for each in ("latched", "closed", "locked", "verriegelt"))
-        and "un" not in whole
-    )
+    is_shut = any(each in whole for each in ("latched", "closed", "locked", "verriegelt")) and "un" not in whole
     is_open = bool(words & {"open", "offen", "unlatched", "unlocked", "entriegelt"})
     if kind == "latch_state" and is_shut != is_open:
         return "{ open = 0, latched = 1 }" if is_shut else "{ open = 1, latched = 0 }"

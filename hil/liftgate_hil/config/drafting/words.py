@@ -46,32 +46,8 @@ WORDS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 
 # Labels of an enumeration by the name of our value; ambiguous labels are left out.
-_OPEN = (
-    "open",
-    "opening",
-    "auf",
-    "oeffnen",
-    "oeffnet",
-    "up",
-    "hoch",
-    "raise",
-    "heben",
-    "opn",
-    "moveopen",
-)
-_CLOSE = (
-    "close",
-    "closing",
-    "zu",
-    "schliessen",
-    "schliesst",
-    "down",
-    "runter",
-    "lower",
-    "senken",
-    "cls",
-    "clsng",
-)
+_OPEN = ("open", "opening", "auf", "oeffnen", "oeffnet", "up", "hoch", "raise", "heben", "opn", "moveopen")
+_CLOSE = ("close", "closing", "zu", "schliessen", "schliesst", "down", "runter", "lower", "senken", "cls", "clsng")
 _COAST = (
     "coast",
     "off",
@@ -106,12 +82,8 @@ _FILLING = {
     "command", "move", "moving", "bridge", "klappe", "heckklappe", "schloss", "is", "drive", "richtung", "lg",
     "tg", "hkl", "rel", "ltch",
 }  # fmt: skip
-_UMLAUTS = str.maketrans(
-    {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue"}
-)
-_PREFIX = re.compile(
-    r"(?<![A-Za-z])[lr](?=[A-Z])"
-)  # prefix of a ratio or a length, not of right or left
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue"})
+_PREFIX = re.compile(r"(?<![A-Za-z])[lr](?=[A-Z])")  # prefix of a ratio or a length, not of right or left
 _PART = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 
 
@@ -127,9 +99,7 @@ def concepts_in(name: str) -> frozenset[str]:
     """Return the concepts that a name contains."""
     words = words_of(name)
     whole = "".join(words)
-    return frozenset(
-        concept for concept, spelled in WORDS.items() if _speaks(spelled, words, whole)
-    )
+    return frozenset(concept for concept, spelled in WORDS.items() if _speaks(spelled, words, whole))
 
 
 def _speaks(spelled: Iterable[str], words: Collection[str], whole: str) -> bool:

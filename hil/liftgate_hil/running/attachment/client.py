@@ -61,9 +61,7 @@ class Client:
             told = orjson.loads(os.pread(about, os.fstat(about).st_size, 0))
             if told["version"] != version():
                 said = f"runs liftgate-hil {told['version']}, this is {version()}"
-                raise ConfigError(
-                    f"`attach` {self.pid}: {said}; allowed: a run of the same version"
-                )
+                raise ConfigError(f"`attach` {self.pid}: {said}; allowed: a run of the same version")
             return told, Memory(told["rows"], told["frames"], os.dup(memory))
 
     def news(self, lines: int) -> Told:
@@ -143,6 +141,4 @@ def _reached(pid: int, patience: float) -> socket.socket:
 
 def _others() -> str:
     runs: Sequence[int] = endpoint.runs()
-    return (
-        ", ".join(map(str, runs)) or "the process of a run (liftgate-hil --bus …); none is running"
-    )
+    return ", ".join(map(str, runs)) or "the process of a run (liftgate-hil --bus …); none is running"

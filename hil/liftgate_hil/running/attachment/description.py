@@ -132,21 +132,14 @@ def _kind(kind: FaultKind, setup: Setup, rig: Rig) -> dict[str, Any]:
     if kind.of == DRIVE:
         places = list(WHERE) if setup.vehicle.drives == 2 else ["left"]
     elif kind.of == MESSAGE:
-        places = list(
-            dict.fromkeys([*rig.mapped, *(each.partition(".")[0] for each in rig.sendable)])
-        )
+        places = list(dict.fromkeys([*rig.mapped, *(each.partition(".")[0] for each in rig.sendable)]))
     keys = {each.name: _key(each) for each in kind.keys}
     return {"meaning": kind.meaning, "of": kind.of, "where": places, "keys": keys}
 
 
 def _key(key: Key) -> dict[str, Any]:
     kind = key.kind
-    told: dict[str, Any] = {
-        "meaning": key.meaning,
-        "allowed": kind.allowed,
-        "labels": [],
-        "unit": "",
-    }
+    told: dict[str, Any] = {"meaning": key.meaning, "allowed": kind.allowed, "labels": [], "unit": ""}
     if isinstance(kind, Number | Whole):
         told |= {"low": kind.low, "high": kind.high, "unit": getattr(kind, "unit", "")}
     elif isinstance(kind, Choice | Level):

@@ -30,9 +30,7 @@ def folder() -> Path:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = path.lstat()
     except OSError as error:
-        raise ConfigError(
-            f"{path}: {error.strerror}; allowed: a folder that you own (XDG_RUNTIME_DIR)"
-        ) from error
+        raise ConfigError(f"{path}: {error.strerror}; allowed: a folder that you own (XDG_RUNTIME_DIR)") from error
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
         raise ConfigError(
             f"{path}: not a private folder of yours; allowed: a folder that you own (XDG_RUNTIME_DIR), mode 700"

@@ -110,9 +110,7 @@ class Server(Listener):
             stack.callback(os.close, self._end)
             selector.register(self._wire, selectors.EVENT_READ)
             selector.register(ended, selectors.EVENT_READ, self)
-            self._thread = threading.Thread(
-                target=self._serve, args=(selector,), name="attached", daemon=True
-            )
+            self._thread = threading.Thread(target=self._serve, args=(selector,), name="attached", daemon=True)
             self._thread.start()
             self._opened = stack.pop_all()
 
@@ -219,9 +217,7 @@ class Server(Listener):
                 connection.answer({"id": number, "issues": issues})
                 continue
             except RecursionError:
-                connection.answer(
-                    {"id": number, "issues": ["tables nested too deeply; allowed: a command"]}
-                )
+                connection.answer({"id": number, "issues": ["tables nested too deeply; allowed: a command"]})
                 continue
             except Exception as error:  # a bug of this program must not end the run
                 issue = f"not executed, because of an internal error: {error!r}"[:_LONGEST]

@@ -34,9 +34,7 @@ class Buttons:
                 return
         if press is None:
             where = "[reset]" if action == "reset" else f"[requests] {action}"
-            raise ConfigError(
-                f"request {action}; allowed with {where} in the rig {self._rig.source}"
-            )
+            raise ConfigError(f"request {action}; allowed with {where} in the rig {self._rig.source}")
         self._target.set_signals({press.signal: press.value}, rest=press.rest)
         self._pressed[press.signal] = (now + press.hold, press)
 

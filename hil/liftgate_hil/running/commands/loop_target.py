@@ -11,14 +11,7 @@ from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.running.setup import Setup
 from liftgate_hil.running.stimulation import injections_of
-from liftgate_hil.stimuli.command_queue import (
-    SLOTS,
-    has_room,
-    post_fault,
-    post_reset,
-    post_signal,
-    post_values,
-)
+from liftgate_hil.stimuli.command_queue import SLOTS, has_room, post_fault, post_reset, post_signal, post_values
 from liftgate_hil.stimuli.faults import Injection
 from liftgate_hil.stimuli.restbus import LAYERS
 from liftgate_hil.stimuli.stimulus_plan import OFF_A_REAL_BUS, StimulusPlan
@@ -57,9 +50,7 @@ class LoopTarget:
         self._signals = {name: place for place, name in enumerate(signals)}
         names = (*signals, *(each.signal for each in setup.scenario.signals))
         self._restbus = {name.partition(".")[0] for name in names}
-        self._places = {
-            name: place for place, name in enumerate(numbers_of(constants_of(setup.vehicle)))
-        }
+        self._places = {name: place for place, name in enumerate(numbers_of(constants_of(setup.vehicle)))}
         self._faults: list[tuple[Fault, ...]] = [()] * LAYERS
         self._slots: list[_Slot | None] = [None] * SLOTS
 
@@ -103,11 +94,7 @@ class LoopTarget:
             self._slots[slot] = own
 
     def set_signals(
-        self,
-        layer: int,
-        values: Mapping[str, float],
-        instead_of: float = math.nan,
-        rest: float = math.nan,
+        self, layer: int, values: Mapping[str, float], instead_of: float = math.nan, rest: float = math.nan
     ) -> None:
         """Set signals in a layer, as `Target.set_signals`. Raises ConfigError, and changes nothing then."""
         unknown = [name for name in values if name not in self._signals]
@@ -132,9 +119,7 @@ class LoopTarget:
         if not has_room(self._queue, commands):
             self._make_room()
         if not has_room(self._queue, commands):
-            raise ConfigError(
-                "the loop has not processed the last commands yet; allowed: fewer at once"
-            )
+            raise ConfigError("the loop has not processed the last commands yet; allowed: fewer at once")
 
 
 class Target:

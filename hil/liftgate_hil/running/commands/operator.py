@@ -53,11 +53,7 @@ class Operator:
     """
 
     def __init__(
-        self,
-        rig: Rig,
-        target: Target,
-        edge: float,
-        ask: Callable[[str], bool] = lambda action: False,
+        self, rig: Rig, target: Target, edge: float, ask: Callable[[str], bool] = lambda action: False
     ) -> None:
         self._rig, self._target, self._edge = rig, target, edge
         self._ask = ask
@@ -108,9 +104,7 @@ class Operator:
             if self._ask(said):
                 return f"request {said}"
             self._buttons.request(said, now)
-            self._signals = {
-                name: value for name, value in self._signals.items() if not self._buttons.has(name)
-            }
+            self._signals = {name: value for name, value in self._signals.items() if not self._buttons.has(name)}
             return f"request {said}"
         if name == "clear":
             return self._clear(said)
@@ -175,9 +169,7 @@ class Operator:
                 return self._mend(one)
         if not isinstance(said, str) or said not in _CLEARED:
             one = '{"set": NAME}, {"signal": NAME of one that was set}, {"fault": {"kind": …, "where": …}}'
-            raise ConfigError(
-                f"clear {show(said)[:200]}; allowed: one of {', '.join(_CLEARED)}, {one}"
-            )
+            raise ConfigError(f"clear {show(said)[:200]}; allowed: one of {', '.join(_CLEARED)}, {one}")
         if said in ("obstacle", "all"):
             self._target.hold(held_obstacle(None))
             self._obstacle = {}
@@ -209,8 +201,6 @@ class Operator:
 
 def _words(said: Mapping[str, Any]) -> str:
     return ", ".join(
-        f"{name} {value:g}"
-        if isinstance(value, float)
-        else f"{name} {'none' if value is None else value}"
+        f"{name} {value:g}" if isinstance(value, float) else f"{name} {'none' if value is None else value}"
         for name, value in said.items()
     )

@@ -18,14 +18,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.running.commands.buttons import Buttons
-from liftgate_hil.running.commands.decoding import (
-    Decoded,
-    Which,
-    decoded,
-    fault_ordered,
-    value_key,
-    which_ordered,
-)
+from liftgate_hil.running.commands.decoding import Decoded, Which, decoded, fault_ordered, value_key, which_ordered
 from liftgate_hil.running.commands.loop_target import Target
 from liftgate_hil.stimuli.moments import Instant
 
@@ -35,9 +28,7 @@ _MOST_TOLD = 1000  # orders of a run that are reported; more are executed, or re
 class Orders:
     """Reads the orders of a rig's test bench, and has a target execute them."""
 
-    def __init__(
-        self, rig: Rig, target: Target, say: Callable[[str], None] = lambda text: None
-    ) -> None:
+    def __init__(self, rig: Rig, target: Target, say: Callable[[str], None] = lambda text: None) -> None:
         self._rig = rig
         self._target = target
         self._say = say
@@ -79,9 +70,7 @@ class Orders:
             orders = [each for each in own if set(each.signals.values()) <= set(values)]
             if not orders:
                 allowed = " | ".join(each.what for each in own)
-                raise ConfigError(
-                    f"{', '.join(values)}: not all signals of an order; allowed: {allowed}"
-                )
+                raise ConfigError(f"{', '.join(values)}: not all signals of an order; allowed: {allowed}")
         except ConfigError as error:
             self._refuse(name, time, error)
             return
@@ -102,8 +91,7 @@ class Orders:
     def _refuse(self, name: str, time: float, error: ConfigError) -> None:
         self.refused += 1
         why = "; ".join(
-            each.removeprefix(": ").removeprefix("`fault`.").removeprefix("`fault`: ")
-            for each in error.issues
+            each.removeprefix(": ").removeprefix("`fault`.").removeprefix("`fault`: ") for each in error.issues
         )
         self._tell(self.refused, f"{time:.3f} s: {name} refused: {why}")
 

@@ -27,9 +27,7 @@ _RECORDER = b"liftgate_hil.running.recorder_process"  # part of a recorder's com
 UNEXPECTED = 1  # exit code in place of one that is not allowed: the child has failed
 
 
-def supervise(
-    allowed: frozenset[int] | None = None, ends_at_once: bool = False, told: int | None = None
-) -> None:
+def supervise(allowed: frozenset[int] | None = None, ends_at_once: bool = False, told: int | None = None) -> None:
     """Continue in a child process under a supervisor; this process becomes the supervisor and never returns.
 
     The supervisor exits with the child's exit code, or dies of the child's signal; a code that is not `allowed`
@@ -38,9 +36,7 @@ def supervise(
     which the supervisor writes the child's wait status as soon as it has ended, before it ends the processes left
     behind.
     """
-    signal.signal(
-        signal.SIGCHLD, signal.SIG_DFL
-    )  # where the caller has it ignored, no child could be waited for
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # where the caller has it ignored, no child could be waited for
     prctl = ctypes.CDLL(None).prctl
     prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     supervisor = os.getpid()
@@ -70,9 +66,7 @@ def dies_with_parent(parent: int | None = None) -> None:
         os._exit(UNEXPECTED)
 
 
-def _supervise(
-    child: int, allowed: frozenset[int] | None, ends_at_once: bool, told: int | None
-) -> None:
+def _supervise(child: int, allowed: frozenset[int] | None, ends_at_once: bool, told: int | None) -> None:
     """Wait for the child, end the processes that it leaves behind, and exit as it did."""
     is_there = True
 
@@ -85,18 +79,14 @@ def _supervise(
 
     signal.signal(signal.SIGTERM, end)
     signal.signal(signal.SIGALRM, end)
-    signal.signal(
-        signal.SIGINT, end
-    )  # a terminal sends it to the child as well, which takes both for one
+    signal.signal(signal.SIGINT, end)  # a terminal sends it to the child as well, which takes both for one
     found, status = os.waitpid(-1, 0)
     while found != child:  # a process that the child has started and left behind
         found, status = os.waitpid(-1, 0)
     is_there = False
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     if told is not None:
-        with contextlib.suppress(
-            OSError
-        ):  # nobody is left who listens: its children are ended all the same
+        with contextlib.suppress(OSError):  # nobody is left who listens: its children are ended all the same
             os.write(told, struct.pack("i", status))
         os.close(told)
     _end_descendants()

@@ -104,10 +104,7 @@ def test_names_fall_into_words():
 
 
 def test_labels_that_two_of_ours_may_mean_are_nobodys():
-    assert named_values("direction", {0: "Stop", 1: "Auf", 2: "Zu"}) == {
-        "open": "Auf",
-        "close": "Zu",
-    }
+    assert named_values("direction", {0: "Stop", 1: "Auf", 2: "Zu"}) == {"open": "Auf", "close": "Zu"}
     assert named_values("direction", {0: "Off", 1: "Idle", 2: "Open"}) == {"open": "Open"}
     assert named_values("latch_state", {0: "Unlatched", 1: "Half_Latched", 2: "Latched"}) == {
         "open": "Unlatched",

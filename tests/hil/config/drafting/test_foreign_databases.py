@@ -27,9 +27,7 @@ LEFT, RIGHT = ("left", "right")
 Truth = dict[str, tuple[str, float, float | str]]  # quantity: signal, our value, theirs
 
 
-def both(
-    what: str, signals: tuple[str, str], ours: float, theirs: float | str, prefix: str = ""
-) -> Truth:
+def both(what: str, signals: tuple[str, str], ours: float, theirs: float | str, prefix: str = "") -> Truth:
     return {
         f"{prefix}{side}_{what}": (signal, ours, theirs)
         for side, signal in zip((LEFT, RIGHT), signals, strict=True)
@@ -55,9 +53,7 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
         both("duty", ("PTG_MotCtl.PTG_rPwmLe", "PTG_MotCtl.PTG_rPwmRi"), -40.0, -40.0)
         | {"latch_release": ("PTG_MotCtl.PTG_stUnlck", 1.0, 1.0)}
         | both("current", ("PTG_MotSens.PTG_iMotLe", "PTG_MotSens.PTG_iMotRi"), -2.5, -2.5)
-        | both(
-            "speed", ("PTG_MotSens.PTG_nMotLe", "PTG_MotSens.PTG_nMotRi"), -50.0, -3000.0, "true_"
-        )
+        | both("speed", ("PTG_MotSens.PTG_nMotLe", "PTG_MotSens.PTG_nMotRi"), -50.0, -3000.0, "true_")
         | {
             "terminal_voltage": ("PTG_Body.PTG_uBatt", 12.0, 12.0),
             "gate_angle": ("PTG_Body.PTG_agl", 80.0, 1.3963),
@@ -65,22 +61,10 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
         {"outputs.left_motor_temperature", "outputs.right_motor_temperature"},
     ),
     "vw_german": (
-        both(
-            "duty",
-            ("HKL_Soll_01.HKL_Tastverhaeltnis_li", "HKL_Soll_01.HKL_Tastverhaeltnis_re"),
-            40.0,
-            40.0,
-        )
-        | both(
-            "direction",
-            ("HKL_Soll_01.HKL_Drehrichtung_li", "HKL_Soll_01.HKL_Drehrichtung_re"),
-            BRAKE,
-            3.0,
-        )
+        both("duty", ("HKL_Soll_01.HKL_Tastverhaeltnis_li", "HKL_Soll_01.HKL_Tastverhaeltnis_re"), 40.0, 40.0)
+        | both("direction", ("HKL_Soll_01.HKL_Drehrichtung_li", "HKL_Soll_01.HKL_Drehrichtung_re"), BRAKE, 3.0)
         | {"latch_release": ("HKL_Soll_01.HKL_Schloss_entriegeln", 1.0, 1.0)}
-        | both(
-            "current", ("HKL_Ist_01.HKL_Motorstrom_li", "HKL_Ist_01.HKL_Motorstrom_re"), -2.5, -2.5
-        )
+        | both("current", ("HKL_Ist_01.HKL_Motorstrom_li", "HKL_Ist_01.HKL_Motorstrom_re"), -2.5, -2.5)
         | {
             "gate_angle": ("HKL_Ist_01.HKL_Oeffnungswinkel", 80.0, 80.0),
             "true_left_speed": ("HKL_Ist_01.HKL_Drehzahl_li", -50.0, -3000.0),
@@ -93,12 +77,7 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
     "opendbc_plg": (
         both("duty", ("PLG_COMMAND.LEFT_MOTOR_DUTY", "PLG_COMMAND.RIGHT_MOTOR_DUTY"), -40.0, -40.0)
         | {"latch_release": ("PLG_COMMAND.LATCH_UNLOCK", 1.0, 1.0)}
-        | both(
-            "current",
-            ("PLG_STATUS.LEFT_MOTOR_CURRENT", "PLG_STATUS.RIGHT_MOTOR_CURRENT"),
-            -2.5,
-            -2.5,
-        )
+        | both("current", ("PLG_STATUS.LEFT_MOTOR_CURRENT", "PLG_STATUS.RIGHT_MOTOR_CURRENT"), -2.5, -2.5)
         | {
             "gate_angle": ("PLG_STATUS.LIFTGATE_ANGLE", 80.0, 80.0),
             "latch_state": ("PLG_STATUS.LATCH_CLOSED", 1.0, 1.0),
@@ -106,25 +85,10 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
         {"messages.PLG_COMMAND.cycle_ms", "messages.PLG_STATUS.cycle_ms"},
     ),
     "ford_lftgt": (
-        both(
-            "duty",
-            ("RGTM_Command.LftgtMtrLeftDuty_Pc_Rq", "RGTM_Command.LftgtMtrRghtDuty_Pc_Rq"),
-            40.0,
-            40.0,
-        )
-        | both(
-            "direction",
-            ("RGTM_Command.LftgtMtrLeftDir_D_Rq", "RGTM_Command.LftgtMtrRghtDir_D_Rq"),
-            CLOSE,
-            2.0,
-        )
+        both("duty", ("RGTM_Command.LftgtMtrLeftDuty_Pc_Rq", "RGTM_Command.LftgtMtrRghtDuty_Pc_Rq"), 40.0, 40.0)
+        | both("direction", ("RGTM_Command.LftgtMtrLeftDir_D_Rq", "RGTM_Command.LftgtMtrRghtDir_D_Rq"), CLOSE, 2.0)
         | {"latch_release": ("RGTM_Command.LftgtLtch_Unlatch_B_Rq", 1.0, 1.0)}
-        | both(
-            "current",
-            ("LFTGT_Data.LftgtMtrLeft_I_Actl", "LFTGT_Data.LftgtMtrRght_I_Actl"),
-            -2.5,
-            -2.5,
-        )
+        | both("current", ("LFTGT_Data.LftgtMtrLeft_I_Actl", "LFTGT_Data.LftgtMtrRght_I_Actl"), -2.5, -2.5)
         | {"gate_angle": ("LFTGT_Data.LftgtAng_An_Actl", 80.0, 80.0)},
         {"outputs.true_left_voltage", "outputs.true_right_voltage", "outputs.ambient_temperature"},
     ),
@@ -132,9 +96,7 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
         both("duty", ("PLGM_Mtr_Cmd.LtMtrDtyCyc", "PLGM_Mtr_Cmd.RtMtrDtyCyc"), 40.0, 40.0)
         | both("direction", ("PLGM_Mtr_Cmd.LtMtrDrctn", "PLGM_Mtr_Cmd.RtMtrDrctn"), CLOSE, 2.0)
         | both("current", ("PLGM_Mtr_Info.LtMtrCrnt", "PLGM_Mtr_Info.RtMtrCrnt"), -2.5, -2.5)
-        | both(
-            "hall_count", ("PLGM_Mtr_Info.LtMtrEncCnt", "PLGM_Mtr_Info.RtMtrEncCnt"), -70.0, -70.0
-        )
+        | both("hall_count", ("PLGM_Mtr_Info.LtMtrEncCnt", "PLGM_Mtr_Info.RtMtrEncCnt"), -70.0, -70.0)
         | {
             "terminal_voltage": ("PLGM_Gen_Info.PLGSysVltg", 12.0, 12.0),
             "ambient_temperature": ("PLGM_Gen_Info.PLGAmbTmp", -20.0, -20.0),
@@ -148,12 +110,7 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
             "gate_angle": ("LGC_X_STAT.SPN520202_LiftgateAngle", 80.0, 80.0),
             "terminal_voltage": ("LGC_X_STAT.SPN168_BatteryPotential_Voltage", 12.0, 12.0),
         },
-        {
-            "inputs.left_duty",
-            "inputs.right_duty",
-            "outputs.left_current",
-            "outputs.right_current",
-        },
+        {"inputs.left_duty", "inputs.right_duty", "outputs.left_current", "outputs.right_current"},
     ),
     "motorola_one_drive": (
         {
@@ -204,16 +161,8 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
     ),
     "rpm_hall": (
         both("duty", ("TailgateMotor.PWM_L", "TailgateMotor.PWM_R"), -40.0, -40.0)
-        | both(
-            "speed",
-            ("TailgateHall.HallSpeed_L", "TailgateHall.HallSpeed_R"),
-            -50.0,
-            -3000.0,
-            "true_",
-        )
-        | both(
-            "hall_count", ("TailgateHall.HallPulses_L", "TailgateHall.HallPulses_R"), -70.0, -70.0
-        )
+        | both("speed", ("TailgateHall.HallSpeed_L", "TailgateHall.HallSpeed_R"), -50.0, -3000.0, "true_")
+        | both("hall_count", ("TailgateHall.HallPulses_L", "TailgateHall.HallPulses_R"), -70.0, -70.0)
         | both("current", ("TailgateAnalog.Current_L", "TailgateAnalog.Current_R"), -2.5, -2.5)
         | {"gate_angle": ("TailgateAnalog.Angle", 80.0, 80.0)},
         set(),
@@ -243,12 +192,7 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
     ),
     "can_fd": (
         both("duty", ("PLG_Ctrl.PLG_MotorDutyLeft", "PLG_Ctrl.PLG_MotorDutyRight"), -40.0, -40.0)
-        | both(
-            "current",
-            ("PLG_Data.PLG_MotorCurrentLeft", "PLG_Data.PLG_MotorCurrentRight"),
-            -2.5,
-            -2.5,
-        )
+        | both("current", ("PLG_Data.PLG_MotorCurrentLeft", "PLG_Data.PLG_MotorCurrentRight"), -2.5, -2.5)
         | {
             "gate_angle": ("PLG_Data.PLG_GateAngle", 80.0, math.radians(80.0)),
             "gate_acceleration": ("PLG_Data.PLG_GateAccel", -9.80665, -1.0),
@@ -268,35 +212,15 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
         },
     ),
     "autosar_e2e": (
-        both(
-            "duty",
-            ("TgDriveCommand.TgDutyCycle_Left", "TgDriveCommand.TgDutyCycle_Right"),
-            40.0,
-            40.0,
-        )
-        | both(
-            "direction",
-            ("TgDriveCommand.TgDirection_Left", "TgDriveCommand.TgDirection_Right"),
-            OPEN,
-            1.0,
-        )
-        | both(
-            "current",
-            ("TgDriveState.TgMotorCurrent_Left", "TgDriveState.TgMotorCurrent_Right"),
-            -2.5,
-            -2.5,
-        )
+        both("duty", ("TgDriveCommand.TgDutyCycle_Left", "TgDriveCommand.TgDutyCycle_Right"), 40.0, 40.0)
+        | both("direction", ("TgDriveCommand.TgDirection_Left", "TgDriveCommand.TgDirection_Right"), OPEN, 1.0)
+        | both("current", ("TgDriveState.TgMotorCurrent_Left", "TgDriveState.TgMotorCurrent_Right"), -2.5, -2.5)
         | {"gate_angle": ("TgDriveState.TgOpeningAngle", 80.0, 80.0)},
         set(),
     ),
     "whole_car": (
         both("duty", ("LGM_Drive.LiftgateDutyLeft", "LGM_Drive.LiftgateDutyRight"), -40.0, -40.0)
-        | both(
-            "current",
-            ("LGA_Feedback.LiftgateCurrentLeft", "LGA_Feedback.LiftgateCurrentRight"),
-            -2.5,
-            -2.5,
-        )
+        | both("current", ("LGA_Feedback.LiftgateCurrentLeft", "LGA_Feedback.LiftgateCurrentRight"), -2.5, -2.5)
         | {
             "gate_angle": ("LGA_Feedback.LiftgateAngle", 80.0, 80.0),
             "terminal_voltage": ("LGA_Feedback.LiftgateSupplyVoltage", 12.0, 12.0),
@@ -422,16 +346,12 @@ def test_a_known_value_comes_in_from_the_databases_unit(name: str):
         flag = EXTENDED if described.is_extended_frame else 0
         rows.append((described.frame_id | flag, described.encode(values, strict=False)))
     bus = rig.input_config()
-    reception, counts = taken(
-        bus, nothing_received(bus, INPUT_COUNT), NO_COUNTS, frames_of(rows), 0
-    )
+    reception, counts = taken(bus, nothing_received(bus, INPUT_COUNT), NO_COUNTS, frames_of(rows), 0)
     assert counts.accepted == len(commands)
     for wire in rig.inputs:
         if wire.quantity in truth:
             ours = truth[wire.quantity][1]
-            step = abs(
-                wire.scale * float(rig.messages[wire.message].get_signal_by_name(wire.signal).scale)
-            )
+            step = abs(wire.scale * float(rig.messages[wire.message].get_signal_by_name(wire.signal).scale))
             assert reception.values[getattr(IN, wire.quantity)] == pytest.approx(
                 ours, abs=0.0 if BUS_INPUTS[wire.quantity].values else 0.51 * step
             ), wire.quantity
@@ -444,16 +364,15 @@ def test_our_own_database_drafts_to_our_own_rig():
     content = tomllib.loads(draft.text)
     to_choose = {"left_hall_speed", "right_hall_speed"}
     # What few databases have is wired by hand.
-    to_choose |= {
-        name for name in own["outputs"] if re.search("edge_(number|age_.)|_half|_home|strip", name)
-    } | {"handle_pulled", "button_pressed"}
+    to_choose |= {name for name in own["outputs"] if re.search("edge_(number|age_.)|_half|_home|strip", name)} | {
+        "handle_pulled",
+        "button_pressed",
+    }
     del own["inputs"]["latch_cinch"]
     # That it is the largest since the last frame, its comment alone says.
     own["outputs"]["true_pinch_force"] = own["outputs"].pop("pinch_force_max")
     assert content["inputs"] == own["inputs"]
-    assert content["outputs"] == {
-        key: value for key, value in own["outputs"].items() if key not in to_choose
-    }
+    assert content["outputs"] == {key: value for key, value in own["outputs"].items() if key not in to_choose}
     for message in own["messages"].keys() & content["messages"].keys():
         assert content["messages"][message]["counter"] == own["messages"][message]["counter"]
         assert f'# checksum = "{own["messages"][message]["checksum"]}"' in draft.text
@@ -472,9 +391,7 @@ def test_a_dash_is_the_standard_output(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_draft_is_written_once_and_never_over_a_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_draft_is_written_once_and_never_over_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     target = tmp_path / "mine.toml"
     arguments = ["rig", "draft", str(FOLDER / "vw_german.dbc"), "--output", str(target)]
     assert main(arguments) == 0

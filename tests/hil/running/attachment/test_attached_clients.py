@@ -39,9 +39,7 @@ class Nobody:
     def inject(self, faults: Any) -> None:
         pass
 
-    def set_signals(
-        self, values: Any, instead_of: float = math.nan, rest: float = math.nan
-    ) -> None:
+    def set_signals(self, values: Any, instead_of: float = math.nan, rest: float = math.nan) -> None:
         pass
 
     def reset(self) -> None:
@@ -116,9 +114,7 @@ RUBBISH = [
 
 
 @pytest.mark.parametrize("said", RUBBISH)
-def test_rubbish_ends_at_most_the_connection_that_it_comes_on(
-    server: tuple[Server, Memory], said: bytes
-) -> None:
+def test_rubbish_ends_at_most_the_connection_that_it_comes_on(server: tuple[Server, Memory], said: bytes) -> None:
     wire = endpoint.connected(os.getpid())
     wire.settimeout(10.0)
     wire.recv(64)
@@ -130,18 +126,11 @@ def test_rubbish_ends_at_most_the_connection_that_it_comes_on(
     client.close()
 
 
-def test_a_command_however_deep_is_refused_and_the_run_goes_on(
-    server: tuple[Server, Memory],
-) -> None:
+def test_a_command_however_deep_is_refused_and_the_run_goes_on(server: tuple[Server, Memory]) -> None:
     wire = endpoint.connected(os.getpid())
     wire.settimeout(10.0)
     wire.recv(1)
-    for command in (
-        b"%s",
-        b'{"clear": {"fault": {"kind": %s}}}',
-        b'{"set": {"x": %s}}',
-        b'{"request": %s}',
-    ):
+    for command in (b"%s", b'{"clear": {"fault": {"kind": %s}}}', b'{"set": {"x": %s}}', b'{"request": %s}'):
         deep = command % (b"[" * 900 + b"]" * 900)
         wire.sendall(framed(b'{"id": 1, "command": ' + deep + b"}") + framed(b"{}"))
         arrivals, answers = endpoint.Arrivals(), []
@@ -233,9 +222,7 @@ def test_one_who_never_reads_holds_up_nobody(server: tuple[Server, Memory]) -> N
     client.close()
 
 
-def test_more_than_eight_are_not_let_in_and_one_that_leaves_makes_room(
-    server: tuple[Server, Memory],
-) -> None:
+def test_more_than_eight_are_not_let_in_and_one_that_leaves_makes_room(server: tuple[Server, Memory]) -> None:
     clients = [Client(os.getpid()) for _ in range(8)]
     with pytest.raises(ConfigError, match=r"does not answer|no memory"):
         Client(os.getpid())
@@ -252,9 +239,7 @@ def test_when_the_run_ends_it_is_told_and_nothing_is_left(folder: Path) -> None:
     before = len(list(Path("/proc/self/fd").iterdir()))
     found = Server(Heard(), os.getpid())
     found.open(
-        Description(setup_of(None), RIG, RunOptions(), "virtual", 5e5),
-        memory,
-        Operator(RIG, Nobody(), 1.0),
+        Description(setup_of(None), RIG, RunOptions(), "virtual", 5e5), memory, Operator(RIG, Nobody(), 1.0)
     )
     client = Client(os.getpid())
     assert endpoint.runs() == [os.getpid()]
@@ -319,9 +304,7 @@ def test_a_folder_that_others_may_open_is_refused_and_the_run_goes_on(folder: Pa
     assert "not a private folder of yours" in heard.said[0]
 
 
-def test_lines_are_told_once_and_the_last_two_hundred_are_kept(
-    server: tuple[Server, Memory],
-) -> None:
+def test_lines_are_told_once_and_the_last_two_hundred_are_kept(server: tuple[Server, Memory]) -> None:
     client = Client(os.getpid())
     for number in range(300):
         server[0].say(f"line {number}")

@@ -48,9 +48,7 @@ def frame(what: str, **signals: Any) -> can.Message:
     return can.Message(arbitration_id=INJECT, data=data, is_extended_id=False)
 
 
-def fault(
-    kind: str, place: str = "none", value: float = 0.0, on: int = 1, way: int = 0
-) -> can.Message:
+def fault(kind: str, place: str = "none", value: float = 0.0, on: int = 1, way: int = 0) -> can.Message:
     said = {"FaultKind": kind, "FaultPlace": place, "FaultValue": value}
     return frame("fault", FaultOn=on, FaultFrames=way, **said)
 
@@ -63,11 +61,7 @@ def ordered(kind: str) -> tuple[can.Message, dict[str, Any]]:
         number = DIRECTIONS.index(values["state"])
     if kind == "babbling":
         said = {"BabblingId": 0x55, "BabblingRate": 400, "BabblingFrames": "sent"}
-        return frame("babbling", BabblingOn=1, **said), {
-            "id": 0x55,
-            "rate": 400,
-            "direction": "sent",
-        }
+        return frame("babbling", BabblingOn=1, **said), {"id": 0x55, "rate": 400, "direction": "sent"}
     place = values.get("key") or {DRIVE: "left", MESSAGE: "LeftDrive"}.get(own.of, "none")
     if own.has_place:
         values["where"] = place
@@ -93,10 +87,7 @@ class Bench:
 
 
 def ran(
-    folder: Path,
-    orders: Mapping[float, Sequence[can.Message]],
-    text: str = "",
-    duration: float = 1.0,
+    folder: Path, orders: Mapping[float, Sequence[can.Message]], text: str = "", duration: float = 1.0
 ) -> tuple[Any, Any]:
     """The rows and the frames that the gate sent, of a run with those orders and that scenario."""
     path, log = folder / "s.toml", folder / "s.log"
@@ -167,14 +158,8 @@ def test_faults_of_the_scenario_stay_as_they_are(tmp_path: Path) -> None:
         '[[fault]]\nkind = "friction"\nwhere = "both"\nfactor = 2.0\nstart = "gate_angle_deg > 30.5"\n'
         '[[fault]]\nkind = "hall_missing"\nwhere = "left"\nprobability = 0.5\nstart = 0.3\n'
     )
-    own = (
-        '[[fault]]\nkind = "parameter"\nkey = "gate.mass"\nvalue = 48\nstart = 0.501\nend = 0.701\n'
-    )
-    theirs, _ = ran(
-        tmp_path,
-        {0.5: [fault("parameter", "gate.mass", 48)], 0.7: [fault("none", on=0)]},
-        text,
-    )
+    own = '[[fault]]\nkind = "parameter"\nkey = "gate.mass"\nvalue = 48\nstart = 0.501\nend = 0.701\n'
+    theirs, _ = ran(tmp_path, {0.5: [fault("parameter", "gate.mass", 48)], 0.7: [fault("none", on=0)]}, text)
     ours, _ = ran(tmp_path, {}, text + own)
     for name, column in ours.trace.items():
         np.testing.assert_array_equal(theirs.trace[name], column, err_msg=name)
@@ -265,12 +250,7 @@ def test_ordered_faults_act_as_if_planned_in_the_order_of_their_orders(orders: l
 def test_faults_of_one_message_act_in_the_order_of_their_orders(tmp_path: Path) -> None:
     """What freezes holds what others got last; what is ordered later acts on that, in whichever slot it lies."""
     checksum, frozen = fault("wrong_checksum", "LeftDrive"), fault("frame_frozen", "LeftDrive")
-    orders = {
-        0.2: [checksum],
-        0.3: [frozen],
-        0.4: [fault("wrong_checksum", "LeftDrive", on=0)],
-        0.5: [checksum],
-    }
+    orders = {0.2: [checksum], 0.3: [frozen], 0.4: [fault("wrong_checksum", "LeftDrive", on=0)], 0.5: [checksum]}
     _, lines = ran(tmp_path, orders, duration=0.6)
     frames = [
         (float(time.strip("()")), bytes.fromhex(data.partition("#")[2]))
@@ -297,8 +277,7 @@ def test_the_same_order_again_changes_nothing_and_another_value_ends_it_too(tmp_
     order = fault("frame_frozen", "Gate")
     once, said = ran(tmp_path, {0.2: [order], 0.7: [fault("frame_frozen", "Gate", 5.0, on=0)]})
     again, heard = ran(
-        tmp_path,
-        {0.2: [order], 0.3: [order], 0.5: [order], 0.7: [fault("frame_frozen", "Gate", 5.0, on=0)]},
+        tmp_path, {0.2: [order], 0.3: [order], 0.5: [order], 0.7: [fault("frame_frozen", "Gate", 5.0, on=0)]}
     )
     assert said == heard
     assert once.summary.injected == again.summary.injected
@@ -319,13 +298,9 @@ def test_several_may_babble_and_each_is_ended_alone(tmp_path: Path) -> None:
     assert ends["066#"] > 0.98
 
 
-def test_faults_on_the_restbus_of_the_scenario_do_not_keep_orders_from_being_obeyed(
-    tmp_path: Path,
-) -> None:
+def test_faults_on_the_restbus_of_the_scenario_do_not_keep_orders_from_being_obeyed(tmp_path: Path) -> None:
     rig = tmp_path / "their.toml"
-    text = (
-        Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
-    )
+    text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
     head, _, rest = text.partition("[inject.babbling]")
     rig.write_text(head + rest[rest.index("[diagnostics]") - 1 :].lstrip("# "), encoding="utf-8")
     scenario = (
@@ -335,9 +310,7 @@ def test_faults_on_the_restbus_of_the_scenario_do_not_keep_orders_from_being_obe
     path = tmp_path / "s.toml"
     path.write_text(f"duration = 0.5\ninitial = 30\n{scenario}", encoding="utf-8")
     result = lh.run(path, Bench({0.2: [fault("motor_open", "left")]}), "lockstep", rig=rig)
-    assert [each.partition(": ")[2] for each in result.summary.injected] == [
-        "motor_open left begins"
-    ]
+    assert [each.partition(": ")[2] for each in result.summary.injected] == ["motor_open left begins"]
 
 
 def test_a_released_button_does_not_undo_what_was_ordered_meanwhile() -> None:
@@ -372,9 +345,7 @@ def test_a_request_presses_the_rig_s_button_and_lets_it_go() -> None:
 
 def test_a_signal_is_sent_from_its_first_value_on(tmp_path: Path) -> None:
     order = frame("signal", SignalName="Body.VehicleSpeed", SignalValue=12.5)
-    _, lines = ran(
-        tmp_path, {0.25: [order], 0.55: [frame("signal", SignalName="Body.Gear", SignalValue=3)]}
-    )
+    _, lines = ran(tmp_path, {0.25: [order], 0.55: [frame("signal", SignalName="Body.Gear", SignalValue=3)]})
     own = [bytes.fromhex(data.partition("#")[2]) for _, data in lines if data.startswith("140#")]
     said = [RIG.messages["Body"].decode(each, decode_choices=False) for each in own]
     assert [each["VehicleSpeed"] for each in said] == [12.5] * 8  # at 0.3 s, 0.4 s, …
@@ -426,9 +397,7 @@ def find(gate: lh.Gate, key: str) -> float:
     ],
 )  # fmt: skip
 def test_mistakes_in_the_section_are_told(tmp_path: Path, old: str, new: str, said: str) -> None:
-    text = (
-        Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
-    )
+    text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
     assert old in text
     path = tmp_path / "their.toml"
     path.write_text(text.replace(old, new), encoding="utf-8")
@@ -441,9 +410,7 @@ def test_mistakes_in_the_section_are_told(tmp_path: Path, old: str, new: str, sa
 
 
 def test_a_rig_without_the_section_takes_no_orders(tmp_path: Path) -> None:
-    text = (
-        Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
-    )
+    text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
     head, _, rest = text.partition("[inject.fault]")
     path = tmp_path / "their.toml"
     path.write_text(head + rest[rest.index("[diagnostics]") :], encoding="utf-8")

@@ -154,9 +154,7 @@ def injecting(what: str, **signals: Any) -> can.Message:
 class WithBench(Attached):
     """A test bench is on the bus, too."""
 
-    def __init__(
-        self, commands: Mapping[float, Sequence[object]], orders: Mapping[float, can.Message]
-    ) -> None:
+    def __init__(self, commands: Mapping[float, Sequence[object]], orders: Mapping[float, can.Message]) -> None:
         super().__init__(commands)
         self._orders = {round(time * 100): each for time, each in orders.items()}
 
@@ -166,9 +164,7 @@ class WithBench(Attached):
         return sent if order is None else [*sent, order]
 
 
-def test_signals_of_the_operator_lie_over_the_benchs_which_lie_over_the_scenarios(
-    tmp_path: Path,
-) -> None:
+def test_signals_of_the_operator_lie_over_the_benchs_which_lie_over_the_scenarios(tmp_path: Path) -> None:
     def speed(value: float) -> can.Message:
         return injecting("signal", SignalName="Body.VehicleSpeed", SignalValue=value)
 
@@ -326,12 +322,7 @@ def test_no_more_signals_are_set_than_can_be_cleared_at_once(
 ) -> None:
     monkeypatch.setattr(operator, "MOST_SIGNALS", 1)
     speed, gear = {"Body.VehicleSpeed": 1}, {"Body.Gear": 1}
-    commands = [
-        {"signal": {**speed, **gear}},
-        {"signal": speed},
-        {"signal": gear},
-        {"clear": "all"},
-    ]
+    commands = [{"signal": {**speed, **gear}}, {"signal": speed}, {"signal": gear}, {"clear": "all"}]
     _, ecu, _ = ran(tmp_path, {0.1: commands}, duration=0.2)
     assert [isinstance(each, list) for each in ecu.answers] == [True, False, True, False]
     assert "2 signals; allowed: up to 1 at a time" in " | ".join(ecu.answers[0])
