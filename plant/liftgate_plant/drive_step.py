@@ -119,6 +119,14 @@ def stopping(plant: Plant, state: State, frictions: Frictions, step: float) -> S
     )
 
 
+class Guess(NamedTuple):
+    """Guessed speeds at the end of a step, from one drive's side."""
+
+    speed: float  # rev/s, of the drive
+    other: float  # rev/s, of the other drive
+    rate: float  # rad/s, of the drive's side of the gate
+
+
 @compilable
 def balance(
     drive: Drive,
@@ -126,9 +134,7 @@ def balance(
     electric: Electric,
     push: LinearizedForce,
     lever: float,
-    guess: float,
-    guess_other: float,
-    guess_rate: float,
+    guessed: Guess,
     nominal: float,
     step: float,
 ) -> MomentumEquation:
@@ -137,11 +143,12 @@ def balance(
     `nominal` is its friction relative to that of the law. The gate has a speed of its own, where (4.7) gives it
     the drive's.
     """
+    guess, guess_rate = guessed.speed, guessed.rate
     response, torque_constant = electric.response, electric.torque_constant
     kappa, rho = drive.torque_per_force, drive.travel
     inertia = 2.0 * math.pi * drive.inertia / step
     viscous = 0.5 * nominal * drive.friction.viscous
-    current = response.mean + response.mean_other * guess_other
+    current = response.mean + response.mean_other * guessed.other
     constant = (inertia - viscous) * state.speed + torque_constant * current - kappa * push.constant
     force = push.constant + push.slope * (rho * guess - lever * guess_rate)
     limit = nominal * friction.level(drive.friction, 0.5 * (state.speed + guess))
@@ -154,9 +161,8 @@ def balance(
     own = inertia + viscous - torque_constant * response.mean_own + kappa * rho * push.slope
     if state.speed != 0.0 and state.speed * guess <= 0.0:
         momentum = constant + kappa * push.slope * lever * guess_rate - (own - inertia) * guess
-        if friction.turns(limit, inertia * state.speed, momentum):
-            constant -= friction.turning_bias(limit, inertia * state.speed, momentum)
-            limit = 0.0
+        bias, limit = friction.turned(limit, inertia * state.speed, momentum)
+        constant -= bias
     return MomentumEquation(own, constant, kappa * push.slope * lever, limit, lever * push.slope * rho)
 
 

@@ -142,24 +142,24 @@ def drop_beside(
     place: Place,
     friction: float,
     drive_input: DriveInput,
-    source: float,
-    source_resistance: float,
+    source: tuple[float, float],
     now: Course,
     step: float,
 ) -> tuple[float, float]:
     """Return how much [V] one motor's current lowers the other's terminal voltage, and the rise of that drop.
 
+    `source` is its voltage [V] and resistance [Ω].
     The drop holds once its winding has followed a switch of its bridge; the rise over the step is due to the motor
     turning faster.
     """
-    duty = drive_input.duty
+    duty, (voltage, source_resistance) = drive_input.duty, source
     if source_resistance == 0.0 or duty == 0.0 or drive_input.coast != 0.0 or drive.active == 0.0:
         return 0.0, 0.0
     if is_chopped(drive, drive_input):
         return source_resistance * now.drawn, 0.0
     by_winding, by_fuse = resistances_soon(drive, state, 0.5 * step)
     resistance = by_winding + by_fuse + source_resistance * duty * duty
-    driving = duty * source + drive_input.voltage - emf_constant(drive, state) * state.speed
+    driving = duty * voltage + drive_input.voltage - emf_constant(drive, state) * state.speed
     final = driving / resistance
     left = (state.current - final) * math.exp(-resistance / drive.motor.inductance * step)
     faster = emf_rise(drive, state, place, friction, final, step)
@@ -175,15 +175,13 @@ def around(
     if inputs.left.coast == 0.0 and inputs.right.coast == 0.0:
         return ALONE, ALONE
     places, frictions = dynamics.places_of(plant, state), dynamics.frictions_at(plant, inputs)
-    r_s = plant.source_resistance
+    fed = source, plant.source_resistance
     drop_l, rise_l = drop_beside(
-        plant.right, state.right, places.right, frictions.right, inputs.right, source, r_s, now_r,
-        step,
-    )  # fmt: skip
+        plant.right, state.right, places.right, frictions.right, inputs.right, fed, now_r, step
+    )
     drop_r, rise_r = drop_beside(
-        plant.left, state.left, places.left, frictions.left, inputs.left, source, r_s, now_l,
-        step,
-    )  # fmt: skip
+        plant.left, state.left, places.left, frictions.left, inputs.left, fed, now_l, step
+    )
     free_l = emf_rise(plant.left, state.left, places.left, frictions.left, 0.0, step)
     free_r = emf_rise(plant.right, state.right, places.right, frictions.right, 0.0, step)
     return Around(drop_l, rise_l, free_l), Around(drop_r, rise_r, free_r)
@@ -297,18 +295,17 @@ def electric_of(
     drive: Drive,
     state: DriveState,
     other: DriveState,
-    winding: Winding,
-    coast: Coasting,
-    switching: Switching,
+    line: tuple[Winding, Coasting, Switching],
     response: Response,
     phi: Phi,
     step: float,
 ) -> Electric:
-    """Return one drive's side of the solved windings.
+    """Return one drive's side of the solved windings, its own `line` as by `winding_of`.
 
     A coasting motor whose current ends is treated as switched off until its back-EMF drives a current the other
     way.
     """
+    winding, coast, switching = line
     torque_constant = dynamics.torque_constant(drive, state)
     if drive.active == 0.0:
         return Electric(NO_RESPONSE, NO_TRANSIENT, torque_constant, 0.0, NO_SWITCHING)
@@ -368,15 +365,15 @@ def electrics_of(plant: Plant, state: State, inputs: Inputs, step: float) -> tup
         switching_r = switching_of(plant.right, inputs.right.duty, now_r)
     left, right = state.left, state.right
     response_l, response_r, phi_l, phi_r = solve_windings(
-        winding_l, winding_r, left.current, right.current, left.speed, right.speed,
+        winding_l, winding_r, (left.current, right.current), (left.speed, right.speed),
         load.supply_voltage, plant.source_resistance, step,
     )  # fmt: skip
     if plant.source_resistance > 0.0:  # otherwise the modes are those of the windings already
         phi_l = phi_functions(-winding_l.resistance / winding_l.inductance * step)
         phi_r = phi_functions(-winding_r.resistance / winding_r.inductance * step)
     return (
-        electric_of(plant.left, left, right, winding_l, coast_l, switching_l, response_l, phi_l, step),
-        electric_of(plant.right, right, left, winding_r, coast_r, switching_r, response_r, phi_r, step),
+        electric_of(plant.left, left, right, (winding_l, coast_l, switching_l), response_l, phi_l, step),
+        electric_of(plant.right, right, left, (winding_r, coast_r, switching_r), response_r, phi_r, step),
     )  # fmt: skip
 
 

@@ -59,6 +59,14 @@ def turning_bias(limit: float, start: float, end: float) -> float:
 
 
 @compilable
+def turned(limit: float, start: float, end: float) -> tuple[float, float]:
+    """Return (mean dry torque of a body that turns back in the step, else 0; what its friction may still be)."""
+    if turns(limit, start, end):
+        return turning_bias(limit, start, end), 0.0
+    return 0.0, limit
+
+
+@compilable
 def breakaway(limit: float, start: float, final: float, decay: float, step: float) -> float:
     """Return the mean dry torque [N m] of a step in which a resting shaft breaks loose.
 

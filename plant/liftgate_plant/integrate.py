@@ -22,8 +22,10 @@ from typing import NamedTuple
 from liftgate_plant import clutch, dynamics, electrics, friction, latch
 from liftgate_plant.clutch import GRIP, Slips
 from liftgate_plant.compiler import compilable
+from liftgate_plant.contact import LinearizedForce
 from liftgate_plant.current import CurrentPath, held
 from liftgate_plant.drive_step import (
+    Guess,
     MomentumEquation,
     balance,
     drive_push,
@@ -37,6 +39,7 @@ from liftgate_plant.drive_step import (
 from liftgate_plant.dynamics import DriveState, Frictions, Inputs, Load, Plant, State
 from liftgate_plant.electrics import Electric
 from liftgate_plant.gate_step import (
+    Midpoint,
     Motion,
     at_side,
     halfway,
@@ -46,7 +49,7 @@ from liftgate_plant.gate_step import (
     side_torque,
     stop_contacts,
 )
-from liftgate_plant.torsion import is_rigid, share_at, twist_momentum
+from liftgate_plant.torsion import Torsion, is_rigid, share_at, twist_momentum
 
 PASSES = 2
 _PASSES_SLIPPING = 3  # passes of a step in which a clutch slips
@@ -136,46 +139,82 @@ def solve_speeds(
 
 
 @compilable
+def sides_of(
+    plant: Plant, state: State, own: Motion, twist_rate: float, step: float
+) -> tuple[Motion, Motion, Midpoint, Midpoint]:
+    """Return the motion of the gate's left and right side, and their midpoints, for a final rate of the twist."""
+    if is_rigid(plant.torsion):
+        middle = middle_of(plant.link, own, step)
+        return own, own, middle, middle
+    side_l = at_side(own, state, twist_rate, plant.torsion, 1.0)
+    side_r = at_side(own, state, twist_rate, plant.torsion, -1.0)
+    return side_l, side_r, middle_of(plant.link, side_l, step), middle_of(plant.link, side_r, step)
+
+
+class TwistMomentum(NamedTuple):
+    """Momentum balance of the gate's twist: `own` on the new rate of the twist, `cross` on that of the gate."""
+
+    cross: float
+    own: float
+    constant: float
+
+
+@compilable
+def twist_mode(
+    torsion: Torsion,
+    state: State,
+    left: LinearizedForce,
+    right: LinearizedForce,
+    pinch: LinearizedForce,
+    share: float,
+    twisting: float,
+    step: float,
+) -> TwistMomentum:
+    """Return the momentum balance of the twist under the torques of both sides and of an obstacle at y = share w.
+
+    `twisting` [N m] is the torque of hand and snow.
+    """
+    mode = twist_momentum(torsion, state.twist, state.twist_rate, step)
+    cross = right.slope - left.slope - share * pinch.slope
+    own = mode.own - left.slope - right.slope - share * share * pinch.slope
+    constant = mode.constant + left.constant - right.constant
+    constant += share * pinch.constant
+    constant += twisting
+    return TwistMomentum(cross, own, constant)
+
+
+@compilable
 def new_speeds(
     plant: Plant,
     state: State,
     load: Load,
     frictions: Frictions,
     windings: tuple[Electric, Electric],
-    guess: Speeds,
-    slips: Slips,
+    last: tuple[Speeds, Slips],
     held: bool,
     step: float,
 ) -> tuple[Speeds, Slips]:
-    """Run one pass: linearise about the guess and solve; also find which clutches would slip at these speeds.
+    """Run one pass: linearise about the last one's speeds and solve; also find which clutches would slip at these.
 
     Each drive acts on the gate with its own force, whereas (4.6) and (4.11) halve a common force for both.
     """
+    guess, slips = last
     link, torsion, ambient = plant.link, plant.torsion, load.ambient_temperature
-    electric_l, electric_r = windings
     inertia = dynamics.total_inertia(plant, load)
     own = Motion(state.gate_angle, state.gate_rate, guess.rate, inertia)
     middle = middle_of(link, own, step)
     rigid = is_rigid(torsion)
-    side_l, side_r, mid_l, mid_r, place = own, own, middle, middle, own
+    side_l, side_r, mid_l, mid_r = sides_of(plant, state, own, guess.twist_rate, step)
     share = share_at(torsion, load.obstacle.lateral)
-    if not rigid:
-        side_l = at_side(own, state, guess.twist_rate, torsion, 1.0)
-        side_r = at_side(own, state, guess.twist_rate, torsion, -1.0)
-        mid_l, mid_r = middle_of(link, side_l, step), middle_of(link, side_r, step)
-        place = at_side(own, state, guess.twist_rate, torsion, share)
+    place = own if rigid else at_side(own, state, guess.twist_rate, torsion, share)
     grip_l = drive_push(plant.left, state.left, mid_l, side_l, guess.left, step)
     grip_r = drive_push(plant.right, state.right, mid_r, side_r, guess.right, step)
     push_l = clutch.push_through(slips.left, grip_l)
     push_r = clutch.push_through(slips.right, grip_r)
-    left = balance(
-        plant.left, state.left, electric_l, push_l, mid_l.lever,
-        guess.left, guess.right, side_l.rate_end, frictions.left, step,
-    )  # fmt: skip
-    right = balance(
-        plant.right, state.right, electric_r, push_r, mid_r.lever,
-        guess.right, guess.left, side_r.rate_end, frictions.right, step,
-    )  # fmt: skip
+    guess_l = Guess(guess.left, guess.right, side_l.rate_end)
+    guess_r = Guess(guess.right, guess.left, side_r.rate_end)
+    left = balance(plant.left, state.left, windings[0], push_l, mid_l.lever, guess_l, frictions.left, step)
+    right = balance(plant.right, state.right, windings[1], push_r, mid_r.lever, guess_r, frictions.right, step)
     stop_l = stop_contacts(plant.left, mid_l, link.stroke, side_l, step)
     stop_r = stop_contacts(plant.right, mid_r, link.stroke, side_r, step)
     torque_l = side_torque(plant.left, link, mid_l, push_l, stop_l, ambient)
@@ -189,22 +228,17 @@ def new_speeds(
     constant = carry + dynamics.body_torque(plant, load, angle, twist)
     constant += torque_l.constant + torque_r.constant + home.constant + pinch.constant
     slope = torque_l.slope + torque_r.slope + home.slope + pinch.slope
-    cross, own_twist, constant_twist = 0.0, 0.0, 0.0
+    mode = TwistMomentum(0.0, 0.0, 0.0)
     if not rigid:
-        mode = twist_momentum(torsion, state.twist, state.twist_rate, step)
-        cross = torque_r.slope - torque_l.slope - share * pinch.slope
-        own_twist = mode.own - torque_l.slope - torque_r.slope - share * share * pinch.slope
-        constant_twist = mode.constant + torque_l.constant - torque_r.constant
-        constant_twist += share * pinch.constant
-        constant_twist += dynamics.twisting_torque(plant, load, angle, twist)
+        twisting = dynamics.twisting_torque(plant, load, angle, twist)
+        mode = twist_mode(torsion, state, torque_l, torque_r, pinch, share, twisting, step)
     limit = plant.hinge.coulomb
     if own.rate != 0.0 and own.rate * own.rate_end <= 0.0:
         momentum = constant + left.to_gate * guess.left + right.to_gate * guess.right
-        momentum += slope * own.rate_end - cross * guess.twist_rate
-        if friction.turns(limit, carry, momentum):
-            constant -= friction.turning_bias(limit, carry, momentum)
-            limit = 0.0
-    body = GateMomentum(inertia / step - slope, cross, own_twist, constant, constant_twist)
+        momentum += slope * own.rate_end - mode.cross * guess.twist_rate
+        bias, limit = friction.turned(limit, carry, momentum)
+        constant -= bias
+    body = GateMomentum(inertia / step - slope, mode.cross, mode.own, constant, mode.constant)
     new = solve_speeds(left, right, body, limit, held, guess)
     return new, Slips(
         would_slip(plant.left, grip_l, new.left, mid_l, new.rate + new.twist_rate),
@@ -221,11 +255,7 @@ def slipped_in(
         return 0.0, 0.0
     inertia = dynamics.total_inertia(plant, load)
     own = Motion(state.gate_angle, state.gate_rate, new.rate, inertia)
-    side_l, side_r = own, own
-    if not is_rigid(plant.torsion):
-        side_l = at_side(own, state, new.twist_rate, plant.torsion, 1.0)
-        side_r = at_side(own, state, new.twist_rate, plant.torsion, -1.0)
-    mid_l, mid_r = middle_of(plant.link, side_l, step), middle_of(plant.link, side_r, step)
+    side_l, side_r, mid_l, mid_r = sides_of(plant, state, own, new.twist_rate, step)
     return (
         slip_way(plant.left, state.left, mid_l, side_l, new.left, slips.left, step),
         slip_way(plant.right, state.right, mid_r, side_r, new.right, slips.right, step),
@@ -277,7 +307,7 @@ def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[St
             latched, count = True, _MOST_PASSES
             rate = latch.rate_home(state.gate_angle, state.gate_rate, step)
             new = Speeds(new.left, new.right, rate, new.twist_rate)
-        new, would = new_speeds(plant, state, load, frictions, windings, new, slips, latched, step)
+        new, would = new_speeds(plant, state, load, frictions, windings, (new, slips), latched, step)
         if k == 0 and (would.left != 0.0 or would.right != 0.0):
             slips, count = would, _PASSES_SLIPPING
 

@@ -122,13 +122,30 @@ def rotation(a: float, d: float, b: float) -> tuple[float, float, float, float]:
 
 
 @compilable
+def by_speeds(
+    c: float, s: float, first: float, second: float, forcing: tuple[float, float], roots: tuple[float, float]
+) -> tuple[float, float, float, float]:
+    """Return how much the left current depends on the left and the right final speed, and how much the right one.
+
+    `first` and `second` are a φ function of both modes, c and s their rotation, `forcing` that per final speed in
+    modal coordinates, `roots` the square roots of the inductances.
+    """
+    k_l, k_r = forcing
+    root_l, root_r = roots
+    return (
+        (c * c * first + s * s * second) * k_l / root_l,
+        (-c * s * first + s * c * second) * k_r / root_l,
+        (-s * c * first + c * s * second) * k_l / root_r,
+        (s * s * first + c * c * second) * k_r / root_r,
+    )
+
+
+@compilable
 def solve_windings(
     left: Winding,
     right: Winding,
-    current_left: float,
-    current_right: float,
-    speed_left: float,
-    speed_right: float,
+    currents: tuple[float, float],
+    speeds: tuple[float, float],
     supply_voltage: float,
     source_resistance: float,
     step: float,
@@ -140,6 +157,7 @@ def solve_windings(
     With g(t) = g0 + g1 t/h in a mode of decay rate λ and z = −λ h: y(h) = e^z y0 + h φ1 g0 + h φ2 g1 and the mean
     of y is φ1 y0 + h φ2 g0 + h φ3 g1.
     """
+    speed_left, speed_right = speeds
     rate_1, rate_2, c, s = modes(left, right, source_resistance)
     first, second = phi_functions(-rate_1 * step), phi_functions(-rate_2 * step)
     e1, p1, q1, r1 = first
@@ -148,8 +166,8 @@ def solve_windings(
     root_r = math.sqrt(right.inductance)
 
     # Into modes: y = Qᵀ √L i with Q = [[c, s], [−s, c]].
-    x_l = root_l * current_left
-    x_r = root_r * current_right
+    x_l = root_l * currents[0]
+    x_r = root_r * currents[1]
     y1 = c * x_l - s * x_r
     y2 = s * x_l + c * x_r
     u_l = left.voltage + left.duty * supply_voltage - left.speed_constant * speed_left
@@ -171,14 +189,8 @@ def solve_windings(
     end_1 = e1 * y1 + p1 * f1 + q1 * w1
     end_2 = e2 * y2 + p2 * f2 + q2 * w2
 
-    mean_ll = (c * c * r1 + s * s * r2) * k_l / root_l
-    mean_lr = (-c * s * r1 + s * c * r2) * k_r / root_l
-    mean_rl = (-s * c * r1 + c * s * r2) * k_l / root_r
-    mean_rr = (s * s * r1 + c * c * r2) * k_r / root_r
-    end_ll = (c * c * q1 + s * s * q2) * k_l / root_l
-    end_lr = (-c * s * q1 + s * c * q2) * k_r / root_l
-    end_rl = (-s * c * q1 + c * s * q2) * k_l / root_r
-    end_rr = (s * s * q1 + c * c * q2) * k_r / root_r
+    mean_ll, mean_lr, mean_rl, mean_rr = by_speeds(c, s, r1, r2, (k_l, k_r), (root_l, root_r))
+    end_ll, end_lr, end_rl, end_rr = by_speeds(c, s, q1, q2, (k_l, k_r), (root_l, root_r))
     mean_l = (c * mean_1 + s * mean_2) / root_l - mean_ll * speed_left - mean_lr * speed_right
     mean_r = (-s * mean_1 + c * mean_2) / root_r - mean_rl * speed_left - mean_rr * speed_right
     end_l = (c * end_1 + s * end_2) / root_l - end_ll * speed_left - end_lr * speed_right

@@ -177,16 +177,16 @@ def sensed_current(
     fault: CurrentFault,
     motor: Motor,
     path: CurrentPath,
-    before: Shaft,
-    now: Shaft,
+    turned: tuple[Shaft, Shaft],
     memory: Window,
     noise: float,
     when: Tick,
 ) -> tuple[Window, float]:
     """Return the current [A] behind low-pass or window, and the converter's reading of it [A].
 
-    During the tick the shaft turned from `before` to `now`.
+    `turned` is the motion of the shaft before and after the tick.
     """
+    before, now = turned
     step, gathered = when.length, 0.0
     order = amplitude = 0.0
     if sensors.ripple > 0.0 or sensors.commutator_ripple > 0.0:
@@ -289,7 +289,7 @@ def read_drives(
         after = Shaft(shaft.position, shaft.speed)
         noise = disturbance(sensors.current_noise, when.seed, when.number, drive)
         window = Window(currents[drive, 0], currents[drive, 2])
-        window, reading = sensed_current(sensors, fault.current, motor, path, before, after, window, noise, when)
+        window, reading = sensed_current(sensors, fault.current, motor, path, (before, after), window, noise, when)
         currents[drive, 0], currents[drive, 2] = window
         if fault.current.is_on != 0.0:
             duty = inputs.left.duty if drive == LEFT else inputs.right.duty

@@ -89,7 +89,7 @@ def test_coupled_windings_are_solved_as_the_matrix_exponential_does(
         for r, inductance, duty, rise in zip(resistances, inductances, duties, rises, strict=True)
     ]
     ends = np.array(speeds) + np.array(changes)
-    left, right, _, _ = motor.solve_windings(*windings, *currents, *speeds, 12.0, source_resistance, step)
+    left, right, _, _ = motor.solve_windings(*windings, currents, speeds, 12.0, source_resistance, step)
     end, mean = coupled_windings(windings, source_resistance, 12.0, currents, np.array(speeds), ends, step)
     ours = [
         motor.end_current(left, ends[0], ends[1]),
@@ -395,7 +395,7 @@ def sensed_current(table: sensors.Sensors, amperes: float, filtered: float = 0.0
     when, before = hall.Tick(0.0, 1e-3, 0, False), shunt.Window(filtered, 0.0)
     path = current.held(amperes)
     motor = suv().left.motor
-    after, reading = sensors.sensed_current(table, SOUND_CURRENT, motor, path, STILL, STILL, before, 0.0, when)
+    after, reading = sensors.sensed_current(table, SOUND_CURRENT, motor, path, (STILL, STILL), before, 0.0, when)
     return after.mean, reading
 
 

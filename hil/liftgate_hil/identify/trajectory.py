@@ -153,29 +153,45 @@ def state_in(kept: Floats) -> State:
     )
 
 
+class Simulated(NamedTuple):
+    """What is simulated, in steps of at most `longest` seconds."""
+
+    plant: Plant
+    sensors: Sensors
+    base: Load
+    start: Start
+    model: int  # of MODELS
+    longest: float
+
+
 @compilable
-def run(
-    plant: Plant,
-    sensors: Sensors,
-    base: Load,
-    start: Start,
-    model: int,
-    times: Floats,
-    rows: Floats,
-    longest: float,
-    out: Floats,
-    kept: Floats,
-) -> None:
+def put_outputs(simulated: Simulated, state: State, currents: tuple[float, float], out: Floats) -> None:
+    """Fill a row `out` (7,) with OUTPUTS; `currents` [A] are those behind the sensors' filter."""
+    plant, sensors = simulated.plant, simulated.sensors
+    out[0] = sensors.current_gain * currents[0] + sensors.current_offset
+    out[1] = sensors.current_gain * currents[1] + sensors.current_offset
+    out[2] = state.left.speed
+    out[3] = state.right.speed
+    out[4] = state.left.position
+    out[5] = state.right.position
+    angle = state.gate_angle
+    if simulated.model != 0:
+        angle = rigid.angle_at(plant.link, plant.left.travel * state.left.position)
+    out[6] = (angle + sensors.angle_offset) * (180.0 / math.pi)
+
+
+@compilable
+def run(simulated: Simulated, times: Floats, rows: Floats, out: Floats, kept: Floats) -> None:
     """Fill `out` (n, 7) with OUTPUTS at `times`; the currents are those that the sensors show.
 
     The sensors have a filter, a gain and an offset. The function returns after _STRETCH steps and must be called
     again until `kept` states that all rows are done, because it cannot be interrupted while it runs.
     """
-    degrees = 180.0 / math.pi
+    plant, base, model = simulated.plant, simulated.base, simulated.model
     k, done, room = int(kept[_ROW]), int(kept[_STEPS]), _STRETCH
     if k < 0:
         k = 0
-        state = state_at(plant, inputs_of(rows[0], base, NOMINAL).load, start, model)
+        state = state_at(plant, inputs_of(rows[0], base, NOMINAL).load, simulated.start, model)
         left, right = state.left.current, state.right.current
     else:
         state = state_in(kept)
@@ -183,23 +199,14 @@ def run(
     last = len(times) - 1
     while k <= last and room > 0:
         if done == 0:
-            out[k, 0] = sensors.current_gain * left + sensors.current_offset
-            out[k, 1] = sensors.current_gain * right + sensors.current_offset
-            out[k, 2] = state.left.speed
-            out[k, 3] = state.right.speed
-            out[k, 4] = state.left.position
-            out[k, 5] = state.right.position
-            angle = state.gate_angle
-            if model != 0:
-                angle = rigid.angle_at(plant.link, plant.left.travel * state.left.position)
-            out[k, 6] = (angle + sensors.angle_offset) * degrees
+            put_outputs(simulated, state, (left, right), out[k])
         if k == last:
             k += 1
             break
         interval = times[k + 1] - times[k]
-        count = max(1, math.ceil(interval / longest - 1e-6))
+        count = max(1, math.ceil(interval / simulated.longest - 1e-6))
         step = interval / count
-        constant = sensors.current_filter
+        constant = simulated.sensors.current_filter
         inputs = inputs_of(rows[k], base, NOMINAL)
         more = min(count - done, room)
         for _ in range(more):
@@ -238,9 +245,10 @@ def trajectory(
     # Machine code is compiled anew for each type and array layout: 0 and 0.0 differ, and so does a strided array.
     start = Start(*(float(value) for value in start))
     times, rows = (np.require(each, np.float64, ("C", "W")) for each in (times, rows))
+    simulated = Simulated(plant, sensors, base, start, model, longest)
     kept = np.zeros(_KEPT)
     kept[_ROW] = -1.0
     while kept[_ROW] < len(times):
         check_wanted()
-        compiled(run)(plant, sensors, base, start, model, times, rows, longest, out, kept)
+        compiled(run)(simulated, times, rows, out, kept)
     return out

@@ -75,10 +75,8 @@ class Gate:
         variant = variant_of(draw, ideal)
         setup = setup_of(vehicle=vehicle, settings=settings, initial=initial, seed=seed, variant=variant)
         self.rig = rig = rig_of(rig)
-        rate = checked("rate", rate)
         self._vehicle = vehicle = setup.vehicle
-        self._drives = vehicle.drives
-        self._config = loop_config_of(vehicle, rig, rate, setup.seed)
+        self._config = loop_config_of(vehicle, rig, checked("rate", rate), setup.seed)
         opening = opening_of(rig, has_operator=True)
         stimuli = planned_stimuli(setup, rig, opening=opening)
         target = LoopTarget(stimuli, setup, rig, opening.signals, restart=_cannot_reset, make_room=self._make_room)
@@ -94,7 +92,6 @@ class Gate:
         self._now = Stretch(start_of(self._config, setup.start_angle, RING_SIZE), self._bus.state, 1, 0, 0)
         self._run = compiled(run_stretch)
         self._row = np.full(len(COLUMN_PLACE), np.nan)
-        self._distance = vehicle.gate.length
         self._waiting: list[tuple[int, int, bytes]] = []
         self._edges: list[Edge] = []
 
@@ -135,7 +132,9 @@ class Gate:
     def _columns(self, prefix: str) -> dict[str, float]:
         if self._now.loop.tick == 0:
             return {}
-        names = [name for name in columns_of(self._drives) if name.startswith(SENSED_PREFIX) == bool(prefix)]
+        names = [
+            name for name in columns_of(self._vehicle.drives) if name.startswith(SENSED_PREFIX) == bool(prefix)
+        ]
         return {name.removeprefix(prefix): float(self._row[COLUMN_PLACE[name]]) for name in names}
 
     @property
@@ -218,7 +217,7 @@ class Gate:
             "meets": meets,
             "lateral": lateral,
         }
-        self._target.hold(held_obstacle(obstacle_in(given, self._distance)))
+        self._target.hold(held_obstacle(obstacle_in(given, self._vehicle.gate.length)))
 
     def clear_obstacle(self) -> None:
         """Remove the obstacle."""
@@ -353,7 +352,7 @@ class Gate:
 
         Raises ConfigError.
         """
-        drives = DRIVES[: self._drives]
+        drives = DRIVES[: self._vehicle.drives]
         if drive not in drives:
             raise ConfigError(f"`edges` {show(drive)}: allowed: {', '.join(drives)}")
         return [edge for edge in self._edges if edge.drive == drive]

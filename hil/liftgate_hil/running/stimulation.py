@@ -30,7 +30,7 @@ from liftgate_hil.stimuli.faults import ADD, SET, Edit, Injection
 from liftgate_hil.stimuli.moments import NEVER, Instant, Moments
 from liftgate_hil.stimuli.requests import Request, Requests, by_the_clock
 from liftgate_hil.stimuli.restbus import NO_BUS, SignalChange
-from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, stimulus_plan_of
+from liftgate_hil.stimuli.stimulus_plan import Bus, StimulusPlan, stimulus_plan_of
 from liftgate_plant.constants import constants_of, numbers_of
 from liftgate_plant.friction_profile import friction_profile
 from liftgate_plant.vehicle import Vehicle
@@ -197,9 +197,7 @@ def _stimuli(
         requests,
         injections,
         _conditions(scenario, vehicle, messages, issues),
-        NO_BUS if rig is None else rig.tables,
-        [*changes, *presses],
-        _tester(scenario, rig, issues, reset),
+        Bus(NO_BUS if rig is None else rig.tables, [*changes, *presses], _tester(scenario, rig, issues, reset)),
         opening,
     )
     issues.raise_if_any()

@@ -14,7 +14,7 @@ frame that it holds is the one that was delivered last (`last`).
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,15 @@ from liftgate_plant.noise import uniform
 _FD_LENGTHS = LENGTHS[8:]
 
 
+class Passage(NamedTuple):
+    """What is alike for all frames that pass in a tick."""
+
+    bus: BusConfig  # of the messages in this direction
+    direction: int  # SENT or RECEIVED
+    now_ns: int
+    seed: int
+
+
 @compilable
 def on_bus(
     faults: BusFaults,
@@ -78,7 +87,7 @@ def on_bus(
             keep_all(faults, bus, frames, direction)
         return frames
     room = faults.sent if direction == SENT else faults.received
-    count = impaired(faults, shares, bus, frames, room, direction, now_ns, seed)
+    count = impaired(faults, shares, frames, room, Passage(bus, direction, now_ns, seed))
     return Frames(count, room.identifiers, room.lengths, room.data)
 
 
@@ -94,26 +103,20 @@ def note_force(faults: BusFaults, shares: NDArray[np.float64]) -> None:
 
 @outlined
 def impaired(
-    faults: BusFaults,
-    shares: NDArray[np.float64],
-    bus: BusConfig,
-    frames: Frames,
-    room: Frames,
-    direction: int,
-    now_ns: int,
-    seed: int,
+    faults: BusFaults, shares: NDArray[np.float64], frames: Frames, room: Frames, passage: Passage
 ) -> int:
     """Apply the faults as described in `on_bus`, and return how many frames are in `room` then.
 
     These are the frames whose delay is over, those of this tick, and those of babbling.
     """
+    direction, now_ns = passage.direction, passage.now_ns
     forget_what_is_over(faults, shares)
     faults.was_on[0] = faults.is_on[0]
     count = overdue(faults, room, direction, now_ns)
     if is_off(faults, shares):
         return put_always_received(faults, frames, room) if direction == RECEIVED else 0
     for i in range(frames.count):
-        count = put(faults, shares, bus, frames, i, room, count, direction, now_ns, seed)
+        count = put(faults, shares, frames, i, room, count, passage)
     for row in range(len(faults.rows)):
         count = babble(faults.rows[row], shares, room, count, direction, now_ns, faults.origins)
     return count
@@ -195,20 +198,18 @@ def overdue(faults: BusFaults, room: Frames, direction: int, now_ns: int) -> int
 def put(
     faults: BusFaults,
     shares: NDArray[np.float64],
-    bus: BusConfig,
     frames: Frames,
     frame: int,
     room: Frames,
     count: int,
-    direction: int,
-    now_ns: int,
-    seed: int,
+    passage: Passage,
 ) -> int:
     """Put a frame, as the faults leave it, into `room` after the first `count`; return the new count."""
     if count >= MOST:
         return count
+    direction, now_ns = passage.direction, passage.now_ns
     copy_frame(frames, frame, room, count)
-    copies, delay_ns = left_of(faults, shares, bus, room, count, direction, seed)
+    copies, delay_ns = left_of(faults, shares, room, count, passage)
     first = count
     for _ in range(copies):
         if delay_ns > 0:
@@ -232,15 +233,10 @@ def copy_frame(source: Frames, here: int, target: Frames, there: int) -> None:
 
 @compilable
 def left_of(
-    faults: BusFaults,
-    shares: NDArray[np.float64],
-    bus: BusConfig,
-    room: Frames,
-    place: int,
-    direction: int,
-    seed: int,
+    faults: BusFaults, shares: NDArray[np.float64], room: Frames, place: int, passage: Passage
 ) -> tuple[int, int]:
     """Apply the faults to a frame in `room`; return how many copies of it are left, and their delay [ns]."""
+    bus, direction, seed = passage.bus, passage.direction, passage.seed
     message = message_in(bus, room, place)
     copies, delay_ns = 1, 0
     row = next_in_chain(faults, shares, -1) if message >= 0 else -1

@@ -57,26 +57,33 @@ class TimedStimuli(NamedTuple):
 NO_STIMULI = TimedStimuli({})
 
 
+class Bus(NamedTuple):
+    """What the bench sends beside the gate: a restbus whose signals change, and requests of diagnostics."""
+
+    tables: BusTables = NO_BUS
+    changes: Sequence[SignalChange] = ()
+    tester: Tester | None = None
+
+
+NOTHING_SENT = Bus()
+
+
 def stimulus_plan_of(
     constants: Constants,
     stimuli: TimedStimuli = NO_STIMULI,
     requests: Sequence[Request] = (),
     injections: Sequence[Injection] = (),
     condition_of: Callable[[Instant], Condition] = lambda instant: parsed(instant.condition, {}),
-    tables: BusTables = NO_BUS,
-    changes: Sequence[SignalChange] = (),
-    tester: Tester | None = None,
+    bus: Bus = NOTHING_SENT,
     opening: Opening = CLOSED,
 ) -> StimulusPlan:
-    """Return the stimulus plan before the first tick.
-
-    The gate has these constants and sends these tables, beside a restbus whose signals change by `changes`.
-    """
+    """Return the stimulus plan of a gate with these constants, before the first tick."""
+    tables = bus.tables
     sheet = Sheet()
     timeline = timeline_of(stimuli.profiles, stimuli.obstacles, sheet)
     faults = faults_of(constants, injections, sheet, opening.slots)
     asked = requests_of(requests, sheet)
-    restbus = restbus_of(changes, sheet, tables, opening.signals)
+    restbus = restbus_of(bus.changes, sheet, tables, opening.signals)
     conditions = [condition_of(each) for each in sheet.instants]
     moments = sheet.moments(conditions, tables.messages)
     on_its_way = [(row, each) for row, made in enumerate(injections) for each in made.bus]
@@ -90,7 +97,7 @@ def stimulus_plan_of(
         nothing_held(),
         asked,
         restbus,
-        tester or no_tester(),
+        bus.tester or no_tester(),
         command_queue_of(opening.slots, faults, bus_faults),
         np.zeros(2, dtype=np.int64),
     )
