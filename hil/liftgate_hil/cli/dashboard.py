@@ -15,10 +15,12 @@ from __future__ import annotations
 
 import argparse
 import socket
+import sys
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.streams import put_line
 from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
@@ -52,12 +54,12 @@ def run(args: argparse.Namespace) -> int:
     address = printable(url_of(wire, host, token))
     with wire:
         if is_of_a_run:  # the run is about to begin, and handles signals itself
-            print(address, flush=True)
+            put_line(address, sys.stdout)
         source = _source(args)
         from liftgate_hil.dashboard.server import Page, serve
 
         page = Page(source, args.read_only)
-        serve(page, wire, host, token, lambda: None if is_of_a_run else print(address, flush=True))
+        serve(page, wire, host, token, lambda: None if is_of_a_run else put_line(address, sys.stdout))
     return 0
 
 

@@ -36,9 +36,15 @@ def abandon(stream: Any) -> None:
         os.close(nowhere)
 
 
+def put_line(text: str, stream: Any) -> None:
+    """Write a line at once, so that no other process on the same stream writes into it, buffered or not."""
+    stream.write(f"{text}\n")
+    stream.flush()
+
+
 def say(text: str) -> None:
     """Print a line to stderr, and ignore a failure."""
     try:
-        print(text, file=sys.stderr, flush=True)
+        put_line(text, sys.stderr)
     except OSError:
         abandon(sys.stderr)

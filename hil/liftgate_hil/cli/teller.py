@@ -9,6 +9,7 @@ import threading
 from typing import Any
 
 from liftgate_hil.cli.options import as_flags
+from liftgate_hil.cli.streams import put_line
 from liftgate_hil.loop.listener import Listener, Status
 
 _BAR = 20  # characters
@@ -90,7 +91,7 @@ class Teller(Listener):
             line = self._line
             self.clear()
             with contextlib.suppress(OSError, AttributeError):  # stderr is closed, or None
-                print(text, file=sys.stderr, flush=True)
+                put_line(text, sys.stderr)
             self._draw(line)
 
     def __reduce__(self) -> tuple[Any, ...]:

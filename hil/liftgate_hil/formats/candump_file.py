@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Any, BinaryIO
 
-import numpy as np
-from numpy.typing import NDArray
-
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, MAX_BYTES, REMOTE
 from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.writer import StreamWriter
 
 _WIDTH = 2 * MAX_BYTES
 
@@ -44,33 +42,14 @@ def candump_lines(epoch_ns: int, channel: str, frames: Any) -> str:
     return "".join(lines)
 
 
-class CandumpWriter:
+class CandumpWriter(StreamWriter):
     """Writer of bus logs in candump's text format."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
-        self._stream = stream
+        super().__init__(stream, content)
         plain = content.channel.encode("ascii", "replace").decode("ascii")
         self._channel = "".join(plain.split()) or "can0"
-        self._epoch_ns = 0
-        self.written = 0
-
-    def begin(self, epoch_ns: int) -> None:
-        """Set the wall clock at the start of the run [ns since 1970], which is added to every timestamp."""
-        self._epoch_ns = epoch_ns
-
-    def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Ignore rows: this format holds frames only."""
 
     def write_frames(self, frames: Any) -> None:
-        """Write frames (n,) LOGGED, one line each."""
-        text = candump_lines(self._epoch_ns, self._channel, frames).encode()
-        self._stream.write(text)
-        self.written += len(text)
-
-    def flush(self) -> None:
-        """Flush the stream to the operating system."""
-        self._stream.flush()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._stream.close()
+        """Write frames (n,) LOGGED, one line each; their timestamps are by the wall clock, if one applies."""
+        self._write(candump_lines(self._epoch_ns, self._channel, frames).encode())

@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 import orjson
@@ -27,18 +27,17 @@ from liftgate_hil.formats.csv_text import CsvText
 from liftgate_hil.formats.mcap_layout import START_COLUMN
 from liftgate_hil.formats.reading import CUT, as_config_errors
 from liftgate_hil.formats.recording import Floats, Recording, column_signal
+from liftgate_hil.formats.writer import StreamWriter
 from liftgate_plant.signals import TIME
 
 
-class CsvWriter:
+class CsvWriter(StreamWriter):
     """Writer of CSV recordings."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
-        self._stream = stream
-        self._content = content
+        super().__init__(stream, content)
         self._start: float | None = None  # start of the run, s since 1970
         self._text: CsvText | None = None
-        self.written = 0
 
     def begin(self, epoch_ns: int) -> None:
         """Write the header; if `epoch_ns` is not 0, with a column for the start of the run."""
@@ -55,13 +54,6 @@ class CsvWriter:
             rows = np.column_stack([rows, np.full(len(rows), self._start)])
         self._write(self._begun().lines(rows))
 
-    def write_frames(self, frames: Any) -> None:
-        """Ignore frames: CSV holds rows only."""
-
-    def flush(self) -> None:
-        """Flush the stream to the operating system."""
-        self._stream.flush()
-
     def close(self) -> None:
         """Close the file, which has at least a header."""
         self._begun()
@@ -73,10 +65,6 @@ class CsvWriter:
             self.begin(0)
         assert self._text is not None
         return self._text
-
-    def _write(self, text: bytes) -> None:
-        self._stream.write(text)
-        self.written += len(text)
 
 
 _FEW = 3  # if fewer than a third of the columns are wanted, only their cells are parsed

@@ -21,6 +21,7 @@ from liftgate_hil.formats.mcap_chunks import HEAD, LENGTH_BEFORE, MESSAGE, Block
 from liftgate_hil.formats.mcap_text import RowMessages, Topic, frame_texts, plain_name
 from liftgate_hil.formats.reading import foreign_reader
 from liftgate_hil.formats.recording import FRAME, Floats, Recording, column_signal, nanoseconds_of
+from liftgate_hil.formats.writer import StreamWriter
 from liftgate_hil.version import version
 from liftgate_plant.signals import TIME, Signal
 
@@ -32,12 +33,11 @@ if TYPE_CHECKING:
 _ROWS = 1024  # rows that are formatted together
 
 
-class McapWriter:
+class McapWriter(StreamWriter):
     """Writer of MCAP recordings."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
-        self._stream = stream
-        self._content = content
+        super().__init__(stream, content)
         self._writer = ChunkWriter(stream, f"{content.title} {version()}")
         self._rows: RowMessages | None = None
         self._row = self._frame = 0  # sequence numbers of the next ones

@@ -23,6 +23,7 @@ from liftgate_hil.formats.content import Batch, Content
 from liftgate_hil.formats.mcap_layout import ABOUT
 from liftgate_hil.formats.mf4_reader import opened_mf4
 from liftgate_hil.formats.recording import FRAME, Floats, Recording, Series, column_signal
+from liftgate_hil.formats.writer import StreamWriter
 from liftgate_plant.signals import TIME, Signal
 
 _TOLD = "the run: versions, seed, clock, rate, files, the vehicle"
@@ -37,14 +38,13 @@ _OF_REMOTE = ("BusChannel", "ID", "IDE", "DLC", "DataLength", "Dir")
 _KINDS = {FRAME: 0, "CAN_ErrorFrame": ERROR, "CAN_RemoteFrame": REMOTE}
 
 
-class Mf4Writer:
+class Mf4Writer(StreamWriter):
     """Writer of MF4 recordings."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
         from asammdf import MDF
 
-        self._stream = stream
-        self._content = content
+        super().__init__(stream, content)
         columns = zip(content.columns, content.places, strict=True)
         self._places = {name: place for name, place in columns if name != "time_s"}
         folder = str(Path(stream.name).resolve().parent)
@@ -70,9 +70,6 @@ class Mf4Writer:
     def write_frames(self, frames: Any) -> None:
         """Write frames (n,) LOGGED once there are enough for a block."""
         self._extend_frames(self._frames.add(frames))
-
-    def flush(self) -> None:
-        """Do nothing: closing creates the recording."""
 
     def close(self) -> None:
         """Write the remaining rows and frames, the remark and the provenance, and create the recording."""

@@ -15,20 +15,20 @@ from liftgate_hil.formats.content import Batch, Content
 from liftgate_hil.formats.mcap_layout import ABOUT_PARQUET, START_PARQUET
 from liftgate_hil.formats.reading import foreign_reader
 from liftgate_hil.formats.recording import Floats, Recording, column_signal, nanoseconds_of
+from liftgate_hil.formats.writer import StreamWriter
 
 _GROUP = 65_536  # rows in a row group
 
 
-class ParquetTableWriter:
+class ParquetTableWriter(StreamWriter):
     """Writer of Parquet recordings."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
         import pyarrow
         from pyarrow import parquet
 
+        super().__init__(stream, content)
         self._arrow = pyarrow
-        self._stream = stream
-        self._content = content
         whole = [name for name in content.columns if content.row[name].is_whole]
         self._schema = pyarrow.schema(
             [
@@ -44,31 +44,19 @@ class ParquetTableWriter:
         # Dictionary encoding pays off where values repeat.
         self._writer: Any = parquet.ParquetWriter(stream, self._schema, use_dictionary=whole)
         self._batch = Batch(_GROUP)
-        self._epoch_ns = 0
 
     @property
     def written(self) -> int:
         """Bytes written so far, including rows that wait for a full row group."""
         return self._stream.tell() + self._batch.nbytes
 
-    def begin(self, epoch_ns: int) -> None:
-        """Keep the wall clock at the start of the run [ns since 1970] for the metadata."""
-        self._epoch_ns = epoch_ns
-
     def write_rows(self, rows: NDArray[np.float64]) -> None:
         """Write rows (n, ROW_WIDTH) once a row group is full."""
-        self._write(self._batch.add(rows))
-
-    def write_frames(self, frames: Any) -> None:
-        """Ignore frames: Parquet recordings hold rows only."""
-
-    def flush(self) -> None:
-        """Flush the stream; rows that wait for a full row group stay in memory."""
-        self._stream.flush()
+        self._put(self._batch.add(rows))
 
     def close(self) -> None:
         """Write the remaining rows, the start of the run and the remark, and close the file."""
-        self._write(self._batch.take())
+        self._put(self._batch.take())
         if self._epoch_ns:
             self._writer.add_key_value_metadata({START_PARQUET: str(self._epoch_ns)})
         if remark := self._content.remark():
@@ -76,7 +64,7 @@ class ParquetTableWriter:
         self._writer.close()
         self._stream.close()
 
-    def _write(self, rows: NDArray[np.float64] | None) -> None:
+    def _put(self, rows: NDArray[np.float64] | None) -> None:
         if rows is None:
             return
         wanted = zip(self._content.columns, self._content.places, strict=True)

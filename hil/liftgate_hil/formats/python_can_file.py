@@ -21,25 +21,25 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.reading import CUT, all_understood, as_config_errors, is_cut
 from liftgate_hil.formats.recording import Recording
+from liftgate_hil.formats.writer import StreamWriter
 
 _CONTAINER = 128 * 1024  # bytes that BLF compresses together
 _MARKS = {".asc": "//", ".trc": ";"}  # prefixes of comment lines
 _NOT_IN_TRC = ERROR | REMOTE | FD  # python-can's writer leaves them out, with a warning for each
 
 
-class PythonCanWriter:
+class PythonCanWriter(StreamWriter):
     """Writer of bus logs by python-can."""
 
     def __init__(self, stream: BinaryIO, content: Content, suffix: str) -> None:
         from liftgate_hil.config.can_libraries import can
         from liftgate_hil.transport.messages import message_of
 
+        super().__init__(stream, content)
         self._message_of = message_of
-        self._stream = stream
         self._channel = content.bus_number
         self._left_out = _NOT_IN_TRC if suffix == ".trc" else 0
         self._suffix = suffix
-        self._epoch_ns = 0
         self._about, self._mark = content.about, _MARKS.get(suffix, "")
         self._held = _CONTAINER if suffix == ".blf" else 0
         if suffix == ".blf":
@@ -70,9 +70,6 @@ class PythonCanWriter:
             for line in lines_about(self._about):
                 self._writer.file.write(f"{self._mark} {line}\n")
 
-    def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Ignore rows: bus logs hold frames only."""
-
     def write_frames(self, frames: Any) -> None:
         """Write frames (n,) LOGGED; those that TRC cannot hold are left out there."""
         # In whole microseconds, as in candump's text, so that rounding does not depend on the format.
@@ -87,10 +84,6 @@ class PythonCanWriter:
             message.timestamp, message.channel = stamps[row], self._channel
             message.is_rx = not sent[row]
             self._writer.on_message_received(message)
-
-    def flush(self) -> None:
-        """Flush the stream to the operating system."""
-        self._stream.flush()
 
     def close(self) -> None:
         """Complete the log and close the file."""

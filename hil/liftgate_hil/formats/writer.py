@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from liftgate_hil.formats.content import Content
 
 
 class Writer(Protocol):
@@ -29,6 +31,43 @@ class Writer(Protocol):
 
     def close(self) -> None:
         """Complete the file."""
+
+
+class StreamWriter:
+    """Base class of the writers: by default rows and frames are ignored, and closing closes the stream."""
+
+    def __init__(self, stream: BinaryIO, content: Content) -> None:
+        self._stream = stream
+        self._content = content
+        self._epoch_ns = 0
+        self._written = 0
+
+    @property
+    def written(self) -> int:
+        """Bytes written so far."""
+        return self._written
+
+    def begin(self, epoch_ns: int) -> None:
+        """Keep the wall clock at the start of the run [ns since 1970]; 0: none applies."""
+        self._epoch_ns = epoch_ns
+
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
+        """Ignore rows."""
+
+    def write_frames(self, frames: Any) -> None:
+        """Ignore frames."""
+
+    def flush(self) -> None:
+        """Flush the stream to the operating system."""
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Close the stream."""
+        self._stream.close()
+
+    def _write(self, text: bytes) -> None:
+        self._stream.write(text)
+        self._written += len(text)
 
 
 def truncated_to_us(epoch_ns: int) -> int:

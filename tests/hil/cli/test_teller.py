@@ -125,3 +125,12 @@ def test_it_goes_to_a_worker_without_its_line(terminal: Terminal):
     there = pickle.loads(pickle.dumps(teller))
     there.clear()
     assert terminal.getvalue().count("\r") == 1
+
+
+def test_a_line_is_one_write_so_that_another_process_cannot_write_into_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An unbuffered stream (PYTHONUNBUFFERED) passes each write on: a page's address got another line into it."""
+    writes: list[str] = []
+    stream = SimpleNamespace(write=writes.append, flush=lambda: None, isatty=lambda: False)
+    monkeypatch.setattr("liftgate_hil.cli.teller.sys", SimpleNamespace(stderr=stream))
+    Teller(False).say("http://127.0.0.1:8765/?token=x")
+    assert writes == ["http://127.0.0.1:8765/?token=x\n"]
