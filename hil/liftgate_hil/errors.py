@@ -97,6 +97,12 @@ class DiagnosticsError(LiftgateError):
 class PlantDivergedError(LiftgateError):
     """Raised when the plant's state is no longer finite."""
 
+    @classmethod
+    def at(cls, time: float, remedy: str = "a higher `rate`", found: str = "") -> PlantDivergedError:
+        """Return the error for a model time [s]; `found` is what was noticed, `remedy` what helps."""
+        when = f"{round(float(time), 6):.12g} s"
+        return cls(f"the plant diverged at {when}{found}; allowed: {remedy}, plausible vehicle parameters")
+
 
 def text_of(error: BaseException) -> str:
     """Return the text of an error of foreign code, whose `__str__` may fail too."""

@@ -83,7 +83,7 @@ def problem_of(
 ) -> tuple[Problem, tuple[str, ...]]:
     """Return the problem of these flags, and notes on what was done to the data. Raises ConfigError."""
     from liftgate_hil.cli.measurements import measurements_from
-    from liftgate_hil.config.vehicle import refusals_of
+    from liftgate_hil.config.vehicle import issues_with
     from liftgate_hil.identify.problem import Problem
     from liftgate_plant.friction_profile import is_the_law
 
@@ -107,7 +107,7 @@ def problem_of(
             is_delay_sought=is_delay_sought,
             speed_window=args.speed_window,
             longest=args.step,
-            refused_by=refusals_of,
+            refused_by=issues_with,
         )
     except ValueError as error:
         raise ConfigError(f"{', '.join(args.files)}: {error}") from error

@@ -67,21 +67,14 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
     return vehicle
 
 
-def faults_with(vehicle: Vehicle) -> list[str]:
-    """Return the issues of a vehicle as a whole, which no single value of it shows."""
-    issues = ConfigIssues("")
-    _check_whole(issues, vehicle)
-    return [line.removeprefix(": ") for line in issues.lines]
+def issues_with(vehicle: Vehicle, with_friction: bool = True) -> list[str]:
+    """Return the issues of a vehicle as a whole, a line each, which no single value of it shows.
 
-
-def refusals_of(vehicle: Vehicle) -> list[str]:
-    """Return all issues, a line each, for which the loader refuses a vehicle with values within their ranges.
-
-    That is what `faults_with` finds, or else friction that cannot be tabulated.
+    The loader refuses such a vehicle, and `with_friction` also one whose friction cannot be tabulated.
     """
     issues = ConfigIssues("")
     _check_whole(issues, vehicle)
-    if not issues.lines:
+    if with_friction and not issues.lines:
         _check_friction(issues, vehicle)
     return [line.removeprefix(": ") for line in issues.lines]
 

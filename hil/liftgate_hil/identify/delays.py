@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.identify.descent import Report
+from liftgate_hil.identify.descent import Descent, Report
 from liftgate_hil.identify.problem import Problem
-from liftgate_hil.identify.search import Found, better, search
+from liftgate_hil.identify.search import better, search
 from liftgate_hil.identify.statistics import information, normal_equations, pseudo_inverse
 from liftgate_hil.identify.weighting import errors_of, loss_of, weighting_of
 
@@ -18,7 +18,7 @@ _TRIES = 3  # searches from other delays, at most
 _BETTER = 1e-6  # relative decrease of the loss that makes another delay worth a search
 
 
-def at_best_delay(problem: Problem, found: Found, report: Report | None, given_std: Floats | None) -> Found:
+def at_best_delay(problem: Problem, found: Descent, report: Report | None, given_std: Floats | None) -> Descent:
     """Return the search's end, or that of another search from a delay at which the loss is less.
 
     The loss at other delays assumes that all other unknowns follow to first order. Where a change of the inputs
@@ -35,7 +35,7 @@ def at_best_delay(problem: Problem, found: Found, report: Report | None, given_s
     return found
 
 
-def _best_about(problem: Problem, found: Found, given_std: Floats | None) -> tuple[float, Floats]:
+def _best_about(problem: Problem, found: Descent, given_std: Floats | None) -> tuple[float, Floats]:
     """Return (the least loss at other delays, the point at which it occurs)."""
     low, high = problem.bounds
     root, slopes = found.weighting.root, found.slopes[:, :, :-1]

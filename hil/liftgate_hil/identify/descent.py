@@ -48,12 +48,32 @@ class Place(NamedTuple):
 
 
 class Descent(NamedTuple):
-    """The end of a descent."""
+    """The end of a descent, or of a search of several ones."""
 
     place: Place
     history: tuple[float, ...]  # loss after each step, the initial loss first
     stop_reason: str
     slopes: Floats  # (rows, outputs, unknowns) near the end, by central differences where it converged
+
+    @property
+    def point(self) -> Floats:
+        """The point at the end: parameters, then unknowns."""
+        return self.place.point
+
+    @property
+    def weighting(self) -> Weighting:
+        """Weighting of the outputs by the errors at the end."""
+        return self.place.weighting
+
+    @property
+    def errors(self) -> Floats:
+        """Errors (rows, outputs), measured − predicted, 0 where there is no sample."""
+        return self.place.errors
+
+    @property
+    def deviance(self) -> float:
+        """−2 log L at the end, plus the term of the priors."""
+        return self.place.deviance
 
 
 def place_at(problem: Problem, point: Floats, given_std: Floats | None) -> Place:

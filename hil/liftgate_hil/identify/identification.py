@@ -14,7 +14,7 @@ from liftgate_hil.identify import statistics
 from liftgate_hil.identify.coarse import coarse_of
 from liftgate_hil.identify.data import applied_voltage
 from liftgate_hil.identify.delays import at_best_delay
-from liftgate_hil.identify.descent import Report
+from liftgate_hil.identify.descent import Descent, Report
 from liftgate_hil.identify.estimates import estimates_of
 from liftgate_hil.identify.jitter import jitter_of
 from liftgate_hil.identify.multiple_shooting import in_segments, is_far_off
@@ -22,7 +22,7 @@ from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.profile import profile
 from liftgate_hil.identify.residuals import Frame, phases_of, series_of, speed_series
 from liftgate_hil.identify.result import Experiment, Identification, Validation
-from liftgate_hil.identify.search import Found, better, past_kinks, search
+from liftgate_hil.identify.search import better, past_kinks, search
 from liftgate_hil.identify.statistics import Uncertainty
 from liftgate_hil.identify.trajectory import OUTPUTS
 from liftgate_hil.identify.weighting import errors_of, log_likelihood_deviance, sampled_rows
@@ -106,7 +106,7 @@ def identify(
     )
 
 
-def _criteria(problem: Problem, found: Found) -> statistics.Criteria:
+def _criteria(problem: Problem, found: Descent) -> statistics.Criteria:
     """Return the criteria of model selection of what was found."""
     measured = problem.measured
     return statistics.criteria(
@@ -119,7 +119,7 @@ def _criteria(problem: Problem, found: Found) -> statistics.Criteria:
 
 
 def _uncertainty(
-    problem: Problem, found: Found, given_std: Floats | None
+    problem: Problem, found: Descent, given_std: Floats | None
 ) -> tuple[Uncertainty, Floats, bool, float]:
     """Return the uncertainty of the estimates at the end of a search.
 
@@ -164,7 +164,7 @@ def _scatter(jitter: float) -> str:
     return f"; the inputs' timestamps scatter by {1e3 * jitter:.2g} ms" if jitter > 0.0 else ""
 
 
-def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | None) -> Found:
+def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | None) -> Descent:
     """Return the best end of a search; where there are many rows it starts from the result for few rows."""
     few = coarse_of(problem)
     if few is None:
@@ -182,7 +182,7 @@ def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | 
     return _best(problem, found, report, given_std)
 
 
-def _best(problem: Problem, found: Found, report: Report | None, given_std: Floats | None) -> Found:
+def _best(problem: Problem, found: Descent, report: Report | None, given_std: Floats | None) -> Descent:
     """Return the search's end, or a better one behind a kink or at another delay."""
     found = past_kinks(problem, found, report, given_std)
     if problem.is_delay_sought:
@@ -190,11 +190,11 @@ def _best(problem: Problem, found: Found, report: Report | None, given_std: Floa
     return found
 
 
-def _search(problem: Problem, report: Report | None, given_std: Floats | None) -> Found:
+def _search(problem: Problem, report: Report | None, given_std: Floats | None) -> Descent:
     """Search from the initial values; where these are far off or lead nowhere, from multiple shooting."""
     begin = problem.initial
     errors = errors_of(problem.measured, problem.predicted(begin))
-    first: Found | None = None
+    first: Descent | None = None
     if not is_far_off(problem, errors, _FAR_PERCENT):
         first = search(problem, report, given_std)
         if not is_far_off(problem, first.errors, _NEAR_PERCENT):

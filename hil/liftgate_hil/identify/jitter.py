@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.identify.descent import Descent
 from liftgate_hil.identify.problem import Problem
-from liftgate_hil.identify.search import Found
 from liftgate_hil.identify.statistics import normal_equations, pseudo_inverse
 from liftgate_hil.identify.weighting import weighting_of
 
@@ -48,7 +48,7 @@ class Jitter(NamedTuple):
 
 
 def jitter_of(
-    problem: Problem, found: Found, slopes: Floats, inverse_std: Floats, given_std: Floats | None
+    problem: Problem, found: Descent, slopes: Floats, inverse_std: Floats, given_std: Floats | None
 ) -> Jitter:
     """Return the scatter of the timestamps of the inputs' changes, from the residuals at the end of a search.
 

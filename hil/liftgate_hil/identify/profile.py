@@ -7,14 +7,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.identify.descent import Descent
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.result import Estimate, Profile
-from liftgate_hil.identify.search import Found, search
+from liftgate_hil.identify.search import search
 
 Floats = NDArray[np.float64]
 
 
-def profile(problem: Problem, found: Found, number: int, estimate: Estimate, given_std: Floats | None) -> Profile:
+def profile(
+    problem: Problem, found: Descent, number: int, estimate: Estimate, given_std: Floats | None
+) -> Profile:
     """Return the profile likelihood: one parameter held around its estimate, all others estimated anew.
 
     Priors count as they do in the search.

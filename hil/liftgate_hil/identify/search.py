@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.identify.descent import Place, Report, descend, leap, place_at
+from liftgate_hil.identify.descent import Descent, Place, Report, descend, leap, place_at
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.statistics import information, pseudo_inverse
-from liftgate_hil.identify.weighting import Weighting
 
 Floats = NDArray[np.float64]
 
@@ -21,36 +19,6 @@ _SMOOTH = 0.05  # decrease of −log L that slopes promise, at most, where there
 _SPANS = (60.0, 20.0)  # standard deviations over which slopes are taken in turn to get past kinks
 
 
-@dataclass(frozen=True)
-class Found:
-    """The end of a search."""
-
-    place: Place
-    history: tuple[float, ...]  # loss after each iteration, the initial loss first
-    stop_reason: str
-    slopes: Floats  # (rows, outputs, unknowns) of the prediction, 0 where there is no sample
-
-    @property
-    def point(self) -> Floats:
-        """The point at the end: parameters, then unknowns."""
-        return self.place.point
-
-    @property
-    def weighting(self) -> Weighting:
-        """Weighting of the outputs by the errors at the end."""
-        return self.place.weighting
-
-    @property
-    def errors(self) -> Floats:
-        """Errors (rows, outputs), measured − predicted, 0 where there is no sample."""
-        return self.place.errors
-
-    @property
-    def deviance(self) -> float:
-        """−2 log L at the end, plus the term of the priors."""
-        return self.place.deviance
-
-
 def search(
     problem: Problem,
     report: Report | None = None,
@@ -58,7 +26,7 @@ def search(
     begin: Floats | None = None,
     fixed: Sequence[int] = (),
     rounds: int = _ROUNDS,
-) -> Found:
+) -> Descent:
     """Minimise the loss from `begin`, where the unknowns with the indices `fixed` are held."""
     point = (problem.initial if begin is None else begin).copy()
     return _from(problem, place_at(problem, point, given_std), report, given_std, fixed, rounds)
@@ -71,15 +39,14 @@ def _from(
     given_std: Floats | None,
     fixed: Sequence[int] = (),
     rounds: int = _ROUNDS,
-) -> Found:
+) -> Descent:
     free = [k for k in range(len(place.point)) if k not in fixed]
-    end = descend(problem, place, free, given_std, rounds, report)
-    return Found(end.place, end.history, end.stop_reason, end.slopes)
+    return descend(problem, place, free, given_std, rounds, report)
 
 
 def past_kinks(
-    problem: Problem, found: Found, report: Report | None = None, given_std: Floats | None = None
-) -> Found:
+    problem: Problem, found: Descent, report: Report | None = None, given_std: Floats | None = None
+) -> Descent:
     """Return the search's end, or a better one that lies behind a kink.
 
     When the gate falls through its drives' play the loss has neighbouring minima, a few dozen standard deviations
@@ -103,8 +70,8 @@ def past_kinks(
     return better(found, _from(problem, place, report, given_std))
 
 
-def better(found: Found, other: Found) -> Found:
+def better(found: Descent, other: Descent) -> Descent:
     """Return the more likely end of two searches; the history of `other` continues that of `found`."""
     if found.deviance <= other.deviance:
         return found
-    return replace(other, history=(*found.history, *other.history[1:]))
+    return other._replace(history=(*found.history, *other.history[1:]))

@@ -133,10 +133,7 @@ class Episode:
                 self._adapter.reset()
                 self._now = self._now._replace(node=self._adapter.state, outcome=DONE)
             if self._now.outcome == DIVERGED:
-                raise PlantDivergedError(
-                    f"the plant diverged at {self.time:.3f} s; allowed: a higher rate, "
-                    "plausible vehicle parameters"
-                )
+                raise PlantDivergedError.at(self.time)
             if self._now.outcome == BAD_ECU:
                 raise EcuError(f"the ECU at {self.time:.3f} s: {self._adapter.failure()}")
 

@@ -160,10 +160,7 @@ class Loop:
             self.monitor.look(moment, is_last=is_stop)
         if not is_sound:
             at, angle, current = (row[0, COLUMN_PLACE[name]] for name in _DIVERGED)
-            raise PlantDivergedError(
-                f"the plant diverged at {at:.3f} s (angle {angle}, current {current}); "
-                "allowed: a higher `rate`, plausible vehicle parameters"
-            )
+            raise PlantDivergedError.at(at, found=f" (angle {angle}, current {current})")
 
     def _call(
         self,

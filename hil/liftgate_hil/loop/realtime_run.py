@@ -160,10 +160,7 @@ class RealtimeRun:
                 "allowed: a lower `rate`, a faster machine"
             )
         if self.outcome == realtime_loop.DIVERGED:
-            raise PlantDivergedError(
-                f"the plant diverged at {self._ticks * self.config.step:.3f} s; allowed: a higher "
-                "`rate`, plausible vehicle parameters"
-            )
+            raise PlantDivergedError.at(self._ticks * self.config.step)
 
     @property
     def _ticks(self) -> int:

@@ -32,6 +32,7 @@ from liftgate_plant.sensors import SensorState
 
 Floats = NDArray[np.float64]
 
+_REMEDY = "a shorter `step`"
 _BLOCK = 2000  # steps, some milliseconds: a block cannot be interrupted
 _AHEAD = 4  # blocks: where one takes longer to compute, or to write, the other side need not wait
 
@@ -163,13 +164,8 @@ def _blocks(offline: Offline, state: State, samples: Samples, steps: int, every:
         if gained is not None:
             time = (first + gained) * offline.step
             yield Block(out[wanted : gained + 1 : every], edges_after(now.sensors.edges, seen))
-            raise PlantDivergedError(
-                f"the plant diverged at {time:.6g} s: nothing drives it, and it gains more than "
-                f"{MOST:.0%} of its energy; allowed: a shorter `step`, plausible vehicle parameters"
-            )
+            gains = f": nothing drives it, and it gains more than {MOST:.0%} of its energy"
+            raise PlantDivergedError.at(time, _REMEDY, gains)
         yield Block(out[wanted:written:every], edges_after(now.sensors.edges, seen))
     if not sound:
-        raise PlantDivergedError(
-            f"the plant diverged at {now.done * offline.step:.6g} s; allowed: a shorter `step`, "
-            "plausible vehicle parameters"
-        )
+        raise PlantDivergedError.at(now.done * offline.step, _REMEDY)

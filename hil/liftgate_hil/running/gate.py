@@ -344,7 +344,7 @@ class Gate:
             control.rows = control.frames = 0
             self._edges += edges_since(self._now.loop.sensors.edges, seen)
             if self._now.outcome == DIVERGED:
-                raise PlantDivergedError(f"the plant diverged at {self.time:.3f} s")
+                raise PlantDivergedError.at(self.time)
         return messages
 
     def edges(self, drive: str) -> list[Edge]:

@@ -18,7 +18,7 @@ from liftgate_hil.config.restbus import changes_in, pressed
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.config.toml import show
-from liftgate_hil.config.vehicle import faults_with
+from liftgate_hil.config.vehicle import issues_with
 from liftgate_hil.diagnostics import services
 from liftgate_hil.diagnostics.tester import NO_FAILURE, NO_RESPONSE, Tester, failure_of, is_asking_once, tester_of
 from liftgate_hil.errors import ConfigIssues
@@ -357,7 +357,9 @@ def _changed_by(
         issues.take([f"{value_key}: {value:g} is out of range; allowed: {allowed}"])
         return {}
     changed = with_value(vehicle, parameter, value)
-    wrong = [_FIXED[key]] if key in _FIXED else faults_with(_with_others(fault, changed, faults))
+    wrong = (
+        [_FIXED[key]] if key in _FIXED else issues_with(_with_others(fault, changed, faults), with_friction=False)
+    )
     if wrong:
         issues.take([f"{value_key}: {key} = {value:g}: {each}" for each in wrong])
         return {}

@@ -32,22 +32,19 @@ class Way(NamedTuple):
     @property
     def reach(self) -> str:
         """In words, who can reach the wire; "" if that is obvious."""
-        if not self.is_interface("udp_multicast"):
-            return ""
-        from liftgate_hil.transport import multicast
-
-        assert self.can is not None
-        return multicast.reach(self.can)
+        return self._about_multicast("reach")
 
     @property
     def apart(self) -> str:
         """In words, how to separate the wire from that of another bench; "" if they cannot meet by accident."""
-        if not self.is_interface("udp_multicast"):
+        return self._about_multicast("apart")
+
+    def _about_multicast(self, what: str) -> str:
+        if self.can is None or not self.is_interface("udp_multicast"):
             return ""
         from liftgate_hil.transport import multicast
 
-        assert self.can is not None
-        return multicast.apart(self.can)
+        return str(getattr(multicast, what)(self.can))
 
     def bitrate(self, rig: Rig) -> float:
         """Return the bit rate of the CAN bus [bit/s]; NaN for a serial line, where frames have other sizes."""

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import LinearConstraint, minimize
 
 from liftgate_hil.config.parameters import find_parameter, with_value
-from liftgate_hil.config.vehicle import refusals_of
+from liftgate_hil.config.vehicle import issues_with
 from liftgate_hil.identify.identification import NothingToTellError, identify
 from liftgate_hil.identify.limits import step_within_limits
 from liftgate_hil.identify.problem import Problem
@@ -30,7 +30,7 @@ def strong(factor: float = 1.03):
 
 def checked(*arguments: Any, **more: Any) -> Problem:
     """A problem whose search may only go where a vehicle file may."""
-    return Problem(*arguments, **{"refused_by": refusals_of, **more})
+    return Problem(*arguments, **{"refused_by": issues_with, **more})
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -96,7 +96,7 @@ def test_the_motor_constants_that_are_found_make_no_energy() -> None:
     found = vehicle
     for each in result.parameters:
         found = with_value(found, find_parameter(found, each.name), each.value)
-    assert refusals_of(found) == []
+    assert issues_with(found) == []
     # It is the best of those along the limit: a search in that one direction ends there too.
     deviance = _deviance_along(vehicle, data, resistance.value)
     assert deviance(speed.value) < min(deviance(speed.value * by) for by in (0.99, 1.01))
