@@ -20,7 +20,7 @@ from liftgate_hil.cli.teller import Teller
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, EcuError
 from liftgate_hil.judging.verdict import ERROR
-from liftgate_hil.running.processes.inherited import foreign_output
+from liftgate_hil.running.processes.children import end, foreign_output
 from liftgate_hil.running.processes.supervisor import dies_with_parent
 
 if TYPE_CHECKING:
@@ -140,12 +140,7 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
     finally:
         if (code := child.poll()) is not None:
             teller.say(f"the page ended before the run (exit code {code})")
-        child.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            child.wait(_LEAVE_S)
-        child.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            child.wait(_LEAVE_S)
+        end(child, _LEAVE_S)
 
 
 @contextlib.contextmanager
@@ -218,9 +213,6 @@ class EcuProcess:
         in a run that was not stopped.
         """
         code = self._process.poll()
-        self._process.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(_LEAVE_S)
         self.kill()
         self._reader.join(_LEAVE_S)  # a process that it has started may hold the pipe
         if code:
@@ -236,10 +228,4 @@ class EcuProcess:
 
     def kill(self) -> None:
         """End the process at once; its supervisor, if any, ends the processes that it has started."""
-        self._process.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(_LEAVE_S)
-            return
-        self._process.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(_LEAVE_S)
+        end(self._process, _LEAVE_S)

@@ -22,7 +22,7 @@ from liftgate_hil.errors import EcuError
 from liftgate_hil.loop.closed_loop import FRAMES
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.processes.answers import AnswerChannel, BadAnswerError
-from liftgate_hil.running.processes.inherited import foreign_output, in_memory
+from liftgate_hil.running.processes.children import foreign_output, in_memory
 
 HANG_S = 10.0  # s that the ECU may take for a tick, to be created, or to end
 EXIT_S = 3.0  # s that the process may take to exit once it has answered

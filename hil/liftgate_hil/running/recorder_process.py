@@ -38,7 +38,7 @@ from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.writer import Writer, truncated_to_us
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.rings import Memory, RingReader
-from liftgate_hil.running.processes.inherited import in_memory
+from liftgate_hil.running.processes.children import in_memory
 from liftgate_hil.running.recording_sink import Sieve, write_block
 from liftgate_hil.running.recording_trigger import Trigger, Triggered
 

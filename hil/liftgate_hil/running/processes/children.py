@@ -1,9 +1,11 @@
-"""Descriptors that a child process inherits."""
+"""Child processes: descriptors that they inherit, and their end."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
+from typing import Any
 
 
 def in_memory(content: bytes) -> int:
@@ -25,3 +27,12 @@ def foreign_output() -> int:
     except OSError:
         return subprocess.DEVNULL
     return 2
+
+
+def end(child: subprocess.Popen[Any], patience: float) -> None:
+    """Terminate a child, and kill it if it is still there after a time [s]; returns after twice that at most."""
+    for request in (child.terminate, child.kill):
+        request()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.wait(patience)
+            return
