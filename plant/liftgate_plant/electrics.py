@@ -152,7 +152,8 @@ def drop_beside(
     The drop holds once its winding has followed a switch of its bridge; the rise over the step is due to the motor
     turning faster.
     """
-    duty, (voltage, source_resistance) = drive_input.duty, source
+    duty = drive_input.duty
+    voltage, source_resistance = source
     if source_resistance == 0.0 or duty == 0.0 or drive_input.coast != 0.0 or drive.active == 0.0:
         return 0.0, 0.0
     if is_chopped(drive, drive_input):
@@ -364,16 +365,18 @@ def electrics_of(plant: Plant, state: State, inputs: Inputs, step: float) -> tup
     if switches_r:
         switching_r = switching_of(plant.right, inputs.right.duty, now_r)
     left, right = state.left, state.right
+    currents, speeds = (left.current, right.current), (left.speed, right.speed)
     response_l, response_r, phi_l, phi_r = solve_windings(
-        winding_l, winding_r, (left.current, right.current), (left.speed, right.speed),
+        winding_l, winding_r, currents, speeds,
         load.supply_voltage, plant.source_resistance, step,
     )  # fmt: skip
     if plant.source_resistance > 0.0:  # otherwise the modes are those of the windings already
         phi_l = phi_functions(-winding_l.resistance / winding_l.inductance * step)
         phi_r = phi_functions(-winding_r.resistance / winding_r.inductance * step)
+    line_l, line_r = (winding_l, coast_l, switching_l), (winding_r, coast_r, switching_r)
     return (
-        electric_of(plant.left, left, right, (winding_l, coast_l, switching_l), response_l, phi_l, step),
-        electric_of(plant.right, right, left, (winding_r, coast_r, switching_r), response_r, phi_r, step),
+        electric_of(plant.left, left, right, line_l, response_l, phi_l, step),
+        electric_of(plant.right, right, left, line_r, response_r, phi_r, step),
     )  # fmt: skip
 
 

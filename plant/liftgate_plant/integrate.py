@@ -151,7 +151,7 @@ def sides_of(
     return side_l, side_r, middle_of(plant.link, side_l, step), middle_of(plant.link, side_r, step)
 
 
-class TwistMomentum(NamedTuple):
+class TwistBalance(NamedTuple):
     """Momentum balance of the gate's twist: `own` on the new rate of the twist, `cross` on that of the gate."""
 
     cross: float
@@ -169,7 +169,7 @@ def twist_mode(
     share: float,
     twisting: float,
     step: float,
-) -> TwistMomentum:
+) -> TwistBalance:
     """Return the momentum balance of the twist under the torques of both sides and of an obstacle at y = share w.
 
     `twisting` [N m] is the torque of hand and snow.
@@ -180,7 +180,7 @@ def twist_mode(
     constant = mode.constant + left.constant - right.constant
     constant += share * pinch.constant
     constant += twisting
-    return TwistMomentum(cross, own, constant)
+    return TwistBalance(cross, own, constant)
 
 
 @compilable
@@ -199,22 +199,22 @@ def new_speeds(
     Each drive acts on the gate with its own force, whereas (4.6) and (4.11) halve a common force for both.
     """
     guess, slips = last
+    electric_l, electric_r = windings
     link, torsion, ambient = plant.link, plant.torsion, load.ambient_temperature
     inertia = dynamics.total_inertia(plant, load)
     own = Motion(state.gate_angle, state.gate_rate, guess.rate, inertia)
     middle = middle_of(link, own, step)
-    rigid = is_rigid(torsion)
     side_l, side_r, mid_l, mid_r = sides_of(plant, state, own, guess.twist_rate, step)
     share = share_at(torsion, load.obstacle.lateral)
-    place = own if rigid else at_side(own, state, guess.twist_rate, torsion, share)
+    place = own if is_rigid(torsion) else at_side(own, state, guess.twist_rate, torsion, share)
     grip_l = drive_push(plant.left, state.left, mid_l, side_l, guess.left, step)
     grip_r = drive_push(plant.right, state.right, mid_r, side_r, guess.right, step)
     push_l = clutch.push_through(slips.left, grip_l)
     push_r = clutch.push_through(slips.right, grip_r)
     guess_l = Guess(guess.left, guess.right, side_l.rate_end)
     guess_r = Guess(guess.right, guess.left, side_r.rate_end)
-    left = balance(plant.left, state.left, windings[0], push_l, mid_l.lever, guess_l, frictions.left, step)
-    right = balance(plant.right, state.right, windings[1], push_r, mid_r.lever, guess_r, frictions.right, step)
+    left = balance(plant.left, state.left, electric_l, push_l, mid_l.lever, guess_l, frictions.left, step)
+    right = balance(plant.right, state.right, electric_r, push_r, mid_r.lever, guess_r, frictions.right, step)
     stop_l = stop_contacts(plant.left, mid_l, link.stroke, side_l, step)
     stop_r = stop_contacts(plant.right, mid_r, link.stroke, side_r, step)
     torque_l = side_torque(plant.left, link, mid_l, push_l, stop_l, ambient)
@@ -228,8 +228,8 @@ def new_speeds(
     constant = carry + dynamics.body_torque(plant, load, angle, twist)
     constant += torque_l.constant + torque_r.constant + home.constant + pinch.constant
     slope = torque_l.slope + torque_r.slope + home.slope + pinch.slope
-    mode = TwistMomentum(0.0, 0.0, 0.0)
-    if not rigid:
+    mode = TwistBalance(0.0, 0.0, 0.0)
+    if not is_rigid(torsion):
         twisting = dynamics.twisting_torque(plant, load, angle, twist)
         mode = twist_mode(torsion, state, torque_l, torque_r, pinch, share, twisting, step)
     limit = plant.hinge.coulomb
@@ -307,7 +307,8 @@ def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[St
             latched, count = True, _MOST_PASSES
             rate = latch.rate_home(state.gate_angle, state.gate_rate, step)
             new = Speeds(new.left, new.right, rate, new.twist_rate)
-        new, would = new_speeds(plant, state, load, frictions, windings, (new, slips), latched, step)
+        last = new, slips
+        new, would = new_speeds(plant, state, load, frictions, windings, last, latched, step)
         if k == 0 and (would.left != 0.0 or would.right != 0.0):
             slips, count = would, _PASSES_SLIPPING
 

@@ -157,17 +157,16 @@ def solve_windings(
     With g(t) = g0 + g1 t/h in a mode of decay rate λ and z = −λ h: y(h) = e^z y0 + h φ1 g0 + h φ2 g1 and the mean
     of y is φ1 y0 + h φ2 g0 + h φ3 g1.
     """
+    current_left, current_right = currents
     speed_left, speed_right = speeds
     rate_1, rate_2, c, s = modes(left, right, source_resistance)
     first, second = phi_functions(-rate_1 * step), phi_functions(-rate_2 * step)
     e1, p1, q1, r1 = first
     e2, p2, q2, r2 = second
-    root_l = math.sqrt(left.inductance)
-    root_r = math.sqrt(right.inductance)
+    root_l, root_r = math.sqrt(left.inductance), math.sqrt(right.inductance)
 
     # Into modes: y = Qᵀ √L i with Q = [[c, s], [−s, c]].
-    x_l = root_l * currents[0]
-    x_r = root_r * currents[1]
+    x_l, x_r = root_l * current_left, root_r * current_right
     y1 = c * x_l - s * x_r
     y2 = s * x_l + c * x_r
     u_l = left.voltage + left.duty * supply_voltage - left.speed_constant * speed_left
@@ -182,15 +181,15 @@ def solve_windings(
     w2 = step * (s * w_l + c * w_r)
 
     # Slope of the forcing per unit of final speed; the part of the initial speed is subtracted below.
-    k_l = -left.speed_constant / root_l * step
-    k_r = -right.speed_constant / root_r * step
+    forcing = -left.speed_constant / root_l * step, -right.speed_constant / root_r * step
+    roots = root_l, root_r
     mean_1 = p1 * y1 + q1 * f1 + r1 * w1
     mean_2 = p2 * y2 + q2 * f2 + r2 * w2
     end_1 = e1 * y1 + p1 * f1 + q1 * w1
     end_2 = e2 * y2 + p2 * f2 + q2 * w2
 
-    mean_ll, mean_lr, mean_rl, mean_rr = by_speeds(c, s, r1, r2, (k_l, k_r), (root_l, root_r))
-    end_ll, end_lr, end_rl, end_rr = by_speeds(c, s, q1, q2, (k_l, k_r), (root_l, root_r))
+    mean_ll, mean_lr, mean_rl, mean_rr = by_speeds(c, s, r1, r2, forcing, roots)
+    end_ll, end_lr, end_rl, end_rr = by_speeds(c, s, q1, q2, forcing, roots)
     mean_l = (c * mean_1 + s * mean_2) / root_l - mean_ll * speed_left - mean_lr * speed_right
     mean_r = (-s * mean_1 + c * mean_2) / root_r - mean_rl * speed_left - mean_rr * speed_right
     end_l = (c * end_1 + s * end_2) / root_l - end_ll * speed_left - end_lr * speed_right
