@@ -26,7 +26,7 @@ from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.csv_text import CsvText
 from liftgate_hil.formats.mcap_layout import START_COLUMN
 from liftgate_hil.formats.reading import CUT, as_config_errors
-from liftgate_hil.formats.recording import Floats, Recording, column_signal
+from liftgate_hil.formats.recording import Floats, Recording, check_time_first, column_signal
 from liftgate_hil.formats.writer import StreamWriter
 from liftgate_plant.signals import TIME
 
@@ -90,8 +90,7 @@ class CsvFile(Recording):
 
     def as_recording(self) -> CsvFile:
         """Return it as a recording: the time first, the last line whole. Raises ConfigError if it is none."""
-        if self.names[:1] != ["time_s"]:
-            raise ConfigError(f"{self.path}: time_s: missing; allowed: a recording whose first column is time_s")
+        check_time_first(self.path, self.names)
         signals = {name: column_signal(name) for name in self.names if name != START_COLUMN}
         notes = (CUT,) if self.last else ()  # even if it has all cells, the last one may be cut off
         found = replace(self, signals=signals, notes=notes, is_strict=True)

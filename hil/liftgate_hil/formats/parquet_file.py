@@ -14,7 +14,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Batch, Content
 from liftgate_hil.formats.mcap_layout import ABOUT_PARQUET, START_PARQUET
 from liftgate_hil.formats.reading import foreign_reader
-from liftgate_hil.formats.recording import Floats, Recording, column_signal, nanoseconds_of
+from liftgate_hil.formats.recording import Floats, Recording, check_time_first, column_signal, nanoseconds_of
 from liftgate_hil.formats.writer import StreamWriter
 
 _GROUP = 65_536  # rows in a row group
@@ -92,8 +92,7 @@ class ParquetFile(Recording):
     def as_recording(self) -> ParquetFile:
         """Return it as a recording: columns of numbers, the time first. Raises ConfigError if it is none."""
         self._check(self.names)
-        if self.names[:1] != ["time_s"]:
-            raise ConfigError(f"{self.path}: time_s: missing; allowed: a recording whose first column is time_s")
+        check_time_first(self.path, self.names)
         return self
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:

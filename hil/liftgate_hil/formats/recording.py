@@ -60,12 +60,8 @@ class Recording:
 
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
         """Read these columns; what is anything but finite numbers, or unreadable, is added to `issues`."""
-        return self._series(self.rows(wanted), wanted, issues)
-
-    def _series(self, blocks: Iterator[Floats], wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
-        """Return blocks of rows as one series for each column; NaN is an empty cell."""
         try:
-            found = list(blocks) if wanted else []
+            found = list(self.rows(wanted)) if wanted else []
         except ConfigError as error:
             issues += error.issues
             return {}
@@ -81,6 +77,12 @@ class Recording:
             else:
                 result[name] = Series(np.ascontiguousarray(values), unit=self.units.get(name) or None)
         return result
+
+
+def check_time_first(path: Path, names: Sequence[str]) -> None:
+    """Raise ConfigError unless the first column of a file is the time, as in a recording."""
+    if names[:1] != ["time_s"]:
+        raise ConfigError(f"{path}: time_s: missing; allowed: a recording whose first column is time_s")
 
 
 def nanoseconds_of(text: str) -> int:

@@ -146,9 +146,8 @@ def step_rigid(plant: Plant, state: State, inputs: Inputs, step: float, order: i
         own = inertia + 0.5 * viscous - drive_slope
         if old != 0.0 and old * new <= 0.0:
             momentum = constant - (own - inertia) * new
-            if friction.turns(limit, inertia * old, momentum):
-                constant -= friction.turning_bias(limit, inertia * old, momentum)
-                limit = 0.0
+            bias, limit = friction.turned(limit, inertia * old, momentum)
+            constant -= bias
         new = friction.soft_threshold(constant, limit) / own
 
     way = 0.5 * step * (old + new)

@@ -154,7 +154,7 @@ def state_in(kept: Floats) -> State:
 
 
 class Simulated(NamedTuple):
-    """What is simulated, in steps of at most `longest` seconds."""
+    """Model, sensors, inputs and initial state of a simulation, in steps of at most `longest` seconds."""
 
     plant: Plant
     sensors: Sensors

@@ -56,7 +56,7 @@ _FD_LENGTHS = LENGTHS[8:]
 
 
 class Passage(NamedTuple):
-    """What is alike for all frames that pass in a tick."""
+    """Direction, time and bus tables that all frames of a tick in one direction share."""
 
     bus: BusConfig  # of the messages in this direction
     direction: int  # SENT or RECEIVED

@@ -58,7 +58,7 @@ NO_STIMULI = TimedStimuli({})
 
 
 class Bus(NamedTuple):
-    """What the bench sends beside the gate: a restbus whose signals change, and requests of diagnostics."""
+    """Bus traffic that the bench adds to the gate's: a restbus whose signals change, and diagnostic requests."""
 
     tables: BusTables = NO_BUS
     changes: Sequence[SignalChange] = ()
