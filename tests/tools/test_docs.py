@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
 from cantools.database.can import Message, Signal
 
 from liftgate_hil.conditions.parser import parsed
-from liftgate_hil.config import scenario_keys
+from liftgate_hil.config import scenario_schema
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
-from liftgate_hil.config.messages import message_options
+from liftgate_hil.config.messages import MessageTable, StateMachineTable, message_options
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
-from liftgate_hil.config.schema import Key
+from liftgate_hil.config.schema import keys_of
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
-from tools.docs import DOCS, PAGES, rig
+from tools.docs import DOCS, PAGES
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -35,9 +34,9 @@ def test_every_link_of_the_pages_leads_somewhere() -> None:
             assert (DOCS / part.split(")")[0]).is_file(), part
 
 
-def lines(values: Mapping[str, tuple[str, ...]]) -> str:
-    """A table's keys with the defaults that a page tells."""
-    told = {key: each[0] for key, each in values.items()}
+def lines(record: type, *names: str) -> str:
+    """A table's keys, all or some, with the defaults that a page tells."""
+    told = {key.name: key.default_told for key in keys_of(record) if key.name in names or not names}
     number = {key: value for key, value in told.items() if value.isdigit()}
     word = {key: told[key] for key in ("meets", "interpolation", "checksum_kind") if key in told}
     return "".join(
@@ -49,7 +48,7 @@ def lines(values: Mapping[str, tuple[str, ...]]) -> str:
 def test_the_defaults_of_an_obstacle_are_those_told(tmp_path: Path) -> None:
     path = tmp_path / "scenario.toml"
     tables = []
-    told = lines({key.name: (key.default_told,) for key in scenario_keys.OBSTACLE})
+    told = lines(scenario_schema.ObstacleTable)
     for more in ("", told):
         path.write_text(f"[[obstacle]]\nangle_deg = 30\n{more}")
         tables.append(load_scenario(path).stimuli.obstacles)
@@ -60,7 +59,7 @@ def test_the_defaults_of_an_obstacle_are_those_told(tmp_path: Path) -> None:
 
 def test_the_defaults_of_a_fault_are_those_told(tmp_path: Path) -> None:
     path = tmp_path / "scenario.toml"
-    told = lines({key.name: (key.default_told,) for key in scenario_keys.FAULT})
+    told = lines(scenario_schema.FaultTable)
     for name in ("start", "delay_s", "share", "seed"):
         assert f"{name} = " in told, name
     faults = []
@@ -78,19 +77,17 @@ def rows_in(page: str, heading: str) -> list[list[str]]:
 
 
 @pytest.mark.parametrize(
-    ("heading", "keys"),
+    ("heading", "record"),
     [
-        ("The file", scenario_keys.TOP),
-        ("`[[profile]]`", scenario_keys.PROFILE),
-        ("`[[obstacle]]`", scenario_keys.OBSTACLE),
-        ("`[[request]]`", scenario_keys.REQUEST),
-        ("`[[fault]]`", scenario_keys.FAULT),
-        ("`[[expect]]`", scenario_keys.EXPECT),
+        ("The file", scenario_schema.ScenarioTable),
+        ("`[[profile]]`", scenario_schema.ProfileTable),
+        ("`[[obstacle]]`", scenario_schema.ObstacleTable),
+        ("`[[request]]`", scenario_schema.RequestTable),
+        ("`[[fault]]`", scenario_schema.FaultTable),
+        ("`[[expect]]`", scenario_schema.ExpectTable),
     ],
 )
-def test_every_key_that_a_scenario_may_have_is_on_its_page(
-    tmp_path: Path, heading: str, keys: Sequence[Key]
-) -> None:
+def test_every_key_that_a_scenario_may_have_is_on_its_page(tmp_path: Path, heading: str, record: type) -> None:
     """And no other: the checker is asked, which says what a table may have."""
     path, name = tmp_path / "scenario.toml", heading.strip("`")
     before = {"The file": "", "[[fault]]": f"{name}\nkind = 'motor_open'"}.get(name, name)
@@ -100,7 +97,7 @@ def test_every_key_that_a_scenario_may_have_is_on_its_page(
     (answer,) = [line for line in caught.value.issues if "no_such_key: " in line]
     known = answer.split("allowed: ")[1].split(", ")
     rows = rows_in("scenario.md", heading)
-    shown = [row[0] for row in rows[: 2 + len(keys)]]
+    shown = [row[0] for row in rows[: 2 + len(keys_of(record))]]
     assert shown == ["key", "---", *(f"`{each}`" for each in known)]
 
 
@@ -129,10 +126,10 @@ def test_the_defaults_of_a_message_are_those_told(tmp_path: Path) -> None:
         'dbc = "liftgate.dbc"\n[inputs]\nleft_duty = "DriveCommand.LeftDuty"\n'
         'left_direction = "DriveCommand.LeftDirection"\n[messages.DriveCommand]\n'
     )
-    simple = lines({key: rig.MESSAGE[key] for key in ("timeout_cycles", "checksum_kind")})
+    simple = lines(MessageTable, "timeout_cycles", "checksum_kind")
     protected = 'protection = "e2e-p05"\ndata_id = 1\ncounter = "AliveCounter"\n'
-    e2e = lines({key: rig.MESSAGE[key] for key in ("max_delta_counter", "sync_counter")})
-    e2e += f"[messages.DriveCommand.state_machine]\n{lines(rig.STATES)}"
+    e2e = lines(MessageTable, "max_delta_counter", "sync_counter")
+    e2e += f"[messages.DriveCommand.state_machine]\n{lines(StateMachineTable)}"
     for given, more in (("", simple), (protected, e2e)):
         options = []
         for text in (given, given + more):
@@ -143,13 +140,12 @@ def test_the_defaults_of_a_message_are_those_told(tmp_path: Path) -> None:
 
 def _options(path: Path) -> object:
     """Of its messages, whether or not the rig is whole."""
-    from liftgate_hil.config.messages import message_options
     from liftgate_hil.config.toml import read_toml
     from liftgate_hil.errors import ConfigIssues
 
     messages = load_rig(DOCS.parent / "configs/rigs/liftgate.toml").messages
     issues = ConfigIssues(str(path))
-    found = message_options(issues, read_toml(path), messages)
+    found = message_options(issues, read_toml(path)["messages"], messages)
     issues.raise_if_any()
     return found
 
@@ -161,7 +157,7 @@ def test_the_example_of_a_checksum_is_one_of_a_rig() -> None:
     signals = [Signal("CRC", 0, 8), Signal("BZ", 8, 4)]
     messages = {"TheirCommand": Message(0x86, "TheirCommand", 8, signals)}
     issues = ConfigIssues("rig.md")
-    options = message_options(issues, content, messages)["TheirCommand"]
+    options = message_options(issues, content["messages"], messages)["TheirCommand"]
     assert not issues.lines
     assert options.own is not None
     assert options.counter == "BZ"

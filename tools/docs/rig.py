@@ -1,21 +1,20 @@
-"""Page docs/rig.md: all keys of a rig file. Keys and ranges are read from the checker's messages."""
+"""Page docs/rig.md: all keys of a rig file, from the schema by which such files are read."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
 
-from liftgate_hil.codec.checksum import PROFILES
-from liftgate_hil.config.diagnostics import KEYS
-from liftgate_hil.config.driver import BUTTON, RESET
+from liftgate_hil.config.diagnostics import DiagnosticsTable
+from liftgate_hil.config.driver import ButtonTable, ResetTable
 from liftgate_hil.config.inject import ORDERS
-from liftgate_hil.config.protection_tables import CHECKSUM, COUNTER
-from liftgate_hil.config.rig import load_rig
+from liftgate_hil.config.messages import MessageTable, StateMachineTable
+from liftgate_hil.config.protection_tables import ChecksumTable, CounterTable
+from liftgate_hil.config.rig import RigTable
+from liftgate_hil.config.signal_mapping import MappingTable
 from liftgate_hil.diagnostics.trouble_code import number_of
 from liftgate_hil.ecu.trouble_codes import TROUBLE_CODES, TroubleCode
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from liftgate_plant.signals import Signal
-from tools.docs.checker import UNKNOWN, WRONG, a_range, allowed, keys_of
 from tools.docs.markdown import code, number, page, table
 from tools.docs.schema import key_table
 
@@ -27,66 +26,6 @@ reference ECU pack and check messages by the same file.
 
 A quantity is mapped by `quantity = "MESSAGE.SIGNAL"`, or by a table if the signal differs from the quantity in
 unit, scale or values."""
-
-_TOP = {
-    "dbc": ("required", "CAN database: a file beside the rig file, or a shipped one (`liftgate.dbc`)"),
-    "bitrate": ("500000", "bit rate with which the bus is opened, and to which the bus load is related"),
-    "inputs": ("", "table: quantities that the gate receives, see below"),
-    "outputs": ("", "table: quantities that the gate sends, see below"),
-    "messages": ("", "a table for each message: cycle, time-out and protection, see below"),
-    "requests": ("", "a table for each button of the driver, for an ECU on a bus, see below"),
-    "reset": ("", "table: how an ECU on a bus is reset, see below"),
-    "inject": ("", "tables: messages by which a test bench acts on the running gate, see below"),
-    "diagnostics": ("", "table: how the ECU's trouble codes are read, see below"),
-}
-_MAPPING = {
-    "signal": ("required", "message and signal of the database"),
-    "unit": ("the database's", "unit of scale · physical value + offset"),
-    "scale": ("1", "without `unit`: quantity = scale · physical value + offset, whatever unit the database has"),
-    "offset": ("0", "see `scale`"),
-    "values": ("", "enumerations: the signal's number or label for each value of the quantity"),
-    "saturates": ("false", "outputs: the signal's range may be too small; values beyond it saturate"),
-}
-MESSAGE = {
-    "cycle_ms": ("the database's `GenMsgCycleTime`", "cycle time of the message"),
-    "timeout_cycles": ("3", "number of cycles without a frame after which a command is stale"),
-    "counter": ("none", "signal of the alive counter, counting frames from 0 in steps of 1; or a table, below"),
-    "checksum": ("none", "signal of the checksum; or a table with the parameters of a manufacturer's own, below"),
-    "checksum_kind": ("crc8-sae-j1850", "algorithm, over the identifier and the payload without the checksum"),
-    "protection": ("simple", "`simple`: counter and checksum as above; the others are AUTOSAR E2E profiles"),
-    "data_id": ("required by profiles 1 and 5", "data ID of the message"),
-    "data_id_list": ("required by profile 2", "data ID for each value of the counter"),
-    "data_id_mode": ("both", "profile 1: bytes of the data ID that the CRC covers"),
-    "data_id_nibble": ("none", "with `data_id_mode = \"nibble\"`: signal that carries the data ID's nibble"),
-    "max_delta_counter": ("1", "largest tolerated step of the counter; 1: no frame may be lost"),
-    "sync_counter": ("0", "number of frames after a wrong sequence whose data are not used yet"),
-    "state_machine": ("", "table: when data are used, see below"),
-}  # fmt: skip
-STATES = {
-    "window": ("1", "number of frames by which the state is decided"),
-    **{
-        f"min_ok_{state}": ("1", f"state {state.upper()}: required frames with status OK in the window")
-        for state in ("init", "valid", "invalid")
-    },
-    **{
-        f"max_error_{state}": ("0", f"state {state.upper()}: tolerated frames with status ERROR in the window")
-        for state in ("init", "valid", "invalid")
-    },
-}  # fmt: skip
-_OTHERS = ("data_id", "data_id_list", "nothing")
-_OWN = "a signal of the message"
-_OWN_OR_TABLE = f"{_OWN}, or a table"
-# In place of answers that are only true of the file with which the checker was called.
-_ANYWAY = {
-    "signal": "MESSAGE.SIGNAL",
-    "unit": "one of the quantity's kind: `mA` for a current",
-    "saturates": "true or false",
-    "counter": _OWN_OR_TABLE,
-    "checksum": _OWN_OR_TABLE,
-    "data_id_nibble": _OWN,
-    "dbc": "a DBC, ARXML, KCD or SYM file",
-    **dict.fromkeys((key for key in STATES if key != "window"), "a whole number from 0 to `window`"),
-}
 
 _CHECKSUM = """\
 A cyclic redundancy check (CRC) that is defined by the parameters of the Rocksoft model (R. N. Williams, 1993).
@@ -210,21 +149,13 @@ passed. A reset starts a new operation cycle. The codes survive it, as in an ECU
 
 def rig_page() -> str:
     """Return the text of the page."""
-    where = "messages.DriveCommand"
-    by_profile = {profile: _answers(profile) for profile in PROFILES}
-    answers: dict[str, str] = {}
-    for each in by_profile.values():
-        # Keys that a profile does not have are left out: its answer allows nothing there.
-        answers |= {key: said for key, said in each.items() if said not in _OTHERS}
-    step = f"{where}.max_delta_counter"
-    answers[step] = "; ".join(f"{each[step]} ({name})" for name, each in by_profile.items())
     return page(
         "Rig files",
         _INTRO,
         "## The file",
-        _table(answers, "", _TOP),
+        key_table(RigTable),
         "## A wired signal",
-        _table(answers, "inputs.left_duty", _MAPPING),
+        key_table(MappingTable),
         "## `[inputs]`: what the gate receives",
         "`left_duty` is required. Without a direction signal the sign of the duty is the direction. Without "
         "`latch_release` the latch opens while a motor is driven open. The inputs from `obstacle_angle` on are "
@@ -238,23 +169,23 @@ def rig_page() -> str:
         "name.",
         _quantities(BUS_OUTPUTS),
         "## `[messages.NAME]`",
-        _table(answers, where, MESSAGE),
+        key_table(MessageTable),
         "## `checksum = {…}` of a message",
         _CHECKSUM,
-        key_table(CHECKSUM),
+        key_table(ChecksumTable),
         _MAKERS,
         "## `counter = {…}` of a message",
         _COUNTER,
-        key_table(COUNTER),
+        key_table(CounterTable),
         "## `state_machine` of a message",
         "AUTOSAR's E2E state machine. With the defaults no frame with an error is accepted.",
-        _table(answers, f"{where}.state_machine", STATES),
+        key_table(StateMachineTable),
         "## `[requests.open]`, `[requests.close]`, `[requests.stop]`",
         "With an ECU on a bus (`--ecu bus`) a scenario's requests and its precondition press these buttons. A "
         "button is a signal that the bench sends cyclically along with the gate's messages, with the counter and "
         "the protection of its message. Before and after a press the signal has its value `rest`. The reference "
         "ECU reads these buttons, too.",
-        key_table(BUTTON),
+        key_table(ButtonTable),
         "## `[reset]`",
         "How an ECU on a bus is reset. Before each scenario these steps are done in this order: the signal, the "
         "ECUReset, the command, the condition `ready`. Without `ready` the bench waits for the ECU's first "
@@ -262,53 +193,19 @@ def rig_page() -> str:
         "The request `reset` in the middle of a scenario uses only one of them: the signal; without a signal, the "
         "ECUReset; without either, the program. In real time the scenario continues while the program runs; on "
         "the other clocks model time stands still meanwhile.",
-        key_table(RESET),
+        key_table(ResetTable),
         _ECU_RESET,
         "## `[inject.fault]`, `[inject.babbling]`, `[inject.request]`, `[inject.signal]`",
         _INJECT,
-        *(part for what, keys in ORDERS.items() for part in (f"### `[inject.{what}]`", key_table(keys))),
+        *(part for what, record in ORDERS.items() for part in (f"### `[inject.{what}]`", key_table(record))),
         "## `[diagnostics]`",
         _DIAGNOSTICS,
-        key_table(KEYS),
+        key_table(DiagnosticsTable),
         "## The reference ECU's trouble codes",
         _ECU,
         table(("code", "number", "meaning"), map(_trouble_code, TROUBLE_CODES.values())),
         _STATUS,
     )
-
-
-def _answers(protection: str) -> dict[str, str]:
-    """Return what the checker allows, from its messages on a rig in which only the names are right."""
-    command: dict[str, Any] = dict.fromkeys(MESSAGE, WRONG) | {"protection": protection}
-    command |= {"state_machine": dict.fromkeys(STATES, WRONG) | {UNKNOWN: 1}, UNKNOWN: 1}
-    wire = {"signal": "DriveCommand.LeftDuty", "scale": WRONG, "offset": WRONG, "values": 1}
-    answers = allowed(
-        load_rig,
-        {
-            "dbc": "liftgate.dbc",
-            "bitrate": WRONG,
-            UNKNOWN: 1,
-            "inputs": {"left_duty": wire | {UNKNOWN: 1}},
-            "messages": {"DriveCommand": command},
-        },
-    )
-    simple = {"DriveCommand": {"protection": WRONG, "checksum_kind": WRONG}}
-    wrong = allowed(load_rig, {"dbc": "liftgate.dbc", "messages": simple})
-    return {**answers, **wrong}
-
-
-def _table(answers: Mapping[str, str], prefix: str, told: Mapping[str, tuple[str, str]]) -> str:
-    """Return the table of the keys that the checker allows in a table of a rig file."""
-    return table(("key", "allowed", "default", "meaning"), _rows(answers, prefix, told))
-
-
-def _rows(
-    answers: Mapping[str, str], prefix: str, told: Mapping[str, tuple[str, str]]
-) -> Iterator[tuple[str, ...]]:
-    for key in keys_of(answers, prefix):
-        default, meaning = told[key]
-        answer = answers.get(f"{prefix}.{key}" if prefix else key, "")
-        yield code(key), _ANYWAY.get(key) or a_range(answer), default, meaning
 
 
 def _trouble_code(each: TroubleCode) -> Iterable[str]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from liftgate_hil.config import scenario_keys as keys
+from liftgate_hil.config import scenario_schema as keys
 from liftgate_hil.config.fault_kinds import FAULT_KINDS, FaultKind
 from liftgate_hil.config.schema import Key
 from liftgate_hil.signals import PROFILES
-from tools.docs.checker import a_range
 from tools.docs.markdown import code, number, page, table
-from tools.docs.schema import default_of, key_table
+from tools.docs.schema import a_range, key_table
 
 _INTRO = """\
 A scenario file is written in TOML. It describes what happens around the gate over time, what the driver requests
@@ -111,10 +110,10 @@ def scenario_page() -> str:
         _INTRO,
         "## The file",
         "`vehicle`, `rig`, `seed`, `initial` and `set` are defaults: flags and arguments override them.",
-        key_table(keys.TOP),
+        key_table(keys.ScenarioTable),
         "## `[[profile]]`",
         "A quantity over time. Exactly one of `points` and `csv` is required.",
-        key_table(keys.PROFILE),
+        key_table(keys.ProfileTable),
         "The quantities are also those of `Gate.set`, of input columns, and of a test bench's panel (there "
         "without the unit in the name):",
         table(("quantity", "unit", "range", "meaning"), quantities),
@@ -122,28 +121,28 @@ def scenario_page() -> str:
         "An elastic body in the gate's way, such as a test rod of 10, 20 or 65 N/mm. If several obstacles are "
         "present at the same time, only the first one in the file acts. An obstacle from a test bench's panel "
         "takes precedence over all of them.",
-        key_table(keys.OBSTACLE),
+        key_table(keys.ObstacleTable),
         "## `[[request]]`",
         "A request of the driver to the ECU, or a reset of the ECU. An ECU in this process gets it directly: the "
         "reference ECU, a C library, a Python object with `request`. An ECU on a bus gets it through the signals "
         "that the rig's `[requests]` and `[reset]` name. If `[reset]` has no signal, a `reset` is made by its "
         "ECUReset (`[reset] uds`), or else by its program. A reset that is refused or fails makes the scenario "
         "inconclusive.",
-        key_table(keys.REQUEST),
+        key_table(keys.RequestTable),
         "## `[[signal]]`",
         "Restbus simulation: signals that other control units send. The bench sends each signal's message in its "
         "cycle, with counter, checksum or E2E protection as given in the rig's `[messages]`. It sends the message "
         "from the start; all other signals of the message have the database's start values. If a signal has "
         "several tables, each one is valid from its time on.",
-        key_table(keys.SIGNAL),
+        key_table(keys.SignalTable),
         "## `[[fault]]`",
         _FAULTS,
-        key_table(keys.FAULT, {"kind": "a kind"}),
+        key_table(keys.FaultTable, {"kind": "a kind"}),
         "The kinds, each with its further keys:",
         table(("kind", "keys", "fault", "meaning"), map(_kind, FAULT_KINDS.values())),
         "## `[[expect]]`",
         "What is expected of the run. Exactly one of `always`, `eventually`, `never` and `dtc` is required.",
-        key_table(keys.EXPECT),
+        key_table(keys.ExpectTable),
         "### Conditions",
         table(("notation", "meaning"), _CONDITIONS),
         "### Trouble codes",
@@ -162,5 +161,5 @@ def _kind(kind: FaultKind) -> tuple[str, ...]:
 
 def _own(key: Key) -> str:
     """Return the text in a cell for a further key of a kind of fault."""
-    default = "" if default_of(key) == "required" else f", default {default_of(key)}"
+    default = "" if key.default_told == "required" else f", default {key.default_told}"
     return f"{code(key.name)}: {a_range(key.kind.allowed)}{default} – {key.meaning}"

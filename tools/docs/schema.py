@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
-from liftgate_hil.config.schema import Key
-from tools.docs.checker import a_range
+from liftgate_hil.config.schema import keys_of
 from tools.docs.markdown import code, table
 
 _HEADS = ("key", "allowed", "default", "meaning")
 
 
-def key_table(of: Sequence[Key], allowed: Mapping[str, str] | None = None) -> str:
-    """Return the table of keys; `allowed` replaces, by key, the allowed values that the key's kind states."""
-    return table(_HEADS, _rows(of, allowed or {}))
+def key_table(record: type, allowed: Mapping[str, str] | None = None) -> str:
+    """Return the table of a record's keys; `allowed` replaces, by key, the allowed values that the kind states."""
+    return table(_HEADS, _rows(record, allowed or {}))
 
 
-def default_of(key: Key) -> str:
-    """Return the default of a key in words; "" if it is an empty list."""
-    return "" if key.default == () else key.default_told
+def a_range(allowed: str) -> str:
+    """Return allowed values as a table shows them: the words after "one of" as code."""
+    if allowed.startswith("one of "):
+        return ", ".join(f"`{each}`" for each in allowed.removeprefix("one of ").split(", "))
+    return allowed
 
 
-def _rows(of: Sequence[Key], allowed: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
-    for key in of:
-        what = allowed.get(key.name) or a_range(key.kind.allowed)
-        yield code(key.name), what, default_of(key), key.meaning
+def _rows(record: type, allowed: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
+    for key in keys_of(record):
+        yield code(key.name), allowed.get(key.name) or a_range(key.kind.allowed), key.default_told, key.meaning

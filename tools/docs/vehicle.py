@@ -9,9 +9,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any, get_type_hints
 
 from liftgate_hil.config.shipped import data_root, shipped_names
+from liftgate_hil.config.spread import SpreadTable
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES
 from liftgate_plant.quantity import Quantity
 from tools.docs.markdown import code, number, page, table
+from tools.docs.schema import key_table
 
 _INTRO = """\
 A vehicle file is written in TOML. It contains the parameters of one gate and its drives. It is used by
@@ -29,16 +31,9 @@ not depend on it.
 The table `[spread]` describes how the cars of a production differ. `--draw SEED` (`draw=` of the API) draws one
 of these cars at random. Without it, the car has the file's values. The structure of the table is that of the
 file: `[spread.motor] resistance = { relative = 0.03 }`, or `[spread.left.motor]` for one drive. Keys of a drive
-are drawn for each drive separately. A value that is given by `--set` or by a scenario's `[set]` is not changed.
+are drawn for each drive separately. A value that is given by `--set` or by a scenario's `[set]` is not changed."""
 
-| key | meaning |
-| --- | --- |
-| `distribution` | `normal` (default), `lognormal` or `uniform` |
-| `relative` | σ, or half the width of `uniform`, as a share of the value; for `lognormal` σ of the logarithm |
-| `absolute` | the same in the key's unit |
-| `low`, `high` | limits of `uniform` |
-| `follow` | keys that change by the same factor: `["motor.speed_constant"]` |
-
+_VARIATION = """\
 Normal and lognormal distributions are truncated at 3 σ, and every value at the range of its key. Each value
 depends only on the seed and on its own key: a further key in the table does not change the other values.
 
@@ -82,7 +77,7 @@ The column `suv` contains the value of the reference vehicle, if its file gives 
 def vehicle_page() -> str:
     """Return the text of the page."""
     suv = tomllib.loads((data_root() / "configs/vehicles/suv.toml").read_text(encoding="utf-8"))
-    parts = [_INTRO]
+    parts = [_INTRO, key_table(SpreadTable), _VARIATION]
     for title, tables in (("Of each drive", DRIVE_TABLES), ("Of the gate", BODY_TABLES)):
         parts.append(f"## {title}")
         for name, kind in tables.items():

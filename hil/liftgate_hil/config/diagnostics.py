@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 from liftgate_hil.codec.bus_config import LONGEST_MS, identifier_of
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.config.kinds import Flag, Number, Whole
-from liftgate_hil.config.schema import Key, read_table
-from liftgate_hil.config.toml import Table, show, table
+from liftgate_hil.config.schema import Key, read_record
+from liftgate_hil.config.toml import Table, show
 from liftgate_hil.diagnostics.tester import STATUS_MASK, Diagnostics
 from liftgate_hil.errors import ConfigIssues
 
@@ -23,13 +24,14 @@ class _Identifier:
     """A message of the database, or an identifier."""
 
     allowed = f"a message of the database, or an identifier, 0 to {_LAST}, above 0x7FF an extended one"
+    invalid = -1
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str | int:
         """Return the name or the identifier; -1 and an issue if it is neither."""
         is_number = isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LAST
         if not is_number and not isinstance(value, str):
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return -1
+            return self.invalid
         found: str | int = value
         return found
 
@@ -37,7 +39,7 @@ class _Identifier:
 class _Padding:
     """The byte that pads frames, or none."""
 
-    allowed = 'a byte, 0 to 255, or "none" for frames without padding'
+    allowed, invalid = 'a byte, 0 to 255, or "none" for frames without padding', 0
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
         """Return the padding byte, -1 for none; 0 and an issue if it is invalid."""
@@ -46,35 +48,47 @@ class _Padding:
         if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 255:
             return value
         issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        return 0
+        return self.invalid
 
 
-KEYS = (
-    Key("request", _Identifier(), "message with the tester's requests"),
-    Key("response", _Identifier(), "message with the ECU's responses"),
-    Key("padding", _Padding(), "byte that fills the tester's frames up to eight bytes", 0xCC, "0xCC"),
-    Key("cycle_ms", Number(1.0, LONGEST_MS, "ms"), "time from one trouble code reading to the next", 100.0),
-    Key("timeout_ms", Number(1.0, LONGEST_MS, "ms"), "how long the tester waits for a response; after \"response "
-        "pending\" 5 s", 1000.0),
-    Key("status_mask", Whole(1, 255), "a code counts as reported if its status has one of these bits: "
-        "1 testFailed, 4 pendingDTC, 8 confirmedDTC, …", STATUS_MASK, "0x09"),
-    Key("clear", Flag(), "the tester clears all codes at time 0, before its first reading", True, "true"),
-)  # fmt: skip
+# fmt: off
+# A field with its key is a row of a table.
+
+
+@dataclass(frozen=True)
+class DiagnosticsTable:
+    """The keys of `[diagnostics]`."""
+
+    request: Annotated[str | int, Key(_Identifier(), "message with the tester's requests")]
+    response: Annotated[str | int, Key(_Identifier(), "message with the ECU's responses")]
+    padding: Annotated[int, Key(_Padding(), "byte that fills the tester's frames up to eight bytes",
+        "0xCC")] = 0xCC
+    cycle_ms: Annotated[float, Key(Number(1.0, LONGEST_MS, "ms"), "time from one trouble code reading to the "
+        "next")] = 100.0
+    timeout_ms: Annotated[float, Key(Number(1.0, LONGEST_MS, "ms"), "how long the tester waits for a response; "
+        "after \"response pending\" 5 s")] = 1000.0
+    status_mask: Annotated[int, Key(Whole(1, 255), "a code counts as reported if its status has one of these "
+        "bits: 1 testFailed, 4 pendingDTC, 8 confirmedDTC, …", "0x09")] = STATUS_MASK
+    clear: Annotated[bool, Key(Flag(), "the tester clears all codes at time 0, before its first reading",
+        "true")] = True
+
+
+# fmt: on
 
 
 def diagnostics_of(
-    issues: ConfigIssues, raw: Table, messages: Mapping[str, Message], mapped: Mapping[int, str]
+    issues: ConfigIssues, section: Table | None, messages: Mapping[str, Message], mapped: Mapping[int, str]
 ) -> Diagnostics | None:
     """Return the diagnostics of a rig; None if it has no such table. Issues are noted.
 
     `mapped` are the messages with quantities by their identifiers; diagnostics need other identifiers.
     """
-    if "diagnostics" not in raw:
+    if section is None:
         return None
-    given = read_table(issues, "diagnostics", table(issues, "diagnostics", raw["diagnostics"]), KEYS)
+    given = read_record(issues, "diagnostics", section, DiagnosticsTable)
     found = {}
-    for name in ("request", "response"):
-        key, value = f"diagnostics.{name}", given[name]
+    for name, value in (("request", given.request), ("response", given.response)):
+        key = f"diagnostics.{name}"
         found[name] = _identifier(issues, key, value, messages)
         if found[name] in mapped:
             issues.add(
@@ -82,27 +96,25 @@ def diagnostics_of(
             )
     if found["request"] == found["response"] >= 0:
         issues.add(
-            "diagnostics.response", f"{show(given['response'])}; allowed: an identifier other than that of request"
+            "diagnostics.response", f"{show(given.response)}; allowed: an identifier other than that of request"
         )
-    names = [each if isinstance(each, str) else "" for each in (given["request"], given["response"])]
+    names = [each if isinstance(each, str) else "" for each in (given.request, given.response)]
     return Diagnostics(
         request=found["request"],
         response=found["response"],
-        padding=given["padding"],
-        period=1e-3 * given["cycle_ms"],
-        patience=1e-3 * given["timeout_ms"],
-        status_mask=given["status_mask"],
-        clears=given["clear"],
+        padding=given.padding,
+        period=1e-3 * given.cycle_ms,
+        patience=1e-3 * given.timeout_ms,
+        status_mask=given.status_mask,
+        clears=given.clear,
         names=(names[0], names[1]),
     )
 
 
-def _identifier(issues: ConfigIssues, key: str, value: str | int | None, messages: Mapping[str, Message]) -> int:
+def _identifier(issues: ConfigIssues, key: str, value: str | int, messages: Mapping[str, Message]) -> int:
     """Return an identifier with SocketCAN's flag if it is extended; -1 if it is not known."""
     if isinstance(value, int):
         return value | (EXTENDED if value > _LAST_BASE else 0)
-    if value is None:
-        return -1
     if value not in messages:
         issues.add(key, f"{show(value)}: no such message; allowed: {_Identifier.allowed}")
         return -1

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from liftgate_hil.config.kinds import Choice, Kind, Level, Number, Text, Whole
-from liftgate_hil.config.schema import Key
+from liftgate_hil.config.schema import REQUIRED, Key
 from liftgate_hil.signals import DIRECTIONS
 from liftgate_hil.stimuli import bus_fault_tables
 from liftgate_hil.stimuli.faults import ADD, SCALE, SET, Edit
@@ -105,8 +105,8 @@ def _none(values: Values, side: str) -> Sequence[Edit]:
     raise AssertionError("made of the vehicle, or of the bus")
 
 
-def _key(name: str, kind: Kind, meaning: str) -> tuple[Key, ...]:
-    return (Key(name, kind, meaning),)
+def _key(name: str, kind: Kind, meaning: str, default: object = REQUIRED) -> tuple[Key, ...]:
+    return (Key(kind, meaning, name=name, default=default),)
 
 
 _DIRECTION = _key("direction", Choice(list(bus_fault_tables.DIRECTIONS)), "as seen from the gate")
@@ -160,14 +160,14 @@ _KINDS = (
     FaultKind("latch_not_releasing", "the latch does not release, whatever drives it",
               _gate("faults.latch_held", SET), of=GATE),
     FaultKind("parameter", "a number of the vehicle file gets another value", _none, (
-        Key("key", Text("a key of the vehicle file"), "for example `gate.mass` or `left.motor.resistance`"),
-        Key("value", Number(-1e15, 1e15), "new value, in the file's unit"),
-        Key("ramp_s", Number(0.0, 1e6, "s"), "duration of the linear transition to it", 0.0),
+        *_key("key", Text("a key of the vehicle file"), "for example `gate.mass` or `left.motor.resistance`"),
+        *_key("value", Number(-1e15, 1e15), "new value, in the file's unit"),
+        *_key("ramp_s", Number(0.0, 1e6, "s"), "duration of the linear transition to it", 0.0),
     ), of=GATE),
     FaultKind("frame_lost", "frames do not arrive", _none, (
-        *_DIRECTION, Key("probability", Number(0.0, 1.0), "probability that a frame is lost", 1.0)), of=MESSAGE),
+        *_DIRECTION, *_key("probability", Number(0.0, 1.0), "probability that a frame is lost", 1.0)), of=MESSAGE),
     FaultKind("frame_delayed", "frames arrive later", _none, (
-        *_DIRECTION, Key("delay_s", Number(0.0, 10.0, "s"), "delay of the frames, not of `start` and `end`")),
+        *_DIRECTION, *_key("delay_s", Number(0.0, 10.0, "s"), "delay of the frames, not of `start` and `end`")),
         of=MESSAGE),
     FaultKind("frame_repeated", "each frame is repeated once", _none, _DIRECTION, of=MESSAGE),
     FaultKind("frame_corrupted", "one random bit of the data is inverted, in a frame that is valid on the bus; "
@@ -181,8 +181,8 @@ _KINDS = (
               "included", _none, _DIRECTION, of=MESSAGE),
     FaultKind("babbling", "a node keeps sending frames of eight zero bytes", _none, (
         *_DIRECTION,
-        Key("id", Whole(0, 0x1FFFFFFF), "identifier; above 0x7FF an extended one"),
-        Key("rate", Number(0.0, 1e5, "1/s"), "rate of the frames"),
+        *_key("id", Whole(0, 0x1FFFFFFF), "identifier; above 0x7FF an extended one"),
+        *_key("rate", Number(0.0, 1e5, "1/s"), "rate of the frames"),
     ), of=BUS),
     FaultKind("bus_off", "the gate neither sends nor receives. A real CAN controller cannot be taken off its bus: "
               "there the gate only stops sending and receiving, and the scenario is inconclusive", _none, of=BUS),

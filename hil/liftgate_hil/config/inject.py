@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from liftgate_hil.codec.bus_config import identifier_of
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.config.kinds import Text
 from liftgate_hil.config.restbus import check_signal
-from liftgate_hil.config.schema import Key, read_table
+from liftgate_hil.config.schema import Key, read_record
 from liftgate_hil.config.signal_name import find_signal
 from liftgate_hil.config.toml import Table, known_keys, show, table
 from liftgate_hil.errors import ConfigIssues
@@ -28,32 +28,59 @@ if TYPE_CHECKING:
 NOTHING = "none"  # the label that selects nothing
 _SIGNAL = Text("MESSAGE.SIGNAL")
 
+# fmt: off
+# A field with its key is a row of a table.
+
+
+@dataclass(frozen=True)
+class FaultOrder:
+    """The keys of `[inject.fault]`."""
+
+    kind: Annotated[str, Key(_SIGNAL, "its labels are fault kinds of docs/scenario.md; `none` with `on` 0 ends "
+        "all faults")]
+    on: Annotated[str, Key(_SIGNAL, "1: the fault begins, or begins again with another value; 0: it ends")]
+    place: Annotated[str | None, Key(_SIGNAL, "its labels are left, right, both, messages, keys of the vehicle "
+        "file (for the kind `parameter`), and `none`", "none")] = None
+    value: Annotated[str | None, Key(_SIGNAL, "number for the kind's key: value, ohm, factor, probability, rate, "
+        "delay_s, or the number of the bridge state", "none")] = None
+    direction: Annotated[str | None, Key(_SIGNAL, "its labels are sent and received, as seen from the gate; with "
+        "any other label the message in `place` decides", "none")] = None
+
+
+@dataclass(frozen=True)
+class BabblingOrder:
+    """The keys of `[inject.babbling]`."""
+
+    identifier: Annotated[str, Key(_SIGNAL, "identifier of the frames, above 0x7FF an extended one")]
+    on: Annotated[str, Key(_SIGNAL, "1: babbling begins; 0: it ends")]
+    rate: Annotated[str, Key(_SIGNAL, "rate of the frames [1/s]")]
+    direction: Annotated[str, Key(_SIGNAL, "its labels are sent and received")]
+
+
+@dataclass(frozen=True)
+class RequestOrder:
+    """The keys of `[inject.request]`."""
+
+    action: Annotated[str, Key(_SIGNAL, "its labels are the rig's buttons: open, close, stop, reset, and `none`")]
+
+
+@dataclass(frozen=True)
+class SignalOrder:
+    """The keys of `[inject.signal]`."""
+
+    name: Annotated[str, Key(_SIGNAL, "its labels are signals of the database that the bench may send, as "
+        "Message.Signal")]
+    value: Annotated[str, Key(_SIGNAL, "new value of that signal, in the database's unit")]
+
+
+# fmt: on
 FAULT, BABBLING, REQUEST, SIGNAL = "fault", "babbling", "request", "signal"
-ORDERS: Mapping[str, tuple[Key, ...]] = {
-    FAULT: (
-        Key("kind", _SIGNAL, "its labels are fault kinds of docs/scenario.md; `none` with `on` 0 ends all faults"),
-        Key("on", _SIGNAL, "1: the fault begins, or begins again with another value; 0: it ends"),
-        Key("place", _SIGNAL, "its labels are left, right, both, messages, keys of the vehicle file (for the "
-            "kind `parameter`), and `none`", None, "none"),
-        Key("value", _SIGNAL, "number for the kind's key: value, ohm, factor, probability, rate, delay_s, or the "
-            "number of the bridge state", None, "none"),
-        Key("direction", _SIGNAL, "its labels are sent and received, as seen from the gate; with any other label "
-            "the message in `place` decides", None, "none"),
-    ),
-    BABBLING: (
-        Key("identifier", _SIGNAL, "identifier of the frames, above 0x7FF an extended one"),
-        Key("on", _SIGNAL, "1: babbling begins; 0: it ends"),
-        Key("rate", _SIGNAL, "rate of the frames [1/s]"),
-        Key("direction", _SIGNAL, "its labels are sent and received"),
-    ),
-    REQUEST: (
-        Key("action", _SIGNAL, "its labels are the rig's buttons: open, close, stop, reset, and `none`"),
-    ),
-    SIGNAL: (
-        Key("name", _SIGNAL, "its labels are signals of the database that the bench may send, as Message.Signal"),
-        Key("value", _SIGNAL, "new value of that signal, in the database's unit"),
-    ),
-}  # fmt: skip
+ORDERS: Mapping[str, type] = {
+    FAULT: FaultOrder,
+    BABBLING: BabblingOrder,
+    REQUEST: RequestOrder,
+    SIGNAL: SignalOrder,
+}
 
 
 @dataclass(frozen=True)
@@ -63,15 +90,14 @@ class OrderMessage:
     what: str  # key of ORDERS
     message: str
     identifier: int  # with SocketCAN's flag if it is extended
-    signals: Mapping[str, str]  # name of a Key in ORDERS: name of the signal
+    signals: Mapping[str, str]  # name of the signal by the key of its order's table
     labels: tuple[str, ...] = ()  # what can be ordered: kinds, actions, names of signals
 
 
 def orders_of(
-    raw: Table, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
+    given: Table, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> tuple[OrderMessage, ...]:
     """Return the messages of the section; issues are noted. `taken` are the messages that gate or ECU send."""
-    given = table(issues, "inject", raw.get("inject", {}))
     known_keys(issues, "inject", given, ORDERS)
     found = [_order(what, given[what], tables, taken, issues) for what in ORDERS if what in given]
     return tuple(each for each in found if each is not None)
@@ -81,7 +107,8 @@ def _order(
     what: str, given: object, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> OrderMessage | None:
     key, before = f"inject.{what}", issues.count
-    values = read_table(issues, key, table(issues, key, given), ORDERS[what])
+    read: object = read_record(issues, key, table(issues, key, given), ORDERS[what])
+    values: dict[str, str | None] = dict(vars(read))
     if issues.count > before:
         return None
     signals = {

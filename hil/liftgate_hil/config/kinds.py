@@ -7,9 +7,9 @@ import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
-from liftgate_hil.config.toml import number, show, text
+from liftgate_hil.config.toml import Table, number, show, table, text
 from liftgate_hil.errors import ConfigIssues
 
 _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
@@ -23,8 +23,12 @@ class Kind(Protocol):
     def allowed(self) -> str:
         """The allowed values in words."""
 
+    @property
+    def invalid(self) -> Any:
+        """The value in memory in place of an invalid or missing one."""
+
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
-        """Return the value as it is in memory; issues are noted."""
+        """Return the value as it is in memory; `invalid` and an issue if it is not allowed."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,7 @@ class Number:
     high: float
     unit: str = ""
     scale: float = 1.0
+    invalid = math.nan
 
     @property
     def allowed(self) -> str:
@@ -49,7 +54,7 @@ class Number:
 class Flag:
     """Kind of value: a boolean."""
 
-    allowed = "true or false"
+    allowed, invalid = "true or false", False
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> bool:
         """Return the value; false and an issue if it is no boolean."""
@@ -70,12 +75,17 @@ class Whole:
         """The range in words."""
         return f"a whole number from {self.low} to {self.high}"
 
+    @property
+    def invalid(self) -> int:
+        """The lowest number."""
+        return self.low
+
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
         """Return the number; `low` and an issue if it is invalid."""
         found = int(value) if isinstance(value, float) and value.is_integer() else value
         if isinstance(found, bool) or not isinstance(found, int) or not self.low <= found <= self.high:
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return self.low
+            return self.invalid
         return found
 
 
@@ -90,13 +100,18 @@ class Size:
         """The range in words."""
         return f"bytes from {self.least:,} on, or a size such as 500MB, 2GB"
 
+    @property
+    def invalid(self) -> int:
+        """The smallest size."""
+        return self.least
+
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
         """Return the size in bytes; `least` and an issue if it is invalid."""
         match = _SIZE.fullmatch(value) if isinstance(value, str) else None
         found = round(float(match[1]) * _UNITS[match[2].upper()]) if match else value
         if isinstance(found, bool) or not isinstance(found, int) or found < self.least:
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return self.least
+            return self.invalid
         return found
 
 
@@ -105,6 +120,7 @@ class Choice:
     """Kind of value: one of several words."""
 
     words: Sequence[str]
+    invalid = ""
 
     @property
     def allowed(self) -> str:
@@ -121,6 +137,7 @@ class Choices:
     """Kind of value: a list of which each item is one of several words."""
 
     values: Sequence[str]
+    invalid: ClassVar[tuple[str, ...]] = ()
 
     @property
     def allowed(self) -> str:
@@ -131,7 +148,7 @@ class Choices:
         """Return the items; an empty tuple and an issue if they are invalid."""
         if not isinstance(value, list) or any(each not in self.values for each in value):
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return ()
+            return self.invalid
         return tuple(value)
 
 
@@ -140,6 +157,7 @@ class Level:
     """Kind of value: a binary level, 0 or 1, or the word for it."""
 
     words: tuple[str, str] = ("low", "high")
+    invalid = math.nan
 
     @property
     def allowed(self) -> str:
@@ -161,6 +179,7 @@ class Label:
     """Kind of value: that of a signal, as a number in the database's unit or a label of its value table."""
 
     allowed: str = "a number, or a label of the signal"
+    invalid = math.nan
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str:
         """Return the number or the label; NaN and an issue if it is neither."""
@@ -170,7 +189,6 @@ class Label:
         if is_number and abs(value) <= sys.float_info.max:  # a whole number may be beyond it
             return float(value)
         issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        issues.settle(key)
         return math.nan
 
 
@@ -179,6 +197,7 @@ class Text:
     """Kind of value: any text that is not empty; `allowed` is what messages call it."""
 
     allowed: str = "a text"
+    invalid = ""
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
         """Return the text; "" and an issue if it is none."""
@@ -193,13 +212,14 @@ class Texts:
     """Kind of value: a list of texts, or a single text; `allowed` is what messages call it."""
 
     allowed: str
+    invalid: ClassVar[tuple[str, ...]] = ()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
         """Return the texts; an empty tuple and an issue if they are invalid."""
         given = [value] if isinstance(value, str) else value
         if not isinstance(given, list) or not all(isinstance(each, str) and each for each in given):
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return ()
+            return self.invalid
         return tuple(given)
 
 
@@ -208,10 +228,23 @@ class Raw:
     """Kind of value: any, which a reader of its own validates later."""
 
     allowed: str
+    invalid = None
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
         """Return the value as it is."""
         return value
+
+
+@dataclass(frozen=True)
+class Subtable:
+    """Kind of value: a table, whose keys are read later."""
+
+    allowed: str = "a table"
+    invalid: ClassVar[Table] = {}
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> Table:
+        """Return the table; an empty one and an issue if it is none."""
+        return table(issues, key, value)
 
 
 SEED = Whole(0, 2**32 - 1)

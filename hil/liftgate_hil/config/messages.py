@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 from liftgate_hil.codec.bus_config import LONGEST_MS
 from liftgate_hil.codec.checksum import KINDS, PROFILES
@@ -12,48 +13,104 @@ from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.e2e.check_state import MAX_WINDOW
 from liftgate_hil.codec.e2e.profile_1 import DATA_ID_MODES
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
+from liftgate_hil.config.kinds import Choice, Number, Raw, Subtable, Whole
 from liftgate_hil.config.protection_tables import checksum_table, counter_table
-from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
+from liftgate_hil.config.schema import Key, keys_of, read_record
+from liftgate_hil.config.toml import Table, known_keys, show, table, text
 from liftgate_hil.errors import ConfigIssues
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
-_OPTIONS = ("cycle_ms", "timeout_cycles", "counter", "checksum", "checksum_kind")
-_E2E = (
-    "protection", "data_id", "data_id_list", "data_id_mode", "data_id_nibble",
-    "max_delta_counter", "sync_counter", "state_machine",
-)  # fmt: skip
+_LARGEST_STEP = {"e2e-p01": 14, "e2e-p02": 15, "e2e-p05": 255}  # of the counter, by profile
+_STEPS = "; ".join(f"a whole number from 1 to {most} ({name})" for name, most in _LARGEST_STEP.items())
+_OWN = "a signal of the message"
+_FRAMES = Raw("a whole number from 0 to `window`")
+
+# fmt: off
+# A field with its key is a row of a table.
+
+
+@dataclass(frozen=True)
+class MessageTable:
+    """The keys of `[messages.NAME]`."""
+
+    cycle_ms: Annotated[float | None, Key(Number(0.1, LONGEST_MS, "ms"), "cycle time of the message",
+        "the database's `GenMsgCycleTime`")] = None
+    timeout_cycles: Annotated[float, Key(Number(1.0, 1000.0), "number of cycles without a frame after which a "
+        "command is stale")] = 3.0
+    counter: Annotated[Any, Key(Raw(f"{_OWN}, or a table"), "signal of the alive counter, counting frames from 0 "
+        "in steps of 1; or a table, below", "none")] = None
+    checksum: Annotated[Any, Key(Raw(f"{_OWN}, or a table"), "signal of the checksum; or a table with the "
+        "parameters of a manufacturer's own, below", "none")] = None
+    checksum_kind: Annotated[str, Key(Choice(KINDS), "algorithm, over the identifier and the payload without the "
+        "checksum")] = "crc8-sae-j1850"
+    protection: Annotated[str, Key(Choice(("simple", *PROFILES)), "`simple`: counter and checksum as above; the "
+        "others are AUTOSAR E2E profiles")] = "simple"
+    data_id: Annotated[int | None, Key(Whole(0, 0xFFFF), "data ID of the message",
+        "required by profiles 1 and 5")] = None
+    data_id_list: Annotated[Any, Key(Raw("16 whole numbers from 0 to 255"), "data ID for each value of the "
+        "counter", "required by profile 2")] = None
+    data_id_mode: Annotated[str, Key(Choice(DATA_ID_MODES), "profile 1: bytes of the data ID that the CRC "
+        "covers")] = "both"
+    data_id_nibble: Annotated[Any, Key(Raw(_OWN), "with `data_id_mode = \"nibble\"`: signal that carries the data "
+        "ID's nibble", "none")] = None
+    max_delta_counter: Annotated[Any, Key(Raw(_STEPS), "largest tolerated step of the counter; 1: no frame may be "
+        "lost")] = 1
+    sync_counter: Annotated[int, Key(Whole(0, 255), "number of frames after a wrong sequence whose data are not "
+        "used yet")] = 0
+    state_machine: Annotated[Table | None, Key(Subtable(), "when data are used, see below")] = None
+
+
+@dataclass(frozen=True)
+class StateMachineTable:
+    """The keys of `state_machine` of a message."""
+
+    window: Annotated[int, Key(Whole(1, MAX_WINDOW), "number of frames by which the state is decided")] = 1
+    min_ok_init: Annotated[Any, Key(_FRAMES, "state INIT: required frames with status OK in the window")] = 1
+    min_ok_valid: Annotated[Any, Key(_FRAMES, "state VALID: required frames with status OK in the window")] = 1
+    min_ok_invalid: Annotated[Any, Key(_FRAMES, "state INVALID: required frames with status OK in the window")] = 1
+    max_error_init: Annotated[Any, Key(_FRAMES, "state INIT: tolerated frames with status ERROR in the "
+        "window")] = 0
+    max_error_valid: Annotated[Any, Key(_FRAMES, "state VALID: tolerated frames with status ERROR in the "
+        "window")] = 0
+    max_error_invalid: Annotated[Any, Key(_FRAMES, "state INVALID: tolerated frames with status ERROR in the "
+        "window")] = 0
+
+
+# fmt: on
+_E2E = [key.name for key in keys_of(MessageTable)[6:]]
 
 
 def message_options(
-    issues: ConfigIssues, raw: Table, messages: Mapping[str, Message]
+    issues: ConfigIssues, section: Table, messages: Mapping[str, Message]
 ) -> dict[str, MessageOptions]:
-    """Return the options of messages from the tables [messages.*]; issues are noted."""
-    section = table(issues, "messages", raw.get("messages", {}))
+    """Return the options of messages from the tables [messages.*], by name; issues are noted."""
     known_keys(issues, "messages", section, messages)
     result = {}
     for name, value in section.items():
         if name not in messages:
             continue
         key = f"messages.{name}"
-        given = table(issues, key, value)
-        known_keys(issues, key, given, (*_OPTIONS, *_E2E))
-        result[name] = MessageOptions(
-            cycle_ms=_number(issues, f"{key}.cycle_ms", given.get("cycle_ms"), 0.1, LONGEST_MS),
-            timeout_cycles=_number(issues, f"{key}.timeout_cycles", given.get("timeout_cycles"), 1.0, 1000.0)
-            or 3.0,
-            **_protection(issues, key, given, messages[name]),
+        raw = table(issues, key, value)
+        given = read_record(issues, key, raw, MessageTable)
+        cycle, timeout = given.cycle_ms, given.timeout_cycles
+        result[name] = MessageOptions(  # NaN: invalid, which is reported
+            cycle_ms=None if cycle is None or math.isnan(cycle) else cycle,
+            timeout_cycles=MessageTable.timeout_cycles if math.isnan(timeout) else timeout,
+            **_protection(issues, key, given, raw, messages[name]),
         )
     return result
 
 
-def _protection(issues: ConfigIssues, key: str, given: Table, message: Message) -> dict[str, Any]:
-    """Return the fields of MessageOptions that say how a message is protected."""
+def _protection(
+    issues: ConfigIssues, key: str, given: MessageTable, raw: Table, message: Message
+) -> dict[str, Any]:
+    """Return the fields of MessageOptions that say how a message is protected; `raw` are the keys that it has."""
     signals = [each.name for each in message.signals]
     counting, own = Counting(), None
-    counter, checksum = given.get("counter"), given.get("checksum")
-    e2e = _end_to_end(issues, key, given, signals)
+    counter, checksum = given.counter, given.checksum
+    e2e = _end_to_end(issues, key, given, raw, signals)
     is_table = {"counter": isinstance(counter, dict), "checksum": isinstance(checksum, dict)}
     if e2e is not None:
         for name in [name for name, is_one in is_table.items() if is_one]:
@@ -66,93 +123,71 @@ def _protection(issues: ConfigIssues, key: str, given: Table, message: Message) 
     else:
         counter = _own_signal(issues, f"{key}.counter", counter, signals)
     if isinstance(checksum, dict):
-        if "checksum_kind" in given:
+        if "checksum_kind" in raw:
             issues.add(f"{key}.checksum_kind", "the checksum's table defines it; allowed: with a named checksum")
         checksum, own = checksum_table(issues, f"{key}.checksum", checksum, message, counter)
     else:
         checksum = _own_signal(issues, f"{key}.checksum", checksum, signals)
-    kind = given.get("checksum_kind", "crc8-sae-j1850")
     return {
         "counter": counter,
         "checksum": checksum,
-        "checksum_kind": text(issues, f"{key}.checksum_kind", kind, KINDS) or "none",
+        "checksum_kind": given.checksum_kind or "none",
         "e2e": e2e,
         "counting": counting,
         "own": own,
     }
 
 
-def _end_to_end(issues: ConfigIssues, key: str, given: Table, signals: list[str]) -> EndToEnd | None:
+def _end_to_end(
+    issues: ConfigIssues, key: str, given: MessageTable, raw: Table, signals: list[str]
+) -> EndToEnd | None:
     """Return the E2E profile of a message; None if it has none."""
-    choice = text(issues, f"{key}.protection", given.get("protection", "simple"), ("simple", *PROFILES))
-    if choice in ("", "simple"):
-        for name in _E2E[1:]:
-            if name in given and choice:
+    profile, mode = given.protection, given.data_id_mode
+    if profile in ("", "simple"):
+        for name in _E2E:
+            if name in raw and profile:
                 issues.add(f"{key}.{name}", f"allowed with protection = {', '.join(PROFILES)}")
         return None
-    if "checksum_kind" in given:
-        issues.add(f"{key}.checksum_kind", f"{choice} has its own; allowed: no such key")
-    top = {"e2e-p01": 14, "e2e-p02": 15, "e2e-p05": 255}[choice]
-    mode = text(issues, f"{key}.data_id_mode", given.get("data_id_mode", "both"), DATA_ID_MODES)
-    nibble = _own_signal(issues, f"{key}.data_id_nibble", given.get("data_id_nibble"), signals)
-    if choice != "e2e-p01" and "data_id_mode" in given:
+    if "checksum_kind" in raw:
+        issues.add(f"{key}.checksum_kind", f"{profile} has its own; allowed: no such key")
+    nibble = _own_signal(issues, f"{key}.data_id_nibble", given.data_id_nibble, signals)
+    if profile != "e2e-p01" and "data_id_mode" in raw:
         issues.add(f"{key}.data_id_mode", "allowed with protection = e2e-p01")
-    if (mode == "nibble" and choice == "e2e-p01") != (nibble is not None):
+    if (mode == "nibble" and profile == "e2e-p01") != (nibble is not None):
         issues.add(f"{key}.data_id_nibble", 'allowed: a signal with data_id_mode = "nibble"')
-    machine = table(issues, f"{key}.state_machine", given.get("state_machine", {}))
-    states = ("init", "valid", "invalid")
-    names = [f"{what}_{state}" for what in ("min_ok", "max_error") for state in states]
-    known_keys(issues, f"{key}.state_machine", machine, ("window", *names))
-    window = _whole(issues, f"{key}.state_machine.window", machine.get("window", 1), 1, MAX_WINDOW)
-    limits = [
-        _whole(issues, f"{key}.state_machine.{name}", machine.get(name, int(name.startswith("min_ok"))), 0, window)
-        for name in names
-    ]
+    below = f"{key}.state_machine"
+    machine = read_record(issues, below, given.state_machine or {}, StateMachineTable)
+    frames = Whole(0, machine.window)
+    limits = [frames.read(issues, f"{below}.{name}", value) for name, value in list(vars(machine).items())[1:]]
+    step = Whole(1, _LARGEST_STEP[profile])
     return EndToEnd(
-        choice,
-        _data_ids(issues, key, given, choice),
+        profile,
+        _data_ids(issues, key, given, raw),
         mode or "both",
         nibble,
-        _whole(issues, f"{key}.max_delta_counter", given.get("max_delta_counter", 1), 1, top),
-        _whole(issues, f"{key}.sync_counter", given.get("sync_counter", 0), 0, 255),
-        window,
+        step.read(issues, f"{key}.max_delta_counter", given.max_delta_counter),
+        given.sync_counter,
+        machine.window,
         (limits[0], limits[1], limits[2]),
         (limits[3], limits[4], limits[5]),
     )
 
 
-def _data_ids(issues: ConfigIssues, key: str, given: Table, profile: str) -> tuple[int, ...]:
+def _data_ids(issues: ConfigIssues, key: str, given: MessageTable, raw: Table) -> tuple[int, ...]:
     """Return the data ID, or the list of profile 2."""
-    wanted, other = ("data_id_list", "data_id") if profile == "e2e-p02" else ("data_id", "data_id_list")
-    if other in given:
-        issues.add(f"{key}.{other}", f"{profile} has none; allowed: {wanted}")
-    if wanted == "data_id":
-        return (_whole(issues, f"{key}.data_id", given.get("data_id"), 0, 0xFFFF),)
-    values = given.get("data_id_list")
+    required, other = ("data_id_list", "data_id") if given.protection == "e2e-p02" else ("data_id", "data_id_list")
+    if other in raw:
+        issues.add(f"{key}.{other}", f"{given.protection} has none; allowed: {required}")
+    if required == "data_id":
+        if given.data_id is None:
+            issues.add(f"{key}.data_id", f"missing; allowed: {Whole(0, 0xFFFF).allowed}")
+        return (given.data_id or 0,)
+    values = given.data_id_list
     if not isinstance(values, list) or len(values) != 16:
         issues.add(f"{key}.data_id_list", f"{show(values)}; allowed: 16 whole numbers from 0 to 255")
         return (0,)
-    return tuple(_whole(issues, f"{key}.data_id_list[{i}]", value, 0, 255) for i, value in enumerate(values))
-
-
-def _whole(issues: ConfigIssues, key: str, value: object, low: int, high: int) -> int:
-    """Return a whole number within [low, high]; `low` and an issue if it is invalid."""
-    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-        issues.add(key, f"{show(value)}; allowed: a whole number from {low} to {high}")
-        return low
-    return value
-
-
-def _number(issues: ConfigIssues, key: str, value: object, low: float, high: float) -> float | None:
-    """Return a number that may be left out; None if it is invalid, which is reported once."""
-    if value is None:
-        return None
-    unit = "ms" if key.endswith("_ms") else ""
-    found = number(issues, key, value, low, high, unit)
-    if not math.isnan(found):
-        return found
-    issues.settle(key)
-    return None
+    entry = Whole(0, 255)
+    return tuple(entry.read(issues, f"{key}.data_id_list[{i}]", value) for i, value in enumerate(values))
 
 
 def _own_signal(issues: ConfigIssues, key: str, value: object, signals: list[str]) -> str | None:

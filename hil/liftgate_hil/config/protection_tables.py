@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.protection import own_bits
 from liftgate_hil.codec.rocksoft import MOST_DATA_IDS, PARTS, Covered, Rocksoft
 from liftgate_hil.codec.tables import MOST_COVERED
 from liftgate_hil.config.kinds import Flag, Raw, Text, Whole
-from liftgate_hil.config.schema import Key, read_table
+from liftgate_hil.config.schema import Key, read_record
 from liftgate_hil.config.toml import Table, show
 from liftgate_hil.errors import ConfigIssues
 
@@ -34,63 +34,79 @@ class _Bits:
     """A number of at most as many bits as the signal has."""
 
     low: int = 0
+    invalid = 0
 
     @property
     def allowed(self) -> str:
         """The allowed values in words."""
         return f"a whole number from {self.low} to 2^width - 1"
 
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> int | None:
-        """Return the number; None and an issue if it is invalid. Its bits are checked once the width is known."""
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
+        """Return the number; 0 and an issue if it is invalid. Its bits are checked once the width is known."""
         if isinstance(value, bool) or not isinstance(value, int) or value < self.low:
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return None
+            return self.invalid
         return value
 
 
-_SIGNAL = Key("signal", Text("a signal of the message"), "signal that carries the checksum")
-CHECKSUM = (
-    _SIGNAL,
-    Key("width", Whole(1, _MOST_BITS), "number of bits, that of the signal"),
-    Key("polynomial", _Bits(1), "without its highest term, as in catalogues: 0x1D is x⁸ + x⁴ + x³ + x² + 1"),
-    Key("start", _Bits(), "initial value of the register (`init` in catalogues)", 0),
-    Key("reflect_in", Flag(), "the lowest bit of each byte is processed first (`refin`)", False, "false"),
-    Key("reflect_out", Flag(), "the lowest bit of the register becomes the highest bit of the checksum "
-        "(`refout`)", False, "false"),
-    Key("final_xor", _Bits(), "value that is XORed with the result, after that (`xorout`)", 0),
-    Key("covers", Raw(_COVERS), "parts that the checksum covers, in this order", ("payload",), '["payload"]'),
-    Key("data_id", Raw(_DATA_ID), "data ID of the message; of a list, the entry at the counter's value modulo the "
-        "list's length", None, "none"),
-)  # fmt: skip
-COUNTER = (
-    Key("signal", Text("a signal of the message"), "signal that counts frames, of 1 to 64 bits"),
-    Key("start", _Bits(), "value in the first frame", None, "`lowest`"),
-    Key("step", Raw("a whole number other than 0, smaller in size than the number of values"),
-        "increment from frame to frame; a negative one counts down", 1),
-    Key("lowest", _Bits(), "lowest value", 0),
-    Key("highest", _Bits(), "highest value, after which it continues from `lowest`; at most 2^48 values",
-        None, "all bits set"),
-)  # fmt: skip
+# fmt: off
+# A field with its key is a row of a table.
+
+
+@dataclass(frozen=True)
+class ChecksumTable:
+    """The keys of `checksum = {…}` of a message."""
+
+    signal: Annotated[str, Key(Text("a signal of the message"), "signal that carries the checksum")]
+    width: Annotated[int, Key(Whole(1, _MOST_BITS), "number of bits, that of the signal")]
+    polynomial: Annotated[int, Key(_Bits(1), "without its highest term, as in catalogues: 0x1D is x⁸ + x⁴ + x³ + "
+        "x² + 1")]
+    start: Annotated[int, Key(_Bits(), "initial value of the register (`init` in catalogues)")] = 0
+    reflect_in: Annotated[bool, Key(Flag(), "the lowest bit of each byte is processed first (`refin`)",
+        "false")] = False
+    reflect_out: Annotated[bool, Key(Flag(), "the lowest bit of the register becomes the highest bit of the "
+        "checksum (`refout`)", "false")] = False
+    final_xor: Annotated[int, Key(_Bits(), "value that is XORed with the result, after that (`xorout`)")] = 0
+    covers: Annotated[Any, Key(Raw(_COVERS), "parts that the checksum covers, in this order",
+        '["payload"]')] = ("payload",)
+    data_id: Annotated[Any, Key(Raw(_DATA_ID), "data ID of the message; of a list, the entry at the counter's "
+        "value modulo the list's length", "none")] = None
+
+
+@dataclass(frozen=True)
+class CounterTable:
+    """The keys of `counter = {…}` of a message."""
+
+    signal: Annotated[str, Key(Text("a signal of the message"), "signal that counts frames, of 1 to 64 bits")]
+    start: Annotated[int | None, Key(_Bits(), "value in the first frame", "`lowest`")] = None
+    step: Annotated[Any, Key(Raw("a whole number other than 0, smaller in size than the number of values"),
+        "increment from frame to frame; a negative one counts down")] = 1
+    lowest: Annotated[int, Key(_Bits(), "lowest value")] = 0
+    highest: Annotated[int | None, Key(_Bits(), "highest value, after which it continues from `lowest`; at most "
+        "2^48 values", "all bits set")] = None
+
+
+# fmt: on
 
 
 def counter_table(issues: ConfigIssues, key: str, given: Table, message: Message) -> tuple[str | None, Counting]:
     """Return the signal of a counter, and how it counts; issues are noted under `key` and keys below it."""
     before = issues.count
-    values = read_table(issues, key, given, COUNTER)
-    name, bits = _signal(issues, key, values["signal"], message)
+    counter = read_record(issues, key, given, CounterTable)
+    name, bits = _signal(issues, key, counter.signal, message)
     if issues.count > before or name is None:
         issues.settle(key)
         return None, Counting()
     top = (1 << min(bits, _MOST_BITS - 1)) - 1  # compiled code has no larger integers
-    lowest, highest = values["lowest"], top if values["highest"] is None else values["highest"]
+    lowest, highest = counter.lowest, top if counter.highest is None else counter.highest
     if highest > top:
         issues.add(f"{key}.highest", f"{highest}; {name} has {bits} bits; allowed: up to {top}")
     elif lowest >= highest:
         issues.add(f"{key}.lowest", f"{lowest}; allowed: 0 to {highest - 1}, below `highest`")
-    start = lowest if values["start"] is None else values["start"]
+    start = lowest if counter.start is None else counter.start
     if issues.count == before and not lowest <= start <= highest:
         issues.add(f"{key}.start", f"{start}; allowed: {lowest} to {highest}")
-    step, most = values["step"], highest - lowest
+    step, most = counter.step, highest - lowest
     is_whole = isinstance(step, int) and not isinstance(step, bool)
     if issues.count == before and not (is_whole and 0 < abs(step) <= most):
         others = f"-{most} to -1, 1 to {most}" if most > 1 else "-1 or 1"
@@ -109,52 +125,43 @@ def checksum_table(
     `counter` is the counter signal of the message.
     """
     before = issues.count
-    values = read_table(issues, key, given, CHECKSUM)
-    name, bits = _signal(issues, key, values["signal"], message)
+    own = read_record(issues, key, given, ChecksumTable)
+    name, bits = _signal(issues, key, own.signal, message)
     if issues.count > before or name is None:
         issues.settle(key)
         return None, None
-    width = values["width"]
+    width = own.width
     if width != bits:
         issues.add(f"{key}.width", f"{width}, and {name} has {bits} bits; allowed: {bits}")
         issues.settle(key)
         return None, None
-    for each in ("polynomial", "start", "final_xor"):
-        if values[each] >> width:
+    for each, value in (("polynomial", own.polynomial), ("start", own.start), ("final_xor", own.final_xor)):
+        if value >> width:
             low = int(each == "polynomial")
-            hint = ", without the highest term" if low and values[each] >> width == 1 else ""
+            hint = ", without the highest term" if low and value >> width == 1 else ""
             issues.add(
                 f"{key}.{each}",
-                f"0x{values[each]:X} has {values[each].bit_length()} bits, the checksum {width}; allowed: "
+                f"0x{value:X} has {value.bit_length()} bits, the checksum {width}; allowed: "
                 f"{low} to 0x{(1 << width) - 1:X}{hint}",
             )
-    data_ids = _data_ids(issues, f"{key}.data_id", values["data_id"], counter)
+    data_ids = _data_ids(issues, f"{key}.data_id", own.data_id, counter)
     covers: tuple[Covered, ...] = ()
     if issues.count == before:
         frame = _Frame(message, name, counter, data_ids)
-        covers = _covers(issues, f"{key}.covers", values["covers"], frame)
+        covers = _covers(issues, f"{key}.covers", own.covers, frame)
     if issues.count > before:
         issues.settle(key)
         return None, None
-    return name, Rocksoft(
-        width,
-        values["polynomial"],
-        values["start"],
-        values["reflect_in"],
-        values["reflect_out"],
-        values["final_xor"],
-        covers,
-        data_ids,
-    )
+    how = (own.start, own.reflect_in, own.reflect_out, own.final_xor)
+    return name, Rocksoft(width, own.polynomial, *how, covers, data_ids)
 
 
-def _signal(issues: ConfigIssues, key: str, name: Any, message: Message) -> tuple[str | None, int]:
+def _signal(issues: ConfigIssues, key: str, name: str, message: Message) -> tuple[str | None, int]:
     """Return the name of a signal of the message and its length [bits]; None and 0 if there is none."""
     signals = {each.name: each.length for each in message.signals}
-    if name is None or name in signals:  # a missing one is already reported
-        return name, signals.get(name, 0)
-    if name:
-        issues.add(f"{key}.signal", f"{show(name)}; allowed: one of {', '.join(signals)}")
+    if name in signals:
+        return name, signals[name]
+    issues.add(f"{key}.signal", f"{show(name)}; allowed: one of {', '.join(signals)}")  # unless it is settled
     return None, 0
 
 

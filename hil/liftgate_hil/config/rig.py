@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from liftgate_hil.codec.bus_config import (
     LONGEST_MS,
@@ -21,12 +21,14 @@ from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.database import KINDS, find_database, load_messages
 from liftgate_hil.config.diagnostics import diagnostics_of
-from liftgate_hil.config.driver import NO_DRIVER, Driver, driver_of
+from liftgate_hil.config.driver import NO_DRIVER, Driver, buttons_of, reset_of
 from liftgate_hil.config.inject import SIGNAL, OrderMessage, orders_of
+from liftgate_hil.config.kinds import Number, Subtable, Text
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.restbus import sendable
+from liftgate_hil.config.schema import Key, read_record
 from liftgate_hil.config.signal_mapping import signal_mappings
-from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show
+from liftgate_hil.config.toml import Table, read_toml, show
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
@@ -36,12 +38,34 @@ from liftgate_plant.signals import Signal
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
-_SECTIONS = (
-    "dbc", "bitrate", "inputs", "outputs", "messages", "requests", "reset", "inject", "diagnostics",
-)  # fmt: skip
 COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
 
 
+# fmt: off
+# A field with its key is a row of a table.
+
+
+@dataclass(frozen=True)
+class RigTable:
+    """The keys of a rig file itself."""
+
+    dbc: Annotated[str, Key(Text("a DBC, ARXML, KCD or SYM file"), "CAN database: a file beside the rig file, or "
+        "a shipped one (`liftgate.dbc`)")]
+    bitrate: Annotated[float, Key(Number(1.0, 1e8, "bit/s"), "bit rate with which the bus is opened, and to which "
+        "the bus load is related", "500000")] = 500_000.0
+    inputs: Annotated[Table | None, Key(Subtable(), "quantities that the gate receives, see below")] = None
+    outputs: Annotated[Table | None, Key(Subtable(), "quantities that the gate sends, see below")] = None
+    messages: Annotated[Table | None, Key(Subtable(), "a table for each message: cycle, time-out and protection, "
+        "see below")] = None
+    requests: Annotated[Table | None, Key(Subtable(), "a table for each button of the driver, for an ECU on a "
+        "bus, see below")] = None
+    reset: Annotated[Table | None, Key(Subtable(), "how an ECU on a bus is reset, see below")] = None
+    inject: Annotated[Table | None, Key(Subtable(), "messages by which a test bench acts on the running gate, see "
+        "below")] = None
+    diagnostics: Annotated[Table | None, Key(Subtable(), "how the ECU's trouble codes are read, see below")] = None
+
+
+# fmt: on
 @dataclass(frozen=True)
 class Rig:
     """A rig, checked against its database."""
@@ -163,33 +187,34 @@ def rig_of_content(
     they have been read before.
     """
     issues = ConfigIssues(str(path))
-    known_keys(issues, "", raw, _SECTIONS)
-    database = find_database(issues, raw.get("dbc"), path.parent)
-    bitrate = number(issues, "bitrate", raw.get("bitrate", 500_000), 1.0, 1e8, "bit/s")
+    given = read_record(issues, "", raw, RigTable)
+    database = find_database(issues, given.dbc, path.parent) if given.dbc else None
     before = issues.count
     if messages is None:
         messages = load_messages(issues, database) if database else {}
     if not messages or issues.count > before:  # without a valid database nothing else can be checked
-        return Rig(database or Path(), bitrate, {}, (), (), {}, False, str(path)), issues
-    inputs = signal_mappings(issues, raw, "inputs", BUS_INPUTS, messages)
-    outputs = signal_mappings(issues, raw, "outputs", BUS_OUTPUTS, messages)
-    options = message_options(issues, raw, messages)
+        return Rig(database or Path(), given.bitrate, {}, (), (), {}, False, str(path)), issues
+    inputs = signal_mappings(issues, given.inputs or {}, "inputs", BUS_INPUTS, messages)
+    outputs = signal_mappings(issues, given.outputs or {}, "outputs", BUS_OUTPUTS, messages)
+    options = message_options(issues, given.messages or {}, messages)
     wires = (*inputs, *outputs)
     mapped = {identifier_of(messages[wire.message]): wire.message for wire in wires}
     rig = Rig(
         database or Path(),
-        bitrate,
+        given.bitrate,
         messages,
         tuple(inputs),
         tuple(outputs),
         options,
         any(needs_fd(messages[wire.message]) for wire in wires),
         str(path),
-        diagnostics_of(issues, raw, messages, mapped),
+        diagnostics_of(issues, given.diagnostics, messages, mapped),
     )
     _check_whole(issues, rig)
-    driver = driver_of(raw, rig.tables, rig.mapped, rig.diagnostics, issues)
-    rig = replace(rig, driver=driver, orders=orders_of(raw, rig.tables, rig.mapped, issues))
+    buttons = buttons_of(given.requests or {}, rig.tables, rig.mapped, issues)
+    reset = reset_of(given.reset, rig.tables, rig.mapped, rig.diagnostics is not None, issues)
+    orders = orders_of(given.inject or {}, rig.tables, rig.mapped, issues)
+    rig = replace(rig, driver=Driver(buttons, reset), orders=orders)
     for make in (rig.input_config, rig.output_config):
         with _collecting(issues):
             make()

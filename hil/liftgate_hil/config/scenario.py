@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.config import scenario_keys as keys
 from liftgate_hil.config.files import is_there, issue_with
 from liftgate_hil.config.restbus import SignalValue
+from liftgate_hil.config.scenario_schema import ScenarioTable
 from liftgate_hil.config.scenario_tables import Fault, FoundTables, TableReader, check_once
-from liftgate_hil.config.schema import read_table
+from liftgate_hil.config.schema import keys_of, read_record
 from liftgate_hil.config.settings import Setting, settings_in
 from liftgate_hil.config.toml import Table, number, read_toml, show, table
 from liftgate_hil.errors import ConfigError, ConfigIssues
@@ -83,7 +83,7 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
     """
     parts = _parts(path, replaced or {}, [])
     parameters, origins = _parameters(parts, replaced or {})
-    top: dict[str, Any] = {}
+    top = ScenarioTable()
     settings: dict[tuple[str, ...], Setting] = {}
     found = FoundTables([], [], [], [], [], [])
     for part in parts:
@@ -91,36 +91,34 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
             key: value if key in _FREE else _filled_in(part, key, value, parameters, origins)
             for key, value in part.raw.items()
         }
-        own = read_table(part.issues, "", raw, keys.TOP)
-        for name in ("vehicle", "rig"):
-            if raw.get(name):
-                own[name] = _beside(part.path, own[name])
-        top |= {key: own[key] for key in own if key in raw or key not in top}
-        given = table(part.issues, "set", raw.get("set", {}))
-        for each in settings_in(given, f"{part.path}: set."):
+        own = read_record(part.issues, "", raw, ScenarioTable)
+        own = replace(own, vehicle=_beside(part.path, own.vehicle), rig=_beside(part.path, own.rig))
+        given = [key.name for key in keys_of(ScenarioTable) if key.name in raw]
+        top = replace(top, **{name: getattr(own, name) for name in given})
+        for each in settings_in(own.set or {}, f"{part.path}: set."):
             called = part.issues.called(f"set.{each.key}")
             settings[each.names] = each._replace(source=called.removesuffix(each.key))
-        TableReader(part.path, part.issues, parameters).read(raw, found)
+        TableReader(part.path, part.issues, parameters).read(own, found)
     check_once(parts[-1].issues, "profile", [name for name, _ in found.profiles])
     if any(part.issues.count for part in parts):
         raise ConfigError([line for part in parts for line in _lines_of(part.issues)])
     return Scenario(
         TimedStimuli(dict(found.profiles), tuple(found.obstacles)),
         tuple(sorted(found.requests, key=_order)),
-        top["duration"],
-        precondition=top["precondition"],
-        timing_tolerance=top["timing_tolerance_s"],
-        vehicle=top["vehicle"],
-        rig=top["rig"],
-        seed=top["seed"],
-        initial=top["initial"],
+        top.duration,
+        precondition=top.precondition,
+        timing_tolerance=top.timing_tolerance_s,
+        vehicle=top.vehicle,
+        rig=top.rig,
+        seed=top.seed,
+        initial=top.initial,
         settings=tuple(settings.values()),
         parameters=parameters,
         faults=tuple(found.faults),
         signals=tuple(found.signals),
         expectations=tuple(found.expectations),
-        description=str(top["description"]),
-        requirement=top["requirement"],
+        description=str(top.description),
+        requirement=top.requirement,
         source=str(path),
         included=tuple(str(part.path) for part in parts[:-1]),
     )
@@ -224,7 +222,7 @@ def _filled_in(
     return value
 
 
-def _beside(path: Path, name: str) -> str:
+def _beside(path: Path, name: str | None) -> str | None:
     """Return the path of a file beside the scenario if there is one, else the name, e.g. a shipped one."""
     if not name:
         return name

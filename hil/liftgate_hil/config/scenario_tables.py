@@ -11,11 +11,19 @@ from typing import Any
 import numpy as np
 
 from liftgate_hil.conditions.parser import parsed
-from liftgate_hil.config import scenario_keys as keys
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, WHERE, FaultKind
 from liftgate_hil.config.profile_csv import read_points
 from liftgate_hil.config.restbus import SignalValue
-from liftgate_hil.config.schema import read_table
+from liftgate_hil.config.scenario_schema import (
+    ExpectTable,
+    FaultTable,
+    ObstacleTable,
+    ProfileTable,
+    RequestTable,
+    ScenarioTable,
+    SignalTable,
+)
+from liftgate_hil.config.schema import keys_of, read_record, read_values
 from liftgate_hil.config.toml import Table, known_keys, number, show, table
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.judging.expectation import KINDS, STATES, Expectation
@@ -77,14 +85,14 @@ class TableReader:
     issues: ConfigIssues
     parameters: Mapping[str, float]
 
-    def read(self, raw: Table, found: FoundTables) -> None:
+    def read(self, given: ScenarioTable, found: FoundTables) -> None:
         """Add the tables of the file to those that have been found; issues are collected."""
-        found.profiles += self._tables(raw, "profile", self._profile)
-        found.obstacles += self._tables(raw, "obstacle", self._obstacle)
-        found.requests += self._tables(raw, "request", self._request)
-        found.signals += self._tables(raw, "signal", self._signal)
-        found.faults += self._tables(raw, "fault", self.fault)
-        own = self._tables(raw, "expect", self._expect)
+        found.profiles += self._tables("profile", given.profile, self._profile)
+        found.obstacles += self._tables("obstacle", given.obstacle, self._obstacle)
+        found.requests += self._tables("request", given.request, self._request)
+        found.signals += self._tables("signal", given.signal, self._signal)
+        found.faults += self._tables("fault", given.fault, self.fault)
+        own = self._tables("expect", given.expect, self._expect)
         check_once(self.issues, "expect", [each.name for each in own if each.name])
         names = [each.name for each in found.expectations]
         for each in own:
@@ -93,9 +101,8 @@ class TableReader:
             else:
                 found.expectations.append(each)
 
-    def _tables(self, raw: Table, key: str, read: Callable[[str, Table], Any]) -> list[Any]:
-        given = raw.get(key, [])
-        if not isinstance(given, list):
+    def _tables(self, key: str, given: Any, read: Callable[[str, Table], Any]) -> list[Any]:
+        if not isinstance(given, list | tuple):
             self.issues.add(key, f"{show(given)}; allowed: [[{key}]] tables")
             return []
         return [read(f"{key}[{i}]", table(self.issues, f"{key}[{i}]", each)) for i, each in enumerate(given)]
@@ -116,21 +123,21 @@ class TableReader:
 
     def _profile(self, key: str, given: Table) -> tuple[str, Profile]:
         issues = self.issues
-        values = read_table(issues, key, given, keys.PROFILE)
-        name = values["quantity"] or ""
+        profile = read_record(issues, key, given, ProfileTable)
+        name = profile.quantity
         is_switch = bool(name and PROFILES[name].values)
-        how = values["interpolation"] or ("hold" if is_switch else "linear")
+        how = profile.interpolation or ("hold" if is_switch else "linear")
         if is_switch and how != "hold":
             issues.add(f"{key}.interpolation", f"{show(how)}; allowed: hold")
         if ("points" in given) == ("csv" in given):
             said = "both points and csv" if "csv" in given else show(None)
             issues.add(f"{key}.points", f"{said}; allowed: [[time, value], …], or a file in csv")
             return name, Profile([], how == "linear")
-        points = given.get("points")
-        if "csv" in given:
+        points = profile.points
+        if profile.csv is not None:
             key = f"{key}.csv"
             try:
-                points = read_points(self.path.parent / values["csv"], name) if values["csv"] else []
+                points = read_points(self.path.parent / profile.csv, name) if profile.csv else []
             except ConfigError as error:
                 issues.add(key, str(error))
                 return name, Profile([], how == "linear")
@@ -157,109 +164,102 @@ class TableReader:
                 issues.add(f"{key}[{i}][0]", f"{time:g}; allowed: later than the point before")
         return found
 
-    def _span(self, key: str, values: Mapping[str, Any]) -> tuple[Instant, Instant]:
+    def _span(self, key: str, given: ObstacleTable | FaultTable) -> tuple[Instant, Instant]:
         """Return start and end with the delay added; an issue if the end is not later."""
-        delay = values["delay_s"]
-        start = self._instant(values["start"], delay, f"{key}.start")
-        end = self._instant(values["end"], delay, f"{key}.end")
+        start = self._instant(given.start, given.delay_s, f"{key}.start")
+        end = self._instant(given.end, given.delay_s, f"{key}.end")
         if not start.condition and not end.condition and end.time <= start.time:
             self.issues.add(f"{key}.end", f"{end.time:g}; allowed: later than start")
         return start, end
 
     def _obstacle(self, key: str, given: Table) -> TimedObstacle:
-        values = read_table(self.issues, key, given, keys.OBSTACLE)
+        body = read_record(self.issues, key, given, ObstacleTable)
         obstacle = Obstacle(
-            angle=math.radians(math.nan if values["angle_deg"] is None else values["angle_deg"]),
-            distance=values["distance"],
-            stiffness=values["stiffness"],
-            damping=values["damping"],
-            gap=values["gap"],
-            direction=1.0 if values["meets"] == "closing" else -1.0,
-            lateral=values["lateral"],
+            angle=math.radians(body.angle_deg),
+            distance=body.distance,
+            stiffness=body.stiffness,
+            damping=body.damping,
+            gap=body.gap,
+            direction=1.0 if body.meets == "closing" else -1.0,
+            lateral=body.lateral,
         )
-        return TimedObstacle(obstacle, *self._span(key, values))
+        return TimedObstacle(obstacle, *self._span(key, body))
 
     def _request(self, key: str, given: Table) -> Request:
-        values = read_table(self.issues, key, given, keys.REQUEST)
-        when = values["time"] or Instant()
-        return Request(self._instant(when, values["delay_s"], f"{key}.time"), values["action"] or "")
+        request = read_record(self.issues, key, given, RequestTable)
+        return Request(self._instant(request.time, request.delay_s, f"{key}.time"), request.action)
 
     def _signal(self, key: str, given: Table) -> SignalValue:
-        values = read_table(self.issues, key, given, keys.SIGNAL)
-        when = self._instant(values["time"], values["delay_s"], f"{key}.time")
-        return SignalValue(
-            when,
-            values["signal"] or "",
-            values["value"] or 0.0,
-            str(self.path),
-            key,
-            self.issues.called(f"{key}.value"),
-        )
+        set_to = read_record(self.issues, key, given, SignalTable)
+        when = self._instant(set_to.time, set_to.delay_s, f"{key}.time")
+        value_key = self.issues.called(f"{key}.value")
+        return SignalValue(when, set_to.signal, set_to.value, str(self.path), key, value_key)
 
     def fault(self, key: str, given: Table) -> Fault:
         """Return the fault of a table; its issues are collected under the table's key."""
         kind = FAULT_KINDS.get(str(given.get("kind")))
         own = kind.keys if kind is not None else ()
         if kind is None:  # the keys of an unknown kind are not known
-            known = {each.name for each in keys.FAULT}
+            known = {each.name for each in keys_of(FaultTable)}
             given = {name: value for name, value in given.items() if name in known}
-        taken = {each.name for each in own}
-        common = tuple(each for each in keys.FAULT if each.name not in taken)
-        values = {"delay_s": 0.0} | read_table(self.issues, key, given, (*common, *own))
-        if kind is not None and values["where"] is not None:
-            self._where(f"{key}.where".lstrip("."), kind, values["where"])
+        taken = {each.name for each in own}  # one of the kind precedes one of all kinds
+        common = [each for each in keys_of(FaultTable) if each.name not in taken]
+        values = read_values(self.issues, key, given, (*common, *own))
+        fault = FaultTable(**{each.name: values[each.name] for each in common})
+        if kind is not None and fault.where is not None:
+            self._where(f"{key}.where".lstrip("."), kind, fault.where)
         if "for_s" in given and "end" in given:
             self.issues.add(f"{key}.for_s", "allowed: without end")
         if "share" in given and "period_s" not in given:
             self.issues.add(f"{key}.share", "allowed: together with period_s")
-        start, end = self._span(key, values if "delay_s" not in taken else values | {"delay_s": 0.0})
+        start, end = self._span(key, fault)
         return Fault(
-            kind=values["kind"] or "",
-            where=values["where"],
-            values={"seed": values["seed"]} | {each.name: values[each.name] for each in own},
+            kind=fault.kind,
+            where=fault.where,
+            values={"seed": fault.seed} | {each.name: values[each.name] for each in own},
             start=start,
             end=end,
-            period=values["period_s"] or 0.0,
-            share=values["share"],
+            period=fault.period_s or 0.0,
+            share=fault.share,
             key=f"{self.path}: {key}",
-            length=values["for_s"] or math.inf,
+            length=fault.for_s or math.inf,
             value_key=self.issues.called(f"{key}.value"),
         )
 
-    def _where(self, key: str, kind: FaultKind, where: str) -> None:
+    def _where(self, key: str, kind: FaultKind, where: Any) -> None:
         """Check the place of a fault as far as possible without a vehicle and a rig."""
         if not kind.has_place:
             self.issues.add(key, f"{kind.name} affects {kind.of} as a whole; allowed: no such key")
         elif kind.of == DRIVE and where not in WHERE:
             self.issues.add(key, f"{show(where)}; allowed: one of {', '.join(WHERE)}")
+        elif not isinstance(where, str) or not where.strip():
+            self.issues.add(key, f"{show(where)}; allowed: a message's name")
 
     def _expect(self, key: str, given: Table) -> Expectation:
         issues = self.issues
-        values = read_table(issues, key, given, keys.EXPECT)
-        said = [kind for kind in KINDS if kind in given]
-        if len(said) != 1:
-            issues.add(key, f"{' and '.join(said) or 'nothing'}; allowed: one of {', '.join(KINDS)}")
+        own = read_record(issues, key, given, ExpectTable)
+        stated = [kind for kind in KINDS if kind in given]
+        if len(stated) != 1:
+            issues.add(key, f"{' and '.join(stated) or 'nothing'}; allowed: one of {', '.join(KINDS)}")
             return Expectation("", "always", "")
-        kind = said[0]
+        kind = stated[0]
+        what = str(getattr(own, kind))
         if kind == "dtc":
             if "state" not in given:
                 issues.add(f"{key}.state", f"missing; allowed: one of {', '.join(STATES)}")
-        elif values[kind]:
-            self._condition(f"{key}.{kind}", values[kind])
+        elif what:
+            self._condition(f"{key}.{kind}", what)
         if kind != "dtc" and "state" in given:
             issues.add(f"{key}.state", f"{show(given['state'])}; allowed: with dtc")
-        after = values["after"]
-        if after.condition:
-            self._condition(f"{key}.after", after.condition, "; or a time, 0 to 1e+06 s")
-        within = math.inf if values["within_s"] is None else values["within_s"]
-        if values["for_s"] and kind != "eventually":
-            issues.add(f"{key}.for_s", f"{values['for_s']:g}; allowed: with eventually")
-        if values["for_s"] > within:
-            issues.add(f"{key}.for_s", f"{values['for_s']:g}; allowed: up to within_s, {within:g} s")
-        opener = after.condition or after.time
-        name = str(values["name"] or "")
-        state = values["state"] or ""
-        known = (name, kind, values[kind], opener, within, values["for_s"], key, state)
+        if own.after.condition:
+            self._condition(f"{key}.after", own.after.condition, "; or a time, 0 to 1e+06 s")
+        within = math.inf if own.within_s is None else own.within_s
+        if own.for_s and kind != "eventually":
+            issues.add(f"{key}.for_s", f"{own.for_s:g}; allowed: with eventually")
+        if own.for_s > within:
+            issues.add(f"{key}.for_s", f"{own.for_s:g}; allowed: up to within_s, {within:g} s")
+        opener = own.after.condition or own.after.time
+        known = (own.name, kind, what, opener, within, own.for_s, key, own.state or "")
         return Expectation(*known, source=str(self.path))
 
 

@@ -1,16 +1,23 @@
-"""Schema of the tables in files, defined once: files are validated by it, the documentation is made from it."""
+"""Schema of the tables in files: a table is read into a record, whose annotated fields are the table's keys.
+
+Files are validated by these records, and the documentation is made from them.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar, get_type_hints
 
 from liftgate_hil.config.kinds import Kind
 from liftgate_hil.config.toml import Table, known_keys, number, show
 from liftgate_hil.errors import ConfigIssues
-from liftgate_hil.stimuli.moments import Instant
+from liftgate_hil.stimuli.moments import START, Instant
+
+Record = TypeVar("Record")
 
 LATEST = 1e6  # s
 
@@ -20,6 +27,7 @@ class When:
     """A time or a condition."""
 
     allowed: str = f"0 to {LATEST:g} s, or a condition"
+    invalid: Instant = START
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Instant:
         """Return the instant; an issue if it is neither a time nor a condition."""
@@ -27,7 +35,7 @@ class When:
             return Instant(math.nan, value, key=key, source=issues.source)
         if isinstance(value, bool) or not isinstance(value, int | float):
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return Instant()
+            return self.invalid
         return Instant(number(issues, key, value, 0.0, LATEST, "s, or a condition"))
 
 
@@ -36,35 +44,62 @@ REQUIRED = object()
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a table; `told` is its default in words if the value itself does not show it."""
+    """A key of a table.
 
-    name: str
+    As the annotation of a record's field it states kind, meaning and, where the value itself does not show it, the
+    default in words (`told`); `keys_of` adds name and default of the field.
+    """
+
     kind: Kind
     meaning: str
-    default: Any = REQUIRED
     told: str = ""
+    name: str = ""
+    default: Any = REQUIRED
 
     @property
     def default_told(self) -> str:
         """The default in words."""
+        if self.told:
+            return self.told
         if self.default is REQUIRED:
             return "required"
-        if self.told or self.default is None or self.default == ():
-            return self.told
+        if self.default is None or self.default == ():
+            return ""
         return f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
 
 
-def read_table(issues: ConfigIssues, prefix: str, given: Table, keys: Sequence[Key]) -> dict[str, Any]:
-    """Return the values of a table by its keys; issues are noted."""
+@functools.cache
+def keys_of(record: Any) -> tuple[Key, ...]:
+    """Return the keys of a table that is read into `record`, a dataclass, in the order of its fields."""
+    hints = get_type_hints(record, include_extras=True)
+    return tuple(
+        replace(
+            hints[field.name].__metadata__[0],
+            name=field.name,
+            default=REQUIRED if field.default is dataclasses.MISSING else field.default,
+        )
+        for field in dataclasses.fields(record)
+    )
+
+
+def read_record(issues: ConfigIssues, prefix: str, given: Table, record: Callable[..., Record]) -> Record:
+    """Return a table as a record; issues are noted, and values that have them are `invalid` of their kind."""
+    return record(**read_values(issues, prefix, given, keys_of(record)))
+
+
+def read_values(issues: ConfigIssues, prefix: str, given: Table, keys: Sequence[Key]) -> dict[str, Any]:
+    """Return the values of a table by its keys; issues are noted, at most one for the value of a key."""
     known_keys(issues, prefix, given, [key.name for key in keys])
     found: dict[str, Any] = {}
     for key in keys:
-        dotted = f"{prefix}.{key.name}" if prefix else key.name
+        dotted, before = f"{prefix}.{key.name}" if prefix else key.name, issues.count
         if key.name in given:
             found[key.name] = key.kind.read(issues, dotted, given[key.name])
         elif key.default is REQUIRED:
             issues.add(dotted, f"missing; allowed: {key.kind.allowed}")
-            found[key.name] = None
+            found[key.name] = key.kind.invalid
         else:
             found[key.name] = key.default
+        if issues.count > before:
+            issues.settle(dotted)
     return found

@@ -8,12 +8,15 @@ If none of them does, that is an issue: a quantity in the wrong unit goes unnoti
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 from liftgate_hil.codec.bus_config import SignalMapping
 from liftgate_hil.config.enumerations import check_complete, check_values
+from liftgate_hil.config.kinds import Flag, Number, Subtable, Text
+from liftgate_hil.config.schema import Key, read_record
 from liftgate_hil.config.signal_name import find_signal
-from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
+from liftgate_hil.config.toml import Table, known_keys, number, show
 from liftgate_hil.config.units import SAME, Conversion, allowed_units, conversion, dimension_of, dimensions_named
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import renamed_output
@@ -23,18 +26,37 @@ if TYPE_CHECKING:
     from cantools.database.can import Message
     from cantools.database.can import Signal as DatabaseSignal
 
-_KEYS = ("signal", "unit", "scale", "offset", "values", "saturates")
+_FACTOR = Number(-1e9, 1e9)
+
+# fmt: off
+# A field with its key is a row of a table.
 
 
+@dataclass(frozen=True)
+class MappingTable:
+    """The keys of a quantity in `[inputs]` and `[outputs]`."""
+
+    signal: Annotated[str, Key(Text("MESSAGE.SIGNAL"), "message and signal of the database")]
+    unit: Annotated[str | None, Key(Text("a unit of the quantity's kind, such as mA for a current"),
+        "unit of scale · physical value + offset", "the database's")] = None
+    scale: Annotated[float | None, Key(_FACTOR, "without `unit`: quantity = scale · physical value + offset, "
+        "whatever unit the database has", "1")] = None
+    offset: Annotated[float | None, Key(_FACTOR, "see `scale`", "0")] = None
+    values: Annotated[Table | None, Key(Subtable(), "enumerations: the signal's number or label for each value of "
+        "the quantity")] = None
+    saturates: Annotated[bool, Key(Flag(), "outputs: the signal's range may be too small; values beyond it "
+        "saturate", "false")] = False
+
+
+# fmt: on
 def signal_mappings(
     issues: ConfigIssues,
-    raw: Table,
+    given: Table,
     section: str,
     quantities: Mapping[str, Signal],
     messages: Mapping[str, Message],
 ) -> list[SignalMapping]:
-    """Return the mappings of a section; issues are noted."""
-    given = table(issues, section, raw.get(section, {}))
+    """Return the mappings of a section with this content; issues are noted."""
     old = {name: renamed_output(name) for name in given if section == "outputs"}
     for name, now in old.items():
         if now:
@@ -52,28 +74,26 @@ def _mapping(
     issues: ConfigIssues, section: str, quantity: str, ours: Signal, value: object, messages: Mapping[str, Message]
 ) -> SignalMapping | None:
     key = f"{section}.{quantity}"
-    given: Table = value if isinstance(value, dict) else {"signal": value}
     before = issues.count
-    known_keys(issues, key, given, _KEYS)
-    name = text(issues, f"{key}.signal", given.get("signal"))
+    given = read_record(issues, key, value if isinstance(value, dict) else {"signal": value}, MappingTable)
+    name = given.signal
     factors = _given_factors(issues, key, given)
     values = _given_values(issues, key, given, ours)
-    saturates = given.get("saturates", False)
-    if not isinstance(saturates, bool) or (saturates and section != "outputs"):
-        allowed = "true or false" if section == "outputs" else "for an output"
-        issues.add(f"{key}.saturates", f"{show(saturates)}; allowed: {allowed}")
+    if given.saturates and section != "outputs":
+        issues.add(f"{key}.saturates", "True; allowed: for an output")
     theirs = find_signal(issues, key, name, messages) if name else None
     if theirs is None:
         return None
     message, _, signal = name.partition(".")
     basis = "rig"
-    if "values" in given:
+    if given.values is not None:
         basis = "values"
     elif ours.values and factors is None:
         basis, values = "labels", _own_labels(issues, key, name, theirs, ours)
-    elif factors is None or "unit" in given:
+    elif factors is None or given.unit is not None:
         basis = "unit"
-        by_unit = _by_unit(issues, key, name, _unit_of(issues, key, given, theirs), ours)
+        unit = (theirs.unit or "").strip() if given.unit is None else given.unit
+        by_unit = _by_unit(issues, key, name, unit, ours)
         scale, offset = factors or SAME
         factors = by_unit[0] * scale, by_unit[0] * offset + by_unit[1]
     if values is not None:
@@ -89,45 +109,35 @@ def _mapping(
         *(factors or SAME),
         values,
         basis=basis,
-        unit=given["unit"] if isinstance(given.get("unit"), str) else theirs.unit or "",
-        saturates=saturates is True,
+        unit=given.unit or theirs.unit or "",
+        saturates=given.saturates,
     )
 
 
-def _given_factors(issues: ConfigIssues, key: str, given: Table) -> Conversion | None:
+def _given_factors(issues: ConfigIssues, key: str, given: MappingTable) -> Conversion | None:
     """Return `scale` and `offset`; None if neither is given."""
-    if "scale" not in given and "offset" not in given:
+    if given.scale is None and given.offset is None:
         return None
-    scale = number(issues, f"{key}.scale", given.get("scale", 1.0), -1e9, 1e9)
-    offset = number(issues, f"{key}.offset", given.get("offset", 0.0), -1e9, 1e9)
+    scale = 1.0 if given.scale is None else given.scale
+    offset = 0.0 if given.offset is None else given.offset
     if scale == 0.0:
         issues.add(f"{key}.scale", "0; allowed: anything else")
     return scale, offset
 
 
-def _given_values(issues: ConfigIssues, key: str, given: Table, ours: Signal) -> dict[str, Any] | None:
+def _given_values(issues: ConfigIssues, key: str, given: MappingTable, ours: Signal) -> dict[str, Any] | None:
     """Return `values`; None if they are not given."""
-    if "values" not in given:
-        if "unit" in given and ours.values:
+    if given.values is None:
+        if given.unit is not None and ours.values:
             issues.add(f"{key}.unit", "allowed: values, this is an enumeration")
         return None
     for other in ("unit", "scale", "offset"):
-        if other in given:
+        if getattr(given, other) is not None:
             issues.add(f"{key}.{other}", "allowed: without values")
-    values: dict[str, Any] = table(issues, f"{key}.values", given["values"])
-    if not isinstance(given["values"], dict):
-        return None
-    for label, each in values.items():
+    for label, each in given.values.items():
         if not isinstance(each, str):
             number(issues, f"{key}.values.{label}", each, -1e15, 1e15)
-    return values
-
-
-def _unit_of(issues: ConfigIssues, key: str, given: Table, theirs: DatabaseSignal) -> str:
-    """Return the unit that the rig gives, else that of the database."""
-    if "unit" in given:
-        return text(issues, f"{key}.unit", given["unit"])
-    return (theirs.unit or "").strip()
+    return given.values
 
 
 def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal) -> Conversion:

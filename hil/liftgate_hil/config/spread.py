@@ -17,20 +17,44 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
 
-from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
+from liftgate_hil.config.kinds import Choice, Number, Raw
+from liftgate_hil.config.schema import Key as TableKey
+from liftgate_hil.config.schema import read_record
+from liftgate_hil.config.toml import Table, number, show, table
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, Key, keys_of
 from liftgate_hil.errors import ConfigIssues
 from liftgate_plant.noise import gaussian, uniform
 
 DISTRIBUTIONS = ("normal", "lognormal", "uniform")
-_KEYS = ("distribution", "relative", "absolute", "low", "high", "follow")
 _MOST = 1e12  # limit of a value or a width, beyond the ranges of all keys
 _TAIL = 3.0  # σ
 _TRIALS = 64  # attempts at a normal draw within _TAIL; one in 10¹⁶⁵ fails
 
 Names = tuple[str, ...]
+_END = Raw("a number within the range of the key")
+
+# fmt: off
+# A field with its key is a row of a table.
+
+
+@dataclass(frozen=True)
+class SpreadTable:
+    """The keys of a value's entry in `[spread]`."""
+
+    distribution: Annotated[str, TableKey(Choice(DISTRIBUTIONS), "distribution of the value")] = "normal"
+    relative: Annotated[float | None, TableKey(Number(0.0, 1.0), "σ, or half the width of `uniform`, as a share "
+        "of the value; for `lognormal` σ of the logarithm")] = None
+    absolute: Annotated[float | None, TableKey(Number(0.0, _MOST), "the same in the key's unit")] = None
+    low: Annotated[Any, TableKey(_END, "lower limit of `uniform`, together with `high`")] = None
+    high: Annotated[Any, TableKey(_END, "upper limit of `uniform`")] = None
+    follow: Annotated[Any, TableKey(Raw("a list of keys"), "keys that change by the same factor: "
+        "`[\"motor.speed_constant\"]`")] = ()
+
+
+# fmt: on
 
 
 class Spread(NamedTuple):
@@ -84,39 +108,33 @@ def _entries(content: Table, above: Names) -> Iterator[tuple[Names, Any]]:
 
 
 def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table) -> Spread:
-    known_keys(issues, dotted, entry, _KEYS)
-    distribution = text(issues, f"{dotted}.distribution", entry.get("distribution", "normal"), DISTRIBUTIONS)
+    given = read_record(issues, dotted, entry, SpreadTable)
+    distribution = given.distribution
     ways = {"relative": ("relative",), "absolute": ("absolute",), "low and high": ("low", "high")}
     allowed = {"normal": 2, "lognormal": 1, "uniform": 3}.get(distribution, 3)
     choice = [way for way in list(ways)[:allowed] if all(each in entry for each in ways[way])]
-    given = {each for each in entry if each in _KEYS[1:5]}
-    if len(choice) != 1 or given != set(ways[choice[0]]):
+    widths = {each for each in entry if each in ("relative", "absolute", "low", "high")}
+    if len(choice) != 1 or widths != set(ways[choice[0]]):
         issues.add(
             dotted,
             f"{show(entry)}; allowed: one of {', '.join(list(ways)[:allowed])} with distribution = {distribution}",
         )
-    relative = _width(issues, f"{dotted}.relative", entry.get("relative", 0.0), 1.0)
-    absolute = _width(issues, f"{dotted}.absolute", entry.get("absolute", 0.0), _MOST)
     ends = None
-    if "low" in entry and "high" in entry:
+    if given.low is not None and given.high is not None:
         key = key_of(names)
         assert key is not None
-        low = number(issues, f"{dotted}.low", entry["low"], key.quantity.low, key.quantity.high)
-        high = number(issues, f"{dotted}.high", entry["high"], key.quantity.low, key.quantity.high)
+        low = number(issues, f"{dotted}.low", given.low, key.quantity.low, key.quantity.high)
+        high = number(issues, f"{dotted}.high", given.high, key.quantity.low, key.quantity.high)
         if low > high:
             issues.add(f"{dotted}.low", f"{low:g} above high = {high:g}; allowed: up to high")
         ends = (low, high)
-    return Spread(names, distribution, relative, absolute, ends, _followers(issues, dotted, names, entry))
+    followers = _followers(issues, dotted, names, given.follow)
+    return Spread(names, distribution, given.relative or 0.0, given.absolute or 0.0, ends, followers)
 
 
-def _width(issues: ConfigIssues, dotted: str, value: object, most: float) -> float:
-    return number(issues, dotted, value, 0.0, most)
-
-
-def _followers(issues: ConfigIssues, dotted: str, names: Names, entry: Table) -> tuple[Names, ...]:
-    given = entry.get("follow", [])
+def _followers(issues: ConfigIssues, dotted: str, names: Names, given: Any) -> tuple[Names, ...]:
     is_drive = names[-2] in DRIVE_TABLES
-    if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+    if not isinstance(given, list | tuple) or not all(isinstance(each, str) for each in given):
         issues.add(f"{dotted}.follow", f"{show(given)}; allowed: a list of keys")
         return ()
     result = []

@@ -14,7 +14,8 @@ from typing import Any
 
 from liftgate_hil.codec.receive import rejected
 from liftgate_hil.config.files import is_there
-from liftgate_hil.config.scenario_keys import TOP
+from liftgate_hil.config.scenario_schema import ScenarioTable
+from liftgate_hil.config.schema import keys_of
 from liftgate_hil.config.shipped import find_config, shipped_folder
 from liftgate_hil.config.toml import read_toml
 from liftgate_hil.ecu.find import is_foreign
@@ -134,7 +135,7 @@ def is_scenario(path: Path, above: tuple[Path, ...] = ()) -> bool:
         content = read_toml(path)
     except ConfigError:
         return False
-    is_known = len(content) > 1 and {*content} <= {key.name for key in TOP}
+    is_known = len(content) > 1 and {*content} <= {key.name for key in keys_of(ScenarioTable)}
     expected = content.get("expect", [])
     if is_known and not expected:
         included = content.get("include", [])

@@ -27,7 +27,7 @@ def bus_of(bits: int, counter: Any, sending: bool = False, order: str = "little_
     signals = [Signal("Counter", start, bits, order), Signal("Value", 72, 8, "little_endian")]
     message = Message(0x123, "M", 10, signals, cycle_time=10)
     issues = ConfigIssues("rig.toml")
-    options = message_options(issues, {"messages": {"M": {"counter": counter}}}, {"M": message})
+    options = message_options(issues, {"M": {"counter": counter}}, {"M": message})
     mapping = SignalMapping("v", "M", "Value")
     bus = build_bus_config({"M": message}, [mapping], options, {"v": FREE}, issues, sending)
     issues.raise_if_any()

@@ -58,7 +58,7 @@ def bus_of(message: Message, table: Mapping[str, Any], sending: bool = False, va
     """The tables of a message with this table [messages.M] of a rig."""
     issues = ConfigIssues("rig.toml")
     messages = {message.name: message}
-    options = message_options(issues, {"messages": {message.name: dict(table)}}, messages)
+    options = message_options(issues, {message.name: dict(table)}, messages)
     bus = build_bus_config(
         messages, [SignalMapping("v", message.name, value)], options, {"v": FREE}, issues, sending
     )
