@@ -1,8 +1,8 @@
 # make demo: the closed loop on a virtual bus.  make test: what CI runs, on all CPUs (JOBS=1: one after the other), and
-# beside it the tests on a real vcan0 where a machine with one can be had (VCAN=required: else it fails; BESIDE=: without).
-# make study: what takes minutes and is told in docs/ rather than judged with each change.  make coverage: lines that tests miss.
+# in parallel the tests on a real vcan0 if a machine with one is available (VCAN=required: else it fails; BESIDE=: without).
+# make study: measurements that take minutes, shown in docs/ instead of judged with each change.  make coverage: lines that tests miss.
 # make test-package: sdist and wheel, built, installed into empty environments and used outside the checkout.
-# make test-vcan: these alone; VCAN=optional lets it be where no machine with a vcan0 can be had.
+# make test-vcan: the tests on a vcan0 alone; VCAN=optional skips them if no machine with a vcan0 is available.
 PYTHON ?= python3
 VENV   ?= .venv
 OUT    ?= out
@@ -33,12 +33,12 @@ demo: setup
 	mkdir -p $(OUT)
 	$(BIN)/liftgate-hil demo --output $(OUT)
 
-# What of the documents the program writes: the demo's picture, and every key of vehicle, rig and scenario files.
+# Documents that are generated: the demo's picture, and every key of vehicle, rig and scenario files.
 docs: setup
 	$(BIN)/python -m tools.docs
 
-# What runs in real time, most of its time waiting, comes when all else is done, a test on each CPU; the rest gives way
-# to the tests on a vcan0, which run beside it. What these print comes at the end.
+# Tests in real time, which wait most of the time, run last, one on each CPU. All others have a lower priority than the
+# tests on a vcan0, which run in parallel and whose output is printed at the end.
 test: lint
 	@mkdir -p $(OUT); failed=0; \
 	{ for each in $(BESIDE); do $(SELF) --no-print-directory $$each VCAN=$(BESIDE_VCAN) || exit 1; done; } \
@@ -52,7 +52,7 @@ test: lint
 coverage: setup
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal --cov --cov-report=term
 
-# Does any test hang on the last bits? Inputs off by 1e-13 and other tolerances, by SEED; a part of it is in `make test`.
+# Does a test depend on the last bits? Inputs changed by 1e-13 and other tolerances, by SEED; a part of it is in `make test`.
 last-bits: setup
 	LAST_BITS=$(or $(SEED),1) $(BIN)/python -m pytest -n $(JOBS) --dist worksteal tests/plant tests/reference \
 	    tests/hil/identify tests/tools/test_identification_tools.py

@@ -79,7 +79,7 @@ def page(browser: Any, address: str) -> Any:
     return browser
 
 
-def test_it_shows_what_is_so_and_goes_on(page: Any, address: str) -> None:
+def test_the_page_shows_current_values_and_updates(page: Any, address: str) -> None:
     assert len(page.find_elements("css selector", "#plots canvas")) == 4
     first = float(text_of(page, "#time"))
     until(page, lambda _: float(text_of(page, "#time")) > first)
@@ -146,7 +146,7 @@ def test_obstacle_surroundings_and_driver_are_commanded(page: Any, address: str)
     assert errors_in(page) == []
 
 
-def test_what_is_refused_is_told_with_what_is_allowed(page: Any, address: str) -> None:
+def test_what_is_refused_is_reported_with_what_is_allowed(page: Any, address: str) -> None:
     box = found(page, "#signal-name")
     box.clear()
     box.send_keys("Body.VehicleSpeed")
@@ -189,7 +189,7 @@ def test_a_recording_is_drawn_whole_and_played(browser: Any, tmp_path: Path) -> 
         assert errors_in(browser) == []
 
 
-def test_a_run_that_has_ended_is_told(browser: Any, tmp_path: Path) -> None:
+def test_a_run_that_has_ended_is_reported(browser: Any, tmp_path: Path) -> None:
     with process("--bus", "virtual:end", "--overrun-limit", "3600", folder=tmp_path) as run:
         arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
         with process("dashboard", *arguments, folder=tmp_path) as child:

@@ -24,7 +24,8 @@ from liftgate_hil.codec.transmit import Transmission, first_transmission, transm
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, copied, initial_loop, tick
-from liftgate_hil.running.setup import loop_config_of, rig_from, vehicle_from
+from liftgate_hil.running.loop_start import loop_config_of
+from liftgate_hil.running.setup import rig_from, vehicle_from
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, StimulusPlan, TimedStimuli, stimulus_plan_of

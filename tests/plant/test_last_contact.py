@@ -60,7 +60,7 @@ def exactly(angle, rate, times: np.ndarray) -> tuple[float, float, float, float]
     return force.max(), np.trapezoid(force, fine), step * np.sum(force > LIMIT), begin
 
 
-def test_what_is_told_is_what_the_force_did() -> None:
+def test_the_report_is_what_the_force_did() -> None:
     motion = swing(29.0, 0.1003)
     times = np.arange(0.0, 0.9, 1e-3)
     last = followed(*motion, times)[-1]

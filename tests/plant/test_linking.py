@@ -123,7 +123,7 @@ def test_what_makes_it_fast_changes_no_byte_of_it():
     assert len(hashes) == 1
 
 
-def test_what_is_outlined_is_a_function_of_its_own():
+def test_outlined_code_is_a_separate_function():
     function = rb"\0_ZN(?!08NumbaEnv)[^\0]*5"  # a symbol
     assert re.search(function + b"apart", made_object(calling))
     assert not re.search(function + b"right", made_object(diamond))
@@ -137,7 +137,7 @@ def test_entry_points_share_helpers():
     assert compiled(other_entry)(3.0) == other_entry(3.0)
 
 
-def test_what_code_raises_is_told_with_its_name():
+def test_what_code_raises_is_reported_with_its_name():
     with pytest.raises(RuntimeError, match="diamond raised an exception in machine code"):
         compiled(diamond)(1000.0)
     assert compiled(diamond)(3.0) == 35.0

@@ -337,7 +337,7 @@ def test_code_that_was_kept_for_something_else_is_not_run(told: Told, cache: Pat
     assert told.said == ["compiles double"]
 
 
-def test_a_full_disk_is_told_and_costs_only_time(told: Told, cache: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_full_disk_is_reported_and_costs_only_time(told: Told, cache: Path, monkeypatch: pytest.MonkeyPatch):
     def full(*_: Any) -> None:
         raise OSError(28, "No space left on device")
 
@@ -418,7 +418,7 @@ def test_the_other_process_gives_nothing_where_its_sources_are_others():
     assert child.compile_apart(request, lambda: None) is None
 
 
-def test_an_error_in_the_code_is_told_by_numba():
+def test_an_error_in_the_code_is_reported_by_numba():
     from numba.core.errors import TypingError
 
     with pytest.raises(TypingError, match="unknown"):

@@ -51,7 +51,7 @@ def test_the_error_of_a_whole_cycle_falls_at_least_as_fast_as_the_step() -> None
 
 
 @pytest.mark.parametrize("step", [1e-5, 1e-4, 1e-3, 5e-3])
-def test_every_step_from_10_us_to_5_ms_tells_the_same_story(step: float) -> None:
+def test_every_step_from_10_us_to_5_ms_gives_the_same_result(step: float) -> None:
     vehicle = suv()
     plant = plant_of(vehicle)
     opened = fast_run(plant, at_rest(vehicle, 60.0), inputs(vehicle, OPEN), step, round(2.5 / step))

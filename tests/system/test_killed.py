@@ -117,7 +117,7 @@ def test_a_service_that_is_stopped_has_its_recordings_completed(tmp_path: Path) 
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(NAMES)
 
 
-def test_a_file_that_cannot_be_written_is_told_before_the_run(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_cannot_be_written_is_reported_before_the_run(capsys: pytest.CaptureFixture[str]) -> None:
     path = Path("/proc/nosuch.log")
     assert run_beside(str(uuid.uuid4()), path) == 2
     (line,) = capsys.readouterr().err.splitlines()

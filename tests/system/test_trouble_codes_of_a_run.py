@@ -220,7 +220,7 @@ def test_a_disturbed_bus_hinders_only_while_it_is(short: Callable[..., Path], fa
     assert "in " in result.expectations["present"].reason
 
 
-def test_what_is_missing_is_told(
+def test_what_is_missing_is_reported(
     short: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bare = rig_with(tmp_path, "")

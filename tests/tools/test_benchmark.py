@@ -66,7 +66,7 @@ def test_what_is_shortened_is_so_everywhere() -> None:
     assert len(BUILDS) > (SHORT.builds or 0)
 
 
-def test_what_goes_wrong_in_the_loop_s_thread_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_goes_wrong_in_the_loop_s_thread_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     from tools.benchmark import costs
 
     def broken(*_: object) -> int:
@@ -77,7 +77,7 @@ def test_what_goes_wrong_in_the_loop_s_thread_is_told(monkeypatch: pytest.Monkey
         costs.hot_tick(None, SHORT)
 
 
-def test_starts_without_a_cold_round_are_told_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_starts_without_a_cold_round_are_reported_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "times_of", lambda *_, **__: processes.Times(1.0, 2.0))
     (found,) = processes.compile_times(["--help"], [HERE], SHORT).values()
     assert found == processes.Compile(None, processes.Times(1.0, 2.0))
@@ -126,7 +126,7 @@ def test_scenarios_with_what_does_nothing_run_and_are_compared() -> None:
     assert found[inactive.PLAIN].ratio == found[inactive.PLAIN].least_ratio == 1.0
 
 
-def test_lateness_is_told_against_the_earliest_frame() -> None:
+def test_lateness_is_reported_against_the_earliest_frame() -> None:
     due = np.array([5.0, 6.0, 7.0])
     arrivals = np.array([100.001, 101.0, 102.0005])
     assert np.round(replays.lateness(arrivals, due)).tolist() == [1000.0, 0.0, 500.0]

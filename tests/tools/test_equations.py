@@ -46,7 +46,7 @@ def test_no_two_equations_are_changed_alike() -> None:
         ({"test": "plant/test_none.py::test_nothing"}, "no test"),
     ],
 )
-def test_what_is_missing_is_told(changes: dict[str, str], said: str) -> None:
+def test_what_is_missing_is_reported(changes: dict[str, str], said: str) -> None:
     assert said in "; ".join(problems(ROWS["3.23"]._replace(**changes)))
 
 

@@ -21,7 +21,7 @@ def campaign(work: Path, *flags: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=1200, check=False)
 
 
-def test_mangled_files_are_told_or_taken(tmp_path: Path) -> None:
+def test_corrupt_files_are_refused_or_read(tmp_path: Path) -> None:
     flags = ("--files", "30", "--measurements", "20", "--recordings", "5", "--signals", "0", "--seed", "7")
     done = campaign(tmp_path, *flags)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -38,7 +38,7 @@ def test_a_full_bus_loses_no_command(bus: Bus, rig: Rig, load_seconds: float, ra
 
 
 @pytest.mark.parametrize("seen", [(GATE, BENCH_STATUS)], ids=[""], indirect=True)
-def test_what_the_kernel_drops_while_the_reader_stands_still_is_told(bus: Bus, rig: Rig) -> None:
+def test_what_the_kernel_drops_while_the_reader_stands_still_is_reported(bus: Bus, rig: Rig) -> None:
     flood = [(identifier, b"") for identifier in FOREIGN]
     with emulator(bus, "--json") as gate:
         with sending(telling_commands(rig), 100.0) as ecu:

@@ -101,7 +101,7 @@ def check_shown(losses: list[int], story: Story) -> None:
 
 
 @pytest.mark.parametrize(("told", "breaks", "mends"), FAULTS.values(), ids=FAULTS)
-def test_a_lost_link_is_told_the_motors_coast_and_it_returns(
+def test_a_lost_link_is_reported_the_motors_coast_and_it_returns(
     tmp_path: Path, ip: Tool, bus: Bus, rig: Rig, link_cycles: int,
     told: str, breaks: list[str], mends: list[str],
 ) -> None:  # fmt: skip
@@ -142,7 +142,7 @@ def test_a_lost_link_is_told_the_motors_coast_and_it_returns(
 
 
 @pytest.mark.parametrize("steps", FLAPS.values(), ids=FLAPS)
-def test_a_link_that_flaps_is_told_and_counted_once(
+def test_a_link_that_flaps_is_reported_and_counted_once(
     ip: Tool, bus: Bus, link_cycles: int, steps: list[str]
 ) -> None:
     with emulator(bus, "--json") as gate:
@@ -192,7 +192,7 @@ def send(raw: socket.socket, frames: list[tuple[int, bytes]]) -> None:
 
 
 @pytest.mark.parametrize("returns", RETURNS.values(), ids=RETURNS)
-def test_bus_off_is_told_and_its_end(
+def test_bus_off_is_reported_and_its_end(
     tmp_path: Path, bus: Bus, rig: Rig, link_cycles: int, returns: list[tuple[int, bytes]]
 ) -> None:
     record = tmp_path / "run.csv"
@@ -219,7 +219,7 @@ def test_bus_off_is_told_and_its_end(
     check_shown([tick for tick, text in news if text == hint], story)
 
 
-def test_a_short_bus_off_is_told_and_counted(bus: Bus, link_cycles: int) -> None:
+def test_a_short_bus_off_is_reported_and_counted(bus: Bus, link_cycles: int) -> None:
     with emulator(bus, "--json") as gate, raw_socket() as raw:
         for cycle in range(link_cycles):
             send(raw, [(ERROR_FRAME | BUS_OFF, bytes(8)), (ERROR_FRAME | RESTARTED, bytes(8))])
@@ -241,7 +241,7 @@ def pair() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("pair")
-def test_a_lost_carrier_is_told_as_bus_off_would_be(ip: Tool, bus: Bus, link_cycles: int) -> None:
+def test_a_lost_carrier_is_reported_as_bus_off_would_be(ip: Tool, bus: Bus, link_cycles: int) -> None:
     hint = "is not running (bus-off?); to restart it automatically: ip link set vcan0 type can restart-ms 100"
     with emulator(bus, "--json") as gate:
         held = gate.holds()

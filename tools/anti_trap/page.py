@@ -19,12 +19,12 @@ something to compare your own with. It knows the gate by its bus only, and has o
 (`hil/liftgate_hil/ecu/calibration.py`), which each vehicle's `[coding]` scales: how fast it closes, how much is
 tolerated.
 
-It judges the **load** of the drives, i − K dn/dt, with the motors' currents and their speed by the period of the
-Hall edges (`LeftHall`, `RightHall`), both behind the same filter: something in the way slows the rotors down
-before it shows in the current. The load is compared with what the same place took before. What is tolerated more
-is a constant, a share of the load, what a place may be off where the load changes along the travel, and what K may
-be wrong while the wanted speed changes. In the first half second of a run nothing is judged. A rod of 10 N/mm
-stands {DISTANCE:g} m from the hinge; forces are peaks.
+It judges the **load** of the drives, i − K dn/dt, with the motors' currents and their speed by the period of
+the Hall edges (`LeftHall`, `RightHall`), both behind the same filter: an obstacle slows the rotors down before
+it shows in the current. The load is compared with the load at the same position in earlier motions. The
+tolerance is the sum of a constant, a share of the load, the error of the position where the load changes along
+the travel, and the error of K while the commanded speed changes. In the first half second of a motion nothing
+is judged. A rod of 10 N/mm stands {DISTANCE:g} m from the hinge; forces are peaks.
 """
 
 

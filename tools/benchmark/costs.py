@@ -38,7 +38,8 @@ from liftgate_hil.loop.realtime_loop import (
 )
 from liftgate_hil.loop.rings import Memory, Shared
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force, tick
-from liftgate_hil.running.setup import loop_config_of, rig_from, start_of, vehicle_from
+from liftgate_hil.running.loop_start import loop_config_of, start_of
+from liftgate_hil.running.setup import rig_from, vehicle_from
 from liftgate_hil.signals import Bench
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, stimulus_plan_of, turns

@@ -22,13 +22,14 @@ from tools.identification import coverage, dc_motor, thesis, versus
 from tools.identification.measurements import write_thesis_data
 
 WHY = """
-The inductance cannot be told: its time constant L/R is 20 µs (62 µs with the data sheet's resistance), and nothing
-in a measurement at 1 kHz, less so one thinned out to 100 Hz, depends on it; its standard deviation is of the order
-of its value or many times that. Resistance, inertia and the motor constants set levels and slopes that last for
-seconds, and are sharp. `motor.load_torque` acts only through (1 - η_M) M_0, a few percent of all friction, so it
-takes up what the rigid model lacks of the plant that made the data (the play, the mechanism's give): these
-estimates are sharper than they are right, as the thesis's may be. The full plant below has no such fault. In run 2
-inertia and load stay at their data-sheet values, which are not the truth here; what is estimated makes up for it.
+The inductance cannot be identified: its time constant L/R is 20 µs (62 µs with the data sheet's resistance),
+and nothing in a measurement at 1 kHz, less so one thinned out to 100 Hz, depends on it; its standard deviation
+is of the order of its value or many times that. Resistance, inertia and the motor constants set levels and
+slopes that last for seconds, and are sharp. `motor.load_torque` acts only through (1 - η_M) M_0, a few percent
+of all friction, so it takes up what the rigid model lacks of the plant that made the data (the play, the
+mechanism's give): these estimates are sharper than they are right, as the thesis's may be. The full plant below
+has no such fault. In run 2 inertia and load stay at their data-sheet values, which are not the truth here; what
+is estimated makes up for it.
 """.strip()
 
 
@@ -155,7 +156,7 @@ def _dc_motor(work: Path, folder: str | None) -> list[str]:
         "Public data of a geared DC motor (nebisman/DCMotor.jl, MIT licence; "
         "`tools/identification/dc_motor.py` says where and how): commanded voltage, a PRBS of two levels, "
         "and encoder counts of 20 ms for 82 s. The vehicle is a motor that is joined to no gate. Of voltage "
-        "and speed alone gain, time constant and dead voltage can be told.",
+        "and speed alone gain, time constant and dead voltage can be identified.",
         "",
         *dc_motor.table(dc_motor.measure(Path(folder), work)),
         "",

@@ -42,7 +42,7 @@ def run(folder: Path, preset: str, *flags: str) -> dict[str, Any]:
 def table(result: dict[str, Any], thesis: dict[str, tuple[float, float]]) -> list[str]:
     """Return Markdown lines: a table of one run's estimates beside the thesis's, and the fits of the run."""
     lines = [
-        "| parameter | truth | initial | found | std | told | thesis found | std |",
+        "| parameter | truth | initial | found | std | identifiable | thesis found | std |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for name, each in result["parameters"].items():

@@ -20,10 +20,11 @@ from liftgate_hil.testing.suite import Outcome
 from tools.docs.markdown import MADE, code, page, table
 
 _INTRO = """\
-Scenarios that any gate ECU should pass, `liftgate-hil test pack --ecu …`: each is a file of
-[`configs/scenarios/pack`](../configs/scenarios/pack) with its reason on top. They speak of what the gate does,
-not of how an ECU does it, and most wait for the gate instead of a time, so that they fit any travel time. An
-ECU that learns its gate goes through a few motions first (`precondition`). Made by `make pack`, with the
+Scenarios that any gate ECU should pass: `liftgate-hil test pack --ecu …`. Each is a file of
+[`configs/scenarios/pack`](../configs/scenarios/pack) with its reason at the top. They test what the gate does,
+not how an ECU does it. Most wait for the gate instead of a time, so that they fit any travel time, and name
+messages by the quantities that they carry, so that they fit any rig. An ECU that learns its gate makes a few
+motions first (`precondition`). Numbers such as 15V415 are those of NHTSA recalls. Made by `make pack`, with the
 reference ECU."""
 
 _MUTANTS = """\
@@ -32,14 +33,18 @@ Who tests the tests? Each mutant is the reference ECU with one defect, by other 
 sound ECU passes. `liftgate-hil test MY_SCENARIOS --mutants` does the same for your own."""
 
 _REALTIME = """\
-The same scenarios against the reference ECU on a virtual bus in real time, beside their verdicts on the free
-clock, and by how much each margin differs. An ECU in real time answers within its own cycle, not within a tick,
-and the bench has its delay: margins differ by what moves on meanwhile. `direct`: the bench was no later in the
-window than is tolerated (half a command cycle, 5 ms). `replay`: it was, and the gate stepped again with the
-commands as they arrived, earlier and later confirms the verdict with more room than its uncertainty. Else a
-verdict is inconclusive, and so is each that was decided after the gate had been silent for two cycles of its
-fastest message (10 ms), since an ECU may take that for a message lost. Once with nothing else on the machine,
-and once beside two processes that never wait. Made by `make pack-realtime`, in some 75 minutes."""
+The same scenarios against the reference ECU on a virtual bus in real time, their verdicts on the free clock,
+and the differences of the margins. In real time an ECU answers within its own cycle, not within a tick, and the
+bench has a delay: the margins differ by the motion in that time.
+
+- `direct`: the bench was never later in the window than the tolerance (half a command cycle, 5 ms).
+- `replay`: it was later, and stepping the gate again with the commands as they arrived, earlier and later,
+  confirms the verdict with a margin above its uncertainty.
+- `inconclusive`: neither holds, or the verdict was decided after the gate had sent nothing for two cycles of its
+  fastest message (10 ms), since an ECU may take that for a lost message.
+
+Measured on an idle machine, and with two processes in parallel that use the CPU all the time. Made by `make
+pack-realtime`, in about 75 minutes."""
 
 _MOST = 4  # scenarios that are named for a mutant
 

@@ -1,6 +1,6 @@
 """A recording in another format, which the suffix says: .csv and .parquet hold rows, .log, .asc, .blf and .trc
-frames, .mf4 and .mcap both. Every value and every frame is kept as it was; what OUT cannot hold is told, and where
-it could hold a part of it only with a loss, nothing is written.
+frames, .mf4 and .mcap both. Every value and every frame is kept as it was. What OUT cannot hold is reported; if it
+could hold a part of it only with a loss, nothing is written.
 
   liftgate-hil convert run.blf run.mf4
   liftgate-hil convert run.mf4 run.csv                           # its rows; the frames are left out

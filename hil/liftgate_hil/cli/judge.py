@@ -1,7 +1,7 @@
 """The verdicts and margins of a scenario again, from recordings: tables (CSV, Parquet, MF4, MCAP), bus logs (ASC,
 BLF, candump, TRC, MF4, MCAP), or both. Files of one name but for the suffix (run.csv, run.log) are of one run;
-each run is judged, all of them in one report. Exit codes as of `liftgate-hil test`. Which ECU it was and how fast
-its clock went is past: there is neither --ecu nor --clock.
+each run is judged, all of them in one report. Exit codes as of `liftgate-hil test`. The run is
+over, so there is neither --ecu nor --clock.
 
 Recordings that are not ours have columns of their own (--map) and a bus of their own (--rig, a rig's file or a
 database): what the rig's outputs stand for is taken from a log's frames where no table has it. They are judged in

@@ -23,11 +23,12 @@ MACHINE = ("realtime", "cpu")  # options about what the program requests of the 
 LISTEN = "127.0.0.1:8765"
 _PARSERS: Mapping[type, Callable[[str], Any]] = {Number: float, Whole: int}
 _ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
+_FLAGS = {"settings": "--set"}  # flags that are not called as their argument
 
 
 def as_flags(text: str) -> str:
     """Return a message of the API with its arguments, `so_named`, replaced by the flags: --so-named."""
-    return _ARGUMENT.sub(lambda match: "--" + match[1].replace("_", "-"), text)
+    return _ARGUMENT.sub(lambda match: _FLAGS.get(match[1], "--" + match[1].replace("_", "-")), text)
 
 
 def of_kind(kind: Kind) -> Callable[[str], Any]:

@@ -6,8 +6,8 @@ program, or a log of others (.log .asc .blf .trc .mf4 .mcap).
   liftgate-hil replay car.asc --bus socketcan:can0 --except 0x120,0x7E0-0x7EF
   liftgate-hil replay run.mf4 --bus socketcan:can0 --from 13 --to 20 --loop
 
-Without --direction it plays the frames that are marked as sent, Tx, and where there are none, as in logs that know
-no direction, all of them. It waits and sends in machine code, as the emulator does. At its end it tells how late
+Without --direction it plays the frames that are marked as sent (Tx); if there are none, as in logs without
+directions, all of them. It waits and sends in machine code, as the emulator does. At its end it tells how late
 the frames were: from when each was due until the kernel, or the driver of another interface, had it.
 
 Exit code 0: all was sent, or --loop was stopped; 1: something was not; 130: stopped by Ctrl-C before the end.

@@ -133,7 +133,7 @@ class _Parser:
                 kind = "sign"
             self.tokens.append((kind, said, begin))
             place = found.end()
-        self.tokens.append(("end", "the end", len(text) + 1))
+        self.tokens.append(("end", "the condition ends", len(text) + 1))
 
     def _here(self) -> tuple[str, str, int]:
         return self.tokens[self.next]

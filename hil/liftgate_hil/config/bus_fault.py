@@ -62,15 +62,15 @@ def _identifier(fault: Fault, rig: Rig, restbus: Collection[str], direction: int
         names = [each for each in names if _of(rig, each, needed) is not None]
     if fault.where is None and names:
         return EVERY
-    if fault.where not in names:
+    message = "" if fault.where is None else rig.message_at(fault.where)
+    if message not in names:
         allowed = ", ".join(names) or "none"
         which = f"a message with a {needed}" if needed else "a message"
         way = {SENT: "or its restbus sends" if restbus else "sends"}.get(direction, "receives")
         said = f"{show(fault.where)}: not {which} that the gate {way}; allowed: {allowed}"
         issues.take([f"{fault.key}.where: {said}"])
         return EVERY
-    assert fault.where is not None
-    return rig.identifier(fault.where)
+    return rig.identifier(message)
 
 
 def _of(rig: Rig, message: str, what: str) -> str | None:

@@ -135,6 +135,12 @@ class Rig:
         """Return the identifier of the command message, with SocketCAN's flag if it is extended."""
         return self.identifier(self.command_message())
 
+    def message_at(self, place: str) -> str:
+        """Return the message that a fault's `where` names: by its name, or by a quantity that it carries."""
+        if place in self.messages:
+            return place
+        return next((wire.message for wire in (*self.inputs, *self.outputs) if wire.quantity == place), place)
+
     def identifier(self, name: str) -> int:
         """Return the identifier of a message, with SocketCAN's flag if it is extended."""
         return identifier_of(self.messages[name])

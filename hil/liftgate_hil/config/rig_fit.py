@@ -161,7 +161,19 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
                 f"{rig.source}: inputs.{wire.quantity}.values: {', '.join(missing)} missing: no frame can carry "
                 "it, and an ECU that sends it (the reference ECU does) cannot be used"
             )
-    return [*notes, *_other_scales(rig)]
+    return [*notes, *_other_scales(rig), *_latched_by_angle(rig)]
+
+
+def _latched_by_angle(rig: Rig) -> Iterator[str]:
+    """Yield a note for a bus with the angle in steps and no latch switch: 0 is shown before the latch engages."""
+    angle = next((wire for wire in rig.outputs if wire.quantity == "gate_angle"), None)
+    if angle is None or any(wire.quantity == "latch_state" for wire in rig.outputs):
+        return
+    if not rig.messages[angle.message].get_signal_by_name(angle.signal).is_float:
+        yield (
+            f"{rig.source}: outputs.latch_state is missing: with the angle alone an ECU (the reference ECU, too) "
+            f"takes the gate for latched at 0 deg, which {angle.message}.{angle.signal} shows before it is latched"
+        )
 
 
 def _other_scales(rig: Rig) -> Iterator[str]:

@@ -158,8 +158,9 @@ class FaultTable:
 
     kind: Annotated[str, Key(Choice(list(FAULT_KINDS)), "one of the kinds below; most have further keys of their "
         "own")]
-    where: Annotated[Any, Key(Raw("left, right, both, or a message's name"), "affected drive or message; "
-        "only for a kind that is a fault of a drive or of a message", "both; all messages")] = None
+    where: Annotated[Any, Key(Raw("left, right, both, a message, or a quantity"), "affected drive, or affected "
+        "message by its name or by a quantity that it carries (`left_duty`); only for a kind that is a fault of a "
+        "drive or of a message", "both; all messages")] = None
     start: Annotated[Instant, Key(When(), "when the fault begins", "0")] = START
     end: Annotated[Instant, Key(When(), "when it ends; a condition is evaluated only after the start",
         "never")] = NEVER

@@ -233,7 +233,7 @@ class TableReader:
         elif kind.of == DRIVE and where not in WHERE:
             self.issues.add(key, f"{show(where)}; allowed: one of {', '.join(WHERE)}")
         elif not isinstance(where, str) or not where.strip():
-            self.issues.add(key, f"{show(where)}; allowed: a message's name")
+            self.issues.add(key, f"{show(where)}; allowed: a message, or a quantity of the rig")
 
     def _expect(self, key: str, given: Table) -> Expectation:
         issues = self.issues

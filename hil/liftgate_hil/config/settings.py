@@ -1,4 +1,4 @@
-"""Settings KEY=VALUE that override a vehicle file, from `set` or a scenario's [set]; issues name their source."""
+"""Settings KEY=VALUE that override a vehicle file: of the argument `settings`, or of a scenario's [set]."""
 
 from __future__ import annotations
 
@@ -48,10 +48,12 @@ def _setting_of(text: str) -> Setting:
         content = {"value": _plain_number(value)}
     names = tuple(key.strip().split("."))
     if not equals or not all(names) or len(content) > 1:
-        raise ConfigError(f"`set` {shortened(text)}: allowed: KEY=VALUE, e.g. environment.road_slope_deg=8")
+        raise ConfigError(f"`settings` {shortened(text)}: allowed: KEY=VALUE, e.g. environment.road_slope_deg=8")
     if len(names) > _DEEPEST:
-        raise ConfigError(f"`set` {shortened(key)}: {len(names)} parts; allowed: TABLE.KEY, or left.TABLE.KEY")
-    return Setting(names, content["value"], "`set` ")
+        raise ConfigError(
+            f"`settings` {shortened(key)}: {len(names)} parts; allowed: TABLE.KEY, or left.TABLE.KEY"
+        )
+    return Setting(names, content["value"], "`settings` ")
 
 
 def _plain_number(text: str) -> float | str:

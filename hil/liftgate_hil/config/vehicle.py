@@ -274,7 +274,11 @@ def _check_geometry(issues: ConfigIssues, gate: Gate) -> None:
     if min(link.body_radius, link.gate_radius) < 1e-6:
         issues.add("gate", "gate_point or body_point lies on the hinge; allowed: a lever arm")
         return
-    levers = [gate_body.lever(link, gate.open_angle * i / 100.0) for i in range(101)]
+    angles = [gate.open_angle * i / 100.0 for i in range(101)]
+    if min(gate_body.length(link.body_radius, link.gate_radius, link.offset, angle) for angle in angles) < 1e-6:
+        issues.add("gate", "gate_point and body_point coincide; allowed: an actuator that has a length")
+        return
+    levers = [gate_body.lever(link, angle) for angle in angles]
     if min(levers) <= 1e-4:
         issues.add(
             "gate",

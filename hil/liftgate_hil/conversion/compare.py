@@ -88,7 +88,7 @@ def compare_tables(
         if not names:
             raise ConfigError(f"{first.path}, {second.path}: no column in common")
     own = dict(tolerances or {})
-    chosen(first, list(own))
+    chosen(first, list(own), "tolerance")
     sums = _Sums(names, np.array([own.get(name, tolerance) for name in names]))
     wanted = ["time_s", *names]
     for pair in _pairs(tables, [window.of(each.rows(wanted)) for each in tables]):

@@ -92,13 +92,13 @@ class Window(NamedTuple):
                 yield rows[inside]
 
 
-def chosen(table: Recording, columns: Sequence[str]) -> list[str]:
-    """Return these columns of a table, once each. Raises ConfigError with those that it does not have."""
+def chosen(table: Recording, columns: Sequence[str], argument: str = "columns") -> list[str]:
+    """Return these columns of a table, which an argument names, once each; ConfigError names those it lacks."""
     issues = []
     for name in columns:
         if name not in table.signals or name == "time_s":
             near = difflib.get_close_matches(name, table.signals, n=3) or list(table.signals)[1:9]
-            issues.append(f"`columns` {name}: not in {table.path}; allowed: {', '.join(near)}, …")
+            issues.append(f"`{argument}` {name}: not in {table.path}; allowed: {', '.join(near)}, …")
     if issues:
         raise ConfigError(issues)
     return list(dict.fromkeys(columns))

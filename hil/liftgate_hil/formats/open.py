@@ -119,6 +119,8 @@ def open_file(path: Path, allowed: Sequence[str] = tuple(FORMATS)) -> Recording:
     if kind in allowed:
         check_readable(path)
         return FORMATS[kind].read(path)
+    if path.is_dir():
+        raise ConfigError(f"{path}: is a folder; allowed: a file of {', '.join(allowed)}")
     raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(allowed)}")
 
 

@@ -41,7 +41,7 @@ class _Late:
 
     def told(self) -> str:
         """Return a description of the lateness."""
-        at = f"about {self.begin:.3f} s"
+        at = f"at about {self.begin:.3f} s"
         if self.missed:
             return f"{self.missed} {'tick was' if self.missed == 1 else 'ticks were'} missed {at}"
         if math.isinf(self.seconds):

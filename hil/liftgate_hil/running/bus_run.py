@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.ecu.peer import Peer
-from liftgate_hil.formats.content import Content
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.running.attachment.description import Description
 from liftgate_hil.running.attachment.server import Server
@@ -20,11 +20,9 @@ from liftgate_hil.running.observers import Observers, observers_of
 from liftgate_hil.running.options import NS
 from liftgate_hil.running.plan import Plan
 from liftgate_hil.running.precondition import phases_of
-from liftgate_hil.running.provenance import origin_of
-from liftgate_hil.running.signs_of_life import Progress
+from liftgate_hil.running.signs_of_life import Progress, foreign_code
 from liftgate_hil.running.stepping import CommandLog
 from liftgate_hil.running.stimulation import off_not_made, reset_not_made
-from liftgate_hil.signals import columns_of
 from liftgate_hil.stimuli.restbus import going_on
 from liftgate_hil.stimuli.stimulus_plan import OFF_A_REAL_BUS, StimulusPlan
 from liftgate_hil.transport.can_arguments import WireChoice
@@ -88,11 +86,6 @@ class BusRun:
         plan, bitrate = self.plan, self.way.bitrate(self.plan.rig)
         return Description(plan.setup, plan.rig, plan.options, channel, bitrate, bool(self.peers))
 
-    def content(self, channel: str) -> Content:
-        """Return the content of the recordings."""
-        about = origin_of(self.plan, self.way.interface)
-        return Content(columns_of(self.plan.setup.vehicle.drives), channel, about=about)
-
     def monitor(self) -> ProgressMonitor:
         """Return the monitor that reports the progress, once time 0 is known."""
         from liftgate_hil.loop.progress_monitor import ProgressMonitor
@@ -153,7 +146,7 @@ def bus_run_of(execution: Execution, stack: contextlib.ExitStack) -> BusRun:
     if job.ecu != ON_A_BUS:
         wire = open_transport(way)
         stack.callback(wire.close)
-        requests, guard = (stimuli.requests, stimuli.moments), execution.foreign_code
+        requests, guard = (stimuli.requests, stimuli.moments), partial(foreign_code, memory)
         before_ns = int(stimuli.origin[0]) * round(NS / options.rate)
         peers = [Peer(execution.adapter, wire, requests, guard, before_ns)]
     is_real = not way.is_interface("virtual")

@@ -34,13 +34,3 @@ class Driver(Protocol):
 
     def recording_failures(self) -> list[str]:
         """Return why recordings are incomplete, one text each."""
-
-
-def drive(driver: Driver, ticks: int | None, stopped: Callable[[], bool]) -> None:
-    """Run a driver from its begin to its end. Raises what it raises."""
-    with contextlib.ExitStack() as stack:
-        driver.begin(stack)
-        try:
-            driver.advance(ticks, stopped)
-        finally:
-            driver.finish()

@@ -6,7 +6,6 @@ import contextlib
 from collections.abc import Callable
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.content import Content
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.loop.begun import Begun
 from liftgate_hil.loop.closed_loop import Episode
@@ -14,9 +13,9 @@ from liftgate_hil.loop.progress_monitor import ProgressMonitor
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.running.execution import Execution
 from liftgate_hil.running.job import PRIVATE_BUS
-from liftgate_hil.running.provenance import origin_of
+from liftgate_hil.running.provenance import content_of
 from liftgate_hil.running.recordings import Recordings
-from liftgate_hil.signals import columns_of
+from liftgate_hil.running.signs_of_life import foreign_code
 
 
 class EpisodeDriver:
@@ -35,9 +34,7 @@ class EpisodeDriver:
         if plan.ticks is None:
             raise ConfigError("`duration`: missing; allowed: in the scenario, or as an argument")
         listener = plan.job.listener
-        columns = columns_of(plan.setup.vehicle.drives)
-        content = Content(columns, PRIVATE_BUS, about=origin_of(plan))
-        self._recordings = Recordings(plan, content, listener.say, stack)
+        self._recordings = Recordings(plan, content_of(plan, PRIVATE_BUS), listener.say, stack)
         stimuli, state = execution.start()
         sinks = [*execution.sinks, *self._recordings.sinks]
         reads_the_bus = any(isinstance(each, Judge) and each.reads_the_bus for each in sinks)
@@ -50,13 +47,13 @@ class EpisodeDriver:
             is_recorded=bool(self._recordings.sinks) or reads_the_bus,
             memory=execution.memory,
         )
-        # Too fast for a story: the result has it.
+        # Messages of progress are of no use at this speed; the result has the same.
         before, reception = int(stimuli.origin[0]), episode.state.reception
         episode.monitor = ProgressMonitor(plan.rig, plan.config, reception, listener, ticks_before=before)
         stack.callback(episode.close)
         listener.starts(f"{plan.setup.vehicle_name} without a bus")
         if plan.way is not None:
-            listener.say("nothing is on the bus: with `clock` free gate and ECU are alone")
+            listener.say("note: with `clock` free and the ECU in this process no bus is opened: `bus` is ignored")
         episode.begin()
 
     def advance(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
@@ -64,14 +61,14 @@ class EpisodeDriver:
         assert self._episode is not None
         assert ticks is not None
         self._has_failed = True
-        with self._execution.foreign_code():
+        with foreign_code(self._execution.memory):
             self._episode.run(ticks, stopped)
         self._has_failed = False
 
     def finish(self) -> None:
         """Tick once more with the motors off, where nothing has gone wrong."""
         if self._episode is not None and not self._has_failed:
-            with self._execution.foreign_code():
+            with foreign_code(self._execution.memory):
                 self._episode.finish()
 
     def summary(self) -> Summary:

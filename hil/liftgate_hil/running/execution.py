@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from liftgate_hil.ecu.node import NO_ECU
 from liftgate_hil.loop.precondition import gone_through
 from liftgate_hil.loop.tick import copied
-from liftgate_hil.running.setup import start_of
+from liftgate_hil.running.loop_start import start_of
 from liftgate_hil.running.signs_of_life import foreign_code
 
 if TYPE_CHECKING:
@@ -28,13 +28,9 @@ class Execution:
 
     plan: Plan
     adapter: Adapter  # of the ECU in this process; of none, where the ECU is on a bus
-    sinks: Sequence[Sink]  # of `result.sinks_of`
+    sinks: Sequence[Sink]
     stopped: Callable[[], bool]
     memory: Memory | None  # of the loop, where another process watches it
-
-    def foreign_code(self) -> AbstractContextManager[None]:
-        """Return a context in which the ECU's own code runs, which may hang."""
-        return foreign_code(self.memory)
 
     def start(self) -> tuple[StimulusPlan, LoopState]:
         """Return a copy of the plan's stimuli, and the state of the loop, both at time 0.
@@ -47,6 +43,6 @@ class Execution:
         if self.adapter.kind == NO_ECU:
             return stimuli, state
         actions = plan.setup.scenario.precondition
-        config, adapter = plan.config, self.adapter
-        state = gone_through(config, state, stimuli, adapter, actions, self.stopped, self.foreign_code)
+        config, adapter, guard = plan.config, self.adapter, partial(foreign_code, self.memory)
+        state = gone_through(config, state, stimuli, adapter, actions, self.stopped, guard)
         return stimuli, state

@@ -36,8 +36,9 @@ from liftgate_hil.running.commands.by_hand import STIFFNESS, held_obstacle, obst
 from liftgate_hil.running.commands.loop_target import LoopTarget
 from liftgate_hil.running.commands.orders import Orders
 from liftgate_hil.running.cyclic_command import CyclicCommand
+from liftgate_hil.running.loop_start import loop_config_of, start_of
 from liftgate_hil.running.options import checked
-from liftgate_hil.running.setup import loop_config_of, rig_of, setup_of, start_of, variant_of
+from liftgate_hil.running.setup import rig_of, setup_of, variant_of
 from liftgate_hil.running.stimulation import opening_of, planned_stimuli
 from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX, columns_of
 from liftgate_hil.stimuli.moments import Instant
@@ -329,7 +330,7 @@ class Gate:
 
         self._check_open()
         if not isinstance(seconds, Real) or isinstance(seconds, bool) or not 0.0 < seconds <= 1e6:
-            raise ConfigError(f"`step` {show(seconds)}: allowed: above 0, up to 1e6 s")
+            raise ConfigError(f"`seconds` {show(seconds)}: allowed: above 0, up to 1e6 s")
         end = self._now.loop.tick + max(1, round(seconds / self._config.step))
         messages: list[can.Message] = []
         self._edges = []

@@ -10,11 +10,9 @@ from typing import Any
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.variant import AS_FILED, Variant
-from liftgate_hil.ecu.identity import identity_of
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.running.options import RunOptions
-from liftgate_hil.running.setup import Setup
 from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_plant.vehicle import Vehicle
 
@@ -48,9 +46,3 @@ class Job:
     def is_episode(self) -> bool:
         """Whether it runs in machine code, with the ECU in this process and waiting for nobody."""
         return self.options.clock == "free" and self.ecu != ON_A_BUS
-
-
-def identity_of_ecu(job: Job, setup: Setup) -> Mapping[str, Any]:
-    """Return the identity of the ECU for recordings."""
-    ecu = job.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere
-    return identity_of(ecu, setup.vehicle.coding, job.mutant)

@@ -11,17 +11,18 @@ from liftgate_hil.config.fault_kinds import FAULT_KINDS, MESSAGE
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.scenario_tables import Fault
-from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.sources import Source, sources_of
+from liftgate_hil.ecu.identity import identity_of
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.expected import Expected, expected_of
 from liftgate_hil.judging.fault_times import TimedFault
 from liftgate_hil.loop.tick import LoopConfig
-from liftgate_hil.running.job import Job, identity_of_ecu
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.loop_start import loop_config_of
 from liftgate_hil.running.options import RunOptions, ticks_of
 from liftgate_hil.running.recording_trigger import Trigger, trigger_of
-from liftgate_hil.running.setup import Setup, loop_config_of, rig_of, setup_of
+from liftgate_hil.running.setup import Setup, rig_of, setup_of
 from liftgate_hil.running.stimulation import opening_of, planned_stimuli
 from liftgate_hil.stimuli.command_queue import CLOSED, Opening
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
@@ -47,6 +48,11 @@ class Subject:
         """Model time of the run [s], the job's or else the scenario's; None: it runs until it is stopped."""
         given = self.options.duration
         return self.setup.scenario.duration if given is None else given
+
+    @property
+    def ecu_identity(self) -> Mapping[str, Any]:
+        """Identity of the ECU for recordings."""
+        return _identity_of(self.job, self.setup)
 
 
 @dataclass(frozen=True)
@@ -148,18 +154,16 @@ def _periods(scenario: Scenario, rate: float) -> list[str]:
     return found
 
 
+def _identity_of(job: Job, setup: Setup) -> Mapping[str, Any]:
+    ecu = job.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere
+    return identity_of(ecu, setup.vehicle.coding, job.mutant)
+
+
 def _files_of(job: Job, setup: Setup, rig: Rig) -> dict[str, Path]:
-    """Return the files that a job was made from; there is none for an object that a program made."""
-    files = {"rig": Path(rig.source), "dbc": rig.database}
-    vehicle = job.vehicle if job.vehicle is not None else setup.vehicle_name
-    if isinstance(vehicle, str | Path):
-        files["vehicle"] = find_config("vehicles", str(vehicle))
-    if isinstance(job.scenario, str | Path):
-        files["scenario"] = find_config("scenarios", str(job.scenario))
-        for k, name in enumerate(setup.scenario.included, 1):
-            files[f"included {k}"] = Path(name)
-    path = identity_of_ecu(job, setup).get("path")
-    return files if path is None else {**files, "ecu": Path(path)}
+    """Return the files that a job was made from, by purpose; there is none for an object that a program made."""
+    ecu = _identity_of(job, setup).get("path")
+    files = {"rig": Path(rig.source), "dbc": rig.database, **setup.files}
+    return files if ecu is None else {**files, "ecu": Path(ecu)}
 
 
 def expected_in(setup: Setup, rig: Rig) -> Expected:
@@ -190,8 +194,11 @@ def _timed_faults(faults: Sequence[Fault], rig: Rig) -> list[TimedFault]:
         return []
     found = []
     for each in faults:
-        is_of_message = FAULT_KINDS[each.kind].of == MESSAGE and each.where is not None
-        bridge = str(each.where) if is_of_message else rig.command_message()
+        bridge = rig.command_message()
+        if FAULT_KINDS[each.kind].of == MESSAGE and each.where is not None:
+            bridge = rig.message_at(each.where)
+            if bridge not in rig.messages:  # which is reported with the fault's other issues
+                continue
         least = 1e-3 * rig.timeout_ms(bridge)
         name = f"{each.key.partition(': ')[2] or each.key} ({each.kind})"
         found.append(TimedFault(name, each.start, each.end, each.length, least, bridge))

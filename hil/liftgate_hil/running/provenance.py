@@ -6,6 +6,7 @@ It is the same for the same run on the same machine, and so is the recording; it
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import math
 import platform
@@ -13,44 +14,45 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.config.files import issue_with
-from liftgate_hil.config.shipped import find_config
-from liftgate_hil.config.sources import sources_of
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.job import identity_of_ecu
-from liftgate_hil.running.plan import Subject
+from liftgate_hil.config.sources import Source, sources_of
+from liftgate_hil.formats.content import Content
+from liftgate_hil.running.plan import Plan
 from liftgate_hil.running.setup import Setup
+from liftgate_hil.signals import columns_of
 from liftgate_hil.version import versions
 from liftgate_plant import compiler
 
 _MOST_TEXT = 4_000_000  # bytes of a file that is included; of a larger one only its SHA-256 is
 
 
-def origin_of(plan: Subject, bus: str = "") -> str:
+def content_of(plan: Plan, channel: str, bus: str = "") -> Content:
+    """Return the content of a run's recordings; `channel` names the bus in them, `bus` is its interface."""
+    return Content(columns_of(plan.setup.vehicle.drives), channel, about=origin_of(plan, bus))
+
+
+def origin_of(plan: Plan, bus: str = "") -> str:
     """Return the provenance of a run as JSON; empty where nothing is recorded.
 
     It holds versions and machine, seed, clock, rate, the files with their content and SHA-256, the vehicle as it
     was used, in SI units, the ECU (`ecu.identity`), the interface of a bus, and the recording trigger, where not
     all was recorded.
     """
-    setup, rig, options = plan.setup, plan.rig, plan.options
+    options = plan.options
     if not options.record:
         return ""
-    files = {"rig": Path(rig.source), "dbc": rig.database}
-    more: dict[str, Any] = {"ecu": _plain(identity_of_ecu(plan.job, setup))}
+    more: dict[str, Any] = {"ecu": _plain(plan.ecu_identity)}
     if bus:
         more["bus"] = bus
     if options.record_when:
         before, after = options.around()
-        more["recorded"] = {
-            "when": list(options.record_when), "before_s": before, "after_s": after,
-        }  # fmt: skip
-    return _origin(setup, options.clock, options.rate, plan.duration, files, more)
+        more["recorded"] = {"when": list(options.record_when), "before_s": before, "after_s": after}
+    files = {name: each for name, each in plan.sources.items() if name != "ecu"}
+    return _origin(plan.setup, options.clock, options.rate, plan.duration, files, more)
 
 
 def origin_offline(setup: Setup, step: float, duration: float, files: Mapping[str, Path]) -> str:
-    """Return the provenance of a simulation of the plant alone, in steps [s], from these files, as JSON."""
-    return _origin(setup, "offline", 1.0 / step, duration, files, {})
+    """Return the provenance of a simulation of the plant alone, in steps [s], as JSON; `files` are its inputs."""
+    return _origin(setup, "offline", 1.0 / step, duration, sources_of({**files, **setup.files}), {})
 
 
 def _origin(
@@ -58,16 +60,11 @@ def _origin(
     clock: str,
     rate: float,
     duration: float | None,
-    files: Mapping[str, Path],
+    files: Mapping[str, Source],
     more: Mapping[str, Any],
 ) -> str:
-    scenario = setup.scenario
     processor, features = compiler.processor()
-    found = {**files, "scenario": Path(scenario.source)}
-    found |= {f"included {k}": Path(name) for k, name in enumerate(scenario.included, 1)}
-    with contextlib.suppress(ConfigError):  # a vehicle that a program has made
-        found["vehicle"] = find_config("vehicles", setup.vehicle_name)
-    told = {
+    origin = {
         "versions": versions(),
         "platform": platform.platform(),
         "libc": " ".join(platform.libc_ver()),
@@ -78,21 +75,23 @@ def _origin(
         "rate_hz": rate,
         "duration_s": duration,
         "initial_deg": math.degrees(setup.start_angle),
-        "parameters": dict(scenario.parameters),
+        "parameters": dict(setup.scenario.parameters),
         **more,
-        "files": {name: _file(name, path) for name, path in found.items() if path.name and not issue_with(path)},
+        "files": {name: _file(each) for name, each in files.items()},
         "vehicle": _plain(setup.vehicle),
     }
-    return json.dumps(told, indent=1, allow_nan=False, ensure_ascii=False)
+    return json.dumps(origin, indent=1, allow_nan=False, ensure_ascii=False)
 
 
-def _file(name: str, path: Path) -> dict[str, str]:
-    source = sources_of({name: path}).get(name)
-    told = {"path": str(path), "sha256": source.sha256 if source else ""}
-    with contextlib.suppress(OSError):  # the file is gone meanwhile
+def _file(source: Source) -> dict[str, str]:
+    """Return a file for the provenance, with its text unless it is too long or has changed meanwhile."""
+    path, entry = Path(source.path), source._asdict()
+    with contextlib.suppress(OSError):
         if path.stat().st_size <= _MOST_TEXT:
-            told["text"] = path.read_bytes().decode(errors="replace")
-    return told
+            content = path.read_bytes()
+            if hashlib.sha256(content).hexdigest() == source.sha256:
+                entry["text"] = content.decode(errors="replace")
+    return entry
 
 
 def _plain(value: Any) -> Any:

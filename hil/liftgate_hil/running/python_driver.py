@@ -15,6 +15,7 @@ from liftgate_hil.loop.lockstep import Lockstep, run_lockstep
 from liftgate_hil.loop.python_loop import Loop, run_clocked, run_free
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.running.options import NS
+from liftgate_hil.running.provenance import content_of
 from liftgate_hil.running.recordings import Recordings
 from liftgate_hil.transport.find import open_transport
 
@@ -45,7 +46,7 @@ class PythonDriver:
         # Only wall time has an epoch; the other clocks' recordings are the same every time.
         epoch_ns = time.time_ns() if options.clock == "realtime" else 0
         channel, say = run.channel(transport), run.listener.say
-        self._recordings = Recordings(plan, run.content(channel), say, stack, epoch_ns)
+        self._recordings = Recordings(plan, content_of(plan, channel, run.way.interface), say, stack, epoch_ns)
         sinks = [*run.sinks, *self._recordings.sinks, *self._shown(channel, stack)]
         has_run = run.prepare(functools.partial(self._phase_begun, transport))
         self._loop = loop = Loop(

@@ -12,6 +12,7 @@ from liftgate_hil.loop.priority import Realtime
 from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.running.options import NS
+from liftgate_hil.running.provenance import content_of
 from liftgate_hil.running.recorder_process import RecorderProcess
 from liftgate_hil.transport.find import open_line
 
@@ -46,7 +47,7 @@ class RealtimeDriver:
         if plan.options.record:
             self._recorder = RecorderProcess(
                 plan.options.record,
-                run.content(channel),
+                content_of(plan, channel, run.way.interface),
                 plan.options.limit(),
                 loop.memory,
                 run.listener.say,

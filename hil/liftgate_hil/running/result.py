@@ -1,4 +1,4 @@
-"""Result of a run: the sinks that collect it while it runs, and the Result made from them."""
+"""Result of a run, made from what its sinks have seen."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from liftgate_hil.loop.closed_loop import Extremes, Trace
 from liftgate_hil.loop.observers import Sink
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.plan import Plan
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
 
 
@@ -45,19 +44,6 @@ class Result:
     trace_summaries: Mapping[str, TraceSummary] = field(default_factory=dict)  # by expectation, if requested
     notes: tuple[str, ...] = ()  # observations that may explain the verdict
     late: str = ""  # when the bench was too late, or what it has not done; "": neither is known
-
-
-def sinks_of(plan: Plan, others: Sequence[Sink] = ()) -> list[Sink]:
-    """Return the sinks that collect the result of a run, with `others` among them."""
-    found: list[Sink] = [Extremes(), *others]
-    judge = _judge_of(plan)
-    if judge is not None:
-        found.append(judge)
-        if plan.job.is_summarized:
-            found.append(TraceSummarizer(judge, plan.options.rate))
-    if plan.job.trace:
-        found.append(Trace(plan.job.trace))
-    return found
 
 
 def result_of(
@@ -122,17 +108,6 @@ def nothing_of(job: Job, reason: str, ticks: int) -> Result:
         recording=job.options.record,
         trace=Trace(job.trace).columns() if job.trace else {},
     )
-
-
-def _judge_of(plan: Plan) -> Judge | None:
-    """Return the judge of the run; None: the scenario has no expectations."""
-    scenario, options = plan.setup.scenario, plan.options
-    if not scenario.expectations:
-        return None
-    end = math.inf if plan.duration is None else plan.duration
-    tolerance = None if options.clock == "free" else tolerance_of(scenario, plan.rig)
-    silence = silence_of(scenario, plan.rig)
-    return Judge(plan.expected, options.rate, end, tolerance, silence)
 
 
 def tolerance_of(scenario: Scenario, rig: Rig) -> float:

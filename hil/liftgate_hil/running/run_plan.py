@@ -1,9 +1,10 @@
-"""A plan, run in this process: its ECU, the driver of its clock, and what came of it."""
+"""Run of a plan in this process: its ECU, its sinks, the driver of its clock, and its result."""
 
 from __future__ import annotations
 
 import contextlib
 import gc
+import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -13,14 +14,16 @@ from liftgate_hil.ecu.mutants import mutant_ecu
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError, LiftgateError, OverrunError, PreconditionError, causes
 from liftgate_hil.judging.judge import Judge
+from liftgate_hil.judging.trace_summary import TraceSummarizer
+from liftgate_hil.loop.closed_loop import Extremes, Trace
 from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.running.bus_run import BusRun, bus_run_of
 from liftgate_hil.running.compilation import told_of_compiling
-from liftgate_hil.running.driver import Driver, drive
+from liftgate_hil.running.driver import Driver
 from liftgate_hil.running.episode_driver import EpisodeDriver
 from liftgate_hil.running.execution import Execution
-from liftgate_hil.running.result import Result, nothing_of, result_of, sinks_of
+from liftgate_hil.running.result import Result, nothing_of, result_of, silence_of, tolerance_of
 from liftgate_hil.running.signs_of_life import foreign_code
 from liftgate_hil.running.stepping import StepsAgain, heard_by
 from liftgate_plant.compiler import GivenUpError
@@ -43,14 +46,38 @@ def run_plan(
     """
     try:
         with told_of_compiling(plan.job.listener, stopped), contextlib.ExitStack() as stack:
-            seen, adapter = sinks_of(plan, sinks), _adapter_of(plan, memory, stack)
+            seen, adapter = _sinks_of(plan, sinks), _adapter_of(plan, memory, stack)
             return _Run(Execution(plan, adapter, seen, stopped, memory)).result(stack)
     except GivenUpError:  # stopped before it began
         return nothing_of(plan.job, "", 0)
 
 
+def _sinks_of(plan: Plan, others: Sequence[Sink]) -> list[Sink]:
+    """Return the sinks that collect the result of a run, with `others` among them."""
+    found: list[Sink] = [Extremes(), *others]
+    judge = _judge_of(plan)
+    if judge is not None:
+        found.append(judge)
+        if plan.job.is_summarized:
+            found.append(TraceSummarizer(judge, plan.options.rate))
+    if plan.job.trace:
+        found.append(Trace(plan.job.trace))
+    return found
+
+
+def _judge_of(plan: Plan) -> Judge | None:
+    """Return the judge of the run; None: the scenario has no expectations."""
+    scenario, options = plan.setup.scenario, plan.options
+    if not scenario.expectations:
+        return None
+    end = math.inf if plan.duration is None else plan.duration
+    tolerance = None if options.clock == "free" else tolerance_of(scenario, plan.rig)
+    silence = silence_of(scenario, plan.rig)
+    return Judge(plan.expected, options.rate, end, tolerance, silence)
+
+
 def _adapter_of(plan: Plan, memory: Memory | None, stack: contextlib.ExitStack) -> Adapter:
-    """The plan's ECU in this process, closed with the stack; nobody, where it is on a bus."""
+    """Return the adapter of the ECU in this process, closed with the stack; an empty one for an ECU on a bus."""
     job, rig, car = plan.job, plan.rig, plan.setup.vehicle
     if job.ecu == ON_A_BUS:
         return Adapter(rig, car.drives)
@@ -66,7 +93,7 @@ def _adapter_of(plan: Plan, memory: Memory | None, stack: contextlib.ExitStack) 
 def _close(adapter: Adapter, memory: Memory | None) -> None:
     with foreign_code(memory):
         adapter.close()
-        if memory is not None:  # whoever looks at it also sees a destructor that hangs
+        if memory is not None:  # so that who watches the memory also sees a destructor that hangs
             gc.collect()
 
 
@@ -79,12 +106,17 @@ class _Run:
         self._driver: Driver | None = None
 
     def result(self, stack: contextlib.ExitStack) -> Result:
-        """Run to the end; what came of it. Raises ConfigError."""
+        """Run to the end, and return the result. Raises ConfigError."""
         sinks, adapter = self._execution.sinks, self._execution.adapter
         reason = given_up = ""
         try:
-            self._driver = self._driver_of(stack)
-            drive(self._driver, self._plan.ticks, self._execution.stopped)
+            self._driver = driver = self._driver_of(stack)
+            with contextlib.ExitStack() as opened:
+                driver.begin(opened)
+                try:
+                    driver.advance(self._plan.ticks, self._execution.stopped)
+                finally:
+                    driver.finish()
         except ConfigError:
             raise
         except PreconditionError as error:
@@ -103,7 +135,7 @@ class _Run:
         return result_of(sinks, adapter, summary, reason, not_made, again)
 
     def _driver_of(self, stack: contextlib.ExitStack) -> Driver:
-        """The driver of the plan's clock. Raises as `bus_run_of`."""
+        """Return the driver of the plan's clock. Raises as `bus_run_of`."""
         if self._plan.job.is_episode:
             return EpisodeDriver(self._execution)
         self._on_bus = bus_run_of(self._execution, stack)

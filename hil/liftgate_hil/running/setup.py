@@ -10,11 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from liftgate_hil.codec.frames import empty_frames
-from liftgate_hil.codec.transmit import message_of
 from liftgate_hil.config.arguments import numbers_of, seed_of
 from liftgate_hil.config.rig import Rig, load_rig
-from liftgate_hil.config.rig_fit import check_fit
 from liftgate_hil.config.scenario import Scenario, load_scenario, no_scenario
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.shipped import find_config
@@ -22,13 +19,7 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.config.variant import AS_FILED, Variant
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop
-from liftgate_hil.running.options import NS
-from liftgate_hil.signals import OUT
-from liftgate_plant.faults import SOUND
-from liftgate_plant.friction_profile import friction_profile
-from liftgate_plant.initial import closed_state, initial_state
-from liftgate_plant.vehicle import Vehicle, load_of, plant_of
+from liftgate_plant.vehicle import Vehicle
 
 
 def vehicle_from(
@@ -143,8 +134,17 @@ class Setup:
     scenario: Scenario
     vehicle: Vehicle
     vehicle_name: str
+    vehicle_file: Path | None  # None: a program made the vehicle
     seed: int
     start_angle: float  # rad
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files that it was loaded from, by purpose."""
+        found = {} if self.vehicle_file is None else {"vehicle": self.vehicle_file}
+        if self.scenario.source:
+            found["scenario"] = Path(self.scenario.source)
+        return found | {f"included {k}": Path(name) for k, name in enumerate(self.scenario.included, 1)}
 
 
 def setup_of(
@@ -172,57 +172,17 @@ def setup_of(
             f"{', '.join(each.source + each.key for each in scenario.settings)}: allowed with a vehicle "
             "by its name or file"
         )
-    built = (
-        load_vehicle(
-            find_config("vehicles", str(vehicle), called), [*scenario.settings, *settings_of(settings)], variant
-        )
-        if is_named
-        else vehicle_of(vehicle, settings, variant)
-    )
+    path = find_config("vehicles", str(vehicle), called) if is_named else None
+    if path is None:
+        built = vehicle_of(vehicle, settings, variant)
+    else:
+        built = load_vehicle(path, [*scenario.settings, *settings_of(settings)], variant)
     initial = initial if initial is not None else scenario.initial
     return Setup(
         scenario=scenario,
         vehicle=built,
         vehicle_name=str(vehicle) if is_named else "a vehicle",
+        vehicle_file=path,
         seed=seed_of(seed if seed is not None else scenario.seed),
         start_angle=angle_from(initial, built.gate.open_angle),
     )
-
-
-def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopConfig:
-    """Return the loop's constants at a rate [Hz].
-
-    Raises ConfigError where the rig does not fit vehicle or rate.
-    """
-    check_fit(rig, vehicle, rate)
-    mapped = {mapping.quantity for mapping in rig.inputs}
-    outputs = rig.output_config()
-    plant = plant_of(vehicle)
-    return LoopConfig(
-        plant=plant,
-        sensors=vehicle.sensors,
-        friction=friction_profile(vehicle, plant, seed),
-        load=load_of(vehicle),
-        faults=SOUND,
-        inputs=rig.input_config(),
-        outputs=outputs,
-        signed_left=int("left_direction" not in mapped),
-        signed_right=int("right_direction" not in mapped),
-        latch_mapped=int("latch_release" in mapped),
-        hold_message=message_of(outputs, OUT.pinch_force_max),
-        obstacle_distance=vehicle.gate.length,
-        step=1.0 / rate,
-        step_ns=round(NS / rate),
-        seed=seed,
-        nothing=empty_frames(0),
-    )
-
-
-def start_of(config: LoopConfig, angle: float = 0.0, edges: int = 64) -> LoopState:
-    """Return the state of a loop whose gate rests at an angle [rad]; at 0 it is closed and latched.
-
-    There is a ring for the last `edges` Hall edges.
-    """
-    is_closed = angle == 0.0
-    state = closed_state(config.plant, config.load) if is_closed else initial_state(config.plant, angle)
-    return initial_loop(config, state, edges)

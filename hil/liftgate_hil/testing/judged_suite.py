@@ -45,9 +45,8 @@ def runs_of(names: Sequence[str], is_one: bool = False) -> list[tuple[Path, ...]
 def cases_of(runs: Sequence[tuple[Path, ...]], about: Expectations, is_reported: bool = True) -> list[Case]:
     """Return a case for each run; `is_reported`: with its files' hashes."""
     scenario = about.setup.scenario
-    files = {"scenario": Path(scenario.source)}
-    files |= {f"included {k}": Path(name) for k, name in enumerate(scenario.included, 1)}
-    files |= {"rig": Path(about.rig.source), "dbc": about.rig.database}
+    files = about.setup.files | {"rig": Path(about.rig.source), "dbc": about.rig.database}
+    files.pop("vehicle", None)  # the recording may be of another one
     sources = sources_of(files) if is_reported else {}
     options = RunOptions(rate=about.rate, clock=_CLOCK, duration=about.duration)
     job = Job(scenario=scenario, ecu="", rig=about.rig, options=options)

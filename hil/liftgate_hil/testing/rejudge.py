@@ -24,9 +24,10 @@ from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary
 from liftgate_hil.judging.verdict import INCONCLUSIVE, Verdict
 from liftgate_hil.loop.begun import Begun
 from liftgate_hil.measurement.mapping import ColumnMap, parse_maps
+from liftgate_hil.running.loop_start import loop_config_of, start_of
 from liftgate_hil.running.plan import expected_in
 from liftgate_hil.running.result import silence_of, tolerance_of
-from liftgate_hil.running.setup import Setup, loop_config_of, rig_of, setup_of, start_of
+from liftgate_hil.running.setup import Setup, rig_of, setup_of
 from liftgate_hil.running.stepping import StepsAgain, heard_by
 from liftgate_hil.running.stimulation import planned_stimuli, reset_failure
 from liftgate_hil.signals import COLUMNS

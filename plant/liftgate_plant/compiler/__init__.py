@@ -10,6 +10,8 @@ holds no interpreter lock, together with all compilable functions it calls.
     storage, child, kinds, packing, loading                                 ┘
     making, linking, extensions, compile_patches     numba, in a process of its own
 
+What these four use of numba's inside, and with which versions that was tried, stands in docs/compiler.md.
+
 `LIFTGATE_COMPILE=0` in the environment switches the compiler off: `compiled` then returns its argument.
 
 A `System` is a function of the C library that both plain Python and compiled code can call.

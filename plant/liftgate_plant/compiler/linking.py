@@ -18,7 +18,7 @@ from numba.core import codegen, typed_passes, untyped_passes
 from numba.core.compiler import Compiler
 from numba.core.compiler_machinery import PassManager
 
-_TRIED = (0, 63), (0, 68)
+_TRIED = (0, 66), (0, 68)
 # Internals of numba that are used here: attributes of its classes.
 _NEEDED: dict[type, tuple[str, ...]] = {
     codegen.JITCodeLibrary: (

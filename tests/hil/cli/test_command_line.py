@@ -161,7 +161,7 @@ def test_an_ecu_tells_what_it_could_not_read(
     assert capsys.readouterr().err.endswith("link: 3 unreadable frames, 2 refused frames\n")
 
 
-def test_all_faults_of_a_vehicle_are_told_line_by_line(capsys: pytest.CaptureFixture[str], bus: str):
+def test_all_faults_of_a_vehicle_are_reported_line_by_line(capsys: pytest.CaptureFixture[str], bus: str):
     lines = complaint(
         capsys, "--bus", bus, "--set", "motor.resistance=-1", "--set", "gate.mass=abc",
         "--set", "supply.volts=3",
@@ -239,7 +239,7 @@ def test_a_plant_that_diverges_is_one_line_and_exit_code_1(
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize("suffix", [".csv", ".log"])
-def test_a_full_disk_is_told_in_one_line_after_the_motors_are_off(
+def test_a_full_disk_is_reported_in_one_line_after_the_motors_are_off(
     capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path, suffix: str
 ):
     path = tmp_path / f"run{suffix}"
@@ -281,7 +281,7 @@ def hil(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("limit", [6, 9, 12])
-def test_too_few_files_that_may_be_open_are_told(tmp_path: Path, limit: int):
+def test_too_few_files_that_may_be_open_are_reported(tmp_path: Path, limit: int):
     command = ["-m", "liftgate_hil", "--bus", "virtual:x", "--duration", "0.1"]
     done = subprocess.run(
         ["sh", "-c", f'ulimit -n {limit}; exec "$0" "$@"', sys.executable, *command,

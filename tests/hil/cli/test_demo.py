@@ -142,11 +142,11 @@ def test_a_good_demo_has_no_failures() -> None:
         ),
     ],
 )
-def test_each_thing_that_a_demo_does_not_show_is_told(changes: dict[str, Any], expected: str) -> None:
+def test_each_thing_that_a_demo_does_not_show_is_reported(changes: dict[str, Any], expected: str) -> None:
     assert faults(shown(**changes)) == [expected]
 
 
-LATE = "the bench was late: 212 ticks were missed about 13.200 s"
+LATE = "the bench was late: 212 ticks were missed at about 13.200 s"
 DOUBTFUL = {"reverses": Verdict("reverses", "inconclusive", reason="not known")}
 FAILED: dict[str, Any] = {"force": 0.0}
 
@@ -157,8 +157,8 @@ FAILED: dict[str, Any] = {"force": 0.0}
         ({}, ""),
         (FAILED, ""),  # the bench was in time: it counts
         ({"late": LATE}, ""),  # and nothing depends on it
-        ({"late": LATE, **FAILED}, "212 ticks were missed about 13.200 s"),
-        ({"late": LATE, "expectations": DOUBTFUL}, "212 ticks were missed about 13.200 s"),
+        ({"late": LATE, **FAILED}, "212 ticks were missed at about 13.200 s"),
+        ({"late": LATE, "expectations": DOUBTFUL}, "212 ticks were missed at about 13.200 s"),
         ({"expectations": DOUBTFUL}, "reverses: not known"),
         ({"summary": Summary(command_timeouts=4)}, "the ECU's commands were late 4 times"),
         ({"late": LATE, "summary": Summary(clock="free"), **FAILED}, ""),
@@ -197,7 +197,7 @@ def test_where_the_machine_is_too_busy_the_same_is_shown_on_the_free_clock(
     assert (folder / "demo.png").is_file()
 
 
-def test_all_failures_are_told_at_once() -> None:
+def test_all_failures_are_reported_at_once() -> None:
     nothing = columns_with(gate_angle_deg=np.zeros(4200), latched=np.zeros(4200))
     nothing["pinch_force_n"] = np.zeros(4200)
     assert len(faults(shown(events=[], trace=nothing))) == 4
@@ -250,7 +250,7 @@ def test_a_folder_that_is_not_there_is_made(folder: Path) -> None:
     assert found == ["demo.csv", "demo.log", "demo.png"]
 
 
-def test_a_folder_that_cannot_be_made_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_that_cannot_be_made_is_reported(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "taken").write_text("a file")
     assert demo("--output", "taken/new") == 2
     assert "--output taken/new: cannot be created: Not a directory" in capsys.readouterr().err
@@ -262,7 +262,7 @@ def test_what_is_asked_for_is_recorded_all_the_same(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("clock", ["free", "realtime"])
-def test_a_precondition_that_does_not_end_is_told_and_inconclusive(
+def test_a_precondition_that_does_not_end_is_reported_and_inconclusive(
     folder: Path, capsys: pytest.CaptureFixture[str], clock: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("liftgate_hil.loop.precondition.LONGEST_MOTION", 0.5)
@@ -354,11 +354,11 @@ def test_one_that_is_stopped_says_so_and_keeps_what_it_has(
 def test_one_that_is_stopped_while_it_compiles_has_done_nothing_yet(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def given_up(*_: object) -> None:
+    def given_up(*_: object, **__: object) -> None:
         signal.raise_signal(signal.SIGTERM)
         raise GivenUpError
 
-    monkeypatch.setattr("liftgate_hil.running.run_plan.sinks_of", given_up)
+    monkeypatch.setattr("liftgate_hil.running.run_plan.adapter_for", given_up)
     assert demo() == 143
     assert "liftgate-hil demo: stopped at 0.000 s of 42 s" in capsys.readouterr().err
     assert not (folder / "demo.png").exists()
@@ -496,7 +496,7 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(capsys: pytest.CaptureF
         (["--ecu", f"{__name__}:NoStep"], f"--ecu an object of {__name__}.NoStep: allowed: an object with step("),
     ],
 )
-def test_what_is_wrong_is_said_as_a_user_would(
+def test_issues_name_flags_as_a_user_types_them(
     arguments: list[str],
     said: str,
     capsys: pytest.CaptureFixture[str],

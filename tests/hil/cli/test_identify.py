@@ -149,7 +149,7 @@ def test_the_result_tells_what_was_set(capsys: pytest.CaptureFixture[str], openi
     assert "suv: with motor.torque_constant=0.0113" in result["notes"]
 
 
-def test_unlike_drives_are_told_apart_by_their_own_columns(
+def test_unlike_drives_are_distinguished_by_their_own_columns(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     truth = {"left.motor.resistance": 0.9, "right.motor.resistance": 1.1}
@@ -197,7 +197,7 @@ def test_thinned_data_still_tell_the_truth(
     ]
 
 
-def test_a_pause_is_told_by_the_clock_or_by_the_user(
+def test_a_pause_is_reported_by_the_clock_or_by_the_user(
     capsys: pytest.CaptureFixture[str], opening: Path, columns: dict[str, Floats]
 ) -> None:
     late = write_columns(opening.with_name("late.csv"), columns | {"time_s": columns["time_s"] + 5})
@@ -257,7 +257,7 @@ def test_the_saved_vehicle_keeps_comments_and_settings_and_can_be_used_again(
     assert call("simulate", "--vehicle", again, "--voltage", 9, "--duration", 0.1) == 0
 
 
-def test_what_cannot_be_told_stays_as_it_was_in_the_saved_vehicle(opening: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_identified_stays_as_it_was_in_the_saved_vehicle(opening: Path, tmp_path: Path) -> None:
     saved = tmp_path / "saved.toml"
     names = "left.motor.resistance,right.motor.inductance"
     assert call("identify", opening, "--estimate", names, "--quiet", "--save-vehicle", saved) == 0
@@ -289,7 +289,7 @@ def test_a_resistance_far_too_large_to_begin_with_is_no_fault_of_the_currents(
     assert_true(found(capsys, opening, *flags), {"motor.resistance": TRUTH["motor.resistance"]})
 
 
-def test_bounds_hold_and_are_told_where_they_do(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_bounds_hold_and_are_reported_where_they_do(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     lines = complaint(
         capsys, "identify", opening, "--estimate", "motor.resistance",
         "--bounds", "motor.resistance=0.7:0.72",
@@ -533,7 +533,7 @@ def test_programs_see_the_warnings_too(opening: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.filterwarnings("error")
-def test_what_cannot_be_told_apart_in_data_without_noise_is_said_and_warns_of_nothing(
+def test_what_cannot_be_distinguished_in_data_without_noise_is_said_and_warns_of_nothing(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     path = tmp_path / "exact.csv"

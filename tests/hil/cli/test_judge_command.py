@@ -64,7 +64,7 @@ def test_files_of_one_name_are_one_run_and_all_stand_sorted_in_one_report(
     assert judged(*files, "--results", "out", "--json", "own.json") == 3
     out = capsys.readouterr().out
     assert out.splitlines()[0] == "pass         a.csv, a.log"
-    assert out.splitlines()[-1] == "3 recordings: 5 pass, 1 inconclusive; 17 % inconclusive"
+    assert out.splitlines()[-1] == "3 recordings, 6 expectations: 5 pass, 1 inconclusive; 17 % inconclusive"
     assert "    draws: inconclusive: not in the recording: LeftDrive.MotorCurrent" in out
     told = json.loads((folder / "own.json").read_text())
     assert told == json.loads((folder / "out/verdicts.json").read_text())
@@ -89,7 +89,7 @@ def test_a_scenario_of_another_name_makes_one_run_of_all_files_where_asked(
 ) -> None:
     assert judged("c.csv", "b.log") == 3
     assert judged("c.csv", "b.log", "--one-run", "--quiet") == 0
-    assert capsys.readouterr().out.splitlines()[-1] == "1 recording: 2 pass; 0 % inconclusive"
+    assert capsys.readouterr().out.splitlines()[-1] == "1 recording, 2 expectations: 2 pass; 0 % inconclusive"
     assert judged("c.csv", "b.log", "--one-run", "--set-parameter", "most=0.1") == 1
 
 

@@ -149,7 +149,7 @@ def moved(drive: Path, row: int, change: str) -> Path:
         (COUNT - 1, "1.7e308"),
     ],
 )
-def test_a_clock_that_jumps_is_told_and_can_be_cut(drive: Path, row: int, change: str) -> None:
+def test_a_clock_that_jumps_is_reported_and_can_be_cut(drive: Path, row: int, change: str) -> None:
     path = moved(drive, row, change)
     with pytest.raises(ConfigError, match=rf"time_s: .* from row {row} .*; allowed: up to 60 s"):
         measure(path)
@@ -158,7 +158,7 @@ def test_a_clock_that_jumps_is_told_and_can_be_cut(drive: Path, row: int, change
 
 
 @pytest.mark.parametrize("change", ["t * 5e-324", "t * 1e-300", "t * 1e300", "t * 5e307"])
-def test_times_at_the_ends_of_what_a_number_holds_are_told(drive: Path, change: str) -> None:
+def test_times_at_the_ends_of_what_a_number_holds_are_reported(drive: Path, change: str) -> None:
     with pytest.raises(ConfigError, match="time_s"):
         measure(moved(drive, 0, change))
 
@@ -167,7 +167,7 @@ def test_seconds_since_1970_are_as_good_as_any(drive: Path) -> None:
     assert len(measure(moved(drive, 0, "t + 1.7e9"))) == 1
 
 
-def test_a_day_and_more_is_told(tmp_path: Path) -> None:
+def test_a_day_and_more_is_reported(tmp_path: Path) -> None:
     # Nobody's median distance is a minute: half of the rows are close together.
     times = np.cumsum(np.where(np.arange(4000) % 2, 0.4, 55.0))
     path = tmp_path / "long.csv"

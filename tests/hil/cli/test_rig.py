@@ -74,7 +74,7 @@ def test_what_the_vehicle_and_the_rate_do_not_allow_is_an_issue_too(
     assert "messages.Fine.cycle_ms: 2; allowed: 5 or more, a tick at --rate 200 Hz" in faults[1]
 
 
-def test_notes_are_told_and_no_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_notes_are_reported_and_no_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     wires = 'gate_angle = { signal = "Fine.Angle", scale = 1000 }\n'
     path = write_rig(tmp_path, DATABASE, RIG + wires)
     assert main(["rig", "check", str(path), "--rate", "1500"]) == 0
@@ -103,7 +103,7 @@ def test_json_holds_the_table_and_the_issues(tmp_path: Path, capsys: pytest.Capt
         (["rig", "draft", "their.toml"], "allowed: a file of .dbc, .arxml, .kcd, .sym"),
     ],
 )
-def test_what_cannot_be_read_is_told_with_exit_2(
+def test_what_cannot_be_read_is_reported_with_exit_2(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -273,7 +273,7 @@ def test_an_input_that_would_run_for_hours_wants_a_duration(
     assert len(simulate(tmp_path, "--input", str(source), "--duration", "0.1")["time_s"]) == 101
 
 
-def test_motors_that_nothing_drives_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_motors_that_nothing_drives_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     simulate(tmp_path, "--duration", "0.01")
     assert "no --voltage and no --input: 0 V, which brakes the motors" in capsys.readouterr().err
     source = tmp_path / "in.csv"
@@ -302,7 +302,7 @@ def test_an_input_in_seconds_since_1970_lasts_as_long_as_it_does(
 
 
 @pytest.mark.parametrize("every", ["1", "100000"])
-def test_a_plant_that_diverges_is_told_whichever_rows_are_written(
+def test_a_plant_that_diverges_is_reported_whichever_rows_are_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], every: str
 ) -> None:
     target = tmp_path / "out.csv"
@@ -431,7 +431,7 @@ def test_a_file_that_cannot_take_edges_is_refused(
     assert f"--edges {target}" in capsys.readouterr().err
 
 
-def test_an_input_that_is_a_link_to_itself_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_input_that_is_a_link_to_itself_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     loop = tmp_path / "in.csv"
     loop.symlink_to(loop)
     with pytest.raises(SystemExit) as left:

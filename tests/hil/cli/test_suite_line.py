@@ -84,7 +84,7 @@ def test_what_begins_while_something_is_printed_waits(monkeypatch: pytest.Monkey
     assert stream.getvalue().endswith("2 running: a.toml, a.toml\x1b[K")
 
 
-def test_who_waits_for_machine_code_is_told() -> None:
+def test_who_waits_for_machine_code_is_reported() -> None:
     said: list[str] = []
 
     class Hears(Teller):

@@ -80,7 +80,7 @@ def test_compiling_shows_how_long_it_has_taken(terminal: Terminal):
     assert terminal.getvalue().endswith("\r\x1b[K")
 
 
-def test_where_there_is_no_terminal_each_thing_is_told_once(capsys: pytest.CaptureFixture[str]):
+def test_where_there_is_no_terminal_each_thing_is_reported_once(capsys: pytest.CaptureFixture[str]):
     teller = Teller(is_quiet=False, how="1000 Hz")
     teller.starts("suv on can0")
     for seconds in (0.0, 0.1, 9.0):
@@ -97,7 +97,7 @@ def test_where_there_is_no_terminal_each_thing_is_told_once(capsys: pytest.Captu
 
 
 @pytest.mark.parametrize("is_json", [False, True])
-def test_quiet_is_quiet_and_beside_json_only_what_goes_wrong_is_told(terminal: Terminal, is_json: bool):
+def test_quiet_is_quiet_and_beside_json_only_what_goes_wrong_is_reported(terminal: Terminal, is_json: bool):
     teller = Teller(is_quiet=not is_json, is_json=is_json)
     teller.starts("suv")
     teller.compiles("compiling the model", 3.0)

@@ -66,7 +66,7 @@ def test_the_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     names = [scenario("a.toml", RESTS, MOVES), scenario("b.toml", NEVER)]
     assert main(["test", *names, "--json", "out.json", "--junit", "out.xml", "--jobs", "2"]) == 1
     out = capsys.readouterr().out
-    assert "2 scenarios: 1 pass, 1 fail, 1 inconclusive; 33 % inconclusive" in out
+    assert "2 scenarios, 3 expectations: 1 pass, 1 fail, 1 inconclusive; 33 % inconclusive" in out
     told: dict[str, Any] = json.loads(Path("out.json").read_text())
     assert told["verdict"] == "fail"
     assert told["expectations"]["inconclusive_share"] == pytest.approx(1 / 3)
@@ -119,7 +119,7 @@ def test_a_folder_stands_for_its_scenarios_and_results_keep_recordings(tmp_path:
         b'duration = 5\n# 20 \xb0C\n[[ expect ]]\nname = "x"\nalways = "time_s > 0"\n',
     ],
 )
-def test_a_scenario_in_a_folder_that_cannot_be_read_is_told(
+def test_a_scenario_in_a_folder_that_cannot_be_read_is_reported(
     content: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Path("suite").mkdir()
@@ -138,13 +138,13 @@ def test_files_that_cannot_be_read_and_are_no_scenarios_are_left_alone() -> None
 
 
 @pytest.mark.parametrize("path", ["", "loop.toml"])
-def test_what_is_no_path_is_told(path: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_path_is_reported(path: str, capsys: pytest.CaptureFixture[str]) -> None:
     Path("loop.toml").symlink_to("loop.toml")
     assert main(["test", path]) == 2
     assert "Traceback" not in capsys.readouterr().err
 
 
-def test_frames_that_the_gate_refuses_are_told_beside_the_verdicts(
+def test_frames_that_the_gate_refuses_are_reported_beside_the_verdicts(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Path("wrong_ecu.py").write_text(
@@ -172,7 +172,7 @@ def test_frames_that_the_gate_refuses_are_told_beside_the_verdicts(
         ),
     ],
 )
-def test_an_ecu_that_says_nothing_to_the_gate_is_told_and_may_print(
+def test_an_ecu_that_says_nothing_to_the_gate_is_reported_and_may_print(
     frames: str, said: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Path("mute_ecu.py").write_text(
@@ -249,7 +249,7 @@ def test_an_ecu_that_fails_is_an_error_and_the_next_scenario_runs(
     out = capsys.readouterr().out
     assert out.count("rests: error: the ECU at") == 2
     assert said in out
-    assert "2 scenarios: 2 error" in out
+    assert "2 scenarios, 2 expectations: 2 error" in out
 
 
 @pytest.mark.parametrize(
@@ -269,7 +269,9 @@ def test_an_ecu_that_fails_is_an_error_and_the_next_scenario_runs(
         ("not TOML", "not valid TOML"),
     ],
 )  # fmt: skip
-def test_mistakes_are_told_before_anything_runs(text: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_mistakes_are_reported_before_anything_runs(
+    text: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     Path("s.toml").write_text(text)
     assert main(["test", "s.toml"]) == 2
     assert said in capsys.readouterr().err
@@ -297,7 +299,7 @@ def test_all_mistakes_of_all_files_come_at_once(capsys: pytest.CaptureFixture[st
         (["s.toml", "--ecu", "bus"], "--bus: missing"),
     ],
 )
-def test_wrong_usage_is_told(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage_is_reported(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     scenario("s.toml", RESTS)
     Path("empty").mkdir()
     assert main(["test", *arguments]) == 2

@@ -146,7 +146,7 @@ def test_products_of_machine_code_are_those_of_python():
         (64, {}, "counter: Counter takes 9223372036854775808 values; allowed: up to 2^48"),
     ],
 )  # fmt: skip
-def test_a_wrong_counter_is_told_in_one_line(bits: int, given: dict[str, Any], message: str):
+def test_a_wrong_counter_is_reported_in_one_line(bits: int, given: dict[str, Any], message: str):
     with pytest.raises(ConfigError) as caught:
         bus_of(bits, {"signal": "Counter", **given})
     assert len(caught.value.issues) == 1

@@ -421,7 +421,7 @@ def test_a_rig_protects_both_ways(tmp_path: Path):
         ('"e2e-p05"', '"simple"', "data_id: allowed with protection"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_a_profile_is_told(tmp_path: Path, old: str, new: str, said: str):
+def test_what_is_wrong_with_a_profile_is_reported(tmp_path: Path, old: str, new: str, said: str):
     assert old in RIG
     with pytest.raises(ConfigError, match=said):
         rig_of(tmp_path, DATABASE, RIG.replace(old, new, 1))

@@ -33,12 +33,12 @@ def test_units_of_products(text: str, unit: str) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "the end; allowed: a column"),
+        ("", "the condition ends; allowed: a column"),
         ("gate_angle_deg", "is not a comparison"),
-        ("gate_angle_deg >", "the end; allowed"),
+        ("gate_angle_deg >", "the condition ends; allowed"),
         ("1 < gate_angle_deg < 3", "one comparison at a time"),
         ("gate_angle_deg > 3 )", ") at character 20; allowed: and, or, or the end"),
-        ("(gate_angle_deg > 3", "the end; allowed: )"),
+        ("(gate_angle_deg > 3", "the condition ends; allowed: )"),
         ("gate_angle_deg + left_current_a > 3", "combines deg and A"),
         ("gate_angle_deg > left_current_a", "combines deg and A"),
         ("gate_angle > 3", "no such column; allowed: gate_angle_deg"),
@@ -58,7 +58,7 @@ def test_units_of_products(text: str, unit: str) -> None:
         ("__import__(x)", "no such column"),
     ],
 )
-def test_what_is_wrong_is_told(text: str, said: str) -> None:
+def test_what_is_wrong_is_reported(text: str, said: str) -> None:
     with pytest.raises(ValueError, match=r"allowed|expected") as caught:
         parsed(text, PARAMETERS)
     assert said in str(caught.value)

@@ -60,7 +60,7 @@ def mutated(chance: random.Random, content: dict[str, Any]) -> dict[str, Any]:
         ("tests/system/foreign/foreign.toml", load_rig),
     ],
 )
-def test_a_mangled_file_is_told_or_taken(
+def test_a_corrupt_file_is_refused_or_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, load: Callable[[Path], Any]
 ):
     known: dict[Path, Any] = {}
@@ -120,7 +120,7 @@ def mangled(chance: random.Random, lines: list[str], words: list[str]) -> list[s
         ("tests/system/foreign/foreign.dbc", "tests/system/foreign/foreign.toml"),
     ],
 )
-def test_a_mangled_database_is_told_or_taken(tmp_path: Path, database: str, rig: str):
+def test_a_corrupt_database_is_refused_or_read(tmp_path: Path, database: str, rig: str):
     text = (ROOT / database).read_text(encoding="utf-8")
     lines, words = text.splitlines(), re.findall(r"\w+", text)
     path = tmp_path / "rig.toml"

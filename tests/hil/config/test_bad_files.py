@@ -60,7 +60,7 @@ def dangling(path: Path) -> None:
         (dangling, "a link to no file"),
     ],
 )
-def test_what_is_no_file_is_told_as_what_it_is(tmp_path: Path, make: Callable[[Path], None], said: str):
+def test_what_is_no_file_is_reported_as_what_it_is(tmp_path: Path, make: Callable[[Path], None], said: str):
     path = tmp_path / "x.toml"
     make(path)
     for load in LOADERS:
@@ -72,14 +72,14 @@ def test_what_is_no_file_is_told_as_what_it_is(tmp_path: Path, make: Callable[[P
 
 
 @pytest.mark.parametrize("name", ["a" * 300, "a" * 300 + ".toml"])
-def test_a_name_longer_than_any_file_is_told_as_such(name: str):
+def test_a_name_longer_than_any_file_is_reported_as_such(name: str):
     (issue,) = issues_of(lambda: find_config("vehicles", name))
     assert "File name too long" in issue
     assert len(issue) < 150
 
 
 @pytest.mark.parametrize("name", ["x\0y.toml", "\udcff.toml", "none", "none.toml", "none/none"])
-def test_a_name_of_no_file_is_told_as_such(tmp_path: Path, name: str):
+def test_a_name_of_no_file_is_reported_as_such(tmp_path: Path, name: str):
     (issue,) = issues_of(lambda: find_config("vehicles", name))
     assert "no such file" in issue or "neither a file nor a shipped name" in issue
 
@@ -93,7 +93,7 @@ def test_a_folder_that_may_not_be_read_is_no_missing_file(tmp_path: Path, monkey
     assert issue == "`vehicle` there/x.toml: cannot be read: Permission denied"
 
 
-def test_the_database_of_a_rig_is_told_alike(tmp_path: Path):
+def test_the_database_of_a_rig_is_reported_alike(tmp_path: Path):
     rig = tmp_path / "r.toml"
     rig.write_text('dbc = "x.dbc"\n')
     (tmp_path / "x.dbc").symlink_to(tmp_path / "x.dbc")
@@ -133,7 +133,9 @@ def test_very_many_unknown_keys_are_counted(tmp_path: Path, load: Callable[[Path
     ],
     ids=["50,000 parts", "quoted", "3,000 tables", "a table too many", "lists", "7 MB", "one key"],
 )
-def test_what_is_too_deep_or_too_large_is_told_at_once(tmp_path: Path, load: Callable[[Path], Any], content: str):
+def test_what_is_too_deep_or_too_large_is_reported_at_once(
+    tmp_path: Path, load: Callable[[Path], Any], content: str
+):
     path = tmp_path / "x.toml"
     path.write_text(content)
     for issue in soon(lambda: load(path)):

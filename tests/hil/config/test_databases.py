@@ -204,13 +204,13 @@ def test_letters_beyond_ascii_are_read_in_every_encoding(tmp_path: Path, encodin
         ("x.sym", "cannot be read"),
     ],
 )
-def test_what_is_no_can_database_is_told_as_what_it_is(tmp_path: Path, name: str, said: str):
+def test_what_is_no_can_database_is_reported_as_what_it_is(tmp_path: Path, name: str, said: str):
     (tmp_path / name).write_text("something else")
     (issue,) = issues_of(tmp_path, name)
     assert said in issue
 
 
-def test_a_database_without_messages_is_told(tmp_path: Path):
+def test_a_database_without_messages_is_reported(tmp_path: Path):
     (tmp_path / "x.dbc").write_text('VERSION ""\nBS_:\nBU_: A\n')
     (issue,) = issues_of(tmp_path, "x.dbc")
     assert "has no messages" in issue
@@ -227,7 +227,7 @@ def test_a_database_without_messages_is_told(tmp_path: Path):
         ("(0.1,0) [-1e400|1e400]", ""),  # no limit
     ],
 )
-def test_numbers_beyond_what_a_float_holds_are_told(tmp_path: Path, numbers: str, what: str) -> None:
+def test_numbers_beyond_what_a_float_holds_are_reported(tmp_path: Path, numbers: str, what: str) -> None:
     source = (data_root() / "dbc/liftgate.dbc").read_text(encoding="utf-8")
     before = "PinchForce : 0|16@1+ (0.1,0) [0|6553.5]"
     assert source.count(before) == 1
@@ -242,7 +242,7 @@ def test_numbers_beyond_what_a_float_holds_are_told(tmp_path: Path, numbers: str
         assert not issues.lines
 
 
-def test_a_label_of_a_number_beyond_what_a_float_holds_is_told(tmp_path: Path) -> None:
+def test_a_label_of_a_number_beyond_what_a_float_holds_is_reported(tmp_path: Path) -> None:
     source = (data_root() / "dbc/liftgate.dbc").read_text(encoding="utf-8")
     path = tmp_path / "theirs.dbc"
     path.write_text(f'{source}\nVAL_ 544 LatchState 1{"0" * 400} "far" ;\n', encoding="utf-8")
@@ -257,7 +257,7 @@ FAR = 10_485_750  # bits; cantools takes time with their square
 
 @pytest.mark.parametrize("kind", ["dbc", "kcd", "sym"])
 @pytest.mark.parametrize("what", ["place", "length"])
-def test_a_signal_far_behind_its_message_is_told_at_once(tmp_path: Path, kind: str, what: str):
+def test_a_signal_far_behind_its_message_is_reported_at_once(tmp_path: Path, kind: str, what: str):
     text = {"dbc": OURS.as_dbc_string, "kcd": OURS.as_kcd_string, "sym": OURS.as_sym_string}[kind]()
     known = {
         "dbc": {"place": ("10|10@1+", f"{FAR}|10@1+"), "length": ("10|10@1+", f"10|{FAR}@1+")},

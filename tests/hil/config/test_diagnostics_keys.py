@@ -58,7 +58,7 @@ _STATES = "one of present, absent"
         ('state = "present"', ["expect[0]: nothing; allowed: one of always, eventually, never, dtc"]),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_an_expectation_is_told(tmp_path: Path, text: str, issues: list[str]) -> None:
+def test_what_is_wrong_with_an_expectation_is_reported(tmp_path: Path, text: str, issues: list[str]) -> None:
     path = expect(tmp_path, text)
     told = told_by(load_scenario, path, f"{path}: ")
     assert len(told) == len(issues), told
@@ -111,14 +111,14 @@ _WHO = "a message of the database, or an identifier, 0 to 536870911, above 0x7FF
           "status_mask: 0; allowed: a whole number from 1 to 255", "clear: 1; allowed: true or false"]),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_diagnostics_is_told(tmp_path: Path, text: str, issues: list[str]) -> None:
+def test_what_is_wrong_with_diagnostics_is_reported(tmp_path: Path, text: str, issues: list[str]) -> None:
     path = rig(tmp_path, text)
     told = told_by(load_rig, path, f"{path}: diagnostics.")
     assert len(told) == len(issues), told
     assert all(line.startswith(issue) for line, issue in zip(told, issues, strict=True)), told
 
 
-def test_no_table_is_told(tmp_path: Path) -> None:
+def test_no_table_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     text = find_config("rigs", "liftgate").read_text().split("[diagnostics]")[0]
     path.write_text(text.replace("\n[inputs]", "\ndiagnostics = 5\n[inputs]"))

@@ -65,7 +65,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_keeps_a_file_from_being_read_is_told(case, tmp_path):
+def test_what_keeps_a_file_from_being_read_is_reported(case, tmp_path):
     make, said = CASES[case]
     path = make(tmp_path)
     assert issue_with(path).startswith(said)

@@ -87,7 +87,7 @@ def rig_of(folder: Path, counter: str = '"Alive"', more: str = "", **keys: str |
          "one use per signal"),
     ],
 )  # fmt: skip
-def test_a_wrong_checksum_is_told_in_one_line(tmp_path: Path, keys: dict[str, str | None], message: str):
+def test_a_wrong_checksum_is_reported_in_one_line(tmp_path: Path, keys: dict[str, str | None], message: str):
     _, issues = read_rig(rig_of(tmp_path, **keys))  # type: ignore[arg-type]
     own = [line.partition("their.toml: messages.Cmd")[2][1:].lstrip() for line in issues.lines]
     assert len(own) == 1, own
@@ -103,7 +103,7 @@ def test_parameters_are_not_for_a_profile_that_has_its_own(tmp_path: Path):
     ]
 
 
-def test_a_checksum_of_another_width_than_a_named_one_is_told_the_way(tmp_path: Path):
+def test_a_checksum_of_another_width_than_a_named_one_is_reported_the_way(tmp_path: Path):
     path = write_rig(tmp_path, DATABASE, RIG + '[messages.Out]\nchecksum = "Crc"\n')
     _, issues = read_rig(path)
     assert issues.lines == [
@@ -153,7 +153,7 @@ PROTECTIONS = {
 }
 
 
-def test_what_is_protected_how_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_what_is_protected_how_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = write_rig(tmp_path, DATABASE, FULL)
     assert main(["rig", "check", str(path)]) == 0
     said = capsys.readouterr().out

@@ -295,7 +295,7 @@ def test_a_message_longer_than_any_frame_is_a_fault(tmp_path: Path, name: str, l
     assert any(name in fault and "64" in fault for fault in issues)
 
 
-def test_a_message_longer_than_any_frame_that_nobody_wires_is_none_of_our_business(tmp_path: Path):
+def test_an_unmapped_message_longer_than_any_frame_is_ignored(tmp_path: Path):
     rig_of(tmp_path, DATABASE.replace(" Slow: 8 ", " Slow: 1785 "), RIG)
 
 
@@ -416,7 +416,7 @@ def test_a_multiplexer_is_no_place_for_a_quantity_or_a_counter(tmp_path: Path):
     assert "Which is the multiplexer and the counter; allowed: one use per signal" in issue
 
 
-def test_the_reference_ecu_sends_the_pages_of_a_multiplexed_command_in_turn_and_all_at_the_end(tmp_path: Path):
+def test_the_reference_ecu_sends_multiplexed_commands_in_turn_and_all_at_the_end(tmp_path: Path):
     text = RIG.replace(
         INPUTS, INPUTS + 'left_direction = { signal = "Muxed.A", scale = 1 }\n'
         'right_direction = { signal = "Muxed.B", scale = 1 }\n'

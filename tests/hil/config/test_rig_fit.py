@@ -10,7 +10,8 @@ from hil_support import rig_of
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import check_fit, expected_values, notes_on_fit
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.setup import loop_config_of, rig_from, vehicle_from
+from liftgate_hil.running.loop_start import loop_config_of
+from liftgate_hil.running.setup import rig_from, vehicle_from
 
 VEHICLES = ("suv", "heavy-suv", "compact")
 
@@ -70,10 +71,17 @@ def test_a_signal_that_does_not_hold_what_every_motion_needs_is_refused(
         loop_config_of(suv(), rig, 1000.0, 0)
     meant = rig_for(tmp_path, place, unit, quantity, ", saturates = true")
     loop_config_of(suv(), meant, 1000.0, 0)
-    assert notes_on_fit(meant, suv(), 1000.0) == []
+    assert [each for each in notes_on_fit(meant, suv(), 1000.0) if "latch_state" not in each] == []
 
 
-def test_a_signal_that_a_stalled_motor_leaves_is_told(tmp_path: Path):
+def test_an_angle_in_steps_without_a_latch_switch_is_noted(tmp_path: Path):
+    rig = rig_for(tmp_path, "0|12@1+ (0.05,0) [0|0]", "deg", "gate_angle")
+    (note,) = notes_on_fit(rig, suv(), 1000.0)
+    assert "outputs.latch_state is missing" in note
+    assert "Out.X shows before it is latched" in note
+
+
+def test_a_signal_that_a_stalled_motor_leaves_is_reported(tmp_path: Path):
     rig = rig_for(tmp_path, "0|16@1- (0.001,0) [-10|10]", "A", "left_current")
     check_fit(rig, suv(), 1000.0)
     (note,) = notes_on_fit(rig, suv(), 1000.0)
@@ -98,7 +106,7 @@ def test_a_received_cycle_shorter_than_a_tick_is_refused_too(tmp_path: Path):
         check_fit(rig, suv(), 50.0)
 
 
-def test_a_cycle_of_no_whole_number_of_ticks_is_told(tmp_path: Path):
+def test_a_cycle_of_no_whole_number_of_ticks_is_reported(tmp_path: Path):
     rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current", cycle=2.5)
     (note,) = notes_on_fit(rig, suv(), 1000.0)
     assert "messages.Out.cycle_ms: 2.5 is not a whole number of ticks of 1 ms" in note
@@ -115,7 +123,7 @@ def test_a_cycle_of_no_whole_number_of_ticks_is_told(tmp_path: Path):
         ("V", ', unit = "A"', ""),
     ],
 )
-def test_a_scale_that_the_databases_unit_contradicts_is_told(tmp_path: Path, unit: str, keys: str, said: str):
+def test_a_scale_that_the_databases_unit_contradicts_is_reported(tmp_path: Path, unit: str, keys: str, said: str):
     rig = rig_for(tmp_path, "0|32@1- (0.001,0) [0|0]", unit, "left_current", keys)
     notes = notes_on_fit(rig, suv(), 1000.0)
     assert len(notes) == bool(said)

@@ -217,7 +217,7 @@ ROD = "[parameters]\nrod = 1000\n[[obstacle]]\nangle_deg = 30\nstiffness = '$rod
 
 
 @pytest.mark.parametrize("value", ["a", None, True, math.nan, 1e300, [1]])
-def test_a_bad_parameter_is_told_once_and_of_who_gave_it(tmp_path: Path, value: object):
+def test_a_bad_parameter_is_reported_once_and_of_who_gave_it(tmp_path: Path, value: object):
     path = tmp_path / "stimuli.toml"
     path.write_text(ROD, encoding="utf-8")
     with pytest.raises(ConfigError) as caught:
@@ -226,12 +226,12 @@ def test_a_bad_parameter_is_told_once_and_of_who_gave_it(tmp_path: Path, value: 
     assert issue.startswith("`parameters` rod: ")
 
 
-def test_a_bad_parameter_of_the_file_is_told_once(tmp_path: Path):
+def test_a_bad_parameter_of_the_file_is_reported_once(tmp_path: Path):
     assert keys_of(faults_of(tmp_path, ROD.replace("1000", "'a'"))) == ["parameters.rod"]
     assert keys_of(faults_of(tmp_path, ROD.replace("$rod", "$bar"))) == ["obstacle[0].stiffness"]
 
 
-def test_a_parameter_that_does_not_fit_where_it_is_used_is_told_there(tmp_path: Path):
+def test_a_parameter_that_does_not_fit_where_it_is_used_is_reported_there(tmp_path: Path):
     (issue,) = faults_of(tmp_path, ROD.replace("1000", "-1"))
     assert ": obstacle[0].stiffness: -1.0 is out of range" in issue
 

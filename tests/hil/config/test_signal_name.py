@@ -35,12 +35,12 @@ def test_a_signal_is_found_by_its_name():
 
 
 @pytest.mark.parametrize("name", ["Nope.Speed", "body.Speed", ".Speed", "."])
-def test_a_message_that_there_is_not_is_told_with_those_that_there_are(name: str):
+def test_a_message_that_there_is_not_is_reported_with_those_that_there_are(name: str):
     assert issue_with(name) == f"'{name}': no such message; allowed: MESSAGE.SIGNAL of Axle, Body"
 
 
 @pytest.mark.parametrize("name", ["Body.Nope", "Body.speed", "Body.", "Body", "Body.Speed.x"])
-def test_a_signal_that_there_is_not_is_told_with_those_of_its_message(name: str):
+def test_a_signal_that_there_is_not_is_reported_with_those_of_its_message(name: str):
     assert issue_with(name) == f"'{name}': no such signal; allowed: Body.{{Speed, Alive}}"
 
 
@@ -51,7 +51,7 @@ def test_what_is_not_for_the_caller_is_not_offered():
     assert issue_with("Body.X", left_out=["Alive"]).endswith("allowed: Body.{Speed}")
 
 
-def test_of_many_messages_twenty_are_told_and_how_many_more_there_are():
+def test_of_many_messages_twenty_are_reported_and_how_many_more_there_are():
     many = {f"M{number:02}": MESSAGES["Body"] for number in range(23)}
     issues = ConfigIssues("file")
     find_signal(issues, "key", "X.Y", many)

@@ -146,7 +146,7 @@ def test_a_draw_stays_in_the_range_of_its_key(tmp_path: Path):
         ("motor.inductance = { relative = 0.1, mean = 2 }", "mean: 2: unknown key"),
     ],
 )
-def test_what_is_wrong_with_it_is_told_whether_drawn_or_not(tmp_path: Path, entry: str, wanted: str):
+def test_what_is_wrong_with_it_is_reported_whether_drawn_or_not(tmp_path: Path, entry: str, wanted: str):
     path = vehicle_file(tmp_path, f"[spread]\n{entry}\n")
     for draw in (None, 1):
         with pytest.raises(errors.ConfigError, match=wanted) as caught:

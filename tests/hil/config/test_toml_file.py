@@ -44,7 +44,7 @@ def test_a_file_that_is_no_toml_is_one_fault_that_names_it(
 
 
 @pytest.mark.parametrize("load", LOADERS)
-def test_a_missing_file_and_a_folder_are_told_as_such(tmp_path: Path, load: Callable[[Path], Any]):
+def test_a_missing_file_and_a_folder_are_reported_as_such(tmp_path: Path, load: Callable[[Path], Any]):
     missing = tmp_path / "none.toml"
     with pytest.raises(ConfigError, match=r"none\.toml: no such file"):
         load(missing)
@@ -103,7 +103,7 @@ def test_an_empty_text_where_any_is_allowed_is_a_fault_too():
     assert issues.lines
 
 
-def test_unknown_keys_are_all_told():
+def test_unknown_keys_are_all_reported():
     issues = ConfigIssues("file")
     known_keys(issues, "t", {"a": 1, "b": 2, "c": 3}, ("a", "d"))
     assert [line.split(": ")[1] for line in issues.lines] == ["t.b", "t.c"]

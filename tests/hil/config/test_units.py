@@ -116,7 +116,7 @@ def test_a_spelling_means_one_unit_of_a_dimension():
                 assert meant.setdefault(units._folded(name), unit) == unit, name
 
 
-def test_a_number_and_a_share_are_told_apart():
+def test_a_number_and_a_share_are_distinguished():
     assert dimension_of(COUNT) == "number"
     assert dimension_of(SHARE) == "share"
     assert conversion(COUNT, "counts") == (1.0, 0.0)

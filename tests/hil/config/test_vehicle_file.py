@@ -187,7 +187,7 @@ def test_a_motor_that_makes_energy_is_refused(settings: list[str], keys: list[st
         (["sensors.current_window=0.001", "sensors.current_filter=0.01"], "allowed: one of them"),
     ],
 )
-def test_what_bridge_and_shunt_cannot_be_is_told(settings: list[str], said: str):
+def test_what_bridge_and_shunt_cannot_be_is_reported(settings: list[str], said: str):
     with pytest.raises(ConfigError) as refused:
         vehicle_from("suv", settings)
     assert said in str(refused.value)
@@ -226,13 +226,13 @@ def test_a_side_may_have_its_own_values(tmp_path: Path):
     assert vehicle.left.motor._replace(resistance=0.708) == vehicle.right.motor
 
 
-def test_a_sides_own_fault_is_told_with_its_side(tmp_path: Path):
+def test_a_sides_own_fault_is_reported_with_its_side(tmp_path: Path):
     text = SUV + "\n[left.motor]\nresistance = -1\n[right.motor]\nvolts = 3\n[right.motr]\na = 1\n"
     keys = keys_of(faults_of(tmp_path, text))
     assert sorted(keys) == ["left.motor.resistance", "right.motor.volts", "right.motr"]
 
 
-def test_a_shared_fault_is_told_once_under_its_own_key(tmp_path: Path):
+def test_a_shared_fault_is_reported_once_under_its_own_key(tmp_path: Path):
     text = changed("resistance = 0.708", "resistance = -1")
     assert keys_of(faults_of(tmp_path, text)) == ["motor.resistance"]
     text += "\n[left.motor]\nefficiency = 0.8\n[right.motor]\nefficiency = 0.7\n"
@@ -256,7 +256,7 @@ def test_what_one_drive_overrides_the_other_one_still_gets(tmp_path: Path, side:
     assert keys_of([issue]) == ["motor.resistance"]
 
 
-def test_a_wrong_right_drive_is_told_beside_a_wrong_number_of_drives(tmp_path: Path):
+def test_a_wrong_right_drive_is_reported_beside_a_wrong_number_of_drives(tmp_path: Path):
     text = changed("drives = 2  ", "drives = 3  ") + "\n[right.motor]\nresistance = -1\n"
     assert keys_of(faults_of(tmp_path, text)) == ["drives", "right.motor.resistance"]
 
@@ -286,6 +286,11 @@ def test_a_lever_that_turns_over_is_a_fault_of_the_gate(tmp_path: Path):
     issues = faults_of(tmp_path, changed("gate_point = [0.085, -0.18]", "gate_point = [0, 0]"))
     assert keys_of(issues) == ["gate"]
     assert "hinge" in issues[0]
+
+
+def test_an_actuator_without_a_length_is_an_issue_of_the_gate(tmp_path: Path):
+    (issue,) = faults_of(tmp_path, changed("gate_point = [0.085, -0.18]", "gate_point = [-0.04, -0.62]"))
+    assert "gate_point and body_point coincide" in issue
 
 
 @pytest.mark.parametrize("value", ["7e-8", "0.5", "2000"])
@@ -339,7 +344,7 @@ def test_a_setting_may_give_one_side_its_own_value(tmp_path: Path):
         ("motor=5", "motor"),
     ],
 )
-def test_a_bad_setting_is_told(tmp_path: Path, setting: str, said: str):
+def test_a_bad_setting_is_reported(tmp_path: Path, setting: str, said: str):
     issues = faults_of(tmp_path, SUV, setting)
     assert any(said in fault for fault in issues)
     assert all("\n" not in fault for fault in issues)
@@ -348,20 +353,20 @@ def test_a_bad_setting_is_told(tmp_path: Path, setting: str, said: str):
 @pytest.mark.parametrize(
     ("setting", "told"),
     [
-        ("environment.slope=5", "`set` environment.slope: 5: unknown key"),
-        ("engine.size=5", "`set` engine: {'size': 5}: unknown key"),
-        ("motor.resistance=-5", "`set` motor.resistance: -5 is out of range"),
-        ("gate.hinge=[0, inf]", "`set` gate.hinge[1]: inf is out of range"),
-        ("right.motor.resistance=-5", "`set` right.motor.resistance: -5 is out of range"),
-        ("drives=3", "`set` drives: 3; allowed"),
-        ("a.b.c.d=3", "`set` a.b.c.d: 4 parts; allowed"),
+        ("environment.slope=5", "`settings` environment.slope: 5: unknown key"),
+        ("engine.size=5", "`settings` engine: {'size': 5}: unknown key"),
+        ("motor.resistance=-5", "`settings` motor.resistance: -5 is out of range"),
+        ("gate.hinge=[0, inf]", "`settings` gate.hinge[1]: inf is out of range"),
+        ("right.motor.resistance=-5", "`settings` right.motor.resistance: -5 is out of range"),
+        ("drives=3", "`settings` drives: 3; allowed"),
+        ("a.b.c.d=3", "`settings` a.b.c.d: 4 parts; allowed"),
         ("." .join("a" * 50_000) + "=3", "50000 parts; allowed"),
         ("motor.resistance=1\ndrives=1", "allowed: KEY=VALUE"),
     ],
 )  # fmt: skip
 def test_what_a_setting_did_is_not_said_of_the_file(tmp_path: Path, setting: str, told: str):
     (issue,) = faults_of(tmp_path, SUV, setting)
-    assert issue.startswith("`set` ")
+    assert issue.startswith("`settings` ")
     assert told in issue
     assert "gate.toml" not in issue
 
@@ -369,15 +374,18 @@ def test_what_a_setting_did_is_not_said_of_the_file(tmp_path: Path, setting: str
 def test_a_fault_of_the_file_stays_the_files_beside_a_setting(tmp_path: Path):
     text = changed("inductance = 4.37e-5", "inductance = -1")
     issues = faults_of(tmp_path, text, "motor.resistance=-5")
-    assert [issue.split(": ")[0] for issue in issues] == ["`set` motor.resistance", str(tmp_path / "gate.toml")]
+    assert [issue.split(": ")[0] for issue in issues] == [
+        "`settings` motor.resistance",
+        str(tmp_path / "gate.toml"),
+    ]
 
 
 def test_a_geometry_that_a_setting_spoilt_names_it(tmp_path: Path):
     (issue,) = faults_of(tmp_path, SUV, "gate.open_angle_deg=170")
-    assert issue.startswith(f"{tmp_path / 'gate.toml'}: gate (with `set` gate.open_angle_deg): ")
+    assert issue.startswith(f"{tmp_path / 'gate.toml'}: gate (with `settings` gate.open_angle_deg): ")
 
 
-def test_a_vehicle_that_is_neither_shipped_nor_a_file_is_told_with_what_is():
+def test_a_vehicle_that_is_neither_shipped_nor_a_file_is_reported_with_what_is():
     with pytest.raises(ConfigError, match=r"`vehicle` nosuch: .*suv"):
         vehicle_from("nosuch")
     with pytest.raises(ConfigError, match=r"nosuch\.toml: no such file; .*heavy-suv, suv"):
@@ -432,7 +440,7 @@ def test_a_setting_may_leave_out_the_zero_beside_its_point(tmp_path: Path, given
 @pytest.mark.parametrize("given", [".", "..5", ".5.", ". 5", "5,0", "0x"])
 def test_a_setting_that_is_no_number_is_a_fault(tmp_path: Path, given: str):
     (issue,) = faults_of(tmp_path, SUV, f"motor.resistance={given}")
-    assert issue.startswith("`set` motor.resistance: ")
+    assert issue.startswith("`settings` motor.resistance: ")
 
 
 @pytest.mark.parametrize(

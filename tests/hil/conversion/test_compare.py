@@ -35,7 +35,7 @@ def test_a_recording_equals_itself_and_what_it_was_converted_to(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("block", [1 << 22, 300])
-def test_the_largest_difference_is_told_with_its_time(
+def test_the_largest_difference_is_reported_with_its_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
 ) -> None:
     """Also where the files are read in pieces of unlike numbers of rows."""
@@ -62,11 +62,11 @@ def test_a_tolerance_is_of_all_columns_or_of_one(tmp_path: Path) -> None:
     assert not compared(first, second, tolerance=0.4).is_equal
     assert compared(first, second, tolerance=0.3, tolerances={"left_current_a": 0.6}).is_equal
     assert compared(first, second, columns=["gate_angle_deg"], tolerance=0.25).is_equal
-    with pytest.raises(ConfigError, match="`columns` nosuch: not in"):
+    with pytest.raises(ConfigError, match="`tolerance` nosuch: not in"):
         compared(first, second, tolerances={"nosuch": 1.0})
 
 
-def test_rows_that_one_has_alone_are_told_unless_they_are_out_of_the_window(tmp_path: Path) -> None:
+def test_rows_that_one_has_alone_are_reported_unless_they_are_out_of_the_window(tmp_path: Path) -> None:
     first = table(tmp_path / "a.csv", ROWS)
     second = table(tmp_path / "b.csv", ROWS[3:60:2])
     found = compared(first, second)
@@ -78,7 +78,7 @@ def test_rows_that_one_has_alone_are_told_unless_they_are_out_of_the_window(tmp_
     assert (inside.rows, inside.alone, inside.is_equal) == (31, (0, 0), True)
 
 
-def test_a_column_that_one_has_alone_is_told_unless_others_are_named(tmp_path: Path) -> None:
+def test_a_column_that_one_has_alone_is_reported_unless_others_are_named(tmp_path: Path) -> None:
     first = table(tmp_path / "a.csv", ROWS)
     second = table(tmp_path / "b.csv", [row[:2] for row in ROWS], "time_s,left_current_a\n")
     found = compared(first, second)
@@ -96,7 +96,7 @@ def test_a_value_where_the_other_has_none_is_a_difference(tmp_path: Path) -> Non
     assert compared(second, second).is_equal  # none in both is equal
 
 
-def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
+def test_what_cannot_be_compared_is_reported(tmp_path: Path) -> None:
     first = table(tmp_path / "a.csv", ROWS)
     for rows, head, said in (
         ([(9.0, 1.0, 1.0)], HEAD, "no time in common"),
@@ -196,7 +196,7 @@ def test_bus_logs_are_compared_by_their_frames_or_what_they_say(
         (["--rig", "liftgate"], "allowed with a recording that holds frames"),
     ],
 )
-def test_wrong_arguments_are_told(
+def test_wrong_arguments_are_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], said: str
 ) -> None:
     path = str(table(tmp_path / "a.csv", ROWS))

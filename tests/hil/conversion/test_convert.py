@@ -144,7 +144,7 @@ def test_what_holds_both_goes_into_what_holds_both(tmp_path: Path, first: str, s
     assert np.array_equal(np.sort(found), np.sort(frames))
 
 
-def test_a_part_goes_into_a_format_that_holds_no_more_and_that_is_told(tmp_path: Path) -> None:
+def test_a_part_goes_into_a_format_that_holds_no_more_and_that_is_reported(tmp_path: Path) -> None:
     rows, frames = some_rows(100), some_frames(0, 100)
     path = recorded(tmp_path / "run.mf4", rows, frames)
     done = convert(path, tmp_path / "rows.csv")
@@ -178,7 +178,7 @@ def test_a_table_of_somebody_else_keeps_names_and_values(tmp_path: Path, suffix:
         (FD, "a CAN FD frame", (".trc",)),
     ],
 )
-def test_a_frame_that_would_be_lost_is_told_and_nothing_is_written(
+def test_a_frame_that_would_be_lost_is_reported_and_nothing_is_written(
     tmp_path: Path, kind: int, called: str, suffixes: tuple[str, ...]
 ) -> None:
     path = recorded(tmp_path / "run.mcap", frames=some_frames(kind, 100))
@@ -191,7 +191,7 @@ def test_a_frame_that_would_be_lost_is_told_and_nothing_is_written(
     assert len(list(tmp_path.iterdir())) == 1 + len(suffixes)
 
 
-def test_a_value_that_would_be_lost_is_told(tmp_path: Path) -> None:
+def test_a_value_that_would_be_lost_is_reported(tmp_path: Path) -> None:
     head = "time_s,left_current_a,left_hall_count\n"
     path = tmp_path / "run.csv"
     for row, said in (
@@ -205,7 +205,7 @@ def test_a_value_that_would_be_lost_is_told(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_what_python_can_leaves_out_is_told(tmp_path: Path) -> None:
+def test_what_python_can_leaves_out_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
     path.write_text("(0.5) can0 120#01 R\n(0.6) can1 120#01 R\n")
     with pytest.raises(ConfigError, match=r"the frame at 0\.600000 s is from another bus, can1"):
@@ -243,7 +243,7 @@ def messages_of(*arguments: str, capsys: pytest.CaptureFixture[str]) -> list[str
 
 
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_a_file_that_is_none_is_told_in_a_line(
+def test_a_file_that_is_none_is_reported_in_a_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
 ) -> None:
     path, out = tmp_path / f"run{suffix}", str(tmp_path / "out.mcap")
@@ -258,7 +258,7 @@ def test_a_file_that_is_none_is_told_in_a_line(
 
 
 @pytest.mark.parametrize("suffix", [".blf", ".mf4", ".mcap", ".parquet"])
-def test_a_binary_file_that_is_cut_off_is_told_in_a_line(
+def test_a_binary_file_that_is_cut_off_is_reported_in_a_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
 ) -> None:
     form = FORMATS[suffix]
@@ -273,7 +273,7 @@ def test_a_binary_file_that_is_cut_off_is_told_in_a_line(
 
 
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_whatever_a_file_holds_it_is_converted_or_told_in_a_line(tmp_path: Path, suffix: str) -> None:
+def test_whatever_a_file_holds_it_is_converted_or_reported_in_a_line(tmp_path: Path, suffix: str) -> None:
     random = np.random.default_rng(5)
     form = FORMATS[suffix]
     rows = some_rows(40) if form.has_rows else None
@@ -297,14 +297,14 @@ def test_whatever_a_file_holds_it_is_converted_or_told_in_a_line(tmp_path: Path,
     assert names <= {path.name, "out.mcap", "out.parquet", "out.log"}
 
 
-def test_wrong_arguments_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_arguments_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = str(recorded(tmp_path / "run.csv", some_rows(5)))
     log = str(recorded(tmp_path / "run.log", frames=some_frames(0, 5)))
     for arguments, said in (
         ((table, table), "is the input file; allowed: another file"),
         ((table, str(tmp_path / "x.xyz")), "format '.xyz'; allowed: .csv, .parquet"),
         ((str(tmp_path / "x.xyz"), table), "format '.xyz'; allowed: .csv, .parquet"),
-        ((str(tmp_path), table), "format 'none'"),
+        ((str(tmp_path), table), "is a folder; allowed: a file of"),
         ((table, str(tmp_path / "no" / "x.csv")), "allowed: an existing folder"),
         ((table, str(tmp_path / "x.blf")), "cannot hold the rows of"),
         ((log, str(tmp_path / "x.csv")), "; or --rig, which decodes the frames into a table"),
@@ -317,7 +317,7 @@ def test_wrong_arguments_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_what_was_written_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_was_written_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = recorded(tmp_path / "run.mf4", some_rows(5), some_frames(0, 7))
     assert main(["convert", str(path), str(tmp_path / "out.mcap")]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'out.mcap'}: 5 rows, 7 frames\n"
@@ -364,7 +364,7 @@ def test_a_signal_ends_it_and_nothing_is_written(tmp_path: Path, number: int) ->
         os.close(reader)
 
 
-def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
     """In a process of its own, whose files may not grow beyond 50 kB."""
     path = recorded(tmp_path / "run.csv", some_rows(2000))
     code = (

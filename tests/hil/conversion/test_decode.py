@@ -119,7 +119,7 @@ def test_frames_of_others_remote_and_error_frames_say_nothing() -> None:
     assert seen_in([frames, ours], {"M": database.messages[0]}) == database.messages
 
 
-def test_frames_out_of_turn_are_told() -> None:
+def test_frames_out_of_turn_are_reported() -> None:
     database = database_of('SG_ S : 0|8@1+ (1,0) [0|0] "" A')
     frames = [frames_at([2_000_000], [(100, b"\1")]), frames_at([1_000_000], [(100, b"\1")])]
     with pytest.raises(ConfigError, match=r"the frame at 0\.001000 s comes after a later one"):

@@ -141,7 +141,7 @@ def test_a_column_without_a_number_is_a_gap(tmp_path: Path) -> None:
         (["--from", "0.2", "--to", "0.1"], "--from 0.2: after --to 0.1"),
     ],
 )
-def test_wrong_arguments_are_told(
+def test_wrong_arguments_are_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], said: str
 ) -> None:
     path = str(table(tmp_path / "a.csv", ROWS))

@@ -152,7 +152,7 @@ def test_what_is_out_of_range_is_refused_with_what_is_allowed(
     assert words in " | ".join(said["issues"])
 
 
-def test_without_the_token_nothing_is_told(client: Client) -> None:
+def test_without_the_token_nothing_is_reported(client: Client) -> None:
     for path in ("/", "/api/about", "/api/state", "/api/plot"):
         assert client.ask(path, token="")[0] == 401
         assert client.ask(path, token=client.token[:-1])[0] == 401
@@ -272,7 +272,7 @@ def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
         (("--recording", "s.csv", "--listen", "no.such.host.invalid:0"), "--listen no.such.host.invalid:0: "),
     ],
 )
-def test_wrong_usage_is_told_in_one_line_with_exit_code_2(
+def test_wrong_usage_is_reported_in_one_line_with_exit_code_2(
     tmp_path: Path, arguments: tuple[str, ...], words: str
 ) -> None:
     (tmp_path / "s.csv").write_text("time_s,gate_angle_deg\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
@@ -284,7 +284,7 @@ def test_wrong_usage_is_told_in_one_line_with_exit_code_2(
     assert len(err.strip().splitlines()) == 1
 
 
-def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
+def test_a_port_that_is_taken_is_reported(tmp_path: Path) -> None:
     (tmp_path / "s.csv").write_text("time_s,gate_angle_deg\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         listen = f"127.0.0.1:{taken.getsockname()[1]}"

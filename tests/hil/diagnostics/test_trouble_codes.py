@@ -32,7 +32,7 @@ def test_a_text_is_a_number(text: str, number: int, mask: int) -> None:
 @pytest.mark.parametrize(
     "text", ["", "B1A0", "B1A011", "X1A01", "B4A01", "b1a01", "B1A01-6", "B1A01-621", "B1A0G", "B1A01 ", "0x9A01"]
 )
-def test_what_is_no_code_is_told(text: str) -> None:
+def test_what_is_no_code_is_reported(text: str) -> None:
     with pytest.raises(ValueError, match="allowed: five characters such as B1A01"):
         number_of(text)
 

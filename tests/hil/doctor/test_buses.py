@@ -26,7 +26,7 @@ def link(kind: str = "can", bitrate: int | None = 500_000) -> str:
     return json.dumps([{"linkinfo": {"info_kind": kind, "info_data": data}}])
 
 
-def test_a_kernel_without_can_is_told():
+def test_a_kernel_without_can_is_reported():
     assert buses.socketcan(lambda: None).level == "ok"
 
     def refused() -> None:
@@ -46,7 +46,7 @@ def test_without_an_interface_it_says_how_to_make_one(tmp_path: Path):
     assert "udp_multicast:" in check.advice
 
 
-def test_each_interface_is_told_with_state_and_bit_rate(tmp_path: Path):
+def test_each_interface_is_reported_with_state_and_bit_rate(tmp_path: Path):
     interface(tmp_path, "can0")
     interface(tmp_path, "can1", flags="0x0", mtu=72)
     interface(tmp_path, "can2", carrier=0)
@@ -98,7 +98,7 @@ def test_drivers_that_hang_or_crash_are_survived(code: str, level: str, said: st
     assert said in check.found
 
 
-def test_a_search_that_cannot_be_started_is_told():
+def test_a_search_that_cannot_be_started_is_reported():
     detection = buses.Detection(("/nosuch/python",))
     assert "could not be started" in detection.wait().found
     detection.close()

@@ -141,14 +141,14 @@ def test_every_cpus_governor_has_to_be_performance(make: Make):
     )  # fmt: skip
 
 
-def test_a_hypervisor_is_told(make: Make):
+def test_a_hypervisor_is_reported(make: Make):
     says(machine.virtual(make({"proc/cpuinfo": "flags\t: fpu sse"})), "ok")
     root = make({"proc/cpuinfo": "flags\t: fpu hypervisor", "sys/class/dmi/id/sys_vendor": "QEMU"})
     says(machine.virtual(root), "warning", "QEMU")
     says(machine.virtual(make({"sys/hypervisor/type": "xen"})), "warning", "xen")
 
 
-def test_slow_clocks_are_told(make: Make):
+def test_slow_clocks_are_reported(make: Make):
     says(machine.clock(make({})), "ok")
     for name in ("tsc", "kvm-clock", "arch_sys_counter"):
         says(machine.clock(make({f"{CLOCK}/current_clocksource": name})), "ok", name)
@@ -209,7 +209,7 @@ def test_sleep_states_need_their_device(make: Make, monkeypatch: pytest.MonkeyPa
     says(limits.sleep_states(root), "warning", "udev")
 
 
-def test_swap_in_use_is_told_where_memory_is_not_locked(make: Make):
+def test_swap_in_use_is_reported_where_memory_is_not_locked(make: Make):
     head = "Filename\tType\tSize\tUsed\tPriority"
     says(limits.swap(make({"proc/swaps": head}), False), "ok", "none")
     says(limits.swap(make({"proc/swaps": f"{head}\n/s file 9999 0 -2"}), False), "ok", "0 MiB")
@@ -224,7 +224,7 @@ def stat(name: str, flags: int, priority: int, policy: int) -> str:
     return f"1 ({name}) {' '.join(fields)}"
 
 
-def test_programs_of_a_higher_priority_are_told(make: Make):
+def test_programs_of_a_higher_priority_are_reported(make: Make):
     root = make(
         {
             "proc/101/stat": stat("migration/0", 0x00200000, 99, 1),
@@ -271,7 +271,7 @@ def test_missing_packages_make_real_time_impossible():
     says(software.versions(without_numba), "problem", "missing: numba", "pip install numba")
 
 
-def test_a_model_that_is_not_compiled_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_model_that_is_not_compiled_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     folder = tmp_path / "not" / "there"
     says(software.model(True, True, folder), "ok", str(folder))
     says(software.model(True, False, folder), "warning", "first start", "liftgate-hil compile")

@@ -59,7 +59,7 @@ def test_periods_missed_at_the_rate_asked_for_are_a_warning():
     assert "0.25 % of periods were missed at 1000 Hz" in check.found
 
 
-def test_a_machine_on_which_most_verdicts_need_a_second_look_is_told_of():
+def test_a_machine_on_which_most_verdicts_need_a_second_look_is_reported_of():
     often = wakeups(60.0, missed=30, periods=60_000, long=5)
     check = timing.verdict(1000.0, {WITHOUT: often}, CHEAP, 0)
     assert check.level == "warning"
@@ -97,14 +97,14 @@ def test_what_makes_real_time_impossible_is_a_problem(modes: dict[str, Wakeups],
     assert check.advice
 
 
-def test_missed_periods_are_told_with_what_helps():
+def test_missed_periods_are_reported_with_what_helps():
     assert timing.lateness("lateness", wakeups(50.0, 10), 1000.0, "pray").level == "ok"
     check = timing.lateness("lateness", wakeups(50.0, 11), 1000.0, "pray")
     assert (check.level, check.advice) == ("warning", "pray")
     assert "11 of 10000 periods missed" in check.found
 
 
-def test_what_was_refused_is_told_in_full_only_where_it_was_asked_for():
+def test_what_was_refused_is_reported_in_full_only_where_it_was_asked_for():
     refused = ["FIFO scheduling: no; to get it: ulimit", "CPU 9: none; allowed: 0, 1"]
     asked = timing.given(refused, asked=True)
     assert (asked.level, asked.advice) == ("warning", "ulimit; allowed: 0, 1")
@@ -153,7 +153,7 @@ def test_periods_that_are_too_short_are_skipped_and_counted():
     assert histogram.sum() + missed == 100_000
 
 
-def test_a_measurement_ends_when_told_to():
+def test_a_measurement_ends_when_asked_to():
     histogram = np.zeros(BINS, dtype=np.int64)
     stop, room = np.ones(1, dtype=np.int64), make_room()
     assert note_wakeups(10**9, 100, 0, histogram, stop, room) == (0, 0)

@@ -91,7 +91,9 @@ NO_FRAME = (
         ({"step": frame(8, identifier=0x800)}, 0.05, NO_FRAME),
     ],
 )
-def test_what_it_does_wrong_is_told(tmp_path: Path, bodies: dict[str, str], time_s: float, reason: str) -> None:
+def test_what_it_does_wrong_is_reported(
+    tmp_path: Path, bodies: dict[str, str], time_s: float, reason: str
+) -> None:
     result = lh.run(SCENARIO, library(tmp_path, **bodies))
     assert result.verdict == "error"
     assert re.fullmatch(rf"the ECU at {time_s:.3f} s: {reason}", result.reason), result.reason
@@ -185,7 +187,7 @@ def test_a_file_that_is_no_library_is_a_mistake_of_the_caller(tmp_path: Path, co
         lh.run(SCENARIO, path)
 
 
-def test_what_else_is_wrong_is_told_before_a_process_is_started(
+def test_what_else_is_wrong_is_reported_before_a_process_is_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("liftgate_hil.running.isolation.run_isolated", lambda *_: pytest.fail("started"))

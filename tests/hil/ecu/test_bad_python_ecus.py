@@ -82,7 +82,7 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
 @pytest.mark.parametrize("kind", BAD)
-def test_what_it_does_wrong_is_told_and_the_caller_lives_on(kind: str, clock: str) -> None:
+def test_what_it_does_wrong_is_reported_and_the_caller_lives_on(kind: str, clock: str) -> None:
     answer, reason = BAD[kind]
     ecu = Told(lambda turn: answer() if turn == 5 else [GOOD[turn]])
     result = lh.run(SCENARIO, ecu, clock)
@@ -134,7 +134,7 @@ def test_a_request_that_raises_ends_the_run_too(clock: str) -> None:
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
-def test_a_step_that_takes_other_arguments_is_told(clock: str) -> None:
+def test_a_step_that_takes_other_arguments_is_reported(clock: str) -> None:
     class Odd:
         def step(self) -> list[can.Message]:
             return []

@@ -41,6 +41,6 @@ def test_a_car_that_is_coded_slower_closes_later() -> None:
         ("1,x", "'x'; allowed: 0.2 to 5"),
     ],
 )
-def test_a_wrong_coding_is_told(given: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_coding_is_reported(given: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["ecu", "--bus", "virtual:coding", "--coding", given]) == 2
     assert said in capsys.readouterr().err

@@ -136,7 +136,7 @@ def test_what_a_class_does_beside_its_answers_leaves_the_verdict_alone(
     assert (result.verdict, result.reason, result.notes) == ("pass", "", notes)
 
 
-def test_rubbish_on_the_wires_descriptors_is_survived_or_told() -> None:
+def test_rubbish_on_the_wires_descriptors_is_survived_or_reported() -> None:
     """In real time the bus itself has descriptors in the ECU's process."""
     result = of_python("Writes", "realtime")
     assert result.verdict == "pass" or result.reason
@@ -150,7 +150,7 @@ def test_a_class_that_spoils_all_descriptors_can_still_be_judged(name: str) -> N
 
 @pytest.mark.parametrize("clock", ["free", "realtime"])
 @pytest.mark.parametrize("name", ["Writes", "Closes", "Hangs", "Ends"])
-def test_a_recording_of_a_hostile_ecu_is_completed_or_its_loss_is_told(
+def test_a_recording_of_a_hostile_ecu_is_completed_or_its_loss_is_reported(
     clock: str, name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     record = tmp_path / "run.csv"
@@ -161,7 +161,7 @@ def test_a_recording_of_a_hostile_ecu_is_completed_or_its_loss_is_told(
     assert "Traceback" not in capfd.readouterr().err
 
 
-def test_a_property_that_raises_is_told_as_such(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_property_that_raises_is_reported_as_such(capsys: pytest.CaptureFixture[str]) -> None:
     Path("s.toml").write_text('duration = 0.1\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n')
     assert main(["test", "s.toml", "--ecu", "hostile:Property"]) == 2
     said = "period_s: ValueError: no such thing (hostile.py, line "

@@ -121,7 +121,7 @@ def test_without_feedback_it_stops_and_brakes_once() -> None:
     assert len(events_since(gate.memory, 0)) == 2
 
 
-def test_a_gate_that_comes_down_is_held_and_told_once() -> None:
+def test_a_gate_that_comes_down_is_held_and_reported_once() -> None:
     gate = Opening()
     gate.memory.control[0].request = memory.STOP
     gate.run(round((C.settling_time + C.hold_time) / CYCLE) + 5, moves=0.0)

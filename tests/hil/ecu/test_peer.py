@@ -116,7 +116,7 @@ def test_a_request_after_a_reset_in_the_same_turn_is_made_after_it(rig: Rig) -> 
         assert any(identifier >= ECHO_REQUEST for identifier, _ in wire.sent)
 
 
-def test_what_it_does_wrong_is_told_with_its_time(rig: Rig) -> None:
+def test_what_it_does_wrong_is_reported_with_its_time(rig: Rig) -> None:
     with adapter_for(Told(lambda turn: 5 if turn == 2 else []), rig, 2) as adapter:
         peer = Peer(adapter, Wire())
         peer.poll(0)

@@ -21,7 +21,7 @@ FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/ful
     "name",
     ["x", "x.", "x.pcap", ".csv.gz", "nosuch/folder/x.csv", "x.csv/y.log", "x.txt", "x" * 300 + ".csv", "x\0.csv"],
 )
-def test_a_file_that_cannot_be_is_told_before_the_run(
+def test_a_file_that_cannot_be_is_reported_before_the_run(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -30,7 +30,7 @@ def test_a_file_that_cannot_be_is_told_before_the_run(
 
 
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_a_folder_in_the_place_of_the_file_is_told_before_the_run(tmp_path: Path, suffix: str) -> None:
+def test_a_folder_in_the_place_of_the_file_is_reported_before_the_run(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"taken{suffix}"
     path.mkdir()
     with pytest.raises(ConfigError, match="is a folder"):
@@ -38,7 +38,7 @@ def test_a_folder_in_the_place_of_the_file_is_told_before_the_run(tmp_path: Path
 
 
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_a_link_to_itself_is_told_before_the_run(tmp_path: Path, suffix: str) -> None:
+def test_a_link_to_itself_is_reported_before_the_run(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"loop{suffix}"
     path.symlink_to(path)
     with pytest.raises(ConfigError, match="symbolic links"):
@@ -49,7 +49,7 @@ def test_a_link_to_itself_is_told_before_the_run(tmp_path: Path, suffix: str) ->
     ("suffix", "module", "extra"),
     [(".mf4", "asammdf", "mf4"), (".mcap", "mcap", "mcap"), (".parquet", "pyarrow", "parquet")],
 )
-def test_a_package_that_is_not_there_is_told_with_what_to_install(
+def test_a_package_that_is_not_there_is_reported_with_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, module: str, extra: str
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
@@ -66,7 +66,7 @@ def test_checking_a_csv_loads_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".log"])
-def test_a_pipe_without_a_reader_is_told_and_holds_nothing_up(tmp_path: Path, suffix: str) -> None:
+def test_a_pipe_without_a_reader_is_reported_and_holds_nothing_up(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"pipe{suffix}"
     os.mkfifo(path)
     with pytest.raises(ConfigError, match="a pipe without a reader"):

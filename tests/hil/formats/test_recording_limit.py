@@ -95,6 +95,6 @@ def test_two_cannot_record_to_one_row_of_files(tmp_path: Path) -> None:
         ({"record_limit": 10**6, "record_keep": 1}, "`record_keep` 1: allowed: a whole number from 2 to"),
     ],
 )
-def test_a_limit_that_cannot_be_is_told(more: dict[str, int], told: str) -> None:
+def test_a_limit_that_cannot_be_is_reported(more: dict[str, int], told: str) -> None:
     with pytest.raises(ConfigError, match=told):
         RunOptions(**more).check()

@@ -50,7 +50,7 @@ def scaled(noise: dict[str, float], factor: float) -> dict[str, float]:
     rate=st.sampled_from([100.0, 200.0, 1000.0]),
     sign=st.sampled_from([1.0, -1.0]),
 )
-def test_rest_and_motion_are_told_apart_whatever_the_noise(
+def test_rest_and_motion_are_distinguished_whatever_the_noise(
     noise: dict[str, float], factor: float, seed: int, rate: float, sign: float
 ) -> None:
     times = np.arange(round(2.0 * rate) + 1) / rate
@@ -62,7 +62,7 @@ def test_rest_and_motion_are_told_apart_whatever_the_noise(
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10_000), phase=st.floats(0.0, 1.0))
-def test_rest_and_motion_are_told_apart_from_counts(seed: int, phase: float) -> None:
+def test_rest_and_motion_are_distinguished_from_counts(seed: int, phase: float) -> None:
     times = np.arange(2001) / 1000.0
     drive = (times, np.where(times < 0.2, 0.0, 12.0))
     data = measured(suv(), "full", {"left_position_rev": 0.0}, seed, 40.0 + phase, drive)
@@ -168,7 +168,7 @@ def test_a_motion_without_a_place_is_refused() -> None:
         beginning_of(suv(), data, 0, None, True)
 
 
-def test_a_drive_that_nothing_is_said_of_is_driven_like_the_other() -> None:
+def test_a_drive_that_nothing_is_specified_for_is_driven_like_the_other() -> None:
     for side, other in (("left", "right"), ("right", "left")):
         rows = rows_of({f"{side}_duty": np.array([0.5, -0.5])}, 2)
         assert rows[:, INPUT_COLUMNS.index(f"{other}_duty")] == pytest.approx([0.5, -0.5])

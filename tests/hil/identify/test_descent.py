@@ -43,7 +43,7 @@ def test_it_never_goes_up() -> None:
     assert place_at(one, end.place.point, None).deviance == end.place.deviance
 
 
-def test_rounds_that_do_not_suffice_are_told() -> None:
+def test_rounds_that_do_not_suffice_are_reported() -> None:
     one = problem([*TRUTH], [measured(true_vehicle(), seed=1)])
     end = descend(one, place_at(one, one.initial, None), range(5), None, 1)
     assert end.stop_reason == "not converged after 1 iterations"

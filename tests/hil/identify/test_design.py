@@ -99,7 +99,7 @@ def test_a_slope_tells_mass_from_preload() -> None:
     assert len(slopes) == 2
 
 
-def test_what_cannot_be_told_is_last_and_infinite() -> None:
+def test_what_cannot_be_identified_is_last_and_infinite() -> None:
     times = np.arange(201) / 200.0
     offered = [
         Candidate("nothing", times, np.zeros(201), 20.0, 0.0),

@@ -43,7 +43,7 @@ def test_noise_that_two_outputs_share_is_no_scatter() -> None:
     assert result.input_jitter < 5e-5
 
 
-def test_the_scatter_is_told_with_the_covariance() -> None:
+def test_the_scatter_is_reported_with_the_covariance() -> None:
     result = with_delay([stamped(0.0015, 3)])
     said = f"the inputs' timestamps scatter by {1e3 * result.input_jitter:.2g} ms"
     assert result.covariance_kind.endswith(said)
@@ -71,7 +71,7 @@ def test_of_too_many_changes_the_first_tell_the_scatter_and_chance_the_rest(
         assert b.std / a.std == pytest.approx(fewer.input_jitter / whole.input_jitter, rel=0.25)
 
 
-def test_unknowns_that_cannot_be_told_apart_leave_the_scatter_as_it_is() -> None:
+def test_unknowns_that_cannot_be_distinguished_leave_the_scatter_as_it_is() -> None:
     data = stamped(0.0015, 7)
     names = ["motor.resistance", "motor.load_torque"]
     found = []

@@ -138,7 +138,7 @@ def test_the_speed_of_a_measured_position_is_compared_with_that_of_the_simulated
     assert series.phases["travel"][2] == 400
 
 
-def test_an_error_that_is_the_datas_rounding_is_told_from_one_that_is_not() -> None:
+def test_an_error_that_is_the_datas_rounding_is_distinguished_from_one_that_is_not() -> None:
     times = np.arange(2000) * 1e-3
     frame = Frame(times, np.ones(2000), np.zeros(2000, dtype=np.int64))
     model = 3.0 * np.sin(0.7 * times)

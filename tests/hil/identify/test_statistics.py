@@ -96,7 +96,7 @@ def test_a_sum_of_three_is_named_whole() -> None:
     assert named(known.apart, "abcd") == ["a, b and c cannot be separated"]
 
 
-def test_a_nearly_collinear_pair_is_still_told_apart() -> None:
+def test_a_nearly_collinear_pair_is_still_distinguished() -> None:
     rng = np.random.default_rng(5)
     slopes = rng.standard_normal((4000, 2))
     slopes[:, 1] = slopes[:, 0] + 1e-3 * slopes[:, 1]
@@ -179,7 +179,7 @@ def test_the_sum_of_many_is_named_whole() -> None:
     assert uncertainty(slopes.T @ slopes).apart == ((*range(20), 30),)
 
 
-def test_the_pseudo_inverse_leaves_out_what_cannot_be_told() -> None:
+def test_the_pseudo_inverse_leaves_out_what_cannot_be_identified() -> None:
     rng = np.random.default_rng(11)
     slopes = rng.standard_normal((40, 3))
     twin = np.column_stack([slopes, slopes[:, 0], np.zeros(40)])
@@ -312,7 +312,7 @@ def test_a_rounded_output_of_many_levels_is_rounded_where_it_rests() -> None:
     assert found[0, 0] == pytest.approx(1e-4 / 12.0 * 301.0**2, rel=0.02)
 
 
-def test_two_sums_that_cannot_be_told_are_not_mixed() -> None:
+def test_two_sums_that_cannot_be_identified_are_not_mixed() -> None:
     # Both directions have the eigenvalue zero, so that eigenvectors may be any mixture of them.
     rng = np.random.default_rng(6)
     one, other, told = rng.standard_normal((3, 40))

@@ -108,7 +108,7 @@ def test_a_failure_tells_what_was_measured_what_was_allowed_and_when(
     assert (found.verdict, found.reason) == ("fail", reason)
 
 
-def test_what_is_true_behind_its_window_in_part_only_is_not_told_as_late() -> None:
+def test_what_is_true_behind_its_window_in_part_only_is_not_reported_as_late() -> None:
     """A stretch counts where it is whole, and not over a tick without a value."""
     each = Expectation("x", "eventually", "gate_angle_deg > 25", 0.0, 0.02, 0.02)
     assert "not true from" in failed(each, gate_angle_deg=[0.0, 0.0, 30.0, 30.0]).reason

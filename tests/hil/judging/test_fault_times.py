@@ -41,7 +41,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("fault", "note"), FAULTS)
-def test_a_fault_that_was_in_force_for_too_short_is_told(tmp_path: Path, fault: str, note: str | None) -> None:
+def test_a_fault_that_was_in_force_for_too_short_is_reported(tmp_path: Path, fault: str, note: str | None) -> None:
     path, log = tmp_path / "s.toml", [tmp_path / "r.csv", tmp_path / "r.log"]
     path.write_text(f"{HEAD}[[fault]]\n{fault}")
     result = lh.run(path, record=log)

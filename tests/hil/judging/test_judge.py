@@ -236,7 +236,7 @@ def test_frames_that_come_after_their_rows_wait_for_the_next() -> None:
     assert judge.verdicts()[0].time_s == 0.03
 
 
-def test_all_that_does_not_fit_is_told_at_once() -> None:
+def test_all_that_does_not_fit_is_reported_at_once() -> None:
     expectations = [
         Expectation("a", "always", "Gate.NoSuch > 1", key="expect[0]"),
         Expectation("b", "always", "right_current_a > 1", "Nobody.X == 1", key="expect[1]"),

@@ -45,13 +45,13 @@ def verdict(rows: np.ndarray, block: int = 100, **window: Any) -> Any:
 @pytest.mark.parametrize(
     ("columns", "why"),
     [
-        ({"ticks_missed": {1500: 6}}, "6 ticks were missed about 1.501 s"),
+        ({"ticks_missed": {1500: 6}}, "6 ticks were missed at about 1.501 s"),
         (
             {"ticks_missed": {1500: 1, 1501: 2, 1502: 3, 1503: 4, 1504: 5, 1505: 6}},
-            "6 ticks were missed about 1.501 s",
+            "6 ticks were missed at about 1.501 s",
         ),
-        ({"frames_dropped": {1500: 1}}, "frames were dropped about 1.501 s"),
-        ({"command_delay_s": {1500: 0.007}}, "a frame, or the ECU in this process, waited for 7 ms about 1.494 s"),
+        ({"frames_dropped": {1500: 1}}, "frames were dropped at about 1.501 s"),
+        ({"command_delay_s": {1500: 0.007}}, "a frame, or the ECU in this process, waited for 7 ms at about 1.494 s"),
     ],
 )
 def test_a_bench_that_was_late_in_the_window_makes_inconclusive(
@@ -72,10 +72,10 @@ def test_lateness_outside_the_window_does_not(name: str, tick: int) -> None:
 def test_what_an_ecu_may_take_for_messages_lost_does_so_before_the_window_too() -> None:
     """What it did then, such as stopping, is the bench's doing for good."""
     for columns, why in (
-        ({"frames_dropped": {500: 3}}, "frames were dropped about 0.501 s"),
+        ({"frames_dropped": {500: 3}}, "frames were dropped at about 0.501 s"),
         (
             {"command_delay_s": {500: 0.3}},
-            "a frame, or the ECU in this process, waited for 300 ms about 0.201 s: from 250 ms on, an ECU may "
+            "a frame, or the ECU in this process, waited for 300 ms at about 0.201 s: from 250 ms on, an ECU may "
             "treat messages as lost",
         ),
     ):
@@ -83,12 +83,12 @@ def test_what_an_ecu_may_take_for_messages_lost_does_so_before_the_window_too() 
         assert (found.verdict, found.reason) == ("inconclusive", f"the bench was late: {why}")
 
 
-def test_lateness_before_the_window_is_told_where_it_may_have_led_to_what_came() -> None:
+def test_lateness_before_the_window_is_reported_where_it_may_have_led_to_what_came() -> None:
     """An ECU that a late bench has stopped fails later; its verdict stays, the reader knows where to look."""
     late = {"ticks_missed": {500: 3}}
     failed = verdict(rows_of(pinch_force_n={1200: 150.0}, **late))
     assert failed.verdict == "fail"
-    said = "the bench was late: 3 ticks were missed about 0.501 s"
+    said = "the bench was late: 3 ticks were missed at about 0.501 s"
     assert failed.reason.endswith(f"before its window {said}")
     never = verdict(rows_of(**late), after="gate_angle_deg > 10")
     assert never.verdict == "inconclusive"
@@ -101,7 +101,7 @@ def test_who_has_waited_was_late_all_the_while() -> None:
     """Also where the window was over before anybody could tell."""
     delayed = rows_of(command_delay_s={2700: 1.5})  # since 1.2 s
     assert verdict(delayed).reason == (
-        "the bench was late: a frame, or the ECU in this process, waited for 1.5 s about 1.201 s: from 250 ms on, "
+        "the bench was late: a frame, or the ECU in this process, waited for 1.5 s at about 1.201 s: from 250 ms on, "
         "an ECU may treat messages as lost"
     )
     assert verdict(rows_of(command_delay_s={2700: 0.5})).verdict == "pass"  # the window ends at 2 s
@@ -217,4 +217,4 @@ def test_a_recording_of_a_late_bench_is_judged_alike(tmp_path: Path) -> None:
     table.write_text("\n".join(lines) + "\n")
     found = lh.judge([table], path)["moves"]
     assert found.verdict == "inconclusive"
-    assert found.reason.startswith("the bench was late: 7 ticks were missed about 0.1")
+    assert found.reason.startswith("the bench was late: 7 ticks were missed at about 0.1")

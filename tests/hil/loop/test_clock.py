@@ -244,7 +244,7 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
     assert told["link"]["receive_failures"] == 12
 
 
-def test_the_bus_load_of_a_run_shorter_than_a_cycle_is_not_told():
+def test_the_bus_load_of_a_run_shorter_than_a_cycle_is_not_reported():
     short = Summary(ticks=1, model_time_s=0.001, bus_load_percent=104.6)
     assert short.as_dict()["bus_load_percent"] is None
     assert "bus load" not in "".join(short.lines())

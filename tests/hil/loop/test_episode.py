@@ -214,7 +214,7 @@ def test_a_ring_too_small_for_a_tick_is_refused(rig: Rig) -> None:
     memory.close()
 
 
-def test_an_episode_that_is_told_to_stop_ends_between_two_stretches(rig: Rig) -> None:
+def test_an_episode_that_is_asked_to_stop_ends_between_two_stretches(rig: Rig) -> None:
     memory, keeper = Memory(100, 16_384), Keeper()
     with ReferenceEcu(rig, 2) as adapter:
         episode = episode_of([keeper], adapter, memory=memory)
@@ -225,7 +225,7 @@ def test_an_episode_that_is_told_to_stop_ends_between_two_stretches(rig: Rig) ->
     memory.close()
 
 
-def test_an_episode_that_is_told_to_stop_before_it_began_has_its_last_tick(rig: Rig) -> None:
+def test_an_episode_that_is_asked_to_stop_before_it_began_has_its_last_tick(rig: Rig) -> None:
     keeper = Keeper()
     with ReferenceEcu(rig, 2) as adapter:
         episode = episode_of([keeper], adapter)

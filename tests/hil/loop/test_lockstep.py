@@ -199,7 +199,7 @@ def test_lockstep_says_that_it_is_ready_and_what_it_waits_for(rig: Rig, monkeypa
     ]
 
 
-def test_a_short_silence_is_not_told(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+def test_a_short_silence_is_not_reported(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     wire = Silence(monkeypatch, {n: [command(rig, n)] for n in range(0, 100, 15)})
     said: list[str] = []
     loop = loop_of(wire, loop_config(rig=rig))
@@ -350,7 +350,7 @@ class Echoing(Memory):
         return super().receive(timeout)
 
 
-def test_commands_that_have_queued_up_are_worked_off_without_filling_the_queue_with_its_own_frames(rig: Rig):
+def test_queued_commands_are_processed_without_the_queue_filling_with_own_frames(rig: Rig):
     first, *later = (command(rig, n % 16) for n in range(200))
     transport = Echoing([[first], [], later])
     loop = loop_of(transport, loop_config(rig=rig))

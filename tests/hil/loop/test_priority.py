@@ -37,7 +37,7 @@ def child(code: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-def test_all_that_is_refused_is_told_with_how_to_get_it():
+def test_all_that_is_refused_is_reported_with_how_to_get_it():
     done = child("""
         asked = Realtime()
         drop()
@@ -182,7 +182,7 @@ def test_a_thread_that_is_refused_fifo_is_left_as_it_is(monkeypatch: pytest.Monk
     assert thread.now == (os.SCHED_BATCH, 0)
 
 
-def test_a_cpu_that_vanished_is_told_by_its_number(monkeypatch: pytest.MonkeyPatch):
+def test_a_cpu_that_vanished_is_reported_by_its_number(monkeypatch: pytest.MonkeyPatch):
     def refuse(*given: object) -> None:
         raise OSError(22, "Invalid argument")
 

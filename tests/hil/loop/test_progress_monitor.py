@@ -12,7 +12,8 @@ from liftgate_hil.codec.refusals import BAD_CHECKSUM, BAD_COUNTER
 from liftgate_hil.ecu.events import IN_WORDS, Event
 from liftgate_hil.loop.listener import Listener, Status
 from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
-from liftgate_hil.running.setup import loop_config_of, rig_from, start_of, vehicle_from
+from liftgate_hil.running.loop_start import loop_config_of, start_of
+from liftgate_hil.running.setup import rig_from, vehicle_from
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 
 COMMAND = 0x120
@@ -81,7 +82,7 @@ def test_a_sound_command_is_no_news_but_in_the_status(bench: Bench):
     assert status == Status(0.015, 12.5, 1.5, 0.0, pytest.approx(0.005), 7, 1, 0, 0, 3)
 
 
-def test_each_first_refusal_is_told_once_with_what_was_expected(bench: Bench):
+def test_each_first_refusal_is_reported_once_with_what_was_expected(bench: Bench):
     good = command_payload(bench.rig, 1)
     bench.receive(good, tick=10)
     bench.receive(good, tick=20)
@@ -105,7 +106,7 @@ def test_each_first_refusal_is_told_once_with_what_was_expected(bench: Bench):
     assert bench.told.seen[-1].rejected == 6
 
 
-def test_what_is_waited_for_is_told_when_it_is_long_in_coming(bench: Bench):
+def test_what_is_waited_for_is_reported_when_it_is_long_in_coming(bench: Bench):
     assert bench.look(after=0.0) == []
     assert bench.look(tick=1000) == []
     assert bench.look(tick=2500, after=1.5) == ["2.500 s: waits for DriveCommand (0x120), motors off"]
@@ -127,7 +128,7 @@ def test_what_the_ecu_tells_is_handed_on_as_it_happens(bench: Bench):
     assert bench.look() == []
 
 
-def test_a_bus_with_frames_of_others_only_is_told_as_that(bench: Bench):
+def test_a_bus_with_frames_of_others_only_is_reported_as_that(bench: Bench):
     bench.look()
     bench.receive(b"\1\2", identifier=0x1A0)
     assert bench.look(tick=2500, after=2.5) == [
@@ -148,7 +149,7 @@ def test_where_benches_meet_unawares_frames_of_others_tell_how_to_keep_apart():
 
 
 @pytest.mark.parametrize("apart", ["", APART])
-def test_another_gate_on_the_bus_is_told_once_whether_or_not_commands_come(apart: str):
+def test_another_gate_on_the_bus_is_reported_once_whether_or_not_commands_come(apart: str):
     bench = Bench(apart)
     bench.look()
     for number in range(3):
@@ -162,7 +163,7 @@ def test_another_gate_on_the_bus_is_told_once_whether_or_not_commands_come(apart
         assert said == ([expected] if number == 0 else [])
 
 
-def test_a_checksum_of_64_bits_is_told_to_the_last_digit(bench: Bench):
+def test_a_checksum_of_64_bits_is_asked_to_the_last_digit(bench: Bench):
     refusal = bench.reception.refusals[BAD_CHECKSUM]
     refusal.count, refusal.message = 1, 0
     refusal.checksum, refusal.right_checksum = -1, 2**62 + 1
@@ -170,7 +171,7 @@ def test_a_checksum_of_64_bits_is_told_to_the_last_digit(bench: Bench):
     assert said.endswith("Checksum is 0xFFFFFFFFFFFFFFFF; expected 0x4000000000000001")
 
 
-def test_a_first_frame_with_a_counter_that_there_is_none_of_is_told(bench: Bench):
+def test_a_first_frame_with_a_counter_that_there_is_none_of_is_reported(bench: Bench):
     refusal = bench.reception.refusals[BAD_COUNTER]
     refusal.count, refusal.message, refusal.found, refusal.expected = 1, 0, 15.0, np.nan
     (said,) = bench.look()

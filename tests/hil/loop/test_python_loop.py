@@ -72,7 +72,7 @@ def test_a_free_run_makes_just_so_many_ticks(rig: Rig, ticks: int):
     assert notes.times == pytest.approx([0.001 * (1 + number) for number in range(ticks)])
 
 
-def test_a_run_ends_when_it_is_told_to(rig: Rig):
+def test_a_run_ends_when_it_is_asked_to(rig: Rig):
     loop = loop_of(Memory(), loop_config(rig=rig))
     run_free(loop, None, lambda: loop.state.tick >= 42)
     assert loop.state.tick == 42

@@ -464,7 +464,7 @@ def test_a_plant_that_gives_no_numbers_ends_it_with_the_motors_off(rehearse: Cal
     assert sorted(identifier for identifier, _ in play.sent[-1]) == everything(play.rig)
 
 
-def test_told_to_stop_it_sends_every_message_once_and_ends(rehearse: Callable[..., Rehearsal], rig: Rig):
+def test_asked_to_stop_it_sends_every_message_once_and_ends(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
 
     def at(waking: int) -> None:
@@ -480,7 +480,7 @@ def test_told_to_stop_it_sends_every_message_once_and_ends(rehearse: Callable[..
     assert play.column("left_duty")[-2] > 0.5
 
 
-def test_told_to_stop_before_it_began_it_only_says_so(rehearse: Callable[..., Rehearsal]):
+def test_asked_to_stop_before_it_began_it_only_says_so(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
     play.shared.control[0].stop = 1
     state, outcome = play.run(2**62)
@@ -553,7 +553,7 @@ def test_a_commanded_value_holds_from_the_next_tick_on_until_another_is_commande
     assert play.stimuli.queue.head.tolist() == [3, 3]
 
 
-def test_figures_that_are_posted_are_told_on_the_bus(rehearse: Callable[..., Rehearsal], rig: Rig):
+def test_figures_that_are_posted_are_reported_on_the_bus(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
     told = Timing(*(20.0 * (10 + place) for place in range(len(Timing._fields))))
     play.at = lambda waking: post_values(play.stimuli.queue, told._asdict()) if waking == 5 else None
@@ -867,7 +867,7 @@ def test_the_motors_are_off_at_its_end(ready: Callable[..., RealtimeRun]):
     assert ends_stopped(run)
 
 
-def test_news_of_the_line_is_told(ready: Callable[..., RealtimeRun]):
+def test_news_of_the_line_is_reported(ready: Callable[..., RealtimeRun]):
     said: list[str] = []
     line = SocketLine([None, "is lost", None, "is back"])
     run = ready(line=line, say=said.append)
@@ -876,7 +876,7 @@ def test_news_of_the_line_is_told(ready: Callable[..., RealtimeRun]):
     assert [text.partition(" s: ")[2] for text in said] == ["pair is lost", "pair is back"]
 
 
-def test_what_the_machine_refuses_is_told_even_when_it_takes_its_time(ready: Callable[..., RealtimeRun]):
+def test_what_the_machine_refuses_is_reported_even_when_it_takes_its_time(ready: Callable[..., RealtimeRun]):
     said: list[str] = []
     asked = Asked()
     run = ready(say=said.append, realtime=asked)
@@ -947,7 +947,7 @@ def longest_delay(run: RealtimeRun) -> float:
     ("is_ours", "takes", "waits", "is_the_bench"),
     [(True, 0.3, 0.0, True), (False, 0.3, 0.0, False), (True, 0.0, 0.3, True), (False, 0.0, 0.3, True)],
 )  # fmt: skip
-def test_an_ecu_in_this_process_that_waits_for_its_turn_is_the_benchs_delay_its_own_code_is_not(
+def test_waiting_of_an_ecu_in_this_process_is_the_benchs_delay_its_code_is_not(
     ready: Callable[..., RealtimeRun], is_ours: bool, takes: float, waits: float, is_the_bench: bool
 ):
     peer = Slow(is_ours, takes)

@@ -109,7 +109,7 @@ def test_it_is_stopped_also_while_it_waits_for_long(world: World) -> None:
     assert world.now < 600 * MS
 
 
-def test_a_ring_that_runs_empty_is_told_and_nothing_is_left_out(
+def test_a_ring_that_runs_empty_is_reported_and_nothing_is_left_out(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     schedule = scheduled([0])

@@ -328,7 +328,7 @@ def test_a_silent_tick_sends_nothing_but_the_last_one_sends_everything(rig: Rig,
     assert sent.count == len(cycles(rig))
 
 
-def test_skipped_periods_are_told_on_the_bus_and_clip_at_the_largest(rig: Rig, fast_tick: Tick):
+def test_skipped_periods_are_reported_on_the_bus_and_clip_at_the_largest(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     sent = catch_up(fast_tick, config, rest(config), NOTHING, 100)[-1][1]
     assert decoded(rig, sent, "BenchStatus")[0]["TickOverruns"] == 99
@@ -404,7 +404,7 @@ def test_the_first_frames_say_closed_latched_and_waiting(rig: Rig, fast_tick: Ti
     assert sensors["RoadSlope"] == 0
 
 
-def test_refused_frames_are_told_on_the_bus(rig: Rig, fast_tick: Tick):
+def test_refused_frames_are_reported_on_the_bus(rig: Rig, fast_tick: Tick):
     bad = [(COMMAND, bytes(8)), (COMMAND, bytes(2)), (0x6E1, bytes(1)), (0x111, bytes(8))]
     _, _, replies, _ = run(
         fast_tick, loop_config(rig=rig), rest(loop_config(rig=rig)), 100, lambda n: bad if n == 3 else []
@@ -447,7 +447,7 @@ def test_each_bridge_state_does_what_it_is_called(rig: Rig, fast_tick: Tick):
     assert abs(ends[BRAKE].left_speed_rps) < 0.5
 
 
-def test_motors_are_told_apart(rig: Rig, fast_tick: Tick):
+def test_motors_are_distinguished(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, 45.0)
     values = {"LeftDuty": 60.0, "LeftDirection": OPEN, "RightDuty": 30.0, "RightDirection": CLOSE}

@@ -98,9 +98,7 @@ def test_every_output_carries_the_field_of_its_name(whole: Rig, which: str) -> N
     assert len(set(found.values())) == len(BUS_OUTPUTS)
 
 
-def test_a_tick_tells_what_it_senses_what_is_so_and_what_it_is_told(
-    whole: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_tick_reports_readings_true_values_and_commands(whole: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = distinct(Rows)
     status = Status(
         tick_overruns=107.0,
@@ -213,7 +211,9 @@ def test_the_truth_shows_every_input(whole: Rig, fast_tick: Tick) -> None:
 
 @pytest.mark.parametrize("way", ["profile", "panel", "commanded"])
 @pytest.mark.parametrize("column", Surroundings._fields)
-def test_what_is_said_of_one_quantity_moves_no_other(whole: Rig, fast_tick: Tick, column: str, way: str) -> None:
+def test_what_is_specified_for_one_quantity_moves_no_other(
+    whole: Rig, fast_tick: Tick, column: str, way: str
+) -> None:
     config = loop_config(rig=whole)
     before = shown(fast_tick, config, {}, outside())
     assert before.items() >= COASTING.items()

@@ -190,7 +190,7 @@ def test_what_the_emulator_would_refuse_is_refused_and_counted(tmp_path: Path, r
     ), m.notes
 
 
-def test_lost_frames_are_told(tmp_path: Path, rig: Rig) -> None:
+def test_lost_frames_are_reported(tmp_path: Path, rig: Rig) -> None:
     frames = [f for f in stimulus_plan(rig) if f[1] != LEFT_DRIVE or not 0.0201 < f[0] < 0.0251]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig)
     assert "1 frames missing according to the alive counters" in m.notes

@@ -95,7 +95,7 @@ def test_a_map_wins_over_a_column_of_our_name(tmp_path: Path) -> None:
     assert np.array_equal(measurement.columns["left_current_a"], -TIMES)
 
 
-def test_a_missing_mapped_column_is_told_with_those_there(tmp_path: Path) -> None:
+def test_a_missing_mapped_column_is_reported_with_those_there(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "m.csv", {"time_s": TIMES, "voltage_v": TIMES, "Iq": TIMES})
     with pytest.raises(ConfigError) as caught:
         read(path, "left_current_a=Id", "left_speed_rps=n")

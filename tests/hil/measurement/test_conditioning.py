@@ -193,7 +193,7 @@ def test_outputs_lie_on_lines_and_never_across_a_gap() -> None:
 # Gaps and outliers.
 
 
-def test_gaps_and_jitter_are_told() -> None:
+def test_gaps_and_jitter_are_reported() -> None:
     even = np.delete(np.arange(200) * 0.01, [50, 51, 52, 120])
     gaps = gaps_in(even)
     assert (gaps.count, gaps.missing) == (2, 4)
@@ -208,7 +208,7 @@ def test_gaps_and_jitter_are_told() -> None:
     )
 
 
-def test_outliers_are_told_and_dropped_on_request_only() -> None:
+def test_outliers_are_reported_and_dropped_on_request_only() -> None:
     times = np.arange(400) * 0.01
     current = np.sin(times) + np.random.default_rng(0).normal(0.0, 0.01, 400)
     current[[77, 200]] += [5.0, -3.0]

@@ -200,7 +200,7 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
         ("time_s,left_voltage_v,left_current_a\n0,1,\n", ["no sample of any output column"]),
     ],
 )
-def test_faults_are_told_all_at_once_with_their_place(tmp_path: Path, text: str, said: list[str]) -> None:
+def test_faults_are_reported_all_at_once_with_their_place(tmp_path: Path, text: str, said: list[str]) -> None:
     path = tmp_path / "m.csv"
     path.write_text(text)
     assert faults_of(path) == said
@@ -220,14 +220,14 @@ def test_what_is_no_text_is_refused(tmp_path: Path, content: bytes, said: str) -
 
 
 @pytest.mark.parametrize("name", ["m.csv", "m.mf4", "m.log", "m.blf", "m.asc", "m.trc"])
-def test_a_file_that_is_not_there_is_told(tmp_path: Path, name: str, rig: object) -> None:
+def test_a_file_that_is_not_there_is_reported(tmp_path: Path, name: str, rig: object) -> None:
     from liftgate_hil.measurement.read import read_measurement
 
     with pytest.raises(ConfigError, match=r"no such file$"):
         read_measurement(tmp_path / name, {}, rig)
 
 
-def test_a_suffix_that_nobody_reads_is_told(tmp_path: Path) -> None:
+def test_a_suffix_that_nobody_reads_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "m.xlsx"
     path.write_bytes(b"PK")
     assert faults_of(path) == [

@@ -176,6 +176,6 @@ def test_a_map_names_columns_and_units_and_leaves_outputs_alone(tmp_path: Path) 
         ("time_s,left_voltage_mv\n0,1\n", "unexpected unit"),
     ],
 )
-def test_what_is_said_of_a_bad_input(tmp_path: Path, text: str, said: str) -> None:
+def test_what_is_specified_for_a_bad_input(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         read_samples(table(tmp_path, text), {})

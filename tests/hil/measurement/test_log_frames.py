@@ -63,7 +63,7 @@ def test_a_block_may_end_within_a_line(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("line", ["0.1 can0 220#00", "(0.1) can0 220#" + "00" * 65, "rubbish"])
-def test_what_is_no_line_of_candump_is_told(tmp_path: Path, line: str) -> None:
+def test_what_is_no_line_of_candump_is_reported(tmp_path: Path, line: str) -> None:
     path = tmp_path / "m.log"
     path.write_text(f"(0.000000) can0 220#00\n{line}\n(0.200000) can0 220#00\n")
     with pytest.raises(ConfigError, match=r"m\.log: cannot be read"):

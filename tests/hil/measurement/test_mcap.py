@@ -127,7 +127,7 @@ def told(path: Path, content: bytes) -> str:
     return issue.removeprefix(f"{path}: ")
 
 
-def test_what_is_no_recording_of_ours_is_told(tmp_path: Path) -> None:
+def test_what_is_no_recording_of_ours_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     assert told(path, b"") == "cannot be read: not an MCAP file"
     assert told(path, b"time_s,left_current_a\n0,1\n") == "cannot be read: not an MCAP file"
@@ -136,7 +136,7 @@ def test_what_is_no_recording_of_ours_is_told(tmp_path: Path) -> None:
     assert told(path, made(lambda _: None)) == ours
 
 
-def test_a_file_that_is_cut_off_is_told(tmp_path: Path) -> None:
+def test_a_file_that_is_cut_off_is_reported(tmp_path: Path) -> None:
     recorded(tmp_path / "run.mcap", rows_of(2000))
     whole = (tmp_path / "run.mcap").read_bytes()
     for length in (9, 16, 100, len(whole) // 2, len(whole) - 1):
@@ -144,7 +144,7 @@ def test_a_file_that_is_cut_off_is_told(tmp_path: Path) -> None:
         assert said == "cannot be read: it was not completed, its end is missing"
 
 
-def test_a_file_with_a_wrong_byte_is_told_and_never_read_as_something_else(tmp_path: Path) -> None:
+def test_a_file_with_a_wrong_byte_is_reported_and_never_read_as_something_else(tmp_path: Path) -> None:
     expected = recorded(tmp_path / "run.mcap", rows_of(200)).read(["left_current_a"], [])
     whole = (tmp_path / "run.mcap").read_bytes()
     path, refused = tmp_path / "hurt.mcap", 0

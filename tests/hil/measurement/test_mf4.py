@@ -157,7 +157,7 @@ def test_channels_without_samples_are_a_fault(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ring", ["data groups", "channel groups"])
-def test_a_chain_of_blocks_that_bites_its_tail_is_told(tmp_path: Path, ring: str) -> None:
+def test_a_chain_of_blocks_that_bites_its_tail_is_reported(tmp_path: Path, ring: str) -> None:
     path = write(tmp_path / "m.mf4", [("left_current_a", FINE, FINE, "A")])
     data = bytearray(path.read_bytes())
     (group,) = struct.unpack_from("<Q", data, 64 + 24)

@@ -44,12 +44,12 @@ def test_columns_have_their_values_units_and_empty_cells(tmp_path: Path) -> None
         ({"time_s": [0.0, 0.2, 0.1, 0.3]}, "time_s: row 3; allowed: finite and rising"),
     ],
 )
-def test_what_is_no_measurement_is_told(tmp_path: Path, change: Any, said: str) -> None:
+def test_what_is_no_measurement_is_reported(tmp_path: Path, change: Any, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         read(tmp_path / "m.parquet", COLUMNS | change, "left_voltage_v=U")
 
 
-def test_what_is_no_parquet_is_told(tmp_path: Path) -> None:
+def test_what_is_no_parquet_is_reported(tmp_path: Path) -> None:
     (tmp_path / "m.parquet").write_bytes(b"PAR1 and no more")
     with pytest.raises(ConfigError, match=r"m\.parquet: cannot be read"):
         read_measurement(tmp_path / "m.parquet", {}, lambda: pytest.fail("no rig is needed"))

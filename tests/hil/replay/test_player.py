@@ -96,7 +96,7 @@ def test_more_frames_than_the_ring_holds_come_whole_round_after_round(
     assert told_of(messages) == FRAMES * 2
 
 
-def test_what_cannot_be_played_is_told_before_a_bus_is_opened(tmp_path: Path) -> None:
+def test_what_cannot_be_played_is_reported_before_a_bus_is_opened(tmp_path: Path) -> None:
     path = write(tmp_path / "run.log", FRAMES, [True] * 60)
     way = Way({"interface": "nobody", "channel": "x"}, None, False)
     (tmp_path / "rows.csv").write_text("time_s,left_current_a\n0,1\n")
@@ -159,7 +159,7 @@ def test_a_bus_that_goes_and_comes_back_costs_what_was_due_meanwhile(
     assert "not sent: 10 frames" in played.lines()
 
 
-def test_it_stops_when_it_is_told_to_and_says_how_far_it_came(tmp_path: Path) -> None:
+def test_it_stops_when_it_is_asked_to_and_says_how_far_it_came(tmp_path: Path) -> None:
     path = write(tmp_path / "run.log", FRAMES, [True] * 60, 10.0)
     asked = 0
 

@@ -101,7 +101,7 @@ def test_a_target_without_permission_is_refused(tmp_path, monkeypatch):
         check_target(str(tmp_path / "a.html"), "--html")
 
 
-def test_a_failing_write_is_told_with_its_flag():
+def test_a_failing_write_is_reported_with_its_flag():
     with pytest.raises(ConfigError, match="--html /dev/full: cannot be written: No space"):
         write_report("/dev/full", "--html", "x")
 

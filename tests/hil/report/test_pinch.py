@@ -105,7 +105,7 @@ def test_time_over_a_limit_counts_in_a_row() -> None:
     assert [event.over(limit) for limit in LIMITS] == [False, True, True]
 
 
-def test_each_limit_is_told_with_its_source_and_margin() -> None:
+def test_each_limit_is_reported_with_its_source_and_margin() -> None:
     lines = "\n".join(event_of(rows(peak=123.46)).lines())
     assert "at most 123.5 N, at 5.000 s and 40.00 deg" in lines
     for limit in LIMITS:

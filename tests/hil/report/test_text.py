@@ -12,14 +12,14 @@ def test_the_tables_fit_a_terminal(found, judged, hostile):
         assert all(line == line.rstrip() for line in text.splitlines())
 
 
-def test_a_parameter_is_told_in_a_line(found):
+def test_a_parameter_is_reported_in_a_line(found):
     line = next(each for each in identification_text(found).splitlines() if "0.708" in each)
     assert line.split() == [
         "motor.resistance", "2.128", "0.022", "1.0", "0.708", "+201", "ohm", "yes",
     ]  # fmt: skip
 
 
-def test_what_cannot_be_told_comes_first(found):
+def test_what_cannot_be_identified_comes_first(found):
     text = identification_text(found)
     start = text.index("Parameters")
     assert 0 < text.index("motor.inductance is not identifiable: its standard") < start

@@ -93,7 +93,7 @@ def test_a_bin_of_several_values_is_a_band() -> None:
 
 
 @pytest.mark.parametrize("window", [(1.5, 2.0), (1.0, 3.0), (0.0, 9.0), (2.9, 2.95), (1.01, 1.02)])
-def test_a_window_is_told_with_both_ends(window: tuple[float, float]) -> None:
+def test_a_window_is_reported_with_both_ends(window: tuple[float, float]) -> None:
     svg = drawn(panel(np.zeros(201)), window=window)
     words = Page(svg).text
     assert f"triggered {window[0]:g} s" in words

@@ -109,7 +109,7 @@ def test_run_tells_what_is_allowed(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_same_is_told_before_a_librarys_process_is_started(
+def test_the_same_is_reported_before_a_librarys_process_is_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("liftgate_hil.running.isolation.run_isolated", lambda *_: pytest.fail("started"))
@@ -144,9 +144,9 @@ def test_the_same_is_told_before_a_librarys_process_is_started(
         (lambda gate: gate.obstacle("35"), "`angle_deg` '35': allowed: -10 to 180"),
         (lambda gate: gate.obstacle(35, stiffness=0), "`stiffness` 0: allowed: 1 to 1e"),
         (lambda gate: gate.obstacle(35, distance=0), "`distance` 0: allowed: 0.01 to 10"),
-        (lambda gate: gate.step("1"), "`step` '1': allowed: above 0"),
-        (lambda gate: gate.step(np.array([0.1, 0.2])), "`step` .*: allowed: above 0"),
-        (lambda gate: gate.step(10**400), "`step` 1000.*: allowed: above 0"),
+        (lambda gate: gate.step("1"), "`seconds` '1': allowed: above 0"),
+        (lambda gate: gate.step(np.array([0.1, 0.2])), "`seconds` .*: allowed: above 0"),
+        (lambda gate: gate.step(10**400), "`seconds` 1000.*: allowed: above 0"),
         (lambda gate: gate.command(direction=np.array(["open", "close"])), "`left_direction` array"),
         (lambda gate: gate.command(direction=np.str_("shut")), "`left_direction` .*: allowed: coast"),
         (lambda gate: gate.command(left_duty=np.array([1, 2])), "`left_duty` array.*: allowed"),
@@ -165,8 +165,8 @@ def test_the_same_is_told_before_a_librarys_process_is_started(
         (lambda gate: gate.send(odd(dlc="8")), "`send` .*; allowed: a whole number as"),
         (lambda gate: gate.send(odd(data=5)), "`send` .*; allowed: bytes as data"),
         (lambda gate: gate.send(odd(data=[1, 2])), "`send` .*; allowed: bytes as data"),
-        (lambda gate: gate.step(True), "`step` True: allowed: above 0"),
-        (lambda gate: gate.step(float("inf")), "`step` inf: allowed: above 0"),
+        (lambda gate: gate.step(True), "`seconds` True: allowed: above 0"),
+        (lambda gate: gate.step(float("inf")), "`seconds` inf: allowed: above 0"),
     ],
 )  # fmt: skip
 def test_a_gate_tells_what_is_allowed_and_goes_on(call: Any, message: str) -> None:

@@ -405,7 +405,7 @@ def test_the_frames_say_what_is_sensed() -> None:
         ({"kind": "parameter", "key": "coding.closing_speed", "value": 0.5}, "affects the running gate"),
     ],
 )  # fmt: skip
-def test_what_is_no_fault_is_told(arguments: dict[str, Any], said: str) -> None:
+def test_what_is_no_fault_is_reported(arguments: dict[str, Any], said: str) -> None:
     with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
         gate.fault(**arguments)
     assert said in str(caught.value)

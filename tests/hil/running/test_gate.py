@@ -174,7 +174,7 @@ def test_gates_in_other_threads_do_as_one_here() -> None:
         (lambda gate: gate.step(float("nan")), "nan: allowed: above 0"),
     ],
 )
-def test_what_cannot_be_meant_is_told_and_changes_nothing(call: Any, message: str) -> None:
+def test_what_cannot_be_meant_is_reported_and_changes_nothing(call: Any, message: str) -> None:
     with lh.Gate() as gate:
         with pytest.raises(ConfigError, match=message.replace("(", r"\(")):
             call(gate)
@@ -194,12 +194,12 @@ def test_what_cannot_be_meant_is_told_and_changes_nothing(call: Any, message: st
         ({"settings": ["motor.resistance=-1"]}, "motor.resistance"),
     ],
 )
-def test_a_gate_that_cannot_be_is_told(arguments: dict[str, Any], message: str) -> None:
+def test_a_gate_that_cannot_be_is_reported(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         lh.Gate(**arguments)
 
 
-def test_a_peak_between_two_frames_of_bench_status_is_told() -> None:
+def test_a_peak_between_two_frames_of_bench_status_is_reported() -> None:
     with lh.Gate(initial=40.0) as gate:
         gate.command(left_duty=100, right_duty=100, direction="close")
         gate.step(0.5)
@@ -227,7 +227,7 @@ def test_a_peak_between_two_frames_of_bench_status_is_told() -> None:
     assert gate.truth["pinch_impulse_ns"] == pytest.approx(sum(forces) * 1e-3, rel=2e-3)
 
 
-def test_the_edges_of_the_last_step_are_told() -> None:
+def test_the_edges_of_the_last_step_are_reported() -> None:
     with lh.Gate(initial=30.0) as gate:
         gate.command(**OPENING)
         gate.step(1.0)

@@ -101,7 +101,7 @@ def test_codes_are_read_in_several_frames_with_their_status() -> None:
         assert gate.time == pytest.approx(0.030)
 
 
-def test_a_code_without_a_bit_of_the_mask_is_not_told() -> None:
+def test_a_code_without_a_bit_of_the_mask_is_not_reported() -> None:
     with lh.Gate() as gate:
         assert gate.read_dtcs(loop(gate, Answering(read=["0759027f9a016250"]))) == {}
 
@@ -205,7 +205,7 @@ def test_response_pending_without_an_end_is_an_error() -> None:
         gate.read_dtcs(loop(gate, Pending(), 0.5))
 
 
-def test_a_malformed_response_is_told() -> None:
+def test_a_malformed_response_is_reported() -> None:
     with (
         lh.Gate() as gate,
         pytest.raises(DiagnosticsError, match="ReadDTCInformation: malformed response: 59 02 7f 9a 01 62"),
@@ -227,7 +227,7 @@ def test_what_a_cycle_raises_comes_through_and_ends_the_request() -> None:
         assert gate.read_dtcs(loop(gate, ecu)) == {}
 
 
-def test_a_cycle_that_does_not_step_the_gate_is_told() -> None:
+def test_a_cycle_that_does_not_step_the_gate_is_reported() -> None:
     said = "`cycle`: the gate's time stood still; allowed: a function that calls its `step`"
     few = iter(range(3))
     with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
@@ -235,7 +235,7 @@ def test_a_cycle_that_does_not_step_the_gate_is_told() -> None:
     assert caught.value.issues == [said]
 
 
-def test_what_is_no_function_is_told() -> None:
+def test_what_is_no_function_is_reported() -> None:
     with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
         gate.read_dtcs(0.01)  # type: ignore[arg-type]
     assert caught.value.issues == ["`cycle` 0.01: allowed: a function without arguments"]
@@ -253,7 +253,7 @@ def test_a_closed_gate_asks_nobody() -> None:
         gate.read_dtcs(lambda: None)
 
 
-def test_a_rig_without_diagnostics_is_told(tmp_path: Path) -> None:
+def test_a_rig_without_diagnostics_is_reported(tmp_path: Path) -> None:
     ours = shipped_rig()
     text = Path(ours.source).read_text(encoding="utf-8").partition("[diagnostics]")
     rest = text[2][text[2].index("\n[") :]
@@ -265,7 +265,7 @@ def test_a_rig_without_diagnostics_is_told(tmp_path: Path) -> None:
     assert caught.value.issues == [f"`read_dtcs`: the rig {path} {said}"]
 
 
-def test_a_missing_library_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_library_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "udsoncan", None)
     with (
         lh.Gate() as gate,

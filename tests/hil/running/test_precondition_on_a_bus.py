@@ -245,7 +245,7 @@ def test_a_program_that_takes_too_long_is_ended_with_all_that_it_has_begun(tmp_p
     assert alive.read_text(encoding="utf-8") == written
 
 
-def test_a_program_that_is_not_there_is_told(tmp_path: Path, on_bus: Any) -> None:
+def test_a_program_that_is_not_there_is_reported(tmp_path: Path, on_bus: Any) -> None:
     rig = rig_with(tmp_path, '[reset]\ncommand = ["/no/such/program"]\n')
     _, result = on_bus(scenario(tmp_path, EXPECT), rig)
     (told,) = result.expectations.values()
@@ -272,7 +272,7 @@ WRONG_RIGS = [
 
 
 @pytest.mark.parametrize(("text", "said"), WRONG_RIGS)
-def test_mistakes_in_the_sections_are_told(tmp_path: Path, text: str, said: str) -> None:
+def test_mistakes_in_the_sections_are_reported(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         rig_with(tmp_path, text)
     (issue,) = caught.value.issues
@@ -280,7 +280,7 @@ def test_mistakes_in_the_sections_are_told(tmp_path: Path, text: str, said: str)
     assert "allowed: " in issue or "ready" in said
 
 
-def test_a_request_that_the_rig_has_no_button_for_is_told(tmp_path: Path) -> None:
+def test_a_request_that_the_rig_has_no_button_for_is_reported(tmp_path: Path) -> None:
     text = 'precondition = ["open"]\n[[request]]\ntime = 1\naction = "reset"\n'
     with pytest.raises(ConfigError, match=r"request: reset: allowed on a bus with \[reset\] in the rig"):
         lh.run(scenario(tmp_path, text), "bus", "lockstep", bus="virtual:nobody")

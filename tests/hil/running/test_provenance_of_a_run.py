@@ -160,7 +160,7 @@ def test_a_simulation_says_it_too(tmp_path: Path) -> None:
     assert set(told["files"]) == {"input", "vehicle"}
 
 
-def test_what_is_damaged_is_told_and_not_carried_on(tmp_path: Path) -> None:
+def test_what_is_damaged_is_reported_and_not_carried_on(tmp_path: Path) -> None:
     from pyarrow import parquet
 
     run(tmp_path, ".parquet")
@@ -172,7 +172,7 @@ def test_what_is_damaged_is_told_and_not_carried_on(tmp_path: Path) -> None:
             convert(tmp_path / "hurt.parquet", tmp_path / "out.mcap")
 
 
-def test_a_vehicle_of_a_file_or_of_a_program_is_told(tmp_path: Path) -> None:
+def test_a_vehicle_of_a_file_or_of_a_program_is_reported(tmp_path: Path) -> None:
     vehicle = tmp_path / "mine.toml"
     vehicle.write_bytes(find_config("vehicles", "suv").read_bytes())
     lh.run("demo", duration=0.1, vehicle=vehicle, record=[tmp_path / "run.mcap"])
@@ -185,7 +185,7 @@ def test_a_vehicle_of_a_file_or_of_a_program_is_told(tmp_path: Path) -> None:
     assert told["vehicle"]["drives"] == 2
 
 
-def test_a_scenarios_includes_are_told_with_their_content(tmp_path: Path) -> None:
+def test_a_scenarios_includes_are_reported_with_their_content(tmp_path: Path) -> None:
     (tmp_path / "deep.toml").write_text("[parameters]\nrod = 5_000\n")
     (tmp_path / "bench.toml").write_text('include = ["deep.toml"]\nseed = 4\n')
     (tmp_path / "s.toml").write_text('include = ["bench.toml"]\nduration = 0.1\n')
@@ -213,7 +213,7 @@ def ecu_of(path: Path, **how: Any) -> dict[str, Any]:
     return told
 
 
-def test_the_ecu_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_ecu_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "run.mcap"
     reference = ecu_of(path)
     assert (reference["kind"], reference["version"]) == ("reference", lh.__version__)
@@ -232,7 +232,7 @@ def test_the_ecu_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @needs_compiler
-def test_a_librarys_file_is_told(tmp_path: Path) -> None:
+def test_a_librarys_file_is_reported(tmp_path: Path) -> None:
     library = build(tmp_path, SILENT)
     assert ecu_of(tmp_path / "run.mcap", ecu=str(library)) == {
         "kind": "library", "path": str(library),
@@ -240,7 +240,7 @@ def test_a_librarys_file_is_told(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
-def test_an_ecu_on_a_bus_is_told_as_such(tmp_path: Path) -> None:
+def test_an_ecu_on_a_bus_is_reported_as_such(tmp_path: Path) -> None:
     path = tmp_path / "run.asc"
     line = ["--bus", "virtual:nobody", "--duration", "0.1", "--clock", "free", "--quiet"]
     assert main([*line, "--record", str(path)]) == 0

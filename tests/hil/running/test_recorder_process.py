@@ -91,7 +91,7 @@ def test_frames_are_written_in_the_order_of_time_whenever_they_were_logged(memor
     assert writer.lost == 0
 
 
-def test_a_recorder_is_told_once_when_the_run_began(memory: Memory) -> None:
+def test_a_recorder_gets_the_start_of_the_run_once(memory: Memory) -> None:
     notes = Notes()
     writer = RingRecorder(memory, [notes])
     memory.shared.control.epoch_ns = 0  # not begun
@@ -119,7 +119,7 @@ def test_stamps_before_the_first_frame_sent_are_the_same_in_asc_and_log(memory: 
     assert [m.timestamp for m in theirs] == pytest.approx(times, abs=1e-6)
 
 
-def test_the_files_are_told_and_whole(memory: Memory, tmp_path: Path) -> None:
+def test_the_files_are_reported_and_whole(memory: Memory, tmp_path: Path) -> None:
     process = RecorderProcess([tmp_path / "run.csv"], BOTH, Limit(10**6), memory)
     process.wait_until_ready()
     write(memory, rows_from(0, 3000))
@@ -129,7 +129,7 @@ def test_the_files_are_told_and_whole(memory: Memory, tmp_path: Path) -> None:
     assert times == [0.001 * k for k in range(3000)]
 
 
-def test_a_recorder_that_is_killed_is_told_at_once_and_at_the_end(memory: Memory, tmp_path: Path) -> None:
+def test_a_recorder_that_is_killed_is_reported_at_once_and_at_the_end(memory: Memory, tmp_path: Path) -> None:
     heard = threading.Event()
     said: list[str] = []
 
@@ -148,7 +148,7 @@ def test_a_recorder_that_is_killed_is_told_at_once_and_at_the_end(memory: Memory
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_full_disk_is_told_at_once_and_at_the_end(memory: Memory, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_at_once_and_at_the_end(memory: Memory, tmp_path: Path) -> None:
     heard = threading.Event()
     said: list[str] = []
 
@@ -169,7 +169,7 @@ def test_a_full_disk_is_told_at_once_and_at_the_end(memory: Memory, tmp_path: Pa
     assert len(read_csv(good)) == 20, "the other recording goes on"
 
 
-def test_a_file_that_cannot_be_opened_is_told_before_the_run(memory: Memory, tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_opened_is_reported_before_the_run(memory: Memory, tmp_path: Path) -> None:
     process = RecorderProcess([tmp_path / "nosuch" / "x.csv"], BOTH, None, memory)
     with pytest.raises(ConfigError, match=r"^`record` .*cannot be written: No such file"):
         process.wait_until_ready()

@@ -143,13 +143,13 @@ def test_a_condition_may_read_the_bus() -> None:
 @pytest.mark.parametrize(
     ("when", "said"),
     [
-        ("pinch_force_n >", "`record_when` pinch_force_n >: the end; allowed: a column"),
+        ("pinch_force_n >", "`record_when` pinch_force_n >: the condition ends; allowed: a column"),
         ("nobody > 1", "`record_when` nobody > 1: nobody: no such column"),
         ("Gate.Nobody > 1", "no such signal in the rig's database"),
         ("time_s + 1", "is not a comparison"),
     ],
 )
-def test_a_condition_that_is_none_is_told(when: str, said: str) -> None:
+def test_a_condition_that_is_none_is_reported(when: str, said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         trigger([when])
     assert said in str(caught.value)
@@ -270,7 +270,7 @@ def test_in_real_time_the_recording_process_does_the_same(tmp_path: Path) -> Non
         (["--record-after", "-1"], "argument --record-after: '-1'; allowed: 0 to 600 s"),
     ],
 )
-def test_flags_that_belong_together_are_told(
+def test_flags_that_belong_together_are_reported(
     more: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["--bus", "virtual:x", "--duration", "0.1", *more]) == 2

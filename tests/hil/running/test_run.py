@@ -44,7 +44,7 @@ def scenario(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_result_has_every_column_and_what_the_ecu_told(scenario: Path) -> None:
+def test_a_result_has_every_column_and_what_the_ecu_reported(scenario: Path) -> None:
     result = lh.run(scenario, ecu="reference")
     assert (result.verdict, result.reason) == ("pass", "")
     assert set(result.maxima) == set(result.minima) == set(COLUMNS)
@@ -106,10 +106,10 @@ def test_recordings_are_written(scenario: Path, tmp_path: Path) -> None:
         ({"rate": 1e6}, "`rate` 1000000.0: allowed"),
         ({"duration": -1.0}, "`duration` -1.0: allowed: 0.001 to"),
         ({"seed": -1}, "`seed` -1: allowed"),
-        ({"settings": ["nix"]}, "`set` nix: allowed: KEY=VALUE"),
+        ({"settings": ["nix"]}, "`settings` nix: allowed: KEY=VALUE"),
     ],
 )
-def test_what_cannot_be_meant_is_told(scenario: Path, arguments: dict[str, Any], message: str) -> None:
+def test_what_cannot_be_meant_is_reported(scenario: Path, arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         lh.run(scenario, **arguments)
 
@@ -157,7 +157,7 @@ def test_a_run_that_fails_tells_how_far_it_came(scenario: Path, clock: str) -> N
     assert result.maxima["gate_angle_deg"] > 44.0
 
 
-def test_frames_for_which_an_ecu_had_no_room_are_told(scenario: Path) -> None:
+def test_frames_for_which_an_ecu_had_no_room_are_reported(scenario: Path) -> None:
     class Rarely:
         period_s = 2.0
 
@@ -170,7 +170,7 @@ def test_frames_for_which_an_ecu_had_no_room_are_told(scenario: Path) -> None:
     assert lh.run(scenario).summary.ecu_dropped_frames == 0
 
 
-def test_what_a_rig_and_the_rate_do_not_fit_in_is_told_before_the_run(scenario: Path) -> None:
+def test_what_a_rig_and_the_rate_do_not_fit_in_is_reported_before_the_run(scenario: Path) -> None:
     class Heard(Listener):
         def __init__(self) -> None:
             self.lines: list[str] = []

@@ -292,7 +292,9 @@ def test_an_ecu_reset_is_one_of_three(tmp_path: Path, value: str) -> None:
     assert "one of hardReset, keyOffOnReset, softReset" in caught.value.issues[0]
 
 
-def test_a_missing_library_is_told_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_library_is_reported_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "udsoncan", None)
     rig, path = rig_with(tmp_path, UDS), scenario(tmp_path, EXPECT)
     with pytest.raises(ConfigError, match=r"reset\.uds: resets over UDS need udsoncan; .*'liftgate-hil\[uds\]'"):

@@ -354,13 +354,36 @@ def test_the_reference_ecu_gets_what_the_fault_leaves(tmp_path: Path) -> None:
         ({"kind": "frame_delayed", "direction": "sent"}, "delay_s: missing"),
     ],
 )  # fmt: skip
-def test_what_is_no_fault_of_this_bus_is_told(arguments: dict[str, Any], said: str) -> None:
+def test_what_is_no_fault_of_this_bus_is_reported(arguments: dict[str, Any], said: str) -> None:
     with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
         gate.fault(**arguments)
     assert said in str(caught.value)
 
 
-def test_without_a_bus_it_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_message_that_the_database_lacks_is_reported_before_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from liftgate_hil.cli.main import main
+
+    path = tmp_path / "s.toml"
+    path.write_text(
+        'duration = 1\n[[fault]]\nkind = "frame_lost"\ndirection = "sent"\nwhere = "Nope"\n'
+        '[[expect]]\nname = "still"\nalways = "gate_angle_deg < 1"\n'
+    )
+    assert main(["test", str(path)]) == 2
+    assert (
+        "fault[0].where: 'Nope': not a message that the gate sends; allowed: LeftDrive, "
+        in capsys.readouterr().err
+    )
+
+
+def test_a_quantity_names_the_message_that_carries_it() -> None:
+    _, heard = pair("frame_lost", 0.1, where="left_current", direction="sent")
+    assert of(heard, LEFT) == []
+    assert len(of(heard, RIGHT)) == 20
+
+
+def test_without_a_bus_it_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from liftgate_hil.cli.main import main
 
     path = tmp_path / "s.toml"

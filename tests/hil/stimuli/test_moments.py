@@ -150,7 +150,7 @@ def test_every_loop_makes_the_same_of_it(tmp_path: Path) -> None:
         ('[[obstacle]]\nangle_deg = 30\nend = "latched"', "obstacle[0].end: 'latched' is not a comparison"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_them_is_told(tmp_path: Path, table: str, said: str) -> None:
+def test_what_is_wrong_with_them_is_reported(tmp_path: Path, table: str, said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         ran(tmp_path, f"duration = 1.0\n{table}\n")
     assert said in str(caught.value)
@@ -219,6 +219,6 @@ def test_no_tick_in_which_a_condition_is_true_is_left_out_unevaluated(formula: M
         ("2 * gate_angle_deg > 33", "", -np.inf, np.inf),
     ],
 )
-def test_by_which_column_most_ticks_are_told(text: str, column: str, low: float, high: float) -> None:
+def test_by_which_column_most_ticks_are_reported(text: str, column: str, low: float, high: float) -> None:
     place = COLUMN_PLACE[column] if column else -1
     assert necessary(parsed(text, {})) == (place, low, high)

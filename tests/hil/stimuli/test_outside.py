@@ -99,7 +99,7 @@ def test_values_that_lie_apart_are_held_by_one_call() -> None:
     assert all(math.isnan(value) for value in others)
 
 
-def test_flags_and_missed_ticks_are_told_apart() -> None:
+def test_flags_and_missed_ticks_are_distinguished() -> None:
     for silent in (False, True):
         for stop in (False, True):
             around = compiled(outside_at)(stimuli_alone(), 0.0, 0.001, 17, silent, stop)

@@ -85,7 +85,7 @@ def test_labels_of_the_database_are_values(tmp_path: Path) -> None:
     assert {payload[0] & 3 for _, payload in of(frames, BODY)} == {2}
 
 
-def test_what_is_wrong_with_its_protection_is_told_with_the_file(tmp_path: Path) -> None:
+def test_what_is_wrong_with_its_protection_is_reported_with_the_file(tmp_path: Path) -> None:
     """Of a message that nothing is mapped to, so that only a scenario that sets its signal asks for it."""
     own = '[messages.Body]\ncounter = "AliveCounter"\nchecksum = "Checksum"\n'
     text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
@@ -184,14 +184,14 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("line", "said"), WRONG)
-def test_a_signal_that_the_bench_cannot_send_is_told(tmp_path: Path, line: str, said: str) -> None:
+def test_a_signal_that_the_bench_cannot_send_is_reported(tmp_path: Path, line: str, said: str) -> None:
     issue = issue_of(tmp_path, f"[[signal]]\n{line}\nvalue = 1\n")
     assert issue.startswith("signal[0].signal: ")
     assert said in issue
 
 
 @pytest.mark.parametrize("value", ["999", "-1", "nan", "1" + 400 * "0", "true", '"fast"', '""', "[]"])
-def test_a_value_that_the_signal_cannot_have_is_told(tmp_path: Path, value: str) -> None:
+def test_a_value_that_the_signal_cannot_have_is_reported(tmp_path: Path, value: str) -> None:
     issue = issue_of(tmp_path, f"{SPEED}value = {value}\n")
     assert issue.startswith("signal[0].value: ")
     assert "allowed: " in issue

@@ -160,7 +160,7 @@ def test_names_in_tables_leave_out_the_folder_that_all_are_in(tmp_path: Path) ->
         assert outcome.case.file in page.text
 
 
-def test_a_scenario_is_told_in_words(page: Any) -> None:
+def test_a_scenario_is_reported_in_words(page: Any) -> None:
     part = page.text[page.text.index("closing onto a rod") : page.text.index("What is expected")]
     for said in (
         "LG-12, LG-7", "most = 100", "starts at 50 deg, seed 0", "at 0.1 s: close is requested",
@@ -249,7 +249,7 @@ def test_texts_from_files_stay_texts(tmp_path: Path) -> None:
     assert found.count("<style>") == found.count("</style>") == 1
 
 
-def test_a_scenario_that_could_not_run_is_told(outcomes: list[Outcome]) -> None:
+def test_a_scenario_that_could_not_run_is_reported(outcomes: list[Outcome]) -> None:
     lost = not_run(outcomes[1].case, "stopped before it began")
     text = Page(html_of([outcomes[0], lost])).text
     assert "Incomplete: stopped early, and 1 scenario did not end." in text

@@ -103,7 +103,7 @@ def test_it_works_beside_xdist_and_with_what_failed_last(foreign: Path) -> None:
     assert "1 failed, 1 deselected, 1 error" in done.stdout, done.stdout + done.stderr
 
 
-def test_mistakes_of_a_scenario_are_told_when_it_is_collected(foreign: Path) -> None:
+def test_mistakes_of_a_scenario_are_reported_when_it_is_collected(foreign: Path) -> None:
     (foreign / "tests" / "test_three.toml").write_text(THREE.replace("gate_angle_deg < 1", "gate_angle < 1"))
     done = pytest_in(foreign, "tests/test_three.toml")
     assert done.returncode == 2

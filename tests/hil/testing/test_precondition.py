@@ -25,7 +25,7 @@ def texts(result: lh.Result) -> list[str]:
     return [each.text.split(":")[0] for each in result.events]
 
 
-def test_a_learned_ecu_begins_at_time_0_with_nothing_told_or_recorded_before(tmp_path: Path) -> None:
+def test_a_learned_ecu_begins_at_time_0_with_nothing_reported_or_recorded_before(tmp_path: Path) -> None:
     result = lh.run(scenario(tmp_path, LEARNED + OPENS + OPEN), trace=True, record=tmp_path / "run.log")
     assert result.verdict == "pass"
     assert texts(result) == ["opening", "open"]  # and not "open, travel learned"
@@ -114,7 +114,7 @@ def test_motions_that_never_end_leave_the_scenario_inconclusive(
         ("precondition = [1]", "allowed: a list of open, close, stop"),
     ],
 )
-def test_what_is_none_is_told(tmp_path: Path, line: str, said: str) -> None:
+def test_what_is_none_is_reported(tmp_path: Path, line: str, said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         lh.run(scenario(tmp_path, line + "\n"))
     assert f"precondition: {line.split(' = ')[1]}".replace('"', "'") in str(caught.value)

@@ -269,7 +269,7 @@ def test_the_command(run: tuple[Path, lh.Result], capsys: pytest.CaptureFixture[
         ("", "run.csv"),
     ],
 )
-def test_what_cannot_be_judged_is_told(tmp_path: Path, content: str, said: str) -> None:
+def test_what_cannot_be_judged_is_reported(tmp_path: Path, content: str, said: str) -> None:
     (tmp_path / "s.toml").write_text(SCENARIO)
     (tmp_path / "run.csv").write_text(content)
     with pytest.raises(ConfigError) as caught:

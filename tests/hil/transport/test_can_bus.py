@@ -50,7 +50,7 @@ def test_a_bus_is_named_by_interface_channel_and_bit_rate(text: str, expected: d
 @pytest.mark.parametrize(
     "text", ["", ":", "vcan0", "socketcan:", ":vcan0", "pcan:x@", "pcan:x@fast", "pcan:x@0", "pcan:x@-5"]
 )
-def test_a_bus_that_is_none_is_told_with_examples(text: str):
+def test_a_bus_that_is_none_is_reported_with_examples(text: str):
     with pytest.raises(ConfigError, match="`bus`"):
         parse_bus(text, 500_000.0)
 
@@ -76,7 +76,7 @@ def test_python_cans_own_flags_and_environment_work(rig: Rig, monkeypatch: pytes
     assert (found["interface"], found["channel"]) == ("udp_multicast", "239.0.0.7")
 
 
-def test_no_bus_at_all_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+def test_no_bus_at_all_is_reported(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(can.util, "CONFIG_FILES", [])
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
@@ -84,12 +84,12 @@ def test_no_bus_at_all_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch):
         bus_arguments(WireChoice(), rig)
 
 
-def test_an_interface_that_does_not_exist_is_told(rig: Rig):
+def test_an_interface_that_does_not_exist_is_reported(rig: Rig):
     with pytest.raises((ConfigError, TransportError), match="nosuch"):
         CanTransport(bus_arguments(WireChoice(bus="nosuch:0"), rig))
 
 
-def test_a_bus_that_cannot_be_opened_is_told_on_one_line(monkeypatch: pytest.MonkeyPatch):
+def test_a_bus_that_cannot_be_opened_is_reported_on_one_line(monkeypatch: pytest.MonkeyPatch):
     def broken(**arguments: Any) -> None:
         raise can.CanInitializationError("no\ndevice")
 
@@ -99,7 +99,9 @@ def test_a_bus_that_cannot_be_opened_is_told_on_one_line(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("error", [KeyError(), Exception(), can.CanError("")])
-def test_a_driver_that_fails_without_a_word_is_told_by_its_kind(monkeypatch: pytest.MonkeyPatch, error: Exception):
+def test_a_driver_that_fails_without_a_word_is_reported_by_its_kind(
+    monkeypatch: pytest.MonkeyPatch, error: Exception
+):
     def broken(**arguments: Any) -> None:
         raise error
 
@@ -110,7 +112,7 @@ def test_a_driver_that_fails_without_a_word_is_told_by_its_kind(monkeypatch: pyt
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", "5", "null", "[" * 100_000])
 @pytest.mark.parametrize("choice", [WireChoice(bus="virtual:x"), WireChoice(interface="virtual")])
-def test_an_environment_that_is_no_configuration_is_told(
+def test_an_environment_that_is_no_configuration_is_reported(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, choice: WireChoice, text: str
 ):
     monkeypatch.setenv("CAN_CONFIG", text)
@@ -118,7 +120,7 @@ def test_an_environment_that_is_no_configuration_is_told(
         bus_arguments(choice, rig)
 
 
-def test_a_configuration_of_python_cans_that_cannot_be_read_is_told(
+def test_a_configuration_of_python_cans_that_cannot_be_read_is_reported(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
     broken = tmp_path / "can.conf"

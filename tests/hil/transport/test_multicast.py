@@ -150,14 +150,14 @@ def test_a_bus_stays_on_this_machine_unless_its_configuration_says_otherwise(
 
 
 @pytest.mark.parametrize("hops", [-1, 256, "a", 1.5, None])
-def test_a_hop_limit_that_is_none_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch, hops: Any):
+def test_a_hop_limit_that_is_none_is_reported(rig: Rig, monkeypatch: pytest.MonkeyPatch, hops: Any):
     monkeypatch.setenv("CAN_CONFIG", json.dumps({"hop_limit": hops}))
     with pytest.raises(ConfigError, match=r"hop_limit .*; allowed: 0"):
         bus_arguments(WireChoice(bus="udp_multicast:239.0.0.7"), rig)
 
 
 @pytest.mark.parametrize("name", ["1.2.3.4", "240.0.0.1", "localhost", "fe80::1", "ff02::1%lo", "239.1"])
-def test_what_is_no_group_is_told_with_what_is(rig: Rig, name: str):
+def test_what_is_no_group_is_reported_with_what_is(rig: Rig, name: str):
     with pytest.raises(ConfigError, match=r"not a multicast address; allowed: a group of 224\.0\.0\.0/4"):
         bus_arguments(WireChoice(bus=f"udp_multicast:{name}"), rig)
 
@@ -237,13 +237,13 @@ class Offline(socket.socket):
 @pytest.mark.parametrize(
     ("name", "how"), [("239.0.0.7", "ip route add 224.0.0.0/4 dev lo"), ("ff15::1", "a group of IPv4")]
 )
-def test_a_machine_without_a_network_is_told_what_to_do(monkeypatch: pytest.MonkeyPatch, name: str, how: str):
+def test_a_machine_without_a_network_is_reported_what_to_do(monkeypatch: pytest.MonkeyPatch, name: str, how: str):
     monkeypatch.setattr(socket, "socket", Offline)
     with pytest.raises(TransportError, match=f"offline.*allowed: with a network, or .*{how}"):
         CanTransport({"interface": "udp_multicast", "channel": name, "hop_limit": 0})
 
 
-def test_a_python_can_that_is_not_known_is_told(monkeypatch: pytest.MonkeyPatch):
+def test_a_python_can_that_is_not_known_is_reported(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(can, "Bus", lambda **arguments: object())
     with pytest.raises(TransportError, match=r"not known in python-can [0-9]"):
         CanTransport({"interface": "udp_multicast", "channel": "239.0.0.7", "hop_limit": 0})

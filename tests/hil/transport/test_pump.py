@@ -356,7 +356,7 @@ def test_a_driver_that_stands_still_in_send_holds_up_neither_the_loop_nor_receiv
     until(lambda: driver.sent[-1].arbitration_id == 3)
 
 
-def test_the_loop_is_told_how_long_its_frames_have_waited_for_the_thread(monkeypatch: pytest.MonkeyPatch):
+def test_the_loop_gets_the_time_that_its_frames_have_waited_for_the_thread(monkeypatch: pytest.MonkeyPatch):
     threads: list[threading.Thread] = []
     start = threading.Thread.start
 
@@ -534,7 +534,7 @@ class Broken(Endless):
 
 
 @pytest.mark.parametrize(("way", "cause"), [("in", "RuntimeError"), ("out", "this way, too")])
-def test_a_thread_that_ends_is_told_with_its_cause(way: str, cause: str):
+def test_a_thread_that_ends_is_reported_with_its_cause(way: str, cause: str):
     transport = Broken()
     if way == "out":
         transport.receive = Endless().receive  # type: ignore[method-assign]

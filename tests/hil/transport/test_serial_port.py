@@ -53,7 +53,7 @@ def test_a_line_is_named_by_port_and_rate(text: str, expected: tuple[str, int]):
      "x@" + "9" * 5000, "socket://", "socket://h", "socket://:1",
      "socket://h:0", "socket://h:70000", "socket://h:x", "rfc2217://h", "socket://["],
 )  # fmt: skip
-def test_a_line_that_is_none_is_told_on_one_line(text: str):
+def test_a_line_that_is_none_is_reported_on_one_line(text: str):
     with pytest.raises(ConfigError, match="`serial`") as caught:
         parse_serial(text)
     assert "allowed" in str(caught.value)
@@ -61,7 +61,7 @@ def test_a_line_that_is_none_is_told_on_one_line(text: str):
 
 
 @pytest.mark.parametrize("url", ["/dev/nosuch", "/dev/null", "hwgrep://nosuch", "spy:///dev/nosuch"])
-def test_a_port_that_cannot_be_opened_is_told_on_one_line(url: str):
+def test_a_port_that_cannot_be_opened_is_reported_on_one_line(url: str):
     before = descriptors()
     with pytest.raises(TransportError) as caught:
         SerialTransport(url)
@@ -70,7 +70,7 @@ def test_a_port_that_cannot_be_opened_is_told_on_one_line(url: str):
     assert descriptors() == before
 
 
-def test_what_is_no_serial_device_is_told_as_what_it_is(tmp_path: Path):
+def test_what_is_no_serial_device_is_reported_as_what_it_is(tmp_path: Path):
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "file").write_text("")
     for name, what in (("fifo", "a FIFO"), ("file", "a file"), (".", "a folder")):
@@ -82,7 +82,7 @@ def test_what_is_no_serial_device_is_told_as_what_it_is(tmp_path: Path):
         SerialTransport(str(tmp_path / "tty"))
 
 
-def test_a_rate_that_is_none_is_told_where_the_device_is_there(terminal: Terminal):
+def test_a_rate_that_is_none_is_reported_where_the_device_is_there(terminal: Terminal):
     with pytest.raises(TransportError, match=r"no such device; 'fast' is not a baud rate for /"):
         SerialTransport(f"{terminal.link}@fast")
 
@@ -101,7 +101,7 @@ def test_whatever_a_driver_raises_of_a_device_that_has_gone_is_a_lost_line(
     assert line.counts().losses == 1
 
 
-def test_a_protocol_that_pyserial_has_not_is_told():
+def test_a_protocol_that_pyserial_has_not_is_reported():
     with pytest.raises(ConfigError, match=r"nosuch.*allowed"):
         SerialTransport("nosuch://x")
 

@@ -170,7 +170,7 @@ def test_long_news_come_whole(server: tuple[Server, Memory]) -> None:
     client.close()
 
 
-def test_a_long_command_is_told_and_the_connection_stays(server: tuple[Server, Memory]) -> None:
+def test_a_long_command_is_reported_and_the_connection_stays(server: tuple[Server, Memory]) -> None:
     client = Client(os.getpid())
     with pytest.raises(ConfigError, match="bytes; allowed: up to 1000000"):
         client.command({"set": {"x": [1.0] * 400_000}})
@@ -234,7 +234,7 @@ def test_more_than_eight_are_not_let_in_and_one_that_leaves_makes_room(server: t
         each.close()
 
 
-def test_when_the_run_ends_it_is_told_and_nothing_is_left(folder: Path) -> None:
+def test_when_the_run_ends_it_is_reported_and_nothing_is_left(folder: Path) -> None:
     memory = Memory(64, 64)
     before = len(list(Path("/proc/self/fd").iterdir()))
     found = Server(Heard(), os.getpid())
@@ -270,7 +270,7 @@ def test_a_mistake_of_ours_in_a_command_ends_no_run(
     client.close()
 
 
-def test_paths_are_told_whole_for_those_in_other_folders(server: tuple[Server, Memory]) -> None:
+def test_paths_are_reported_whole_for_those_in_other_folders(server: tuple[Server, Memory]) -> None:
     client = Client(os.getpid())
     assert Path(client.told["rig"]).is_absolute()
     assert Path(client.told["database"]).is_absolute()
@@ -304,7 +304,7 @@ def test_a_folder_that_others_may_open_is_refused_and_the_run_goes_on(folder: Pa
     assert "not a private folder of yours" in heard.said[0]
 
 
-def test_lines_are_told_once_and_the_last_two_hundred_are_kept(server: tuple[Server, Memory]) -> None:
+def test_lines_are_reported_once_and_the_last_two_hundred_are_kept(server: tuple[Server, Memory]) -> None:
     client = Client(os.getpid())
     for number in range(300):
         server[0].say(f"line {number}")

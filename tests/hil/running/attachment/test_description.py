@@ -35,7 +35,7 @@ time = 3
 """
 
 
-def test_each_stimulus_is_told_with_its_time_or_condition(tmp_path: Path) -> None:
+def test_each_stimulus_is_reported_with_its_time_or_condition(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_text(SCENARIO)
     assert stimuli_of(setup_of(path).scenario) == [
@@ -48,5 +48,5 @@ def test_each_stimulus_is_told_with_its_time_or_condition(tmp_path: Path) -> Non
     ]
 
 
-def test_nothing_is_told_of_no_scenario() -> None:
+def test_nothing_is_reported_of_no_scenario() -> None:
     assert stimuli_of(setup_of(None).scenario) == []

@@ -165,7 +165,7 @@ def test_faults_of_the_scenario_stay_as_they_are(tmp_path: Path) -> None:
         np.testing.assert_array_equal(theirs.trace[name], column, err_msg=name)
 
 
-def test_what_is_wrong_is_told_counted_and_changes_nothing(tmp_path: Path) -> None:
+def test_what_is_wrong_is_reported_counted_and_changes_nothing(tmp_path: Path) -> None:
     wrong = {
         fault("hall_a_stuck", "gate.mass"): "'gate.mass'; allowed: one of left, right, both",
         fault("hall_missing", "left", 7.0): "probability: 7.0 is out of range; allowed: 0 to 1",
@@ -396,7 +396,7 @@ def find(gate: lh.Gate, key: str) -> float:
         ('"BenchInject.FaultKind"', '"BenchInject.FaultPlace"', "kind: FaultPlace: left, right, both"),
     ],
 )  # fmt: skip
-def test_mistakes_in_the_section_are_told(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_mistakes_in_the_section_are_reported(tmp_path: Path, old: str, new: str, said: str) -> None:
     text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
     assert old in text
     path = tmp_path / "their.toml"

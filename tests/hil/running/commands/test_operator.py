@@ -206,7 +206,7 @@ def test_it_lies_over_profile_and_gives_it_back(tmp_path: Path) -> None:
     assert_same(result, ours)
 
 
-def test_in_force_is_told_until_it_is_cleared(tmp_path: Path) -> None:
+def test_in_force_is_reported_until_it_is_cleared(tmp_path: Path) -> None:
     commands = {
         0.1: [{"fault": FAULT}, {"set": {"road_slope_deg": 5}}, {"obstacle": ROD}],
         0.2: [{"fault": {**FAULT, "factor": 0.25}}, {"signal": {"Body.Ignition": "on"}}],

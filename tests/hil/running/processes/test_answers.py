@@ -44,7 +44,7 @@ def test_a_stranger_who_keeps_its_connection_open_is_soon_left_alone(
 
 
 @pytest.mark.parametrize(("change", "reason"), [(0, "ended"), (1, "checksum")])
-def test_an_answer_that_is_cut_off_or_changed_is_told(change: int, reason: str) -> None:
+def test_an_answer_that_is_cut_off_or_changed_is_reported(change: int, reason: str) -> None:
     with AnswerChannel() as channel, connected(channel) as child:
         head = answers._HEAD.pack(b"LGHA", channel.address[1], 4, 0)
         child.sendall(head + b"abcd"[: 3 + change])
