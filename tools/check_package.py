@@ -144,8 +144,8 @@ def check_use(installed: Installation, version: str) -> None:
     call, work = installed.call, installed.work
     expect(call("liftgate-hil", "--version") == f"liftgate-hil {version}\n", "--version")
     expect("\n  init " in call("python", "-m", "liftgate_hil", "--help"), "init in the overview")
-    told = call("liftgate-hil", "demo", "--clock", "free", "--output", ".")
-    expect("reversing" in told, "a reversal in the demo")
+    output = call("liftgate-hil", "demo", "--clock", "free", "--output", ".")
+    expect("reversing" in output, "a reversal in the demo")
     for kind in ("log", "csv", "png"):
         expect((work / f"demo.{kind}").stat().st_size > 0, f"demo.{kind}")
     call("liftgate-hil", "init", "x")

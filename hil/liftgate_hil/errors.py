@@ -137,7 +137,7 @@ class ConfigIssues:
     def __init__(self, source: str, origins: Mapping[str, str] | None = None) -> None:
         self.source = source
         self.lines: list[str] = []
-        self.untold = 0  # number of issues beyond MOST
+        self.unlisted = 0  # number of issues beyond MOST
         self._origins = dict(origins or {})
         self._settled: set[str] = set()
 
@@ -159,7 +159,7 @@ class ConfigIssues:
             if line in self.lines:
                 continue
             if len(self.lines) >= MOST:
-                self.untold += 1
+                self.unlisted += 1
             else:
                 self.lines.append(line)
 
@@ -179,12 +179,12 @@ class ConfigIssues:
     @property
     def count(self) -> int:
         """Number of issues."""
-        return len(self.lines) + self.untold
+        return len(self.lines) + self.unlisted
 
     def raise_if_any(self) -> None:
         """Raise ConfigError with all issues, if there are any."""
-        if self.untold:
-            raise ConfigError([*self.lines, f"{self.source}: and {self.untold} more issues"])
+        if self.unlisted:
+            raise ConfigError([*self.lines, f"{self.source}: and {self.unlisted} more issues"])
         if self.lines:
             raise ConfigError(self.lines)
 

@@ -30,34 +30,34 @@ def value_or(value: float, default: float) -> float:
 
 
 @compilable
-def rise_under(rise: float, said: Surroundings) -> float:
-    """Return the rise of the supply's voltage over a step; 0 where `said` overrides the voltage."""
-    return rise if np.isnan(said.supply_voltage_v) else 0.0
+def rise_under(rise: float, surroundings: Surroundings) -> float:
+    """Return the rise of the supply's voltage over a step; 0 where `surroundings` overrides the voltage."""
+    return rise if np.isnan(surroundings.supply_voltage_v) else 0.0
 
 
 @compilable
 def overlaid(
     base: Load,
-    said: Surroundings,
+    surroundings: Surroundings,
     supply_rise: float,
     latch_released: float,
     latch_cinched: float,
     obstacle: Obstacle,
 ) -> Load:
-    """Return the load on the gate: `base`, overridden by `said` where that is not NaN."""
+    """Return the load on the gate: `base`, overridden by `surroundings` where that is not NaN."""
     return Load(
-        supply_voltage=value_or(said.supply_voltage_v, base.supply_voltage),
+        supply_voltage=value_or(surroundings.supply_voltage_v, base.supply_voltage),
         supply_rise=supply_rise,
-        road_slope=value_or(math.radians(said.road_slope_deg), base.road_slope),
-        ambient_temperature=value_or(said.ambient_temperature_degc, base.ambient_temperature),
-        wind_pressure=value_or(said.wind_pressure_pa, base.wind_pressure),
-        snow_mass=value_or(said.snow_mass_kg, base.snow_mass),
-        hand_force=value_or(said.hand_force_n, base.hand_force),
-        external_torque=value_or(said.external_torque_nm, base.external_torque),
+        road_slope=value_or(math.radians(surroundings.road_slope_deg), base.road_slope),
+        ambient_temperature=value_or(surroundings.ambient_temperature_degc, base.ambient_temperature),
+        wind_pressure=value_or(surroundings.wind_pressure_pa, base.wind_pressure),
+        snow_mass=value_or(surroundings.snow_mass_kg, base.snow_mass),
+        hand_force=value_or(surroundings.hand_force_n, base.hand_force),
+        external_torque=value_or(surroundings.external_torque_nm, base.external_torque),
         latch_released=latch_released,
         latch_cinched=latch_cinched,
-        handle_pulled=value_or(said.handle_pulled, base.handle_pulled),
-        button_pressed=value_or(said.button_pressed, base.button_pressed),
+        handle_pulled=value_or(surroundings.handle_pulled, base.handle_pulled),
+        button_pressed=value_or(surroundings.button_pressed, base.button_pressed),
         obstacle=obstacle,
     )
 
@@ -77,7 +77,7 @@ def inputs_of(row: NDArray[np.float64], base: Load, frictions: Frictions) -> Inp
 
     Where the row is NaN, `base` holds and motors are shorted.
     """
-    drives, said = picked(row, _DRIVES), picked(row, _SURROUNDINGS)
+    drives, surroundings = picked(row, _DRIVES), picked(row, _SURROUNDINGS)
     released = value_or(row[AT.latch_released], base.latch_released)
     cinched = value_or(row[AT.latch_cinched], base.latch_cinched)
     return Inputs(
@@ -91,7 +91,7 @@ def inputs_of(row: NDArray[np.float64], base: Load, frictions: Frictions) -> Inp
             voltage=value_or(drives.right_voltage_v, 0.0),
             coast=value_or(drives.right_coast, 0.0),
         ),
-        overlaid(base, said, rise_under(base.supply_rise, said), released, cinched, base.obstacle),
+        overlaid(base, surroundings, rise_under(base.supply_rise, surroundings), released, cinched, base.obstacle),
         frictions,
     )
 

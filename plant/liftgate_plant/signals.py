@@ -158,7 +158,7 @@ def switched(is_on: bool) -> float:
     return 1.0 if is_on else 0.0
 
 
-NOTHING_SAID = Surroundings(**dict.fromkeys(Surroundings._fields, math.nan))
+NO_PROFILE_VALUES = Surroundings(**dict.fromkeys(Surroundings._fields, math.nan))
 
 
 class Truth(NamedTuple):

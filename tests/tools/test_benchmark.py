@@ -103,7 +103,7 @@ def test_a_frame_that_is_lost_leaves_the_other_runs(
     monkeypatch.setattr(replays, "write_log", lambda *_: due.__setitem__(0, np.array([0.0, 1.0])) or due[0])
     found = replays.measure("udp_multicast:x", 2, 1.0)
     assert "1 of 2 frames arrived" in capsys.readouterr().err
-    assert found["told"] == {"ours": [1, 2, 3, 4]}
+    assert found["reported"] == {"ours": [1, 2, 3, 4]}
 
 
 @pytest.mark.parametrize("case", episodes.cases(None), ids=lambda case: case.name)

@@ -36,7 +36,7 @@ def test_every_link_of_the_pages_leads_somewhere() -> None:
 
 def lines(record: type, *names: str) -> str:
     """A table's keys, all or some, with the defaults that a page tells."""
-    told = {key.name: key.default_told for key in keys_of(record) if key.name in names or not names}
+    told = {key.name: key.default_text for key in keys_of(record) if key.name in names or not names}
     number = {key: value for key, value in told.items() if value.isdigit()}
     word = {key: told[key] for key in ("meets", "interpolation", "checksum_kind") if key in told}
     return "".join(

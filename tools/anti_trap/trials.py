@@ -118,21 +118,21 @@ def run(car: Car, trial: Trial, calibration: Calibration) -> Outcome:
         start = start_of(config, setup.start_angle)
         stimuli = stimulus_plan_of(constants_in(config), scenario.stimuli, scenario.requests)
         episode = Episode(config, start, stimuli, ecu, [kept], is_recorded=False)
-        told: list[list[Event]] = []
+        events: list[list[Event]] = []
         for k in range(periods):
             episode.run(round(PERIOD * (k + 1) * RATE))
-            told.append([each for each in ecu.events() if each.time > PERIOD * k])
+            events.append([each for each in ecu.events() if each.time > PERIOD * k])
         episode.close()
-    return _outcome(trial, told, kept.rows())
+    return _outcome(trial, events, kept.rows())
 
 
-def _outcome(trial: Trial, told: Sequence[Sequence[Event]], rows: NDArray[np.float64]) -> Outcome:
-    free = told[LEARNING : LEARNING + trial.free]
+def _outcome(trial: Trial, events: Sequence[Sequence[Event]], rows: NDArray[np.float64]) -> Outcome:
+    free = events[LEARNING : LEARNING + trial.free]
     touches = [
         _touch(rows, PERIOD * k) for k in range(LEARNING + trial.free, LEARNING + trial.free + len(trial.gaps))
     ]
     met = [each for each in touches if each is not None]
-    last = _durations(told[LEARNING - 1])
+    last = _durations(events[LEARNING - 1])
     return Outcome(
         false=sum(each.code in _FALSE for period in free for each in period),
         peaks=tuple(np.nan if each is None else each[0] for each in touches),

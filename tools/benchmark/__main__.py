@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from liftgate_hil.loop.statistics import told
+from liftgate_hil.loop.statistics import in_words
 from tools.benchmark import costs, episodes, identification, inactive, lateness, parts, processes, replays, tables
 from tools.benchmark.checkouts import HERE, name_of
 from tools.benchmark.effort import SHORT, WHOLE, Effort
@@ -301,7 +301,7 @@ def lateness_section(folder: Path, rounds: int, seconds: float, effort: Effort =
             1 kHz and a feedback cycle of 5 ms; the command's phase is swept over the feedback's:"""
         ),
         "",
-        *(f"- {condition}: {told(each)}" for condition, each in delays.items()),
+        *(f"- {condition}: {in_words(each)}" for condition, each in delays.items()),
         "",
     ]
 

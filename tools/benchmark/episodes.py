@@ -41,7 +41,7 @@ from liftgate_plant.friction_profile import frictions_in
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.rows import overlaid
 from liftgate_plant.sensors import SensorState
-from liftgate_plant.signals import NOTHING_SAID, Sensed
+from liftgate_plant.signals import NO_PROFILE_VALUES, Sensed
 
 ROUNDS = 15
 RATE = 1000.0
@@ -112,7 +112,7 @@ def plant_steps(
     rows = replay.rows
     for k in range(len(rows)):
         body = replay.obstacle if rows[k, 5] > 0.0 else NO_OBSTACLE
-        load = overlaid(config.load, NOTHING_SAID, 0.0, rows[k, 4], 0.0, body)
+        load = overlaid(config.load, NO_PROFILE_VALUES, 0.0, rows[k, 4], 0.0, body)
         inputs = Inputs(
             DriveInput(rows[k, 0], 0.0, rows[k, 2]),
             DriveInput(rows[k, 1], 0.0, rows[k, 3]),
@@ -179,8 +179,8 @@ def replay_of(bench: Bench, case: Case) -> Replay:
     for place, name in enumerate(("left_duty", "right_duty", "left_coast", "right_coast")):
         rows[:, place] = columns[name]
     for stamp, payload in commands.frames:
-        told = message.decode(payload, decode_choices=False)
-        rows[round(stamp / bench.config.step_ns) - 1 :, 4] = told["LatchRelease"]
+        values = message.decode(payload, decode_choices=False)
+        rows[round(stamp / bench.config.step_ns) - 1 :, 4] = values["LatchRelease"]
     angles = np.radians(np.concatenate([[0.0], columns["gate_angle_deg"][:-1]]))
     arming, met, stimuli = NOT_ARMED, NO_OBSTACLE, bench.stimulus_plan()
     for tick, angle in enumerate(angles):

@@ -58,17 +58,17 @@ class Compile(NamedTuple):
 def times_of(*arguments: str, environment: Mapping[str, str] | None = None, root: Path = HERE) -> Times:
     """Run a command of a checkout and return its times. Raises RuntimeError if the command fails."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", *arguments]
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as output:
         start = perf_counter()
         child = subprocess.Popen(
-            command, cwd=HERE, env={**environment_of(root), **(environment or {})}, stdout=said, stderr=said
+            command, cwd=HERE, env={**environment_of(root), **(environment or {})}, stdout=output, stderr=output
         )
         _, status, used = os.wait4(child.pid, 0)
         wall = perf_counter() - start
         child.returncode = os.waitstatus_to_exitcode(status)
         if child.returncode:
-            said.seek(0)
-            raise RuntimeError(f"{' '.join(command)}: {said.read().decode()}")
+            output.seek(0)
+            raise RuntimeError(f"{' '.join(command)}: {output.read().decode()}")
     return Times(wall, used.ru_utime + used.ru_stime)
 
 

@@ -87,10 +87,10 @@ class Ear:
     def _take(self) -> None:
         while True:
             try:
-                _, told, *_ = self._socket.recvmsg(2048, 64)
+                _, ancillary, *_ = self._socket.recvmsg(2048, 64)
             except BlockingIOError:
                 return
-            for level, kind, data in told:
+            for level, kind, data in ancillary:
                 if (level, kind) == (socket.SOL_SOCKET, _TIMESTAMPNS):
                     seconds, nanos = struct.unpack("qq", data[:16])
                     self.stamps.append(seconds + 1e-9 * nanos)
@@ -129,7 +129,7 @@ def lateness(arrivals: Floats, due: Floats) -> Floats:
 def measure(bus: str, rounds: int = ROUNDS, seconds: float = SECONDS) -> dict[str, dict[str, list[float]]]:
     """Return the quantiles SHARES of the lateness [µs] by player, as medians of the rounds.
 
-    `arrived` is the lateness on the bus, `told` the lateness that `liftgate-hil replay` reports of itself.
+    `arrived` is the lateness on the bus, `reported` the lateness that `liftgate-hil replay` reports of itself.
     """
     interface, _, channel = bus.partition(":")
     runs: dict[str, list[list[float]]] = {}
@@ -151,12 +151,12 @@ def measure(bus: str, rounds: int = ROUNDS, seconds: float = SECONDS) -> dict[st
                 late = lateness(arrivals, due)
                 runs.setdefault(name, []).append([float(np.quantile(late, x)) for x in SHARES])
                 if "--json" in command:
-                    told = json.loads(done.stdout)
-                    figures = [told[f"lateness_{x}_us"] for x in ("p50", "p99", "p999", "max")]
+                    summary = json.loads(done.stdout)
+                    figures = [summary[f"lateness_{x}_us"] for x in ("p50", "p99", "p999", "max")]
                     own.setdefault(name, []).append(figures)
     return {
         "arrived": {name: _medians(each) for name, each in runs.items()},
-        "told": {name: _medians(each) for name, each in own.items()},
+        "reported": {name: _medians(each) for name, each in own.items()},
     }
 
 
@@ -177,7 +177,7 @@ def table(found: dict[str, dict[str, list[float]]]) -> list[str]:
     lines = ["| | p50 µs | p99 µs | p99.9 µs | max µs |", "|---|---|---|---|---|"]
     for name, figures in found["arrived"].items():
         lines.append(f"| {name} | " + " | ".join(f"{each:.0f}" for each in figures) + " |")
-    for name, figures in found["told"].items():
+    for name, figures in found["reported"].items():
         lines.append(f"| {name}, by its own word | " + " | ".join(f"{x:.0f}" for x in figures) + " |")
     return lines
 

@@ -161,5 +161,5 @@ def _kind(kind: FaultKind) -> tuple[str, ...]:
 
 def _own(key: Key) -> str:
     """Return the text in a cell for a further key of a kind of fault."""
-    default = "" if key.default_told == "required" else f", default {key.default_told}"
+    default = "" if key.default_text == "required" else f", default {key.default_text}"
     return f"{code(key.name)}: {a_range(key.kind.allowed)}{default} – {key.meaning}"

@@ -24,4 +24,4 @@ def a_range(allowed: str) -> str:
 
 def _rows(record: type, allowed: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
     for key in keys_of(record):
-        yield code(key.name), allowed.get(key.name) or a_range(key.kind.allowed), key.default_told, key.meaning
+        yield code(key.name), allowed.get(key.name) or a_range(key.kind.allowed), key.default_text, key.meaning

@@ -30,20 +30,20 @@ def _command(case: Case) -> str:
 def faults_of_file(case: Case, folder: Path, outcome: Outcome) -> list[str]:
     """Return the faults in the outcome of a call with a mangled file; empty: none."""
     faults = common_faults(outcome)
-    said = [line for line in outcome.stderr.splitlines() if line.startswith("liftgate-hil")]
+    lines = [line for line in outcome.stderr.splitlines() if line.startswith("liftgate-hil")]
     if outcome.code and outcome.code in _ANSWERS.get(_command(case), ()) and outcome.stdout:
         return faults + (["it took too long"] if outcome.is_late else [])
     if outcome.is_late:
         faults.append("it took too long")
     elif outcome.code not in (0, 1, 2):
         faults.append(f"exit code {outcome.code}")
-    elif outcome.code and not said:
+    elif outcome.code and not lines:
         faults.append("an exit code and no message")
-    elif outcome.code == 1 and not any(reason in line for line in said for reason in _FAILURES):
+    elif outcome.code == 1 and not any(reason in line for line in lines for reason in _FAILURES):
         faults.append("exit code 1 for what is in a file")
-    if len(set(said)) < len(said):
+    if len(set(lines)) < len(lines):
         faults.append("a message twice")
-    if any(len(line) > _LONGEST for line in said) or len(said) > _MOST_LINES:
+    if any(len(line) > _LONGEST for line in lines) or len(lines) > _MOST_LINES:
         faults.append("messages that nobody can read")
     if outcome.code == 0 and not outcome.is_late:
         faults += whole_outputs(folder, case.outputs)

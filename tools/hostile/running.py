@@ -43,13 +43,13 @@ class Child:
         self._is_late = False
         self._used = self._used_before = 0.0
         # Files of the output, beside the folder: a case may have files of any name in it.
-        self._said = [folder.with_suffix(suffix) for suffix in (".out", ".err")]
+        self._outputs = [folder.with_suffix(suffix) for suffix in (".out", ".err")]
         if is_forked:
             self.pid = os.fork()
             if self.pid == 0:
-                _be_the_child(case, folder, self._said)
+                _be_the_child(case, folder, self._outputs)
         else:
-            with self._said[0].open("wb") as out, self._said[1].open("wb") as err:
+            with self._outputs[0].open("wb") as out, self._outputs[1].open("wb") as err:
                 process = subprocess.Popen(
                     [*COMMAND, *case.arguments], cwd=folder, stdout=out, stderr=err,
                     stdin=subprocess.DEVNULL,
@@ -87,19 +87,19 @@ class Child:
     def outcome(self) -> Outcome:
         """Return the outcome of the ended call, and remove the files of its output."""
         assert self._status is not None
-        out, err = (path.read_text(encoding="utf-8", errors="backslashreplace") for path in self._said)
-        for path in self._said:
+        out, err = (path.read_text(encoding="utf-8", errors="backslashreplace") for path in self._outputs)
+        for path in self._outputs:
             path.unlink()
         seconds = time.monotonic() - self._began
         return Outcome(shell_code(self._status), out[:100_000], err[:100_000], seconds, self._is_late)
 
 
-def _be_the_child(case: Case, folder: Path, said: list[Path]) -> None:
+def _be_the_child(case: Case, folder: Path, outputs: list[Path]) -> None:
     """Run a case in this process, a forked child, and end it."""
     code = CRASHED
     try:
         os.chdir(folder)
-        for number, path in enumerate(said, start=1):
+        for number, path in enumerate(outputs, start=1):
             descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(descriptor, number)
             os.close(descriptor)

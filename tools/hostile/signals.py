@@ -82,11 +82,11 @@ def signal_case(
     while time.monotonic() - began < delay and not child.poll():
         time.sleep(0.002)
     is_over = child.poll()
-    told = time.monotonic()
+    sent = time.monotonic()
     child.signal(SIGNALS[which])
     while not child.poll():
         time.sleep(0.002)
-    took = time.monotonic() - told
+    took = time.monotonic() - sent
     outcome = child.outcome()
     if is_pythons_own(outcome):
         return case, outcome, []
@@ -120,8 +120,8 @@ def _codes(command: Command, number: int, is_over: bool) -> set[int]:
 
 def _lost_rows(folder: Path, outcome: Outcome) -> list[str]:
     """Return a fault if the recording does not have one row for each tick of the printed summary; else nothing."""
-    told = re.search(r"^ticks (\d+),", outcome.stdout, re.MULTILINE)
-    if told is None or not (folder / "out.csv").exists():
+    ticks = re.search(r"^ticks (\d+),", outcome.stdout, re.MULTILINE)
+    if ticks is None or not (folder / "out.csv").exists():
         return []
     rows = rows_in(folder / "out.csv")
-    return [] if rows == int(told[1]) else [f"{told[1]} ticks, {rows} rows recorded"]
+    return [] if rows == int(ticks[1]) else [f"{ticks[1]} ticks, {rows} rows recorded"]

@@ -64,12 +64,13 @@ _NOISE = {"left_current_a": 0.05, "left_position_rev": 0.1, "gate_angle_deg": 0.
 class Scores:
     """Errors of estimates over many seeds.
 
-    `z` (seeds, parameters) are the errors in standard deviations, `told` which estimates were called identifiable.
+    `z` (seeds, parameters) are the errors in standard deviations, `identifiable` (the same shape) the estimates'
+    verdicts.
     """
 
     names: tuple[str, ...]
     z: Floats
-    told: NDArray[np.bool_]
+    identifiable: NDArray[np.bool_]
 
     def covered_percent(self) -> Floats:
         """Return the share [%] of the seeds (parameters,) in which the 95 % interval covers the truth."""
@@ -78,7 +79,7 @@ class Scores:
 
     def worst(self) -> float:
         """Return the largest error of an estimate that was called identifiable, in standard deviations."""
-        return float(np.max(np.abs(self.z[self.told])))
+        return float(np.max(np.abs(self.z[self.identifiable])))
 
 
 def scores(case: Case, seeds: int) -> Scores:
@@ -92,7 +93,9 @@ def scores(case: Case, seeds: int) -> Scores:
 def collected(case: Case, results: Sequence[tuple[list[float], list[bool]]]) -> Scores:
     """Return the results of `one` over all seeds as Scores."""
     return Scores(
-        case.estimate, np.array([z for z, _ in results]), np.array([told for _, told in results], dtype=np.bool_)
+        case.estimate,
+        np.array([z for z, _ in results]),
+        np.array([identifiable for _, identifiable in results], dtype=np.bool_),
     )
 
 
@@ -157,9 +160,9 @@ def table(cases: Sequence[tuple[Case, Scores]]) -> list[str]:
         for k, name in enumerate(found.names):
             z = found.z[:, k]
             lines.append(f"| {case.name} | `{name}` | {covered[k]:.1f} % | {np.mean(z):+.2f} | {np.std(z):.2f} |")
-        told = int(np.sum(found.told))
+        identifiable = int(np.sum(found.identifiable))
         lines.append(
-            f"| {case.name} | all | **{float(np.mean(covered)):.1f} %** | worst of {told} identifiable | "
+            f"| {case.name} | all | **{float(np.mean(covered)):.1f} %** | worst of {identifiable} identifiable | "
             f"{found.worst():.2f} |"
         )
     return lines

@@ -47,10 +47,10 @@ def table(result: dict[str, Any], thesis: dict[str, tuple[float, float]]) -> lis
     ]
     for name, each in result["parameters"].items():
         value, std = thesis.get(name, (None, None))
-        told = "yes" if result["identifiable"][name] else "**no**"
+        identifiable = "yes" if result["identifiable"][name] else "**no**"
         lines.append(
             f"| `{name}` | {TRUTH[name]:.4g} | {each['initial']:.4g} | {each['value']:.4g} | "
-            f"{_shown(each['std'])} | {told} | {_shown(value)} | {_shown(std)} |"
+            f"{_shown(each['std'])} | {identifiable} | {_shown(value)} | {_shown(std)} |"
         )
     fits = ", ".join(f"{name} {fit:.1f} %" for name, fit in result["fit_percent"].items())
     return [*lines, "", f"Fit: {fits}."]

@@ -106,7 +106,7 @@ class Condition(NamedTuple):
 
 def realtime_page(free: Sequence[Outcome], conditions: Sequence[Condition], checks: Sequence[Check]) -> str:
     """Return the page docs/pack-realtime.md, with the checks of `doctor` on the machine."""
-    told = [(each.check, each.level, each.found) for each in checks]
+    checked = [(each.check, each.level, each.found) for each in checks]
     parts = []
     for each in conditions:
         kept = _kept_time(each.outcomes, each.stolen)
@@ -114,7 +114,7 @@ def realtime_page(free: Sequence[Outcome], conditions: Sequence[Condition], chec
     made = page(
         "The pack in real time",
         _REALTIME,
-        table(("of the machine", "", "`liftgate-hil doctor --realtime`"), told),
+        table(("of the machine", "", "`liftgate-hil doctor --realtime`"), checked),
         *parts,
     )
     return made.replace(MADE, MADE.replace("make docs", "make pack-realtime"), 1)
@@ -161,12 +161,12 @@ def differences(free: Sequence[Outcome], realtime: Sequence[Outcome]) -> str:
             )
     heads = ("scenario", "expectation", "free", "real time", "by", "margin", "uncertainty", "why")
     share = 100.0 * conclusive / max(1, len(rows))
-    told = (
+    text = (
         f"{same} of {len(rows)} verdicts are those of the free clock, {conclusive - same} others are not; "
         f"{len(rows) - conclusive} are inconclusive, so {share:.0f} % are conclusive: {methods[DIRECT]} directly, "
         f"{methods[REPLAY]} by replay. The uncertainty was at most {100.0 * largest:.0f} % of a margin."
     )
-    return f"{told}\n\n{table(heads, rows)}"
+    return f"{text}\n\n{table(heads, rows)}"
 
 
 def _doubt(verdict: Verdict) -> str:

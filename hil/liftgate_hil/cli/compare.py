@@ -148,16 +148,16 @@ def _lines(found: Comparison, names: tuple[str, str]) -> list[str]:
         if count:
             lines.append(f"{count} rows are only in {name}")
         if missing:
-            told = ", ".join(missing[:8]) + (", …" if len(missing) > 8 else "")
-            lines.append(f"{len(missing)} columns are only in {name}: {told}")
+            text = ", ".join(missing[:8]) + (", …" if len(missing) > 8 else "")
+            lines.append(f"{len(missing)} columns are only in {name}: {text}")
     if found.frames is not None:
         first, second = found.frames.counts
-        told = f"{first} frames, the same"
+        text = f"{first} frames, the same"
         if found.frames.first is not None:
             at = f"frame {found.frames.first + 1}, {found.frames.time_s:.6f} s"
             what = f": {found.frames.what}" if found.frames.what else ""
-            told = f"{first} and {second} frames; the first difference is at {at}{what}"
-        lines.append(told)
+            text = f"{first} and {second} frames; the first difference is at {at}{what}"
+        lines.append(text)
     lines.append("equal" if found.is_equal else "different")
     return lines
 

@@ -29,14 +29,14 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.stopping import StopSignals
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.loop.realtime_loop import run_realtime
-    from liftgate_hil.running.compilation import told_of_compiling
+    from liftgate_hil.running.compilation import reporting_compilation
     from liftgate_plant import compiler
 
     stopped, teller = StopSignals(), Teller(args.quiet)
     if not compiler.enabled():
         raise LiftgateError("the compiler is switched off (LIFTGATE_COMPILE=0); allowed: LIFTGATE_COMPILE not set")
     try:
-        with told_of_compiling(teller, stopped):
+        with reporting_compilation(teller, stopped):
             for use in (_loops, _offline, _measurements, _replay):
                 use(teller, stopped)
     except compiler.GivenUpError:

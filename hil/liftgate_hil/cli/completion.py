@@ -59,15 +59,15 @@ def _describe(action: argparse.Action) -> None:
 
     from liftgate_hil.config.shipped import shipped_names
 
-    told = action.metavar if isinstance(action.metavar, str) else ""
-    if action.dest in _SHIPPED and "FILE" in told:
+    meta = action.metavar if isinstance(action.metavar, str) else ""
+    if action.dest in _SHIPPED and "FILE" in meta:
         names = shipped_names(f"configs/{_SHIPPED[action.dest]}")
         _set(action, _words_or_files(action.dest, names, "*.toml"))
     elif action.dest == "ecu":
         _set(action, _words_or_files("ecu", (REFERENCE, ON_A_BUS), "*.so"))
-    elif "FOLDER" in told:
+    elif "FOLDER" in meta:
         _set(action, shtab.DIRECTORY)
-    elif "FILE" in told:
+    elif "FILE" in meta:
         _set(action, shtab.FILE)
 
 

@@ -270,4 +270,4 @@ def _standstill(shown: Result) -> list[str]:
         return []
     if accepted:
         return [f"{accepted} commands were accepted, and none of them moved a drive"]
-    return [shown.summary.silence_told()]
+    return [shown.summary.silence_reported()]

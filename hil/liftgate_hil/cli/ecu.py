@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.ecu.find import adapter_for, is_library
     from liftgate_hil.errors import EcuError
-    from liftgate_hil.running.compilation import told_of_compiling
+    from liftgate_hil.running.compilation import reporting_compilation
     from liftgate_hil.running.setup import rig_of, scenario_from
     from liftgate_plant.compiler import GivenUpError
 
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         with (
             contextlib.suppress(GivenUpError),
-            told_of_compiling(teller, stop),
+            reporting_compilation(teller, stop),
             adapter_for(options.ecu_of(args), rig, args.drives, shares_clock=False, coding=args.coding) as adapter,
         ):
             _drive(args, rig, scenario, adapter, stop, teller)
@@ -148,16 +148,16 @@ def _take_turns(
     gc.collect()  # collects garbage of the start now, not for some 50 ms during a motion
     gc.freeze()
     start = time.monotonic_ns()
-    told, is_waiting = 0, True
+    shown, is_waiting = 0, True
     try:
         while not stop():
             now = time.monotonic_ns() - start
             peer.poll(now)
             if duration is not None and now * 1e-9 >= duration:
                 break
-            for event in adapter.events(told):
+            for event in adapter.events(shown):
                 teller.happened(event.time, event.text)
-                told += 1
+                shown += 1
             if is_waiting and not peer.has_heard_the_gate and now > _PATIENCE_NS:
                 names = dict.fromkeys(wire.message for wire in rig.outputs)
                 gates = ", ".join(f"{name} (0x{rig.messages[name].frame_id:X})" for name in names)

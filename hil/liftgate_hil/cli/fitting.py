@@ -117,10 +117,10 @@ def problem_of(
     for measurement, each in zip(measurements, data, strict=True):
         notes += [f"{measurement.source}: {options.as_flags(note)}" for note in measurement.notes]
         if each.decimation is not None:
-            said = [] if args.resample is None else [f"resampled to {args.resample:g} Hz"]
-            said += [f"decimated by {args.decimate} after a low-pass filter"] if args.decimate > 1 else []
+            steps = [] if args.resample is None else [f"resampled to {args.resample:g} Hz"]
+            steps += [f"decimated by {args.decimate} after a low-pass filter"] if args.decimate > 1 else []
             counts = f"{len(each.times)} samples of {len(each.rows)} rows"
-            notes.append(f"{each.name}: {', '.join(said)}: {counts}")
+            notes.append(f"{each.name}: {', '.join(steps)}: {counts}")
     for each, begin in zip(data, problem.beginnings, strict=True):
         if begin.in_pause:
             is_warm = any(unknown.name == "warmth" for unknown in begin.unknowns)

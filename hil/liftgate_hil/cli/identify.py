@@ -109,9 +109,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.running.compilation import told_of_compiling
+    from liftgate_hil.running.compilation import reporting_compilation
 
-    with told_of_compiling(Teller(args.quiet)):
+    with reporting_compilation(Teller(args.quiet)):
         return _run(args)
 
 
@@ -267,19 +267,19 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
     from liftgate_hil.report.json_result import identification_json
     from liftgate_hil.running.setup import variant_of
 
-    told = [k for k, each in enumerate(result.parameters) if each.identifiable]
+    identifiable = [k for k, each in enumerate(result.parameters) if each.identifiable]
     content = identification_json(result)
     origin = {
         "model": result.model,
         "files": list(args.files),
-        "parameters": [result.parameters[k].name for k in told],
-        "values": [result.parameters[k].value for k in told],
-        "std": [result.parameters[k].std for k in told],
-        "covariance": result.covariance[told][:, told].tolist(),
+        "parameters": [result.parameters[k].name for k in identifiable],
+        "values": [result.parameters[k].value for k in identifiable],
+        "std": [result.parameters[k].std for k in identifiable],
+        "covariance": result.covariance[identifiable][:, identifiable].tolist(),
         "not_identifiable": [each.name for each in result.parameters if not each.identifiable],
         "fit_percent": {key: value for key, value in content["fit_percent"].items() if value is not None},
     }
-    values = {result.parameters[k].name: result.parameters[k].value for k in told}
+    values = {result.parameters[k].name: result.parameters[k].value for k in identifiable}
     source, variant = find_config("vehicles", args.vehicle), variant_of(args.draw, args.ideal)
     settings = settings_for(read_toml(source), variant, settings_of(args.settings), str(source))
     text = vehicle_text(source, settings, values, origin)
@@ -287,7 +287,7 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
     return text
 
 
-def _check_saved(text: str, target: str, sought: Sequence[str], told: Mapping[str, float]) -> None:
+def _check_saved(text: str, target: str, sought: Sequence[str], identifiable: Mapping[str, float]) -> None:
     """Check that the loader accepts the vehicle to be saved. Raises ConfigError.
 
     The loader may refuse it where estimates are not consistent with the initial values of parameters that are not
@@ -297,11 +297,11 @@ def _check_saved(text: str, target: str, sought: Sequence[str], told: Mapping[st
 
     from liftgate_hil.config.vehicle import vehicle_of
 
-    untold = [name for name in sought if name not in told]
+    unlisted = [name for name in sought if name not in identifiable]
     try:
         vehicle_of(tomllib.loads(text), f"--save-vehicle {target}")
     except ConfigError as error:
-        kept = f"; {', '.join(untold)} kept the initial value" if untold else ""
+        kept = f"; {', '.join(unlisted)} kept the initial value" if unlisted else ""
         raise ConfigError(
             [f"{line}{kept}; allowed: --estimate without it, or another --set" for line in error.issues]
         ) from error

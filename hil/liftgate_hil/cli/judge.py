@@ -89,9 +89,9 @@ def run(args: argparse.Namespace) -> int:
         outcomes.append(report.take(outcome))
         _tell(outcome, notes, len(runs) > 1, args)
     provenance = provenance_of(args.command_line, {})
-    told = as_json(outcomes, provenance.as_dict())
+    content = as_json(outcomes, provenance.as_dict())
     for target in targets["json"]:
-        write(target, json.dumps(told, indent=2, ensure_ascii=False, allow_nan=False).encode())
+        write(target, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).encode())
     for target in targets["junit"]:
         write(target, as_junit(outcomes))
     for target in targets["html"]:

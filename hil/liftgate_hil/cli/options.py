@@ -61,10 +61,10 @@ def add_options(parser: argparse.ArgumentParser, *names: str, **defaults: Any) -
     """Add the flags of run options; `defaults` replace those of RunOptions."""
     for name in names:
         option, default = OPTIONS[name], defaults.get(name, getattr(RunOptions, name))
-        flag, told = "--" + name.replace("_", "-"), option.otherwise
-        if not told and isinstance(default, float | str):
-            told = default if isinstance(default, str) else f"{default:g}"
-        text = f"{option.help}; default: {told}" if told else option.help
+        flag, default_text = "--" + name.replace("_", "-"), option.otherwise
+        if not default_text and isinstance(default, float | str):
+            default_text = default if isinstance(default, str) else f"{default:g}"
+        text = f"{option.help}; default: {default_text}" if default_text else option.help
         if isinstance(option.kind, Flag):
             parser.add_argument(flag, action="store_true", help=text)
         elif isinstance(option.kind, Choice):
@@ -144,9 +144,9 @@ def setup_of(args: argparse.Namespace) -> Setup:
     )
 
 
-def add_vehicle(parser: argparse.ArgumentParser, default: str | None = "suv", told: str = "default: suv") -> None:
+def add_vehicle(parser: argparse.ArgumentParser, default: str | None = "suv", text: str = "default: suv") -> None:
     """Add the flags for the vehicle."""
-    parser.add_argument("--vehicle", default=default, metavar="NAME|FILE", help=told)
+    parser.add_argument("--vehicle", default=default, metavar="NAME|FILE", help=text)
     parser.add_argument(
         "--set",
         dest="settings",

@@ -22,13 +22,13 @@ def add_columns(parser: argparse.ArgumentParser, default: str) -> None:
         metavar="A,B,…",
         help=f"only these columns; default: {default} (repeatable)",
     )
-    for name, told in (("from", "start"), ("to", "end")):
+    for name, which in (("from", "start"), ("to", "end")):
         parser.add_argument(
             f"--{name}",
             dest=f"{name}_s",
             type=options.bounded(-1e9, 1e9, "s"),
             metavar="S",
-            help=f"{told} at this time; default: the recording's {told}",
+            help=f"{which} at this time; default: the recording's {which}",
         )
     parser.add_argument(
         "--rig", metavar="NAME|FILE", help="a rig, or its database: decodes the frames into signals"

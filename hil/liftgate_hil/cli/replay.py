@@ -39,23 +39,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("sent", "received", "both"),
         help="which frames to play: sent or received by the gate; default: sent, both if none is marked as sent",
     )
-    for name, told in (("only", "only these frames"), ("except", "all but these frames")):
+    for name, meaning in (("only", "only these frames"), ("except", "all but these frames")):
         parser.add_argument(
             f"--{name}",
             dest=f"{name}_ids",
             action="append",
             default=[],
             metavar="ID,…",
-            help=f"{told}: 0x120, 0x200-0x2FF, or a message of the rig (repeatable)",
+            help=f"{meaning}: 0x120, 0x200-0x2FF, or a message of the rig (repeatable)",
         )
-    for name, other, told in (("from", "start", "begin"), ("to", "end", "end")):
+    for name, other, meaning in (("from", "start", "begin"), ("to", "end", "end")):
         parser.add_argument(
             f"--{name}",
             f"--{other}",
             dest=f"{name}_s",
             type=options.bounded(-1e9, 1e9, "s"),
             metavar="S",
-            help=f"{told} at this time of the recording; default: with its "
+            help=f"{meaning} at this time of the recording; default: with its "
             f"{'first' if name == 'from' else 'last'} frame",
         )
     parser.add_argument(
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.errors import LiftgateError
     from liftgate_hil.replay.player import Player, Replay
     from liftgate_hil.replay.selection import Selection, identifiers_of
-    from liftgate_hil.running.compilation import told_of_compiling
+    from liftgate_hil.running.compilation import reporting_compilation
     from liftgate_hil.running.setup import rig_of
     from liftgate_hil.transport.find import find_way
     from liftgate_plant.compiler import GivenUpError
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
     way = find_way(options.wire_choice(args), rig)
     player = Player(replay, way, teller, stopped, teller.progress)
     try:
-        with told_of_compiling(teller, stopped):
+        with reporting_compilation(teller, stopped):
             player.run()
     except GivenUpError:  # stopped before it began
         return stopped.exit_code
@@ -134,11 +134,11 @@ def _tell(args: argparse.Namespace, played: Played, stopped: StopSignals) -> Non
         print(json.dumps(_content(args, played, stopped), allow_nan=False))
         return
     if not played.is_complete and stopped() and not args.loop:
-        said = f"{stopped.name} after {played.played_s:.3f} s and {played.frames_sent} frames"
-        print(f"liftgate-hil replay: {said}", file=sys.stderr)
+        text = f"{stopped.name} after {played.played_s:.3f} s and {played.frames_sent} frames"
+        print(f"liftgate-hil replay: {text}", file=sys.stderr)
     elif played.frames_not_sent:
-        said = f"{played.frames_not_sent} of {played.frames_due} frames were not sent"
-        print(f"liftgate-hil replay: {said}", file=sys.stderr)
+        text = f"{played.frames_not_sent} of {played.frames_due} frames were not sent"
+        print(f"liftgate-hil replay: {text}", file=sys.stderr)
     if not args.quiet:
         print("\n".join(played.lines()))
 

@@ -161,8 +161,8 @@ def _draft(args: argparse.Namespace) -> int:
         write_text(target, draft.text)
     else:
         print(draft.text, end="")
-    told = [f"{target}: mapped: {', '.join(draft.mapped) or 'nothing'}"] if is_file else []
-    told += [f"to be filled in: {key}: {reason}" for key, reason in draft.open]
-    for line in told:
+    lines = [f"{target}: mapped: {', '.join(draft.mapped) or 'nothing'}"] if is_file else []
+    lines += [f"to be filled in: {key}: {reason}" for key, reason in draft.open]
+    for line in lines:
         print(printable(line), file=sys.stderr)
     return 0

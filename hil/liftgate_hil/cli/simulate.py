@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.loop.simulation import simulate
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.measurement.mapping import parse_maps
-    from liftgate_hil.running.compilation import told_of_compiling
+    from liftgate_hil.running.compilation import reporting_compilation
     from liftgate_hil.running.stimulation import offline_of
     from liftgate_hil.signals import columns_of
     from liftgate_hil.stimuli.samples import constant_voltage
@@ -120,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
         about=_about(args, setup, output, duration),
     )
     with (
-        told_of_compiling(Teller(is_quiet=False), stopped),
+        reporting_compilation(Teller(is_quiet=False), stopped),
         contextlib.suppress(GivenUpError),
         contextlib.nullcontext() if edges is None else contextlib.closing(EdgeFile("edges", edges)) as edge_file,
     ):

@@ -72,9 +72,9 @@ class StopSignals:
 
         While an ECU's machine code hangs in this thread, no Python signal handler can run.
         """
-        heard, told = os.pipe()
-        os.set_blocking(told, False)
-        signal.set_wakeup_fd(told, warn_on_full_buffer=False)
+        heard, write_end = os.pipe()
+        os.set_blocking(write_end, False)
+        signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
         threading.Thread(target=_end_after, args=(heard,), name="end", daemon=True).start()
 
     def failure(self, text: str) -> LiftgateError:

@@ -67,8 +67,8 @@ class SuiteLine:
         with self._lock:
             parts = [f"{len(self._verdicts)}/{self._count} done"]
             parts += [
-                f"{self._verdicts.count(name)} {said}"
-                for name, said in (("fail", "failed"), ("error", "with errors"), ("inconclusive", "inconclusive"))
+                f"{self._verdicts.count(name)} {words}"
+                for name, words in (("fail", "failed"), ("error", "with errors"), ("inconclusive", "inconclusive"))
                 if name in self._verdicts
             ]
             if self._running:

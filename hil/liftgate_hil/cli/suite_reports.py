@@ -74,8 +74,8 @@ def summarise(outcomes: Sequence[Outcome], args: argparse.Namespace, what: str) 
         return
     counts: dict[str, Any] = counts_of(outcomes)
     share = counts.pop("inconclusive_share")
-    said = ", ".join(f"{number} {name}" for name, number in counts.items() if number)
+    text = ", ".join(f"{number} {name}" for name, number in counts.items() if number)
     runs = f"{len(outcomes)} {what if len(outcomes) != 1 else what.removesuffix('s')}"
     number = sum(counts.values())
     judged = f"{number} expectation{'s' if number != 1 else ''}"
-    print(f"{runs}, {judged}: {said}; {100.0 * share:.0f} % inconclusive", flush=True)
+    print(f"{runs}, {judged}: {text}; {100.0 * share:.0f} % inconclusive", flush=True)

@@ -100,11 +100,11 @@ def run(args: argparse.Namespace) -> int:
     ordered = [outcomes[case.file] for case in cases]
     matrix = _mutated(args, ordered, jobs, stop, teller) if args.mutants else None
     provenance = provenance_of(args.command_line, {})
-    told = as_json(ordered, provenance.as_dict())
+    content = as_json(ordered, provenance.as_dict())
     if matrix is not None:
-        told["mutation"] = matrix.as_json()
+        content["mutation"] = matrix.as_json()
     for target in targets["json"]:
-        write(target, json.dumps(told, indent=2, ensure_ascii=False, allow_nan=False).encode())
+        write(target, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).encode())
     for target in targets["junit"]:
         write(target, as_junit(ordered))
     for target in targets["html"]:

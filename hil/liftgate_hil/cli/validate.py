@@ -34,9 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.running.compilation import told_of_compiling
+    from liftgate_hil.running.compilation import reporting_compilation
 
-    with told_of_compiling(Teller(args.quiet)):
+    with reporting_compilation(Teller(args.quiet)):
         return _run(args)
 
 
@@ -73,8 +73,8 @@ def _with_result(vehicle: Vehicle, path: Path) -> Vehicle:
 
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
-        told = content["identifiable"]
-        values = {name: float(each["value"]) for name, each in content["parameters"].items() if told[name]}
+        sound = content["identifiable"]
+        values = {name: float(each["value"]) for name, each in content["parameters"].items() if sound[name]}
     except OSError as error:
         raise ConfigError(f"--parameters {path}: cannot be read: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:

@@ -117,8 +117,8 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
     from liftgate_hil.dashboard.listening import bound, new_token
 
     if args.clock == "free":
-        said = "a run on the free clock ends at once; allowed: clock realtime or lockstep"
-        raise ConfigError(f"`dashboard`: {said}")
+        text = "a run on the free clock ends at once; allowed: clock realtime or lockstep"
+        raise ConfigError(f"`dashboard`: {text}")
     dashboard.check_installed()
     new_token()  # checks the token of the environment
     listen = args.listen or options.LISTEN
@@ -216,14 +216,14 @@ class EcuProcess:
         self.kill()
         self._reader.join(_LEAVE_S)  # a process that it has started may hold the pipe
         if code:
-            said = "; ".join(self._others)[-300:] or f"exit code {code}"
+            text = "; ".join(self._others)[-300:] or f"exit code {code}"
             kind = ConfigError if code == _USAGE else EcuError
-            raise kind(f"the ECU's process: {said.replace('liftgate-hil: ', '')}")
+            raise kind(f"the ECU's process: {text.replace('liftgate-hil: ', '')}")
         if code == 0 and is_early:
             raise EcuError("the ECU's process ended before the run")
         if not (self._events or has_taken_part) and self._is_ours and is_early:
-            said = "; ".join(self._others)[-300:] or "it printed nothing"
-            raise EcuError(f"the ECU's process did not take part: {said}")
+            text = "; ".join(self._others)[-300:] or "it printed nothing"
+            raise EcuError(f"the ECU's process did not take part: {text}")
         return self._events
 
     def kill(self) -> None:

@@ -110,18 +110,18 @@ def is_due(transmission: Transmission, now_ns: int, is_silent: bool, everything:
 
 
 @compilable
-def told_of(bus: BusConfig, transmission: Transmission, message: int, quantity: int) -> int:
+def times_sent(bus: BusConfig, transmission: Transmission, message: int, quantity: int) -> int:
     """Return how many frames of a message that contain a quantity were sent; 0 for message −1."""
     if message < 0:
         return 0
-    table, pages, told = bus.messages[message], 0, 0
+    table, pages, total = bus.messages[message], 0, 0
     for row in range(table.first, table.first + table.count):
         if bus.signals[row].quantity == quantity:
             pages = bus.signals[row].pages
     for page in range(table.pages):
         if (pages >> page) & 1:
-            told += (transmission.sent[message] + table.pages - 1 - page) // table.pages
-    return int(told)
+            total += (transmission.sent[message] + table.pages - 1 - page) // table.pages
+    return int(total)
 
 
 @compilable

@@ -128,27 +128,27 @@ class _Parser:
                     "< <= > >= == != + - * / abs() and or not ( )"
                 )
             kind = found.lastgroup
-            said, begin = found.group(kind), found.start(kind) + 1
-            if kind == "name" and said in ("and", "or", "not", "abs"):
+            token, begin = found.group(kind), found.start(kind) + 1
+            if kind == "name" and token in ("and", "or", "not", "abs"):
                 kind = "sign"
-            self.tokens.append((kind, said, begin))
+            self.tokens.append((kind, token, begin))
             place = found.end()
         self.tokens.append(("end", "the condition ends", len(text) + 1))
 
     def _here(self) -> tuple[str, str, int]:
         return self.tokens[self.next]
 
-    def _is(self, said: str) -> bool:
+    def _is(self, token: str) -> bool:
         """Whether this sign comes next; if so, skip it."""
-        if self._here()[:2] != ("sign", said):
+        if self._here()[:2] != ("sign", token):
             return False
         self.next += 1
         return True
 
     def _wrong(self, allowed: str) -> None:
-        kind, said, place = self._here()
+        kind, token, place = self._here()
         where = "" if kind == "end" else f" at character {place}"
-        raise ValueError(f"{said}{where}; allowed: {allowed}")
+        raise ValueError(f"{token}{where}; allowed: {allowed}")
 
     def _put(self, code: int, what: str | float = 0.0) -> None:
         self.ops.append((code, what))
@@ -196,8 +196,8 @@ class _Parser:
     def _comparison(self) -> _Part:
         place = self._here()[2]
         left = self._sum()
-        kind, said, at = self._here()
-        if kind != "sign" or said not in _COMPARISONS:
+        kind, token, at = self._here()
+        if kind != "sign" or token not in _COMPARISONS:
             return left
         self.next += 1
         right_place = self._here()[2]
@@ -206,8 +206,8 @@ class _Parser:
         right = self._sum()
         self._number(left, place)
         self._number(right, right_place)
-        self._put(_COMPARISONS[said])
-        self.units[number] = self._same_unit(left.unit, right.unit, said, at) or ""
+        self._put(_COMPARISONS[token])
+        self.units[number] = self._same_unit(left.unit, right.unit, token, at) or ""
         if self._here()[1] in _COMPARISONS:
             self._wrong("one comparison at a time, joined by and")
         return _Part(True)
@@ -216,11 +216,11 @@ class _Parser:
         if part.is_truth:
             raise ValueError(f"at character {place}: a comparison where a number is expected")
 
-    def _same_unit(self, a: str | None, b: str | None, said: str, place: int) -> str | None:
+    def _same_unit(self, a: str | None, b: str | None, token: str, place: int) -> str | None:
         """Return the unit of a sum or a comparison; plain numbers and values without a unit fit any unit."""
         if a and b and a != b:
             raise ValueError(
-                f"{said} at character {place} combines {a} and {b}; allowed: the same unit on both sides"
+                f"{token} at character {place} combines {a} and {b}; allowed: the same unit on both sides"
             )
         return a or b or (a if a is not None else b)
 
@@ -234,17 +234,17 @@ class _Parser:
         place = self._here()[2]
         left = part()
         while self._here()[0] == "sign" and self._here()[1] in signs:
-            _, said, at = self._here()
+            _, token, at = self._here()
             self.next += 1
             self._number(left, place)
             right_place = self._here()[2]
             right = part()
             self._number(right, right_place)
-            self._put(signs[said])
-            if said in _SUMS:
-                unit = self._same_unit(left.unit, right.unit, said, at)
+            self._put(signs[token])
+            if token in _SUMS:
+                unit = self._same_unit(left.unit, right.unit, token, at)
             else:
-                unit = _product_unit(left.unit, right.unit, said)
+                unit = _product_unit(left.unit, right.unit, token)
             left = _Part(False, unit)
         return left
 
@@ -259,18 +259,18 @@ class _Parser:
         return part
 
     def _primary(self) -> _Part:
-        kind, said, _ = self._here()
+        kind, token, _ = self._here()
         if kind in ("number", "parameter", "name"):
             self.next += 1
-            return getattr(self, f"_{kind}_named")(said)  # type: ignore[no-any-return]
-        if said == "abs" and self.tokens[self.next + 1][1] == "(":
+            return getattr(self, f"_{kind}_named")(token)  # type: ignore[no-any-return]
+        if token == "abs" and self.tokens[self.next + 1][1] == "(":
             self.next += 1
             place = self._here()[2]
             part = self._parenthesised()
             self._number(part, place)
             self._put(ABS)
             return part
-        if said == "(":
+        if token == "(":
             return self._parenthesised()
         self._wrong("a column, Message.Signal, a number, $name, abs(), not, or (")
         raise AssertionError
@@ -286,47 +286,47 @@ class _Parser:
         self.depth -= 1
         return part
 
-    def _number_named(self, said: str) -> _Part:
+    def _number_named(self, token: str) -> _Part:
         try:
-            value = float(said)
+            value = float(token)
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise ValueError(f"{said}; allowed: a finite number")
+            raise ValueError(f"{token}; allowed: a finite number")
         self._put(CONST, value)
         return _Part(False)
 
-    def _parameter_named(self, said: str) -> _Part:
-        if said[1:] not in self.parameters:
+    def _parameter_named(self, token: str) -> _Part:
+        if token[1:] not in self.parameters:
             known = ", ".join(f"${name}" for name in self.parameters)
-            raise ValueError(f"{said}: no such parameter; allowed: {known or 'none, there are no [parameters]'}")
-        self._put(CONST, float(self.parameters[said[1:]]))
+            raise ValueError(f"{token}: no such parameter; allowed: {known or 'none, there are no [parameters]'}")
+        self._put(CONST, float(self.parameters[token[1:]]))
         return _Part(False)
 
-    def _name_named(self, said: str) -> _Part:
-        column = said.replace("sensed.", SENSED_PREFIX, 1) if said.startswith("sensed.") else said
+    def _name_named(self, token: str) -> _Part:
+        column = token.replace("sensed.", SENSED_PREFIX, 1) if token.startswith("sensed.") else token
         unit = unit_of_column(column)
-        if unit is not None and ("." in said or not said.startswith(SENSED_PREFIX)):
+        if unit is not None and ("." in token or not token.startswith(SENSED_PREFIX)):
             self._put(COLUMN, column)
             return _Part(False, unit)
-        if "." in said and not said.startswith("sensed."):
-            unit = self.signal_unit(said)
+        if "." in token and not token.startswith("sensed."):
+            unit = self.signal_unit(token)
             if unit is not None:
-                self._put(SIGNAL, said)
+                self._put(SIGNAL, token)
                 return _Part(False, unit)
-            raise _NoSuchSignalError(said)
-        raise ValueError(f"{said}: {_unknown(said)}")
+            raise _NoSuchSignalError(token)
+        raise ValueError(f"{token}: {_unknown(token)}")
 
 
-def _product_unit(a: str | None, b: str | None, said: str) -> str | None:
-    if said == "*":
+def _product_unit(a: str | None, b: str | None, token: str) -> str | None:
+    if token == "*":
         return f"{a} {b}" if a and b else a or b or (a if a is not None else b)
     if not b:
         return a if a is not None else b
     return "" if a == b else f"{a or '1'}/{b}"
 
 
-def _unknown(said: str) -> str:
+def _unknown(token: str) -> str:
     """Return what is wrong with a column's name, with the nearest known ones."""
     from difflib import get_close_matches
 
@@ -334,5 +334,5 @@ def _unknown(said: str) -> str:
         name if not name.startswith(SENSED_PREFIX) else f"sensed.{name.removeprefix(SENSED_PREFIX)}"
         for name in COLUMNS
     ]
-    near = get_close_matches(said, names, 3, 0.5)
+    near = get_close_matches(token, names, 3, 0.5)
     return f"no such column; allowed: {', '.join(near) + ', …' if near else 'columns of recordings'}"

@@ -67,8 +67,8 @@ def _identifier(fault: Fault, rig: Rig, restbus: Collection[str], direction: int
         allowed = ", ".join(names) or "none"
         which = f"a message with a {needed}" if needed else "a message"
         way = {SENT: "or its restbus sends" if restbus else "sends"}.get(direction, "receives")
-        said = f"{show(fault.where)}: not {which} that the gate {way}; allowed: {allowed}"
-        issues.take([f"{fault.key}.where: {said}"])
+        text = f"{show(fault.where)}: not {which} that the gate {way}; allowed: {allowed}"
+        issues.take([f"{fault.key}.where: {text}"])
         return EVERY
     return rig.identifier(message)
 

@@ -94,8 +94,8 @@ def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
             raise ValueError(f"{wrong}: allowed: up to {_MOST_BITS} bits")
         database = cantools.database.load_string(written, kind[1:])
     except Exception as error:  # cantools passes on exceptions of any kind from its parsers
-        said = " ".join(str(error).split())[:200] or type(error).__name__
-        issues.add("dbc", f"{path}: cannot be read: {said}")
+        text = " ".join(str(error).split())[:200] or type(error).__name__
+        issues.add("dbc", f"{path}: cannot be read: {text}")
         return {}
     finally:
         logger.removeHandler(handler)

@@ -24,7 +24,7 @@ _NO_FORCE = 1e-9  # N
 _JAMMED = 1e6  # N m of dry friction, which no motor overcomes
 
 # Flags without which the plant skips broken lines and faults of its inputs.
-_BROKEN, _TOLD = Edit("plant.lines_broken", SET, 1.0), Edit("faults.inputs", SET, 1.0)
+_BROKEN, _INPUTS = Edit("plant.lines_broken", SET, 1.0), Edit("faults.inputs", SET, 1.0)
 
 Values = Mapping[str, Any]
 
@@ -76,12 +76,12 @@ def _short(values: Values, side: str) -> Sequence[Edit]:
 
 
 def _gate(name: str, how: int, key: str = "") -> Callable[[Values, str], Sequence[Edit]]:
-    also = {"plant.source_open": [_BROKEN], "faults.latch_held": [_TOLD]}.get(name, [])
+    also = {"plant.source_open": [_BROKEN], "faults.latch_held": [_INPUTS]}.get(name, [])
     return lambda values, side: [*also, Edit(name, how, float(values[key]) if key else 1.0)]
 
 
 def _bridge(values: Values, side: str) -> Sequence[Edit]:
-    return [_TOLD, Edit(f"faults.{side}.bridge", SET, float(DIRECTIONS.index(values["state"])))]
+    return [_INPUTS, Edit(f"faults.{side}.bridge", SET, float(DIRECTIONS.index(values["state"])))]
 
 
 def _spring(values: Values, side: str) -> Sequence[Edit]:

@@ -30,7 +30,7 @@ def issue_with(path: Path) -> str:
         return f"cannot be read: {error.strerror}"
     except ValueError:  # a null character, or others that no file name can hold
         return "no such file"
-    kind = next((said for is_kind, said in _KINDS if is_kind(mode)), "")
+    kind = next((words for is_kind, words in _KINDS if is_kind(mode)), "")
     if kind:
         return f"is {kind}; allowed: a file"
     return "" if os.access(path, os.R_OK) else "cannot be read: Permission denied"

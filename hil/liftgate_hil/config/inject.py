@@ -112,11 +112,11 @@ def _order(
     if issues.count > before:
         return None
     signals = {
-        name: find_signal(issues, f"{key}.{name}", said, tables.messages)
-        for name, said in values.items()
-        if said is not None
+        name: find_signal(issues, f"{key}.{name}", signal_path, tables.messages)
+        for name, signal_path in values.items()
+        if signal_path is not None
     }
-    messages = list(dict.fromkeys(said.partition(".")[0] for said in values.values() if said))
+    messages = list(dict.fromkeys(signal_path.partition(".")[0] for signal_path in values.values() if signal_path))
     if issues.count > before:
         return None
     if len(messages) > 1:
@@ -162,7 +162,7 @@ def _labels(
     for label in labels if what == SIGNAL else []:
         check_signal(f"{key}.{name}: {signal.name}", label, tables, taken, issues)
     if not labels or wrong:
-        said = ", ".join(map(show, wrong)) if wrong else "no value table"
+        text = ", ".join(map(show, wrong)) if wrong else "no value table"
         allowed = ", ".join(known) or "a signal with a value table"
-        issues.add(f"{key}.{name}", f"{signal.name}: {said}; allowed: {allowed}")
+        issues.add(f"{key}.{name}", f"{signal.name}: {text}; allowed: {allowed}")
     return tuple(labels)

@@ -240,8 +240,8 @@ def _covers(issues: ConfigIssues, key: str, value: Any, frame: _Frame) -> tuple[
 def _covered(issues: ConfigIssues, key: str, value: Any, frame: _Frame) -> Iterator[Covered]:
     match = _COVERED.fullmatch(value) if isinstance(value, str) else None
     if match is None or match[1] not in PARTS:
-        said = _COVERS.removeprefix("a list of ")
-        issues.add(key, f"{show(value)}; allowed: {said}")
+        text = _COVERS.removeprefix("a list of ")
+        issues.add(key, f"{show(value)}; allowed: {text}")
         return
     part, first, last = match[1], match[2], match[3] or match[2]
     if part == "counter" and frame.counter is None:

@@ -10,7 +10,7 @@ from liftgate_hil.codec.bus_config import LONGEST_MS, cycle_of, needs_fd, physic
 from liftgate_hil.codec.frames import MAX_BYTES
 from liftgate_hil.codec.multiplexing import MAX_PAGES, pages_of
 from liftgate_hil.codec.protection import MessageOptions
-from liftgate_hil.config.signal_name import find_signal, told, told_signals
+from liftgate_hil.config.signal_name import find_signal, listed, listed_signals
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.moments import Instant, moved
@@ -87,7 +87,7 @@ def value_in(
         return float(signal.scale) * labels[value] + float(signal.offset)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not is_number or not low <= float(str(value)) <= high:
-        words = f", or one of {told(list(labels))}" if labels else ""
+        words = f", or one of {listed(list(labels))}" if labels else ""
         unit = f" {signal.unit}" if signal.unit else ""
         issues.add(f"{key}value", f"{show(value)}; allowed: {low:g} to {high:g}{unit}{words}")
         return None
@@ -128,7 +128,7 @@ def _signal_in(
     if signal is None or message is None:
         return None
     if signal.name in made:
-        wrong = f"its protection or multiplexer sets it; allowed: {told_signals(message, made)}"
+        wrong = f"its protection or multiplexer sets it; allowed: {listed_signals(message, made)}"
     else:
         options = tables.options.get(message.name, MessageOptions())
         wrong = _why_not(message, message.name in taken, options, signal)

@@ -262,15 +262,15 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
     cyclic |= {wire.message for wire in rig.inputs if wire.quantity in COMMANDS}
     for name in sorted(cyclic | received):
         own = rig.options.get(name, MessageOptions())
-        told = cycle_of(rig.messages[name], own)
+        cycle = cycle_of(rig.messages[name], own)
         if own.cycle_ms is not None:
             continue
-        if not told and name in cyclic:
+        if not cycle and name in cyclic:
             issues.add(
                 f"messages.{name}.cycle_ms",
                 "missing, and the database has no GenMsgCycleTime; allowed: 0.1 to 60000 ms",
             )
-        elif not 0 <= told <= LONGEST_MS:
+        elif not 0 <= cycle <= LONGEST_MS:
             issues.add(
                 f"messages.{name}.cycle_ms",
                 f"the database's GenMsgCycleTime is {show(rig.messages[name].cycle_time)}; "

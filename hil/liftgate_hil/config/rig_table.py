@@ -171,16 +171,16 @@ def _counted(counting: Counting) -> str:
 def _parameters(own: Rocksoft) -> str:
     """Return the parameters of a checksum in words."""
     digits = (own.width + 3) // 4
-    told = [f"CRC of {own.width} bits, polynomial 0x{own.polynomial:0{digits}X}"]
-    told.append(f"start 0x{own.start:0{digits}X}")
-    told += ["reflected in"] if own.reflect_in else []
-    told += ["reflected out"] if own.reflect_out else []
-    told.append(f"final XOR 0x{own.final_xor:0{digits}X}")
-    told.append("over " + " + ".join(map(_covered, own.covers)))
+    parts = [f"CRC of {own.width} bits, polynomial 0x{own.polynomial:0{digits}X}"]
+    parts.append(f"start 0x{own.start:0{digits}X}")
+    parts += ["reflected in"] if own.reflect_in else []
+    parts += ["reflected out"] if own.reflect_out else []
+    parts.append(f"final XOR 0x{own.final_xor:0{digits}X}")
+    parts.append("over " + " + ".join(map(_covered, own.covers)))
     if own.data_ids:
         ids = " ".join(f"0x{each:X}" for each in own.data_ids)
-        told.append(f"data ID {ids}" + (" by the counter" if len(own.data_ids) > 1 else ""))
-    return ", ".join(told)
+        parts.append(f"data ID {ids}" + (" by the counter" if len(own.data_ids) > 1 else ""))
+    return ", ".join(parts)
 
 
 def _covered(covered: Covered) -> str:

@@ -130,8 +130,8 @@ class TableReader:
         if is_switch and how != "hold":
             issues.add(f"{key}.interpolation", f"{show(how)}; allowed: hold")
         if ("points" in given) == ("csv" in given):
-            said = "both points and csv" if "csv" in given else show(None)
-            issues.add(f"{key}.points", f"{said}; allowed: [[time, value], …], or a file in csv")
+            text = "both points and csv" if "csv" in given else show(None)
+            issues.add(f"{key}.points", f"{text}; allowed: [[time, value], …], or a file in csv")
             return name, Profile([], how == "linear")
         points = profile.points
         if profile.csv is not None:

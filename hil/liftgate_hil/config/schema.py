@@ -47,20 +47,20 @@ class Key:
     """A key of a table.
 
     As the annotation of a record's field it states kind, meaning and, where the value itself does not show it, the
-    default in words (`told`); `keys_of` adds name and default of the field.
+    default in words (`default_words`); `keys_of` adds name and default of the field.
     """
 
     kind: Kind
     meaning: str
-    told: str = ""
+    default_words: str = ""
     name: str = ""
     default: Any = REQUIRED
 
     @property
-    def default_told(self) -> str:
+    def default_text(self) -> str:
         """The default in words."""
-        if self.told:
-            return self.told
+        if self.default_words:
+            return self.default_words
         if self.default is REQUIRED:
             return "required"
         if self.default is None or self.default == ():

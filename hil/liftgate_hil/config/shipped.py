@@ -48,7 +48,7 @@ def shipped_folder(kind: str, name: str) -> Path | None:
     return folder if is_name and folder.is_dir() else None
 
 
-def _told(kind: str) -> str:
+def _listed(kind: str) -> str:
     """Return the shipped names of a kind and its folders, as a text."""
     folder = data_root() / "configs" / kind
     names = shipped_names(f"configs/{kind}")
@@ -71,7 +71,7 @@ def find_config(kind: str, name: str, called: str = "") -> Path:
         return data_root() / "configs" / kind / f"{name}.toml"
     issue = issue_with(path)
     if issue and not is_there(path):
-        shipped = f"a shipped name ({_told(kind)})"
+        shipped = f"a shipped name ({_listed(kind)})"
         issue = f"neither a file nor {shipped}" if is_name else f"{issue}; allowed: one, or {shipped}"
     if issue:
         raise ConfigError(f"{called} {shortened(name)}: {issue}")

@@ -149,18 +149,18 @@ def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal)
         return factors
     known = dimensions_named(unit)
     if not unit:
-        said = f"{name} has no unit in the database"
+        text = f"{name} has no unit in the database"
     elif known:
-        said = f"{name} is in {show(unit)}, a unit of {known[0]}"
+        text = f"{name} is in {show(unit)}, a unit of {known[0]}"
     else:
-        said = f"{name} is in {show(unit)}, which is no known unit"
+        text = f"{name} is in {show(unit)}, which is no known unit"
     hint = ""
     if "rate of turning" in known and key.endswith("hall_speed"):
         side = key.partition(".")[2].removesuffix("hall_speed")
         hint = f"; or the motor's speed, true_{side}speed"
     issues.add(
         key,
-        f"{said}; allowed: unit = {' | '.join(map(show, allowed_units(ours).split(', ')))}, "
+        f"{text}; allowed: unit = {' | '.join(map(show, allowed_units(ours).split(', ')))}, "
         f"or scale and offset{hint}",
     )
     return SAME

@@ -30,23 +30,23 @@ def find_signal(
     message_name, _, signal_name = name.partition(".")
     message = messages.get(message_name)
     if message is None:
-        names = told(sorted(messages if offered is None else offered))
+        names = listed(sorted(messages if offered is None else offered))
         issues.add(key, f"{show(name)}: no such message; allowed: MESSAGE.SIGNAL of {names}")
         return None
     for each in message.signals:
         if each.name == signal_name:
             return each
-    issues.add(key, f"{show(name)}: no such signal; allowed: {told_signals(message, left_out)}")
+    issues.add(key, f"{show(name)}: no such signal; allowed: {listed_signals(message, left_out)}")
     return None
 
 
-def told_signals(message: Message, left_out: Collection[str] = ()) -> str:
+def listed_signals(message: Message, left_out: Collection[str] = ()) -> str:
     """Return the signals of a message without `left_out`, as a text."""
     names = [each.name for each in message.signals if each.name not in left_out]
-    return f"{message.name}.{{{told(names)}}}"
+    return f"{message.name}.{{{listed(names)}}}"
 
 
-def told(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
     """Return names as a text; of many only the first ones."""
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return f"{', '.join(names[:_MOST_NAMES])}{more}" or "none"

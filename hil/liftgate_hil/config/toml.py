@@ -86,8 +86,8 @@ def text(issues: ConfigIssues, key: str, value: object, allowed: Iterable[str] =
     """Return `value` as a string, one of `allowed` if that is given; "" and an issue if it is invalid."""
     choices = list(allowed)
     if not isinstance(value, str) or not value or (choices and value not in choices):
-        said = f"one of {', '.join(choices)}" if choices else "a text"
-        issues.add(key, f"{show(value)}; allowed: {said}")
+        text = f"one of {', '.join(choices)}" if choices else "a text"
+        issues.add(key, f"{show(value)}; allowed: {text}")
         return ""
     return value
 
@@ -116,12 +116,12 @@ def known_keys(issues: ConfigIssues, prefix: str, given: Mapping[str, Any], know
 def show(value: object) -> str:
     """Return a value as a message shows it: short, on one line."""
     try:
-        said = repr(value)
+        text = repr(value)
     except ValueError:  # Python refuses to write out thousands of digits
         return "a number of thousands of digits"
-    return shortened(said)
+    return shortened(text)
 
 
-def shortened(said: str) -> str:
+def shortened(text: str) -> str:
     """Return a text, shortened to at most 60 characters."""
-    return said if len(said) <= 60 else said[:57] + "..."
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -40,8 +40,8 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
     spreads_of(issues, raw)
     drives = raw.get("drives")
     if isinstance(drives, bool) or drives not in (1, 2):
-        said = "missing" if drives is None else show(drives)
-        issues.add("drives", f"{said}; allowed: 1 (left only) or 2")
+        text = "missing" if drives is None else show(drives)
+        issues.add("drives", f"{text}; allowed: 1 (left only) or 2")
     if drives == 1 and "right" in raw:
         issues.add("right", "this gate has drives = 1, the left one; allowed: no such table")
     left = _drive_tables(issues, raw, "left")
@@ -125,8 +125,8 @@ def _fields(
 
 def _value(issues: ConfigIssues, key: str, value: object, quantity: Quantity, origin: type) -> Any:
     if quantity.options:
-        said = text(issues, key, value, quantity.options)
-        return said if said in quantity.options else quantity.options[0]
+        word = text(issues, key, value, quantity.options)
+        return word if word in quantity.options else quantity.options[0]
     if origin is float:
         return quantity.scale * number(
             issues, key, value, quantity.low, quantity.high, _unit(quantity), quantity.least

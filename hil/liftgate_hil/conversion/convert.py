@@ -81,8 +81,8 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
     try:
         lines_about(source.about)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        said = "its provenance is damaged"
-        raise ConfigError(f"{source.path}: cannot be read: {said}") from error
+        text = "its provenance is damaged"
+        raise ConfigError(f"{source.path}: cannot be read: {text}") from error
     if source.about and not form.holds_about:
         able = ", ".join(suffix for suffix, each in FORMATS.items() if each.holds_about)
         notes.append(f"provenance omitted: {target.suffix} cannot hold it; allowed: {able}")
@@ -139,8 +139,8 @@ def _written(plan: _Plan, target: Path, stopped: Callable[[], bool]) -> Converte
         if path != target and not stopped():
             path.replace(target)
     except RecordingError as error:
-        said = str(error).removeprefix("`OUT` ").replace(str(path), str(target))
-        raise RecordingError(said) from error
+        text = str(error).removeprefix("`OUT` ").replace(str(path), str(target))
+        raise RecordingError(text) from error
     finally:
         if path != target:
             with suppress(FileNotFoundError):

@@ -89,7 +89,7 @@ class Decoder:
         self.signals: dict[str, Signal] = {"time_s": TIME}
         for message in self._messages.values():
             for signal in message.signals:
-                self.signals[f"{message.name}.{signal.name}"] = _told(signal)
+                self.signals[f"{message.name}.{signal.name}"] = _described(signal)
         self._held = np.full(len(self.signals), np.nan)
         self._last_ns = -(2**62)
 
@@ -168,5 +168,5 @@ def seen_in(blocks: Iterable[NDArray[np.void]], messages: Mapping[str, Message])
     ]
 
 
-def _told(signal: BusSignal) -> Signal:
+def _described(signal: BusSignal) -> Signal:
     return Signal(signal.unit or "", -np.inf, np.inf, (signal.comment or "").strip())

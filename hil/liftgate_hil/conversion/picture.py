@@ -179,19 +179,19 @@ def _draw_difference(axis: Axes, times: Floats, difference: Floats) -> None:
         return
     at = known[int(np.argmax(np.abs(difference[known])))]
     axis.plot([times[at]], [difference[at]], "o", color=_DIFFERENCE, markersize=5)
-    told = f"largest {significant(float(difference[at]))} at {times[at]:.3f} s"
+    caption = f"largest {significant(float(difference[at]))} at {times[at]:.3f} s"
     low, high = axis.get_ylim()
     axis.set_ylim(low, high + 0.22 * (high - low))  # room for the text
-    axis.text(0.99, 0.97, told, transform=axis.transAxes, ha="right", va="top", color=INK)
+    axis.text(0.99, 0.97, caption, transform=axis.transAxes, ha="right", va="top", color=INK)
 
 
 def _label(name: str, unit: str) -> str:
     """Return the axis label of one or several columns, on two lines if it is long."""
-    told = axis_label(name)
-    if "[" not in told and unit:
-        told = f"{told} [{clean(unit, 12)}]"
-    words, bracket, rest = told.partition(" [")
-    return f"{words}\n[{rest}" if len(told) > 20 and bracket else told
+    caption = axis_label(name)
+    if "[" not in caption and unit:
+        caption = f"{caption} [{clean(unit, 12)}]"
+    words, bracket, rest = caption.partition(" [")
+    return f"{words}\n[{rest}" if len(caption) > 20 and bracket else caption
 
 
 def _common(names: Sequence[str]) -> str:
@@ -202,5 +202,5 @@ def _common(names: Sequence[str]) -> str:
 
 def _short(name: str) -> str:
     """Return what distinguishes a column from the others in its panel."""
-    said = [word for word in ("sensed", "left", "right") if word in name.lower()]
-    return " ".join(said) or clean(name, 40)
+    words = [word for word in ("sensed", "left", "right") if word in name.lower()]
+    return " ".join(words) or clean(name, 40)

@@ -26,9 +26,9 @@ def bound(address: tuple[str, int]) -> socket.socket:
         found.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _WAITS)
         return found
     except (OSError, OverflowError, UnicodeError) as error:
-        said = getattr(error, "strerror", None) or str(error)
+        text = getattr(error, "strerror", None) or str(error)
         raise ConfigError(
-            f"`listen` {host}:{port}: {said}; allowed: an address of this machine, a free port (0: any)"
+            f"`listen` {host}:{port}: {text}; allowed: an address of this machine, a free port (0: any)"
         ) from error
 
 

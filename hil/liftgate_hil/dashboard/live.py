@@ -12,7 +12,7 @@ import numpy as np
 
 from liftgate_hil.codec.frames import EXTENDED, FD
 from liftgate_hil.config.rig import load_rig
-from liftgate_hil.dashboard.source import Told, split, times_of, units_of
+from liftgate_hil.dashboard.source import JsonObject, split, times_of, units_of
 from liftgate_hil.errors import ConfigError, RunGoneError
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import distribution
@@ -45,10 +45,10 @@ class Live:
     """Data source of a page for a run; `update` shall be called regularly."""
 
     def __init__(self, client: Client) -> None:
-        self._client, self._told = client, client.told
+        self._client, self._description = client, client.description
         self._lock = threading.Lock()  # of queries and commands to the run
         self._updating = threading.Lock()
-        self._names: list[str] = self._told["columns"]
+        self._names: list[str] = self._description["columns"]
         self._places = np.array([COLUMN_PLACE[name] for name in self._names])
         shared = client.memory.shared
         self._shared, self._control = shared, shared.control
@@ -58,25 +58,25 @@ class Live:
         self._history: deque[tuple[float, Any, Any]] = deque()
         self._heard: dict[tuple[int, bool], Heard] = {}
         self._untold = 0  # frames of messages beyond _MOST_HEARD, not shown
-        self._messages = _messages(Path(self._told["rig"]))
-        self._news: Told = {"state": "waiting", "status": None, "in_force": {}}
+        self._messages = _messages(Path(self._description["rig"]))
+        self._news: JsonObject = {"state": "waiting", "status": None, "in_force": {}}
         self._lines: deque[list[Any]] = deque(maxlen=_LINES)
         self._asked = -1.0
         self._bits: deque[tuple[float, int]] = deque()
         self.has_ended = False
 
-    def about(self) -> Told:
+    def about(self) -> JsonObject:
         """Return the run's description, its process, its columns and their units."""
-        told = {name: each for name, each in self._told.items() if name not in ("rows", "frames")}
+        description = {name: each for name, each in self._description.items() if name not in ("rows", "frames")}
         return {
-            **told,
+            **description,
             "kind": "run",
             "pid": self._client.pid,
             "columns": self._names,
             "units": units_of(self._names),
         }
 
-    def update(self, now: float) -> Told:
+    def update(self, now: float) -> JsonObject:
         """Read all that is new at a time [s]; return `low` and `high` of each column in it.
 
         Empty where no row is new.
@@ -84,7 +84,7 @@ class Live:
         with self._updating:
             return self._update(now)
 
-    def _update(self, now: float) -> Told:
+    def _update(self, now: float) -> JsonObject:
         rows, frames = self._rows.take(), self._frames.take()
         for frame in frames:
             self._hear(frame)
@@ -134,7 +134,7 @@ class Live:
         finally:
             self._lock.release()
 
-    def command(self, command: object) -> Told:
+    def command(self, command: object) -> JsonObject:
         """Send a command to the run, and return its reply. Raises ConfigError, RunGoneError."""
         with self._lock:
             done = self._client.command(command)
@@ -144,7 +144,7 @@ class Live:
                 self._news = news or self._news
             return done
 
-    def state(self, time: float | None = None) -> Told:
+    def state(self, time: float | None = None) -> JsonObject:
         """Return the latest state, with the log and the messages on the bus."""
         return {**self.moment(), "log": list(self._lines), "messages": self.messages()}
 
@@ -157,7 +157,7 @@ class Live:
         """Return the lines of the log after that number."""
         return [each for each in list(self._lines) if each[0] > after]
 
-    def moment(self) -> Told:
+    def moment(self) -> JsonObject:
         """Return what changes with each tick."""
         row, control = self._row.tolist(), self._control
         truth, sensed = split(self._names, row)
@@ -171,8 +171,8 @@ class Live:
             "truth": truth,
             "sensed": sensed,
             "loop": {
-                "clock": self._told["clock"],
-                "rate_hz": self._told["rate_hz"],
+                "clock": self._description["clock"],
+                "rate_hz": self._description["rate_hz"],
                 "tick": int(control["tick"][0]),
                 **bench,
                 "lateness_us": late,
@@ -180,8 +180,8 @@ class Live:
                 "command_delay_us": delay,
             },
             "bus": {
-                "channel": self._told["channel"],
-                "bitrate": self._told["bitrate"],
+                "channel": self._description["channel"],
+                "bitrate": self._description["bitrate"],
                 "load_percent": self._load(),
                 "sent": int(control["sent"][0]),
                 "received": int(control["received"][0]),
@@ -197,13 +197,13 @@ class Live:
 
     def _load(self) -> float | None:
         """Return the bus load over the last second [%]; None: it is not known."""
-        bitrate = self._told["bitrate"]
+        bitrate = self._description["bitrate"]
         if len(self._bits) < 2 or not bitrate:
             return None
         (begin, before), (end, now) = self._bits[0], self._bits[-1]
         return float(100.0 * (now - before) / (bitrate * (end - begin)))
 
-    def messages(self) -> list[Told]:
+    def messages(self) -> list[JsonObject]:
         """Return the last frame of each message on the bus, by identifier."""
         return [
             {
@@ -219,7 +219,7 @@ class Live:
             for (identifier, _), each in sorted(self._heard.items())
         ]
 
-    def plot(self) -> Told:
+    def plot(self) -> JsonObject:
         """Return `time_s`, `low` and `high` over the history that is kept."""
         history = list(self._history)
         low = np.array([each for _, each, _ in history]).T
@@ -240,7 +240,7 @@ def _messages(rig: Path) -> dict[int, Message]:
     return {found.identifier(name): each for name, each in found.messages.items()}
 
 
-def _decoded(message: Message | None, payload: bytes) -> Told:
+def _decoded(message: Message | None, payload: bytes) -> JsonObject:
     """Return a frame's signals, by their labels where they have some; none where it does not fit."""
     if message is None:
         return {}

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from liftgate_hil.conversion.table import open_table
-from liftgate_hil.dashboard.source import Told, split
+from liftgate_hil.dashboard.source import JsonObject, split
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording
 from liftgate_hil.running.setup import rig_from
@@ -48,7 +48,7 @@ class RecordingSource:
         last, low, high = (np.concatenate([rest[:0], *each]) for each in kept)
         return last, low, high
 
-    def about(self) -> Told:
+    def about(self) -> JsonObject:
         """Return the file, its columns and their units, the decimation, and its first and last time."""
         return {
             "kind": "recording",
@@ -61,7 +61,7 @@ class RecordingSource:
             "end_s": float(self._last[-1, 0]),
         }
 
-    def state(self, time: float | None = None) -> Told:
+    def state(self, time: float | None = None) -> JsonObject:
         """Return the state at a time [s]; None: at the end."""
         times = self._last[:, 0]
         place = len(times) - 1
@@ -82,7 +82,7 @@ class RecordingSource:
             "messages": [],
         }
 
-    def plot(self) -> Told:
+    def plot(self) -> JsonObject:
         """Return `time_s`, `low` and `high` of the whole recording."""
         low, high = self._low.T.tolist(), self._high.T.tolist()
         return {

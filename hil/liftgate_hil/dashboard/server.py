@@ -94,19 +94,19 @@ class Page:
         while True:
             span = await self._look()
             if self._viewers:
-                told = {**source.moment(), "span": span, "log": source.lines(line)}
+                state = {**source.moment(), "span": span, "log": source.lines(line)}
                 if count % _MESSAGES_EVERY == 0:
-                    told["messages"] = source.messages()
-                self._publish(orjson.dumps(told))
+                    state["messages"] = source.messages()
+                self._publish(orjson.dumps(state))
             line, count = source.last_line, count + 1
             due = max(due + (PERIOD_S if self._viewers else _IDLE_S), time.monotonic())
             await asyncio.sleep(due - time.monotonic())
 
-    def _publish(self, told: bytes) -> None:
+    def _publish(self, message: bytes) -> None:
         for viewer in self._viewers:
             if viewer.full():  # a slow viewer gets the latest only
                 viewer.get_nowait()
-            viewer.put_nowait(told)
+            viewer.put_nowait(message)
 
     async def _page(self, request: Request) -> Response:
         nonce = secrets.token_urlsafe(16)
@@ -145,13 +145,13 @@ class Page:
             return _refused(403, ["this page shows a recording; allowed: commands to a run"])
         if self._is_read_only:
             return _refused(403, ["this page is read-only; allowed without --read-only"])
-        said = b""
+        body = b""
         async for part in request.stream():
-            said += part
-            if len(said) > _LARGEST:
+            body += part
+            if len(body) > _LARGEST:
                 return _refused(413, [f"command too long; allowed: up to {_LARGEST} bytes"])
         try:
-            command = orjson.loads(said)
+            command = orjson.loads(body)
         except orjson.JSONDecodeError as error:
             return _refused(422, [f"not JSON: {error}; allowed: a command as JSON"])
         try:
@@ -206,15 +206,15 @@ async def _play(wire: WebSocket, source: RecordingSource) -> None:
     try:
         while True:
             now = offset + time.monotonic() - began
-            told = source.state(min(now, about["end_s"]))
-            await wire.send_text(orjson.dumps({**told, "is_over": now >= about["end_s"]}).decode())
+            state = source.state(min(now, about["end_s"]))
+            await wire.send_text(orjson.dumps({**state, "is_over": now >= about["end_s"]}).decode())
             pause = PERIOD_S if now < about["end_s"] else None
             await asyncio.wait({hears}, timeout=pause)
             if not hears.done():
                 continue
-            said = hears.result()
+            request = hears.result()
             hears = asyncio.create_task(wire.receive_json())
-            wanted = said.get("time_s") if isinstance(said, dict) else None
+            wanted = request.get("time_s") if isinstance(request, dict) else None
             if isinstance(wanted, int | float) and not isinstance(wanted, bool):
                 offset, began = float(wanted), time.monotonic()
     except ValueError:  # not JSON
@@ -223,10 +223,10 @@ async def _play(wire: WebSocket, source: RecordingSource) -> None:
         hears.cancel()
 
 
-def _json(told: Any, status: int = 200) -> Response:
+def _json(content: Any, status: int = 200) -> Response:
     """Return a JSON response, in which NaN is null."""
     return Response(
-        orjson.dumps(told),
+        orjson.dumps(content),
         status,
         {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"},
         "application/json",

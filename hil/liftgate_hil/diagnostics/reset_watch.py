@@ -23,15 +23,15 @@ class ResetWatch:
             (frames["identifier"] == self._own.request) | (frames["identifier"] == self._own.response)
         ]:
             length = int(row["payload"][0])
-            said = row["payload"][1 : 1 + min(length, 7)].tolist()
+            payload = row["payload"][1 : 1 + min(length, 7)].tolist()
             if row["identifier"] == self._own.request:
-                self._is_asked |= said[:1] == [_RESET]
-            elif self._is_asked and said[:1] == [_POSITIVE]:
+                self._is_asked |= payload[:1] == [_RESET]
+            elif self._is_asked and payload[:1] == [_POSITIVE]:
                 self._is_asked = False
-            elif self._is_asked and said[:2] == [_NEGATIVE, _RESET] and len(said) > 2:
-                self._is_asked = said[2] == _PENDING
-                if said[2] not in (_PENDING, _BUSY):
-                    self._failure = said[2]
+            elif self._is_asked and payload[:2] == [_NEGATIVE, _RESET] and len(payload) > 2:
+                self._is_asked = payload[2] == _PENDING
+                if payload[2] not in (_PENDING, _BUSY):
+                    self._failure = payload[2]
 
     @property
     def failure(self) -> int:

@@ -152,13 +152,13 @@ def recommended(lateness: Distribution, tick: Distribution | None) -> int:
 
 def lateness(name: str, wakeups: Wakeups, rate: float, mend: str) -> Check:
     """Check the lateness and the missed periods of a measurement."""
-    from liftgate_hil.loop.statistics import told
+    from liftgate_hil.loop.statistics import in_words
 
     few = wakeups.missed_share <= FEW
     return Check(
         name,
         "ok" if few else "warning",
-        f"{told(wakeups.lateness)} at {rate:g} Hz; {wakeups.missed} of {wakeups.periods} periods missed",
+        f"{in_words(wakeups.lateness)} at {rate:g} Hz; {wakeups.missed} of {wakeups.periods} periods missed",
         "" if few else mend,
     )
 
@@ -207,29 +207,29 @@ def verdict(rate: float, modes: dict[str, Wakeups], tick: Distribution | None, p
     quieter = "end other programs, isolate a CPU, follow the advice above"
     missed, percent = modes[best].missed_share, 100.0 * modes[best].missed_share
     level: Level = "ok"
-    said, advice = f"fit {found}, and for tests in real time", ""
+    text, advice = f"fit {found}, and for tests in real time", ""
     if not rates[best]:
-        level, said, advice = "problem", "not fit, even 200 Hz would skip ticks", quieter
+        level, text, advice = "problem", "not fit, even 200 Hz would skip ticks", quieter
     elif missed > MANY:
-        said = f"not fit: {percent:.1f} % of the periods at {rate:g} Hz were missed {best}"
+        text = f"not fit: {percent:.1f} % of the periods at {rate:g} Hz were missed {best}"
         level, advice = "problem", quieter
     elif problems:
-        level, said, advice = "problem", f"fit {found}, except for the problems above", "fix these"
+        level, text, advice = "problem", f"fit {found}, except for the problems above", "fix these"
     elif rates[best] < rate:
-        level, said = "warning", f"fit {found}, but not {rate:g} Hz"
+        level, text = "warning", f"fit {found}, but not {rate:g} Hz"
         advice = f"use --rate {rates[best]}, or {quieter}"
     elif missed > FEW:
-        said = f"fit {found}, but {percent:.2f} % of periods were missed at {rate:g} Hz"
+        text = f"fit {found}, but {percent:.2f} % of periods were missed at {rate:g} Hz"
         level, advice = "warning", quieter
     elif modes[best].direct_share < DIRECT:
         why = _untimely(modes[best])
-        said = f"fit {found}, but not every test in real time would be conclusive: {why}"
+        text = f"fit {found}, but not every test in real time would be conclusive: {why}"
         level = "warning"
         advice = f"test with --clock free or lockstep, or --retry-inconclusive 2; {quieter}"
     elif modes[best].duration < LONG_LOOK:
         unknown = f"for tests in real time, check with --duration {LONG_LOOK:g}"
-        said = f"fit {found}; {unknown}"
-    return Check("verdict", level, f"{said}; {force}", advice)
+        text = f"fit {found}; {unknown}"
+    return Check("verdict", level, f"{text}; {force}", advice)
 
 
 def _untimely(wakeups: Wakeups) -> str:

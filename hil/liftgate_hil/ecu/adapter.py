@@ -48,8 +48,8 @@ class Adapter:
     ) -> None:
         self.close()
 
-    def events(self, told: int = 0) -> list[Event]:
-        """Return the events that the ECU has reported after the first `told`; this one reports none."""
+    def events(self, since: int = 0) -> list[Event]:
+        """Return the events that the ECU has reported after the first `since`; this one reports none."""
         return []
 
     def begins_anew(self, time: float) -> None:
@@ -103,9 +103,9 @@ class ReferenceEcu(Adapter):
         control = self.state.reference.memory.control
         control.events[:] = control.noted[:] = 0
 
-    def events(self, told: int = 0) -> list[Event]:
-        """Return the ECU's events after the first `told`, as far as its ring still holds them."""
-        found = events_since(self.state.reference.memory, told)
+    def events(self, since: int = 0) -> list[Event]:
+        """Return the ECU's events after the first `since`, as far as its ring still holds them."""
+        found = events_since(self.state.reference.memory, since)
         return [each._replace(time=each.time - self._began) for each in found]
 
     def reset(self) -> None:

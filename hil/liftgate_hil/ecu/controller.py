@@ -209,8 +209,8 @@ def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveComma
     latched = feedback.latched and defects.latch_unseen == 0
     if latched and defects.latch_believed == 0:  # an unknown position does not contradict it
         latched = not position_of(memory) > constants.calibration.latch_zone
-        if not latched and control.is_latch_told == 0:
-            control.is_latch_told = 1
+        if not latched and control.is_latch_reported == 0:
+            control.is_latch_reported = 1
             note_event(memory, events.LATCH_IMPLAUSIBLE, NO_VERDICT)
     if control.state == CLOSING and latched:
         if (

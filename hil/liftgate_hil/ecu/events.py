@@ -107,10 +107,10 @@ def note_statuses(memory: Memory) -> None:
     control.noted = control.events
 
 
-def events_since(memory: Memory, told: int) -> list[Event]:
-    """Return the events after the first `told`, as far as the ring still holds them."""
+def events_since(memory: Memory, since: int) -> list[Event]:
+    """Return the events after the first `since`, as far as the ring still holds them."""
     total = int(memory.control.events[0])
-    return [_event(memory.events[i % EVENTS]) for i in range(max(told, total - EVENTS), total)]
+    return [_event(memory.events[i % EVENTS]) for i in range(max(since, total - EVENTS), total)]
 
 
 def _event(row: Any) -> Event:

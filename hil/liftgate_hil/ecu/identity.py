@@ -38,16 +38,16 @@ def identity_of(ecu: Any, coding: Coding, mutant: str = "") -> Mapping[str, Any]
     if colon:
         return _of_class(module, attribute)
     calibration = calibration_of(MUTANTS[mutant], coding) if mutant else coded(CALIBRATED, coding)
-    told: dict[str, Any] = {"kind": name, "version": version()}
+    identity: dict[str, Any] = {"kind": name, "version": version()}
     if mutant:
-        told["mutant"] = mutant
-    return {**told, "calibration": calibration}
+        identity["mutant"] = mutant
+    return {**identity, "calibration": calibration}
 
 
 def _of_class(module: str, name: str) -> dict[str, Any]:
-    told: dict[str, Any] = {"kind": "python", "class": f"{module}:{name}"}
+    identity: dict[str, Any] = {"kind": "python", "class": f"{module}:{name}"}
     path = _file_of(module)
-    return told if path is None else {**told, "path": str(path), "sha256": _digest(path)}
+    return identity if path is None else {**identity, "path": str(path), "sha256": _digest(path)}
 
 
 def _file_of(module: str) -> Path | None:

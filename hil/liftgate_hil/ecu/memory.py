@@ -76,7 +76,7 @@ CONTROL = np.dtype(
         ("over", "f8"),  # s of over-current
         ("unlike", "f8"),  # s for which one drive has carried the whole load
         ("is_hot", "i8"),
-        ("is_latch_told", "i8"),  # 1: an implausible latch has been reported since the state was entered
+        ("is_latch_reported", "i8"),  # 1: an implausible latch has been reported since the state was entered
         ("is_blind", "i8"),  # 1: this run is not supervised, by a defect
         ("is_zero_known", "i8"),
         ("request", "i8"),  # request of the driver that waits to be obeyed

@@ -25,10 +25,10 @@ def check_rig(rig: Rig, drives: int) -> None:
                     f"missing, and the reference ECU does not move without it; allowed: the signal with the "
                     f"{side} drive's feedback, or another `ecu`",
                 )
-    said = {name for name in COMMANDS if name.startswith(sides)} | {"latch_release"}
+    commands = {name for name in COMMANDS if name.startswith(sides)} | {"latch_release"}
     for mapping in rig.inputs:
         missing = missing_values(mapping)
-        if missing and mapping.quantity in said:
+        if missing and mapping.quantity in commands:
             issues.add(
                 f"inputs.{mapping.quantity}.values",
                 f"{', '.join(missing)} missing, and the reference ECU sends it; allowed: a value for each, or "

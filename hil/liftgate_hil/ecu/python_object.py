@@ -159,8 +159,8 @@ def _attribute(ecu: Any, name: str) -> Any:
         with FOREIGN:
             return getattr(ecu, name, None)
     except Exception as error:  # a property may raise anything
-        said = f"{type(error).__name__}: {text_of(error)}{_place_of(error)}"
-        raise ConfigError(f"`ecu` {shown(ecu)}: {name}: {said}; allowed: attributes that can be read") from error
+        text = f"{type(error).__name__}: {text_of(error)}{_place_of(error)}"
+        raise ConfigError(f"`ecu` {shown(ecu)}: {name}: {text}; allowed: attributes that can be read") from error
 
 
 def _place_of(error: BaseException) -> str:

@@ -51,7 +51,7 @@ def enter(constants: Constants, memory: Memory, state: int, event: int, verdict:
         control.brake_until = control.now + constants.calibration.hold_time
     control.came_from, control.state = control.state, state
     control.entered = control.now
-    control.is_latch_told = 0
+    control.is_latch_reported = 0
     if event != SILENT:
         note_event(memory, event, verdict)
     if state == REVERSING:

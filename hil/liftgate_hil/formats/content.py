@@ -17,7 +17,7 @@ from liftgate_hil.signals import COLUMNS
 from liftgate_plant.signals import Signal
 
 # Keys of the provenance that comments list.
-_TOLD = ("seed", "clock", "rate_hz", "duration_s", "initial_deg")
+_LISTED = ("seed", "clock", "rate_hz", "duration_s", "initial_deg")
 _MOST_BUSES = 254  # fits into a byte, also for formats that count from 1
 
 
@@ -65,15 +65,15 @@ def lines_about(about: str) -> list[str]:
     """Return the provenance of a run as lines for comments, without the text of the files and the vehicle."""
     if not about:
         return []
-    told = json.loads(about)
-    lines = [f"liftgate-hil {told['versions']['liftgate-hil']}"]
-    lines += [f"{name} = {told[name]}" for name in _TOLD]
-    lines += [f"{name} = {value}" for name, value in told["parameters"].items()]
-    lines += [f"ecu = {_ecu_in_words(told['ecu'])}"] if "ecu" in told else []
-    if "recorded" in told:
-        when, before, after = (told["recorded"][name] for name in ("when", "before_s", "after_s"))
+    origin = json.loads(about)
+    lines = [f"liftgate-hil {origin['versions']['liftgate-hil']}"]
+    lines += [f"{name} = {origin[name]}" for name in _LISTED]
+    lines += [f"{name} = {value}" for name, value in origin["parameters"].items()]
+    lines += [f"ecu = {_ecu_in_words(origin['ecu'])}"] if "ecu" in origin else []
+    if "recorded" in origin:
+        when, before, after = (origin["recorded"][name] for name in ("when", "before_s", "after_s"))
         lines.append(f"recorded only from {before:g} s before to {after:g} s after {' or '.join(when)}")
-    lines += [f"{name} = {x['path']}, SHA-256 {x['sha256']}" for name, x in told["files"].items()]
+    lines += [f"{name} = {x['path']}, SHA-256 {x['sha256']}" for name, x in origin["files"].items()]
     return [printable(line) for line in lines]
 
 

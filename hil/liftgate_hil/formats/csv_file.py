@@ -280,11 +280,11 @@ def _with_newlines(text: bytes) -> bytes:
 def _refusal_of(cell: str, number: int, bad: Sequence[int]) -> str:
     """Return why a cell is refused, the first of those in rows `bad` of a block that begins at row `number`."""
     try:
-        said = "a finite number" if not math.isfinite(float(cell)) else "a number"
+        text = "a finite number" if not math.isfinite(float(cell)) else "a number"
         shown = cell
     except ValueError:
-        shown, said = repr(cell[:40]), "a number"
+        shown, text = repr(cell[:40]), "a number"
         if "," in cell and _NUMBER.fullmatch(cell.replace(",", ".", 1)):
-            said = "a number with a decimal point"
+            text = "a number with a decimal point"
     more = f" ({len(bad)} such rows)" if len(bad) > 1 else ""
-    return f"{shown} in row {number + bad[0]}{more}; allowed: {said}"
+    return f"{shown} in row {number + bad[0]}{more}; allowed: {text}"

@@ -59,17 +59,17 @@ class GuardedWriter:
         try:
             self._parts.close(is_whole=not self.failure)
         except Exception as error:
-            self.failure = self.failure or self._told(error)
+            self.failure = self.failure or self._reported(error)
 
     def _try(self, action: Callable[..., None], *arguments: object) -> None:
         if not self.failure:
             try:
                 action(*arguments)
             except Exception as error:  # the formats' libraries may raise anything
-                self.failure = self._told(error)
+                self.failure = self._reported(error)
                 self._say(self.failure)
 
-    def _told(self, error: Exception) -> str:
+    def _reported(self, error: Exception) -> str:
         if isinstance(error, OSError):
             text = why(error)
         else:

@@ -175,8 +175,8 @@ class McapFile(Recording):
         waiting: dict[int, list[list[Any]]] = {channel: [] for channel in fields}
         for messages in self._messages(fields):
             for each in messages:
-                told = self._told(each)
-                waiting[each.channel_id].append([told.get(name) for name in fields[each.channel_id]])
+                record = self._content(each)
+                waiting[each.channel_id].append([record.get(name) for name in fields[each.channel_id]])
             if count := min(map(len, waiting.values())):
                 yield self._joined([rows[:count] for rows in waiting.values()])[:, places]
                 waiting = {channel: rows[count:] for channel, rows in waiting.items()}
@@ -207,30 +207,30 @@ class McapFile(Recording):
 
     def _frame(self, message: Message) -> tuple[Any, ...]:
         """Return a message as a row of LOGGED."""
-        told = self._told(message)
+        record = self._content(message)
         try:
-            identifier = int(told["id"])
+            identifier = int(record["id"])
             for name, flag in _FLAGS.items():
-                identifier |= flag if told[name] else 0
-            payload = bytes.fromhex(told["data"])
+                identifier |= flag if record[name] else 0
+            payload = bytes.fromhex(record["data"])
             if len(payload) > MAX_BYTES:
                 raise ValueError(f"{len(payload)} bytes in a frame")
             content = np.frombuffer(payload.ljust(MAX_BYTES, b"\0"), dtype=np.uint8)
-            is_sent = told["direction"] == "Tx"
-            return message.log_time, identifier, int(told["length"]), is_sent, content
+            is_sent = record["direction"] == "Tx"
+            return message.log_time, identifier, int(record["length"]), is_sent, content
         except (KeyError, TypeError, ValueError) as error:
-            said = f"a malformed frame: {error!r}"
-            raise ConfigError(f"{self.path}: cannot be read: {said}") from error
+            text = f"a malformed frame: {error!r}"
+            raise ConfigError(f"{self.path}: cannot be read: {text}") from error
 
-    def _told(self, message: Message) -> dict[str, Any]:
+    def _content(self, message: Message) -> dict[str, Any]:
         """Return the JSON object in a message."""
         try:
-            told = orjson.loads(message.data)
+            record = orjson.loads(message.data)
         except ValueError as error:
             raise ConfigError(f"{self.path}: cannot be read: a message is not JSON: {error}") from error
-        if not isinstance(told, dict):
+        if not isinstance(record, dict):
             raise ConfigError(f"{self.path}: cannot be read: a message that is not a JSON object")
-        return told
+        return record
 
     def _messages(self, channels: Collection[int]) -> Iterator[list[Message]]:
         """Yield the messages of these channels, one chunk at a time, in file order."""
@@ -302,11 +302,11 @@ def _topics(summary: Summary) -> tuple[dict[str, Signal], list[RowTopic]]:
             continue
         schema = orjson.loads(summary.schemas[channel.schema_id].data)
         prefix, fields = channel.metadata.get(layout.PREFIX, ""), {}
-        for name, told in schema["properties"].items():
+        for name, record in schema["properties"].items():
             if name == "time_s":
                 continue
             fields[prefix + name] = name
-            unit, is_whole = str(told.get("unit", "")), told.get("type") == "integer"
+            unit, is_whole = str(record.get("unit", "")), record.get("type") == "integer"
             signals[prefix + name] = column_signal(prefix + name, unit, is_whole)
         topics.append(RowTopic(channel.id, fields))
     return signals if topics else {}, topics

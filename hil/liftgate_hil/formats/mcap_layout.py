@@ -71,16 +71,16 @@ def rows_schema(title: str, fields: Mapping[str, tuple[Signal, str]]) -> bytes:
     """Return the schema of a topic of rows: type, meaning and, as a key of its own, unit of each field."""
     properties = {}
     for name, (signal, unit) in fields.items():
-        told = f"{signal.meaning} [{signal.unit}]" if signal.unit else signal.meaning
+        words = f"{signal.meaning} [{signal.unit}]" if signal.unit else signal.meaning
         kind = "integer" if signal.is_whole else "number"
-        properties[name] = {"type": kind, "description": told.strip(), "unit": unit}
+        properties[name] = {"type": kind, "description": words.strip(), "unit": unit}
     return _schema(title, properties)
 
 
 def frames_schema(title: str) -> bytes:
     """Return the schema of the topic of frames."""
     return _schema(
-        title, {name: {"type": kind, "description": told} for name, (kind, told) in FRAME_FIELDS.items()}
+        title, {name: {"type": kind, "description": words} for name, (kind, words) in FRAME_FIELDS.items()}
     )
 
 

@@ -26,7 +26,7 @@ from liftgate_hil.formats.recording import FRAME, Floats, Recording, Series, col
 from liftgate_hil.formats.writer import StreamWriter
 from liftgate_plant.signals import TIME, Signal
 
-_TOLD = "the run: versions, seed, clock, rate, files, the vehicle"
+_COMMENT = "the run: versions, seed, clock, rate, files, the vehicle"
 _ROWS, _FRAMES = 20_000, 20_000  # in a block
 
 # Fields of a frame in bus logging, and those of a remote frame.
@@ -79,7 +79,7 @@ class Mf4Writer(StreamWriter):
             if remark := self._content.remark():
                 self._mdf.header.comment = remark
             if about := self._content.about:
-                self._mdf.attach(about.encode(), ABOUT, comment=_TOLD, mime="application/json")
+                self._mdf.attach(about.encode(), ABOUT, comment=_COMMENT, mime="application/json")
             self._mdf.save(self._stream)
         finally:
             self._mdf.close()

@@ -28,7 +28,7 @@ def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
         raise ConfigError(f"{path}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'") from error
     check_file(path)
     _check_groups(path)
-    said, logger = "", logging.getLogger("asammdf")
+    text, logger = "", logging.getLogger("asammdf")
     level = logger.level
     # asammdf logs to stderr what it then raises, or can do without.
     logger.setLevel(logging.CRITICAL + 1)
@@ -39,13 +39,13 @@ def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
     except ConfigError:
         raise
     except Exception as error:  # asammdf raises what its parsers raise
-        said = " ".join(str(error).split()) or type(error).__name__
+        text = " ".join(str(error).split()) or type(error).__name__
         with _silent_end():
             error.__traceback__ = None  # deletes objects that are half open
     finally:
         logger.setLevel(level)
-    if said:
-        raise ConfigError(f"{path}: cannot be read: {said}")
+    if text:
+        raise ConfigError(f"{path}: cannot be read: {text}")
 
 
 # MDF 4: address of the header block, and length of a block's own header; links follow it.
@@ -90,9 +90,9 @@ def _check_groups(path: Path) -> None:
 @contextmanager
 def _silent_end() -> Iterator[None]:
     """Suppress the unraisable errors of objects that asammdf could not open, when they are deleted."""
-    told, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         yield
         gc.collect()
     finally:
-        sys.unraisablehook = told
+        sys.unraisablehook = hook

@@ -125,7 +125,7 @@ def open_parquet(path: Path) -> ParquetFile:
         from pyarrow import parquet, types
 
         with parquet.ParquetFile(path) as file:
-            schema, told = file.schema_arrow, file.metadata.metadata or {}
+            schema, entries = file.schema_arrow, file.metadata.metadata or {}
         whole = {each.name for each in schema if types.is_integer(each.type)}
         others = {
             each.name: str(each.type)
@@ -139,7 +139,7 @@ def open_parquet(path: Path) -> ParquetFile:
     units = {each.name: ((each.metadata or {}).get(b"unit") or b"").decode() for each in schema}
     signals = {name: column_signal(name, units[name], name in whole) for name in names if name not in others}
     about = (schema.metadata or {}).get(ABOUT_PARQUET.encode(), b"").decode(errors="replace")
-    start = told.get(START_PARQUET.encode(), b"").decode(errors="replace")
+    start = entries.get(START_PARQUET.encode(), b"").decode(errors="replace")
     return ParquetFile(
         path=path,
         names=names,

@@ -171,8 +171,8 @@ def _date_of(reader: Any, path: Path) -> float:
         dates = [found[1] for line in islice(stream, _HEAD) if (found := _BEGIN.match(line))]
     try:
         # python-can writes 1 ms as .1 and reads that as 0.1 s.
-        told = re.sub(r"\.(\d{1,2})(?=\s)", lambda part: f".{part[1]:0>3}", dates[0])
-        return float(reader._datetime_to_timestamp(told))
+        date = re.sub(r"\.(\d{1,2})(?=\s)", lambda part: f".{part[1]:0>3}", dates[0])
+        return float(reader._datetime_to_timestamp(date))
     except (IndexError, ValueError, OverflowError):  # no date, or one in another language
         return 0.0
 

@@ -39,8 +39,8 @@ def as_config_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # readers raise errors of their own, or of their parsers
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise ConfigError(f"{path}: cannot be read: {said}") from error
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise ConfigError(f"{path}: cannot be read: {text}") from error
 
 
 class _Complaints(logging.Handler):

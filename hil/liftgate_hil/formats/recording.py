@@ -72,8 +72,8 @@ class Recording:
         for name, values in zip(wanted, np.concatenate(found).T, strict=True):
             bad = np.flatnonzero(np.isinf(values))
             if len(bad):
-                told = f"{values[bad[0]]} in row {bad[0] + 1}; allowed: a finite number"
-                issues.append(f"{self.path}: {name}: {told}")
+                text = f"{values[bad[0]]} in row {bad[0] + 1}; allowed: a finite number"
+                issues.append(f"{self.path}: {name}: {text}")
             else:
                 result[name] = Series(np.ascontiguousarray(values), unit=self.units.get(name) or None)
         return result

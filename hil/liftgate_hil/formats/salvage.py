@@ -59,8 +59,8 @@ class SalvagedWriter:
                 text.close()
             if not self._texts:
                 raise
-            said = why(error) if isinstance(error, OSError) else str(error)
-            raise RecordingError(f"{said}; the data recorded so far is in {self._names()}") from error
+            reason = why(error) if isinstance(error, OSError) else str(error)
+            raise RecordingError(f"{reason}; the data recorded so far is in {self._names()}") from error
         for path, text in self._texts:
             text.close()
             path.unlink()

@@ -137,9 +137,9 @@ def plan(
 
 def _order(each: Ranked) -> tuple[int, float, float]:
     """Return the sort key of a candidate: number of identifiable parameters, then information."""
-    told = np.isfinite(each.relative_std)
-    spread = -float(np.sum(np.log(each.relative_std[told]))) if np.any(told) else -math.inf
-    return int(np.sum(told)), each.log_det, spread
+    identifiable = np.isfinite(each.relative_std)
+    spread = -float(np.sum(np.log(each.relative_std[identifiable]))) if np.any(identifiable) else -math.inf
+    return int(np.sum(identifiable)), each.log_det, spread
 
 
 def _information(

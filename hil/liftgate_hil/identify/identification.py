@@ -132,19 +132,19 @@ def _uncertainty(
     covariance = known.covariance.copy()
     there = np.isfinite(problem.measured)
     white = all(statistics.is_white(errors[own]) for errors, own in zip(found.errors.T, there.T, strict=True))
-    told = np.isfinite(np.diag(covariance))
-    own = np.ix_(told, told)
-    slopes = found.slopes if np.all(told) else found.slopes[:, :, told]
+    determined = np.isfinite(np.diag(covariance))
+    own = np.ix_(determined, determined)
+    slopes = found.slopes if np.all(determined) else found.slopes[:, :, determined]
     inverse = covariance[own]
-    if not white and np.any(told):
+    if not white and np.any(determined):
         series = _score_series(problem, slopes, found.errors, root)
-        robust = statistics.robust_covariance(series, inverse, inverse_std[told])
+        robust = statistics.robust_covariance(series, inverse, inverse_std[determined])
         covariance[own] = widened(inverse, robust)
     rounding = statistics.rounding_information(problem.measured, slopes, root)
     covariance[own] += statistics.sandwich(inverse, rounding)
     jitter = 0.0
-    if np.any(told):
-        jitter, scores = jitter_of(problem, found, slopes, inverse_std[told], given_std)
+    if np.any(determined):
+        jitter, scores = jitter_of(problem, found, slopes, inverse_std[determined], given_std)
         covariance[own] += statistics.sandwich(inverse, scores)
     return known, covariance, not white, jitter
 

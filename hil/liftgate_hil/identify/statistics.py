@@ -88,8 +88,8 @@ def pseudo_inverse(matrix: Floats) -> Floats:
     size = np.sqrt(np.diag(matrix))
     scale = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    told = values > _APART
-    result: Floats = (vectors[:, told] / values[told]) @ vectors[:, told].T / np.outer(scale, scale)
+    kept = values > _APART
+    result: Floats = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
     return result
 
 

@@ -83,8 +83,8 @@ def expected_of(
         except ValueError as error:
             issues.add_of(of.source, key, str(error))
             return None
-        for said in made.beyond(drives):
-            issues.add_of(of.source, key, said)
+        for reason in made.beyond(drives):
+            issues.add_of(of.source, key, reason)
         return Condition(text, (*made.ops, (NOT, 0.0)), made.units) if is_never else made
 
     own: list[Condition | None] = []
@@ -124,8 +124,8 @@ def codes_of(
         return ()
     key, source = f"{asking[0].key}.dtc", asking[0].source
     if diagnostics is None:
-        said = "the rig has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
-        issues.add_of(source, key, f"{asking[0].condition}: {said}")
+        text = "the rig has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
+        issues.add_of(source, key, f"{asking[0].condition}: {text}")
     if not services.is_there():
         issues.add_of(source, key, f"{asking[0].condition}: trouble codes {services.MISSING}")
     if len(codes) > MOST_CODES:

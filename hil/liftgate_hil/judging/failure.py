@@ -66,7 +66,7 @@ def _measured(condition: Condition, progress: Any) -> str:
         off = _with_unit(f"{abs(margin):.4g}", unit)
         return f"{named}: {off} from {_with_unit(f'{limit:.10g}', unit)}, the only value allowed, {at}"
     measured = limit + margin if allowed in (">", ">=", "!=") else limit - margin
-    shown = _with_unit(_told_apart(measured, limit), unit)
+    shown = _with_unit(_distinguished(measured, limit), unit)
     return f"{named}: {shown}, allowed {_ALLOWED[allowed]} {_with_unit(f'{limit:.10g}', unit)}, {at}"
 
 
@@ -101,7 +101,7 @@ def negated(condition: Condition) -> list[bool]:
     return found
 
 
-def _told_apart(value: float, limit: float) -> str:
+def _distinguished(value: float, limit: float) -> str:
     """Return a value in as few digits as distinguish it from a limit, at least four."""
     for digits in range(4, 17):
         shown = f"{value:.{digits}g}"

@@ -122,7 +122,7 @@ class Judge:
         if self._timeliness is None:
             return ""
         found = self._timeliness.worst(0.0, math.inf)
-        return found.told if found.seconds > self._timeliness.tolerance else ""
+        return found.text if found.seconds > self._timeliness.tolerance else ""
 
     def _on_time(self, place: int, verdict: Verdict, again: StepAgain | None) -> Verdict:
         """Return the verdict if the bench's lateness in its window, until it was decided, has not decided it.
@@ -134,7 +134,7 @@ class Judge:
         if timeliness is None or verdict.verdict == ERROR:
             return verdict
         begin, is_opened = float(progress.begin), not np.isnan(progress.begin)
-        before = timeliness.worst(0.0, begin if is_opened else self._last).told
+        before = timeliness.worst(0.0, begin if is_opened else self._last).text
         if not is_opened:
             return _with_reason(verdict, before)
         if verdict.verdict not in (PASS, FAIL):
@@ -143,7 +143,7 @@ class Judge:
         so_far = timeliness.worst(0.0, end)
         if so_far.seconds > self._silence + SLACK:
             why = f": from {1e3 * self._silence:.3g} ms on, an ECU may treat messages as lost"
-            why = so_far.told + ("" if math.isinf(so_far.seconds) else why)
+            why = so_far.text + ("" if math.isinf(so_far.seconds) else why)
             return Verdict(verdict.name, INCONCLUSIVE, reason=why)
         if verdict.verdict == FAIL and before:
             verdict = _with_reason(verdict, f"before its window {before}")
@@ -154,7 +154,7 @@ class Judge:
             if timeliness.pinches(at - around, at + around):
                 force = late.seconds * timeliness.force_rate(begin, end)
         if late.seconds > timeliness.tolerance:
-            return stepped_again(verdict, place, late.seconds, force, late.told, again)
+            return stepped_again(verdict, place, late.seconds, force, late.text, again)
         if verdict.margin is not None and abs(verdict.margin) < force:
             why = f"the frames' delay means {force:.3g} N, the margin is {verdict.margin:.3g} N"
             return stepped_again(verdict, place, late.seconds, force, why, again)
@@ -203,7 +203,7 @@ class Judge:
         verdict = PASS if is_decided != expectation.is_always else FAIL
         if expectation.kind == "dtc":
             time = float(progress.decided_at) if is_decided else None
-            reason = self._told(place, verdict)
+            reason = self._reason_for(place, verdict)
             return Verdict(name, verdict, time_s=time, reason=reason, method=DIRECT)
         condition, decider = self.expected.conditions[place], int(progress.decider)
         time = progress.decided_at if is_decided else progress.margin_at
@@ -213,7 +213,7 @@ class Judge:
             margin=float(progress.margin),
             margin_unit=condition.units[decider],
             time_s=float(time),
-            reason=self._told(place, verdict),
+            reason=self._reason_for(place, verdict),
             margin_time_s=float(progress.margin_at),
             decided_by=comparisons_of(condition)[decider].text,
             method=DIRECT,
@@ -273,7 +273,7 @@ class Judge:
             return f"the last answer to reading the trouble codes came at {came}, its window ends at {ends}"
         return ""
 
-    def _told(self, place: int, verdict: str) -> str:
+    def _reason_for(self, place: int, verdict: str) -> str:
         """Return why an expectation failed; "" if it passed."""
         if verdict == PASS:
             return ""

@@ -48,8 +48,8 @@ def stepped_again(
     }
     for how, other in others.items():
         if other.verdict != verdict.verdict:
-            said = f"stepped again with the commands as they arrived{how}: {other.verdict}"
-            return Verdict(verdict.name, INCONCLUSIVE, reason=f"{why}; {said}", method=REPLAY)
+            text = f"stepped again with the commands as they arrived{how}: {other.verdict}"
+            return Verdict(verdict.name, INCONCLUSIVE, reason=f"{why}; {text}", method=REPLAY)
     if verdict.margin is None:  # a trouble code: only the ECU's responses are known
         return Verdict(verdict.name, INCONCLUSIVE, reason=f"{why}; without a margin its effect cannot be bounded")
     margins = [verdict.margin, *(each.margin for each in others.values() if each.margin is not None)]
@@ -58,9 +58,9 @@ def stepped_again(
     is_within = abs(verdict.margin) <= uncertainty and uncertainty > 0.0
     if math.isnan(uncertainty) or is_within:
         unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""
-        said = f"the margin of {verdict.margin:.4g}{unit} is within its uncertainty of {uncertainty:.3g}{unit}"
+        text = f"the margin of {verdict.margin:.4g}{unit} is within its uncertainty of {uncertainty:.3g}{unit}"
         if verdict.margin == 0.0:  # such as that of a comparison with `==`
-            said = "a margin of 0 leaves no room for that"
-        reason = f"{why}; stepped again, {said}"
+            text = "a margin of 0 leaves no room for that"
+        reason = f"{why}; stepped again, {text}"
         return Verdict(verdict.name, INCONCLUSIVE, reason=reason, uncertainty=uncertainty, method=REPLAY)
     return replace(verdict, method=REPLAY, uncertainty=uncertainty)

@@ -27,7 +27,7 @@ class Lateness(NamedTuple):
     """The longest wait that the bench caused, and its description; `seconds` is infinite if unknown."""
 
     seconds: float
-    told: str  # description: what it was, and when
+    text: str  # description: what it was, and when
 
 
 @dataclass
@@ -39,7 +39,7 @@ class _Late:
     seconds: float  # how long something waited
     missed: int  # missed ticks; 0: it was something else
 
-    def told(self) -> str:
+    def words(self) -> str:
         """Return a description of the lateness."""
         at = f"at about {self.begin:.3f} s"
         if self.missed:
@@ -84,7 +84,7 @@ class Timeliness:
         if not hit:
             return Lateness(delay, "")
         longest = max(hit, key=lambda each: each.seconds)
-        return Lateness(max(longest.seconds, delay), f"the bench was late: {longest.told()}")
+        return Lateness(max(longest.seconds, delay), f"the bench was late: {longest.words()}")
 
     def force_rate(self, begin: float, end: float) -> float:
         """Return the fastest change of the pinch force from a time [s] to another [N/s].

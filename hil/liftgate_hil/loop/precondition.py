@@ -59,7 +59,7 @@ class StandstillDetector:
         return self._stood >= self._enough and self._seen >= 3 * self._enough
 
 
-def gone_through(
+def after_precondition(
     config: LoopConfig,
     state: LoopState,
     stimuli: StimulusPlan,

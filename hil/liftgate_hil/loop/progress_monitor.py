@@ -57,7 +57,7 @@ class ProgressMonitor:
         config: LoopConfig,
         reception: Reception,
         listener: Listener,
-        events: Callable[[int], Sequence[Event]] = lambda told: (),
+        events: Callable[[int], Sequence[Event]] = lambda since: (),
         clock: Callable[[], float] = time.monotonic,
         ticks_before: int = 0,
         apart: str = "",
@@ -69,11 +69,11 @@ class ProgressMonitor:
         self._listener = listener
         self._events = events
         self._clock = clock
-        self._told_events = 0
-        self._told_causes: set[int] = set()
+        self._listed_events = 0
+        self._listed_causes: set[int] = set()
         self._apart = f"; {apart}" if apart else ""
         self._sent = {rig.identifier(wire.message): wire.message for wire in rig.outputs}
-        self._has_told_another = False
+        self._has_reported_another = False
         self._command = rig.command_message()
         self._row = _row_of(config, rig.command_identifier())
         self._next = 0.0
@@ -89,12 +89,12 @@ class ProgressMonitor:
         self._next = now + _EVERY_S
         self._heard = min(self._heard, now)
         time_s = moment.tick * self._config.step
-        for event in self._events(self._told_events):
-            self._told_events += 1
+        for event in self._events(self._listed_events):
+            self._listed_events += 1
             self._listener.happened(event.time, event.text)
         for cause in _REFUSED:
-            if self._reception.refusals[cause].count and cause not in self._told_causes:
-                self._told_causes.add(cause)
+            if self._reception.refusals[cause].count and cause not in self._listed_causes:
+                self._listed_causes.add(cause)
                 self._listener.say(self._refusal(cause))
         if not is_last:
             self._look_for_another(time_s)
@@ -105,8 +105,8 @@ class ProgressMonitor:
         """Report another gate on the bus if the first foreign frame is one that this gate sends."""
         others = self._reception.refusals[FOREIGN]
         name = self._sent.get(int(others.found)) if others.count else None
-        if name is not None and not self._has_told_another:
-            self._has_told_another = True
+        if name is not None and not self._has_reported_another:
+            self._has_reported_another = True
             self._listener.say(
                 f"{time_s:.3f} s: received {name} (0x{int(others.found) & 0x1FFFFFFF:X}), which this gate sends: "
                 f"another bench or a replay is on this bus{self._apart}"
@@ -126,7 +126,7 @@ class ProgressMonitor:
             others = self._reception.refusals[FOREIGN]
             heard = (
                 f"; 0x{int(others.found) & 0x1FFFFFFF:X} is on the bus, but not received by this rig"
-                f"{'' if self._has_told_another else self._apart}"
+                f"{'' if self._has_reported_another else self._apart}"
             )
             self._listener.say(
                 f"{time_s:.3f} s: waits for {self._command} (0x{identifier:X}), motors off"

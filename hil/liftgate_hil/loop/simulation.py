@@ -78,9 +78,9 @@ def inputs_at(
     timeline, step = offline.stimuli.timeline, offline.step
     obstacle = obstacle_at(timeline, offline.stimuli.moments, time)
     arming, obstacle = armed(arming, obstacle, angle_at(gate.plant, state, obstacle.lateral))
-    said, rise = profiles_over(timeline, time, step), supply_rise_over(timeline, time, step)
+    profiles, rise = profiles_over(timeline, time, step), supply_rise_over(timeline, time, step)
     own = gate.load
-    base = overlaid(own, said, rise, own.latch_released, own.latch_cinched, obstacle)
+    base = overlaid(own, profiles, rise, own.latch_released, own.latch_cinched, obstacle)
     frictions = frictions_in(offline.friction, gate.plant, state, step)
     return arming, disturbed(inputs_of(row, base, frictions), gate.faults)
 

@@ -62,7 +62,7 @@ class Timing(NamedTuple):
 
 
 NO_TIMING = Timing()
-_MOST_TOLD = 5  # injections or commands that are listed, at most
+_MOST_LISTED = 5  # injections or commands that are listed, at most
 _CYCLES_S = 0.1  # s in which every message of a rig is usually sent
 # Counters of a link that are printed with words of their own.
 _USUAL_FAULTS = ("losses", "send_failures", "send_queue_full", "receive_failures", "dropped")
@@ -119,7 +119,7 @@ class Summary:
             "link": self.link._asdict(),
         }
 
-    def refusals_told(self) -> str:
+    def refusals_reported(self) -> str:
         """Return why frames for the gate were refused; "": none was."""
         causes = {
             "wrong length": self.received.wrong_length,
@@ -130,23 +130,23 @@ class Summary:
         }
         return ", ".join(f"{number} {cause}" for cause, number in causes.items() if number)
 
-    def silence_told(self) -> str:
+    def silence_reported(self) -> str:
         """Return why the gate received no command; "": it received one."""
         if self.received.accepted:
             return ""
         if rejected(self.received):
             return f"no command was accepted, {rejected(self.received)} were rejected"
         if self.received.foreign:
-            said = f"{self.received.foreign} frames have identifiers that the rig does not receive"
-            return f"no command was accepted, {said}" + (f"; {self.apart}" if self.apart else "")
+            text = f"{self.received.foreign} frames have identifiers that the rig does not receive"
+            return f"no command was accepted, {text}" + (f"; {self.apart}" if self.apart else "")
         return "no command arrived: the ECU sent nothing"
 
-    def injections_told(self) -> str:
+    def injections_reported(self) -> str:
         """Return a text on what a test bench injected."""
-        first = "; ".join(self.injected[:_MOST_TOLD])
-        more = "; …" if self.injections > _MOST_TOLD else ""
-        said = f": {first}{more}" if first else ""
-        return f"injected by the test bench {self.injections} times, {self.injections_refused} refused{said}"
+        first = "; ".join(self.injected[:_MOST_LISTED])
+        more = "; …" if self.injections > _MOST_LISTED else ""
+        text = f": {first}{more}" if first else ""
+        return f"injected by the test bench {self.injections} times, {self.injections_refused} refused{text}"
 
     def _link_lines(self) -> list[str]:
         """Return a line on the faults of the link; none if there were none."""
@@ -169,7 +169,7 @@ class Summary:
     def lines(self) -> list[str]:
         """Return the figures as lines of text for a person."""
         received = self.received
-        why = self.refusals_told()
+        why = self.refusals_reported()
         percent = self._load()
         load = "" if math.isnan(percent) else f", bus load {percent:.1f} %"
         lines = [
@@ -181,8 +181,8 @@ class Summary:
         ]
         if self.clock == "realtime":
             lines[1:1] = [
-                f"overruns {self.overruns}, lateness {told(self.timing.lateness)}",
-                f"tick {told(self.timing.execution)}",
+                f"overruns {self.overruns}, lateness {in_words(self.timing.lateness)}",
+                f"tick {in_words(self.timing.execution)}",
             ]
         if received.foreign and self.apart:
             lines.append(f"foreign frames: {self.apart}")
@@ -191,7 +191,7 @@ class Summary:
         delay = self.timing.delay
         if delay.count:
             lines.append(
-                f"command to feedback {told(delay)}: {force_of(delay.p50_us):.1f} N, at most "
+                f"command to feedback {in_words(delay)}: {force_of(delay.p50_us):.1f} N, at most "
                 f"{force_of(delay.max_us):.1f} N on the 10 N/mm rod"
             )
         if self.link.before_start:
@@ -201,10 +201,10 @@ class Summary:
             )
         lines += self._link_lines()
         if self.injections or self.injections_refused:
-            lines.append(self.injections_told())
+            lines.append(self.injections_reported())
         if self.commands:
-            first = "; ".join(self.commanded[:_MOST_TOLD])
-            more = "; …" if self.commands > _MOST_TOLD else ""
+            first = "; ".join(self.commanded[:_MOST_LISTED])
+            more = "; …" if self.commands > _MOST_LISTED else ""
             lines.append(f"commanded by the operator {self.commands} times: {first}{more}")
         if self.ecu_dropped_frames:
             lines.append(f"the ECU had no room for {self.ecu_dropped_frames} frames")
@@ -219,7 +219,7 @@ class Summary:
         return lines
 
 
-def told(times: Distribution) -> str:
+def in_words(times: Distribution) -> str:
     """Return a distribution as text."""
     if not times.count:
         return "not known"

@@ -28,7 +28,7 @@ from liftgate_hil.codec.receive import (
     rejected,
 )
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.codec.transmit import Transmission, first_transmission, is_due, told_of, transmit
+from liftgate_hil.codec.transmit import Transmission, first_transmission, is_due, times_sent, transmit
 from liftgate_hil.signals import (
     EDGE_NUMBERS,
     IN,
@@ -203,7 +203,7 @@ def surroundings(
     commanded.
     """
     above = overlay(outside.commanded, picked(values, IN_SURROUNDINGS))
-    said, rise = overlay(above, outside.profiles), rise_under(outside.supply_rise, above)
+    profiles, rise = overlay(above, outside.profiles), rise_under(outside.supply_rise, above)
     obstacle = panel_obstacle(config, values, outside.obstacle)
     if not np.isnan(outside.commanded_obstacle.stiffness):
         obstacle = outside.commanded_obstacle
@@ -212,7 +212,7 @@ def surroundings(
         released = 1.0 if opening else 0.0
     arming, obstacle = armed(arming, obstacle, angle_at(config.plant, state, obstacle.lateral))
     cinched = value_or(values[IN.latch_cinch], 0.0)
-    return arming, overlaid(config.load, said, rise, released, cinched, obstacle)
+    return arming, overlaid(config.load, profiles, rise, released, cinched, obstacle)
 
 
 @compilable
@@ -318,9 +318,9 @@ def tick(
         edges = edge_times(memory.halls, done * config.step)
         line_up(transmission.values, sensed, truth, status, outside, edges)
         hold_message, outputs = config.hold_message, config.outputs
-        told = told_of(outputs, transmission, hold_message, OUT.pinch_force_max)
+        sent_before = times_sent(outputs, transmission, hold_message, OUT.pinch_force_max)
         replies = transmit(config.outputs, transmission, end_ns, outside.is_stop)
-        if told_of(outputs, transmission, hold_message, OUT.pinch_force_max) > told:
+        if times_sent(outputs, transmission, hold_message, OUT.pinch_force_max) > sent_before:
             hold = shown.pinch_force
     after = LoopState(
         plant=plant_state,

@@ -148,11 +148,11 @@ def _add(one: Counts, other: Counts) -> Counts:
 def refusals_in(counts: Counts) -> list[str]:
     """Return notes on frames that were refused or lost."""
     causes = ("remote", "wrong_length", "out_of_range", "checksum", "counter", "unqualified")
-    told = [f"{getattr(counts, cause)} {cause.replace('_', ' ')}" for cause in causes if getattr(counts, cause)]
+    reasons = [f"{getattr(counts, cause)} {cause.replace('_', ' ')}" for cause in causes if getattr(counts, cause)]
     notes = []
-    if told:
+    if reasons:
         refused = rejected(counts) + counts.unqualified
-        notes.append(f"{refused} frames of the rig refused: {', '.join(told)}")
+        notes.append(f"{refused} frames of the rig refused: {', '.join(reasons)}")
     if counts.lost:
         notes.append(f"{counts.lost} frames missing according to the alive counters")
     return notes

@@ -139,18 +139,18 @@ def _position_and_speed(measurement: Measurement, side: str, known: Expected) ->
     if math.isnan(ratio) or 0.8 <= ratio <= 1.25:
         return []
     for factor, unit in _SPEED_UNITS:
-        said = f"{side}_speed_rps is {{:.3g}} x the slope of {name}"
+        text = f"{side}_speed_rps is {{:.3g}} x the slope of {name}"
         if abs(ratio / factor - 1.0) < 0.1:
-            return [f"{said.format(factor)}: is it {unit}?"]
+            return [f"{text.format(factor)}: is it {unit}?"]
         if abs(ratio * factor - 1.0) < 0.1:
-            return [f"{said.format(1.0 / factor)}: is the position in 1/{factor:.4g} rev?"]
-    said = f"{side}_speed_rps is {ratio:.3g} x the slope of {name}"
+            return [f"{text.format(1.0 / factor)}: is the position in 1/{factor:.4g} rev?"]
+    text = f"{side}_speed_rps is {ratio:.3g} x the slope of {name}"
     if -1.25 <= ratio <= -0.8:
-        return [f"{said}: has one of them the wrong sign? allowed: both grow while opening"]
+        return [f"{text}: has one of them the wrong sign? allowed: both grow while opening"]
     for factor, unit in ((1e3, "ms"), (1e6, "us")):
         if 0.8 <= ratio / factor <= 1.25:
-            return [f"{said}: is time_s in {unit}?"]
-    return [f"{said}; allowed: 0.8 to 1.25"]
+            return [f"{text}: is time_s in {unit}?"]
+    return [f"{text}; allowed: 0.8 to 1.25"]
 
 
 def _count_and_position(measurement: Measurement, side: str, known: Expected) -> list[str]:
@@ -185,15 +185,15 @@ def _angle_and_position(measurement: Measurement, side: str, known: Expected) ->
     by_angle = float(np.median(_near(angle, last)) - np.median(_near(angle, first)))
     if math.isnan(by_position) or by_position < _TOLD_DEG:
         return []
-    said = f"gate_angle_deg changes by {by_angle:.3g} where {side}_position_rev says {by_position:.3g} deg"
+    text = f"gate_angle_deg changes by {by_angle:.3g} where {side}_position_rev says {by_position:.3g} deg"
     ratio = by_angle / by_position
     if 0.3 <= ratio <= 3.0:
         return []
     if 0.3 <= math.degrees(ratio) <= 3.0:
-        return [f"{said}: is it rad?"]
+        return [f"{text}: is it rad?"]
     if -3.0 <= ratio <= -0.3:
-        return [f"{said}: has one of them the wrong sign? allowed: both grow while opening"]
-    return [f"{said}; allowed: 0.3 to 3 times that"]
+        return [f"{text}: has one of them the wrong sign? allowed: both grow while opening"]
+    return [f"{text}; allowed: 0.3 to 3 times that"]
 
 
 def _position(measurement: Measurement, side: str, known: Expected) -> Floats | None:

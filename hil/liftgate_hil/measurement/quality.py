@@ -48,22 +48,22 @@ def gaps_in(times: Floats) -> Gaps:
 
 def report_gaps(measurement: Measurement) -> Measurement:
     """Return the measurement with notes on columns with gaps, or with more than 5 % of jitter."""
-    told: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for name, values in measurement.columns.items():
         if name not in OUTPUTS:
             continue
         gaps = gaps_in(measurement.times[np.isfinite(values)])
         if gaps.count:
-            said = (
+            issue = (
                 f"{gaps.count} gaps, {gaps.missing} samples missing, the longest gap "
                 f"{gaps.longest:.4g} s at {gaps.longest_at:.6g} s"
             )
-            told.setdefault(said, []).append(name)
+            groups.setdefault(issue, []).append(name)
         if gaps.jitter > 0.05:
-            said = f"raster {gaps.spacing:.4g} s with {100.0 * gaps.jitter:.0f} % jitter"
-            told.setdefault(said, []).append(name)
-    for said, names in told.items():
-        measurement = noted(measurement, f"{', '.join(names)}: {said}")
+            issue = f"raster {gaps.spacing:.4g} s with {100.0 * gaps.jitter:.0f} % jitter"
+            groups.setdefault(issue, []).append(name)
+    for issue, names in groups.items():
+        measurement = noted(measurement, f"{', '.join(names)}: {issue}")
     return measurement
 
 
@@ -148,11 +148,11 @@ def report_outliers(measurement: Measurement, drop: bool, known: Expected | None
     for name, rows in found.items():
         values = columns[name]
         first = int(rows[0])
-        said = "dropped" if drop else "kept, `drop_outliers` would drop them"
+        issue = "dropped" if drop else "kept, `drop_outliers` would drop them"
         result = noted(
             result,
             f"{name}: {len(rows)} outliers, the first {values[first]:.6g} at "
-            f"{measurement.times[first]:.6g} s; {said}",
+            f"{measurement.times[first]:.6g} s; {issue}",
         )
         if drop:
             columns[name] = values.copy()

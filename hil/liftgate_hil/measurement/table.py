@@ -103,8 +103,8 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> R
     for what, columns in kinds:
         if not any(column in (*names, *mapping) for column in columns):
             issues.append(f"{path}: no {what} column; allowed: {', '.join(columns)}, others by `map`")
-    told = {*names, *mapping}
-    if kinds is _KINDS and told.isdisjoint(DRIVES) and not told.isdisjoint(INPUTS):
+    named = {*names, *mapping}
+    if kinds is _KINDS and named.isdisjoint(DRIVES) and not named.isdisjoint(INPUTS):
         issues.append(
             f"{path}: no column drives the motors; allowed: {', '.join(DRIVES)} (0 where they are off), "
             "others by `map`"
@@ -264,9 +264,9 @@ def _measurement(
             columns[name] = 1.0 - columns[name]
         if np.isnan(columns[name][0]):
             start = max(start, float(at[0]))
-    told = bool(reading.issues)
+    has_issues = bool(reading.issues)
     for what, names in _KINDS:
-        if not told and not any(name in columns for name in names):
+        if not has_issues and not any(name in columns for name in names):
             reading.issues.append(f"{reading.path}: no sample of any {what} column")
     if reading.issues:
         raise ConfigError(reading.issues)

@@ -29,7 +29,7 @@ from liftgate_hil.loop.priority import Realtime, wake_sharply
 from liftgate_hil.loop.realtime_loop import clock_ns, make_room
 from liftgate_hil.loop.replay_loop import TRIAL_NS, Schedule, empty_schedule, params_for, play, put
 from liftgate_hil.loop.rings import LATENESS, Memory
-from liftgate_hil.loop.statistics import told
+from liftgate_hil.loop.statistics import in_words
 from liftgate_hil.replay.selection import Course, Selection, has_sent, playable
 from liftgate_hil.transport.base import Line, LinkCounts, Transport
 from liftgate_hil.transport.find import Way, open_line
@@ -99,7 +99,7 @@ class Played:
         which = "" if self.direction == "both" else f" (recorded as {self.direction})"
         lines = [
             f"frames sent {self.frames_sent}{which}, in {self.took_s:.3f} s{rounds}",
-            f"lateness {told(self.lateness)}",
+            f"lateness {in_words(self.lateness)}",
         ]
         if self.frames_not_sent:
             why = f": {self.link_error}" if self.link_error else ""

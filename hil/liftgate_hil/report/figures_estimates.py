@@ -59,14 +59,14 @@ def parameter_figure(result: Identification) -> Figure:
         axis = figure.subplots()
         ratios = np.array([each.value / each.initial for each in shown])
         errors = np.array([2.0 * each.std / abs(each.initial) for each in shown])
-        told = np.array([each.identifiable for each in shown], dtype=bool) & np.isfinite(errors)
-        low, high = _ratio_limits(ratios, errors, told)
+        identifiable = np.array([each.identifiable for each in shown], dtype=bool) & np.isfinite(errors)
+        low, high = _ratio_limits(ratios, errors, identifiable)
         for row, (ratio, error) in enumerate(zip(ratios, errors, strict=True)):
-            colour = FINAL if told[row] else INITIAL
+            colour = FINAL if identifiable[row] else INITIAL
             start = max(ratio - error, low) if np.isfinite(error) else low
             stop = min(ratio + error, high) if np.isfinite(error) else high
             axis.hlines(row, start, stop, colors=colour, linewidth=5.0, alpha=0.45)
-            axis.plot(ratio, row, "o" if told[row] else "D", color=colour, markersize=5.0)
+            axis.plot(ratio, row, "o" if identifiable[row] else "D", color=colour, markersize=5.0)
         axis.axvline(1.0, color=INK, linewidth=1.0, linestyle=(0, (5, 2)))
         if low > 0.0 and high / low > 6.0:
             log_axis(axis, "x")
@@ -76,17 +76,17 @@ def parameter_figure(result: Identification) -> Figure:
         axis.set_ylim(len(shown) - 0.4, -0.6)
         labels = [
             clean(each.name, 30) + ("" if known else " (not identifiable)")
-            for each, known in zip(shown, told, strict=True)
+            for each, known in zip(shown, identifiable, strict=True)
         ]
         axis.set_yticks(range(len(shown)), labels)
         axis.set_xlabel("estimate / initial value, ± 2 standard deviations")
     return figure
 
 
-def _ratio_limits(ratios: np.ndarray, errors: np.ndarray, told: np.ndarray) -> tuple[float, float]:
+def _ratio_limits(ratios: np.ndarray, errors: np.ndarray, identifiable: np.ndarray) -> tuple[float, float]:
     """Return an axis range for every estimate and for the bars of the identifiable ones."""
-    ends = [1.0, *ratios.tolist(), *(ratios + errors)[told].tolist()]
-    lows = [1.0, *ratios.tolist(), *(ratios - errors)[told].tolist()]
+    ends = [1.0, *ratios.tolist(), *(ratios + errors)[identifiable].tolist()]
+    lows = [1.0, *ratios.tolist(), *(ratios - errors)[identifiable].tolist()]
     high = max(each for each in ends if math.isfinite(each))
     low = min(each for each in lows if math.isfinite(each))
     if low > 0.0 and high / low > 6.0:

@@ -32,7 +32,7 @@ LIMITS = (
 )
 BORROWED = (
     "No regulation that we know specifies a force for power lift gates (QC/T 1148-2021 covers power tailgates; "
-    "its text was not available): the force limits here are borrowed from other doors, and meeting them proves "
+    "its lines was not available): the force limits here are borrowed from other doors, and meeting them proves "
     "no conformity."
 )
 # Explanation of the limits, by their force [N].
@@ -111,26 +111,26 @@ class PinchEvent(NamedTuple):
         }
 
     def lines(self) -> list[str]:
-        """Return the event as lines of text."""
-        said = [f"pinch force at most {self.force_n:.1f} N, at {self.time_s:.3f} s and {self.angle_deg:.2f} deg"]
+        """Return the event as lines of lines."""
+        lines = [f"pinch force at most {self.force_n:.1f} N, at {self.time_s:.3f} s and {self.angle_deg:.2f} deg"]
         for limit, over in zip(LIMITS, self.longest_s, strict=True):
             margin = limit.force - self.force_n
-            told = f"{margin:.1f} N left" if margin >= 0.0 else f"{-margin:.1f} N over"
+            outcome = f"{margin:.1f} N left" if margin >= 0.0 else f"{-margin:.1f} N over"
             name = f"{limit.force:.0f} N"
             if limit.longest:
                 name = f"{name} for more than {limit.longest:g} s"
-                told = f"exceeded for {over:.3f} s"
+                outcome = f"exceeded for {over:.3f} s"
             judged = "borrowed" if limit.is_judged else "borrowed, not judged"
-            said.append(f"  limit {name} ({limit.source}; {judged}): {told}")
+            lines.append(f"  limit {name} ({limit.source}; {judged}): {outcome}")
         if np.isfinite(self.turn_s):
-            said.append(
+            lines.append(
                 f"  reversed {1e3 * self.reversal_time_s:.0f} ms after the first touch at "
                 f"{self.start_deg:.2f} deg, {self.further_deg:.2f} deg further; moved back by "
                 f"{self.back_deg:.1f} deg"
             )
         else:
-            said.append(f"  did not reverse in the contact that began at {self.start_deg:.2f} deg")
-        return said
+            lines.append(f"  did not reverse in the contact that began at {self.start_deg:.2f} deg")
+        return lines
 
 
 def pinch_event(columns: Columns) -> PinchEvent | None:

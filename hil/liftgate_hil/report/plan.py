@@ -22,11 +22,11 @@ def plan_text(plan: Plan) -> str:
 
 
 def _row(each: Ranked) -> list[str]:
-    told = significant(each.log_det) if math.isfinite(each.log_det) else "not all identifiable"
+    criterion = significant(each.log_det) if math.isfinite(each.log_det) else "not all identifiable"
     stds = [
         "not identifiable" if math.isinf(std) else f"{percent(100.0 * float(std))} %" for std in each.relative_std
     ]
-    return [each.candidate.name, told, *stds]
+    return [each.candidate.name, criterion, *stds]
 
 
 def plan_json(plan: Plan) -> dict[str, Any]:

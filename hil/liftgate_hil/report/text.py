@@ -100,11 +100,11 @@ def _parameters(estimates: Sequence[Estimate]) -> list[str]:
     ]
     heads = ("", "value", "std", "std %", "initial", "change %", "unit", "identifiable")
     lines = table(heads, rows, "lrrrrrll")
-    told = lines[:1]
+    output = lines[:1]
     for line, each in zip(lines[1:], estimates, strict=True):
-        told.append(line)
-        told += _wrapped(clean(each.remark), "    ") if each.remark else []
-    return told
+        output.append(line)
+        output += _wrapped(clean(each.remark), "    ") if each.remark else []
+    return output
 
 
 def _states(estimates: Sequence[Estimate]) -> list[str]:

@@ -115,8 +115,8 @@ def trace_svg(picture: Picture, title: str) -> str:
     for place, panel in enumerate(picture.panels):
         parts += _panel(panel, picture.times, x, top + step * place + _TITLE)
     parts += _decided(picture, x, top - 2, bottom)
-    for tick, said in ticks(x.low, x.high, 9):
-        parts.append(_words(x.at(tick), bottom + 14, said, "middle"))
+    for tick, label in ticks(x.low, x.high, 9):
+        parts.append(_words(x.at(tick), bottom + 14, label, "middle"))
     parts.append(_words((x.start + x.end) / 2, bottom + 30, "time [s]", "middle"))
     return "\n".join([*parts, "</svg>\n"])
 
@@ -129,10 +129,10 @@ def _panel(panel: Panel, times: Floats, x: Axis, top: float) -> list[str]:
         f'<path class="grid" d="M{_n(x.at(tick))} {_n(top)}V{_n(y.start)}"/>'
         for tick, _ in ticks(x.low, x.high, 9)
     ]
-    for tick, said in _value_ticks(panel, y):
+    for tick, label in _value_ticks(panel, y):
         place = y.at(tick)
         parts.append(f'<path class="grid" d="M{_n(x.start)} {_n(place)}H{_n(x.end)}"/>')
-        parts.append(_words(x.start - 5, place + 3.5, said, "end"))
+        parts.append(_words(x.start - 5, place + 3.5, label, "end"))
     parts.append(f'<path class="frame" d="M{_n(x.start)} {_n(top)}V{_n(y.start)}H{_n(x.end)}"/>')
     for place, line in enumerate(panel.lines):
         parts += _curve(line, times, x, y, f"k{place % _COLOURS}")
@@ -141,14 +141,14 @@ def _panel(panel: Panel, times: Floats, x: Axis, top: float) -> list[str]:
         parts += _margin(panel.margin, x, y)
     unit = f" [{text(panel.unit)}]" if panel.unit else ""
     if len(panel.lines) == 1:
-        said = f"{text(clean(panel.title, 120))}{unit}"
+        label = f"{text(clean(panel.title, 120))}{unit}"
     else:
-        said = ", ".join(
+        label = ", ".join(
             f'<tspan class="k{place % _COLOURS}">{text(clean(line.label, 40))}</tspan>'
             for place, line in enumerate(panel.lines)
         )
-        said += unit
-    parts.append(f'<text x="{_n(x.start)}" y="{_n(top - 6)}">{said}</text>')
+        label += unit
+    parts.append(f'<text x="{_n(x.start)}" y="{_n(top - 6)}">{label}</text>')
     return parts
 
 
@@ -263,9 +263,9 @@ def _window(picture: Picture, x: Axis, top: float, bottom: float) -> list[str]:
 def _decided(picture: Picture, x: Axis, top: float, bottom: float) -> list[str]:
     if picture.decided is None or not x.inside(picture.decided[0]):
         return []
-    time, said = picture.decided
+    time, label = picture.decided
     across = x.at(time)
-    words = f"{said} {_seconds(time)}"
+    words = f"{label} {_seconds(time)}"
     half = 0.5 * _LETTER * len(words)
     place = min(max(across, x.start + half), x.end - half)
     return [
@@ -278,9 +278,9 @@ def _seconds(time: float) -> str:
     return f"{time:.6f}".rstrip("0").rstrip(".") + " s"
 
 
-def _words(across: float, down: float, said: str, anchor: str, kind: str = "") -> str:
+def _words(across: float, down: float, label: str, anchor: str, kind: str = "") -> str:
     name = f' class="{kind}"' if kind else ""
-    return f'<text{name} x="{_n(across)}" y="{_n(down)}" text-anchor="{anchor}">{text(clean(said, 120))}</text>'
+    return f'<text{name} x="{_n(across)}" y="{_n(down)}" text-anchor="{anchor}">{text(clean(label, 120))}</text>'
 
 
 def _n(value: float) -> str:

@@ -23,7 +23,7 @@ from liftgate_hil.running.precondition import phases_of
 from liftgate_hil.running.signs_of_life import Progress, foreign_code
 from liftgate_hil.running.stepping import CommandLog
 from liftgate_hil.running.stimulation import off_not_made, reset_not_made
-from liftgate_hil.stimuli.restbus import going_on
+from liftgate_hil.stimuli.restbus import hand_over
 from liftgate_hil.stimuli.stimulus_plan import OFF_A_REAL_BUS, StimulusPlan
 from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_hil.transport.find import find_way, open_transport
@@ -112,12 +112,12 @@ class BusRun:
             self.listener.say(f"before the scenario: {phase.end.what}")
             phase.stimuli.origin[0] = self.state.tick
             if restbus is not None:
-                going_on(restbus, phase.stimuli.restbus)
+                hand_over(restbus, phase.stimuli.restbus)
             restbus = phase.stimuli.restbus
             with contextlib.closing(phase.end):
                 self.state = go(self.state, lambda end=phase.end: stopped() or end.is_over())  # type: ignore[misc]
         if restbus is not None:
-            going_on(restbus, self.stimuli.restbus)
+            hand_over(restbus, self.stimuli.restbus)
             self.stimuli.origin[0] = self.state.tick
         return bool(going)
 

@@ -42,15 +42,15 @@ class _Watcher(compiler.Watcher):
         if seconds == 0.0:
             self._expected = compiler.expected_s(name)
         self._own = name
-        told = f"compiling the {_CALLED.get(name, name)}"
-        self._listener.compiles(told, seconds, self._expected)
+        what = f"compiling the {_CALLED.get(name, name)}"
+        self._listener.compiles(what, seconds, self._expected)
 
     def waits(self, name: str, seconds: float) -> None:
         """Report that another process compiles the entry point, for `seconds` so far."""
         if self._stopped():
             raise compiler.GivenUpError
-        told = f"waiting for another process to compile the {_CALLED.get(name, name)}"
-        self._listener.compiles(told, seconds, None)
+        what = f"waiting for another process to compile the {_CALLED.get(name, name)}"
+        self._listener.compiles(what, seconds, None)
 
     def ready(self, name: str, seconds: float) -> None:
         """Report that the entry point is ready, and note how long it took to compile here."""
@@ -65,7 +65,7 @@ class _Watcher(compiler.Watcher):
 
 
 @contextlib.contextmanager
-def told_of_compiling(listener: Listener, stopped: Callable[[], bool] = lambda: False) -> Iterator[None]:
+def reporting_compilation(listener: Listener, stopped: Callable[[], bool] = lambda: False) -> Iterator[None]:
     """Context in which compilations are reported to a listener; GivenUpError ends them when it is `stopped`.
 
     Raises LiftgateError where the compiler's process was killed from outside.

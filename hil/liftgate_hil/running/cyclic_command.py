@@ -60,8 +60,8 @@ class CyclicCommand:
                 raise ConfigError(f"`command` {name}: allowed: {', '.join((*_KNOWN, 'direction'))}")
         for side in ("left", "right"):
             direction = quantities.get(f"{side}_direction", both)
-            said = quantities.get(f"{side}_duty", 0.0)
-            duty = number_of(f"{side}_duty", said, -100.0, 100.0, "%")
+            given = quantities.get(f"{side}_duty", 0.0)
+            duty = number_of(f"{side}_duty", given, -100.0, 100.0, "%")
             if self._is_signed[side]:
                 duty = _signed(duty, direction)
             number = _direction(f"{side}_direction", "coast" if direction is None else direction)
@@ -73,10 +73,10 @@ class CyclicCommand:
                 raise ConfigError(f"`{name}` {show(on)}: allowed: True, False")
             if name == "latch_release" or name in quantities:
                 values[getattr(IN, name)] = float(on)
-        self._check_said(values)
+        self._check_values(values)
         self._values = values
 
-    def _check_said(self, values: NDArray[np.float64]) -> None:
+    def _check_values(self, values: NDArray[np.float64]) -> None:
         """Check that the rig has a value for each label of an enumeration. Raises ConfigError."""
         for name, unsaid in self._unsaid.items():
             number, labels = values[getattr(IN, name)], BUS_INPUTS[name].values

@@ -86,8 +86,8 @@ class Program:
                 return
             if code:
                 output.seek(max(0, output.seek(0, os.SEEK_END) - 4 * _MOST_TEXT))
-                said = output.read().decode(errors="replace").strip()
-                self.failure = f"ended with {code}: {said[-_MOST_TEXT:]}"
+                text = output.read().decode(errors="replace").strip()
+                self.failure = f"ended with {code}: {text[-_MOST_TEXT:]}"
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from liftgate_hil.ecu.node import NO_ECU
-from liftgate_hil.loop.precondition import gone_through
+from liftgate_hil.loop.precondition import after_precondition
 from liftgate_hil.loop.tick import copied
 from liftgate_hil.running.loop_start import start_of
 from liftgate_hil.running.signs_of_life import foreign_code
@@ -36,7 +36,7 @@ class Execution:
         """Return a copy of the plan's stimuli, and the state of the loop, both at time 0.
 
         An ECU in this process goes through the precondition; that of an ECU on a bus is on the wire. Raises as
-        `gone_through`.
+        `after_precondition`.
         """
         plan, stimuli = self.plan, copied(self.plan.stimuli)
         state = start_of(plan.config, plan.setup.start_angle)
@@ -44,5 +44,5 @@ class Execution:
             return stimuli, state
         actions = plan.setup.scenario.precondition
         config, adapter, guard = plan.config, self.adapter, partial(foreign_code, self.memory)
-        state = gone_through(config, state, stimuli, adapter, actions, self.stopped, guard)
+        state = after_precondition(config, state, stimuli, adapter, actions, self.stopped, guard)
         return stimuli, state

@@ -308,8 +308,8 @@ class Gate:
         self._check_open()
         own = self.rig.diagnostics
         if own is None:
-            said = "has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
-            raise ConfigError(f"`{name}`: the rig {self.rig.source} {said}")
+            text = "has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
+            raise ConfigError(f"`{name}`: the rig {self.rig.source} {text}")
         if not services.is_there():
             raise ConfigError(f"`{name}`: trouble codes {services.MISSING}")
         if not callable(cycle):

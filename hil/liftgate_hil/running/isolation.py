@@ -51,17 +51,17 @@ def run_isolated(
     """
     shared = Memory(_ROWS, FRAMES, others_write=True)
     with AnswerChannel() as channel, contextlib.closing(shared) as memory:
-        ended, told = os.pipe()
+        ended, status_fd = os.pipe()
         given = in_memory(pickle.dumps((channel.address, sys.path, plan)))
         try:
             child = subprocess.Popen(
                 [
                     sys.executable, "-P", "-m", worker,
-                    str(_ROWS), str(FRAMES), str(memory.descriptor), str(told), str(os.getpid()),
+                    str(_ROWS), str(FRAMES), str(memory.descriptor), str(status_fd), str(os.getpid()),
                 ],
                 stdin=given,
                 stdout=foreign_output(),
-                pass_fds=[memory.descriptor, told],
+                pass_fds=[memory.descriptor, status_fd],
                 start_new_session=True,  # signals for the caller's group are for the caller alone
             )  # fmt: skip
         except BaseException:
@@ -69,7 +69,7 @@ def run_isolated(
             raise
         finally:
             os.close(given)
-            os.close(told)
+            os.close(status_fd)
         try:
             patience = HANG_S if hang_s is None else hang_s
             watch = _Watch(child, ended, channel, memory, step, stopped, patience)
@@ -125,9 +125,9 @@ class _Watch:
 
     def _end(self) -> str:
         """Return in words how the worker has ended."""
-        told = os.read(self._ended, _STATUS.size)
-        if len(told) == _STATUS.size:
-            return _end_of(os.waitstatus_to_exitcode(_STATUS.unpack(told)[0]))
+        status = os.read(self._ended, _STATUS.size)
+        if len(status) == _STATUS.size:
+            return _end_of(os.waitstatus_to_exitcode(_STATUS.unpack(status)[0]))
         with contextlib.suppress(subprocess.TimeoutExpired):  # its supervisor was killed, too
             return _end_of(self._child.wait(_KILL_S))
         return "cause unknown"

@@ -151,9 +151,9 @@ class RunOptions:
         for name, value in given.items():
             needed = OPTIONS[name].needs
             if needed and value != getattr(RunOptions, name) and not given[needed]:
-                said = f"{value:g}" if isinstance(value, float) else show(value)
-                said = ", ".join(value) if isinstance(value, tuple) else said
-                raise ConfigError(f"`{name}` {said}: allowed: together with `{needed}`")
+                text = f"{value:g}" if isinstance(value, float) else show(value)
+                text = ", ".join(value) if isinstance(value, tuple) else text
+                raise ConfigError(f"`{name}` {text}: allowed: together with `{needed}`")
         if len({os.path.realpath(path) for path in self.record}) < len(self.record):
             names = ", ".join(str(path) for path in self.record)
             raise ConfigError(f"`record` {names}: allowed: each file once")

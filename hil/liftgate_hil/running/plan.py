@@ -149,8 +149,8 @@ def _periods(scenario: Scenario, rate: float) -> list[str]:
     for each in scenario.faults:
         shares = [share for share in (each.share, 1.0 - each.share) if share > 0.0]
         if each.period and min(shares) * each.period * rate < 1.0 - 1e-9:
-            said = f"on or off for less than a tick of {1e3 / rate:g} ms"
-            found.append(f"{each.key}.period_s: {each.period:g}: {said}; allowed: at least a tick of each")
+            text = f"on or off for less than a tick of {1e3 / rate:g} ms"
+            found.append(f"{each.key}.period_s: {each.period:g}: {text}; allowed: at least a tick of each")
     return found
 
 

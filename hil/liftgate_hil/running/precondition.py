@@ -118,8 +118,8 @@ class _Answered(End):
                 return False
             failure = failure_of(self._tester)
             if failure != NO_FAILURE:
-                said = services.refusal_of(failure)
-                raise PreconditionError(f"{self.what}: ECUReset {self._kind} refused: {said}")
+                text = services.refusal_of(failure)
+                raise PreconditionError(f"{self.what}: ECUReset {self._kind} refused: {text}")
             self._answered_at, self.limit = self.rows, math.inf
         return (self.rows - self._answered_at) * self.step >= _AFTER
 

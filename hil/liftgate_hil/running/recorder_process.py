@@ -72,10 +72,10 @@ class RecorderProcess:
         self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self._is_ready = self._is_closing = self._has_ended_early = False
         self._began = time.monotonic()
-        heard, told = os.pipe()
+        heard, reply_fd = os.pipe()
         given = in_memory(pickle.dumps(order))
         try:
-            descriptors = [given, told, memory.descriptor]
+            descriptors = [given, reply_fd, memory.descriptor]
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", __name__, *map(str, descriptors), *names],
                 stdin=subprocess.PIPE,
@@ -88,7 +88,7 @@ class RecorderProcess:
             raise
         finally:
             os.close(given)
-            os.close(told)
+            os.close(reply_fd)
         self._reader = threading.Thread(target=self._read, args=(heard,), name="recorder's answers", daemon=True)
         self._reader.start()
         self.lost_rows = 0
@@ -121,8 +121,8 @@ class RecorderProcess:
         is_late = answer is None and self._process.poll() is None and self._reader.is_alive()
         self._kill()
         if is_late:
-            said = f"the files were not complete after {patience:.0f} s"
-            raise RecordingError(f"`record` {self._names}: {said}; the recording process was killed")
+            text = f"the files were not complete after {patience:.0f} s"
+            raise RecordingError(f"`record` {self._names}: {text}; the recording process was killed")
         if answer is None:
             raise RecordingError(self._ended())
         self.lost_rows, self.files = int(answer["lost"]), answer["files"]
@@ -227,10 +227,10 @@ def main() -> int:
     """Record until stdin ends, and complete the files; return the exit code."""
     for number in (signal.SIGINT, signal.SIGTERM):  # for the emulator, also a service's stop
         signal.signal(number, signal.SIG_IGN)
-    given, told, memory_descriptor = (int(each) for each in sys.argv[1:4])
+    given, reply_fd, memory_descriptor = (int(each) for each in sys.argv[1:4])
     with os.fdopen(given, "rb") as stream:
         order: Order = pickle.load(stream)
-    replies = os.fdopen(told, "w", encoding="utf-8")
+    replies = os.fdopen(reply_fd, "w", encoding="utf-8")
 
     def tell(**words: Any) -> None:
         with contextlib.suppress(OSError):  # the emulator may be gone

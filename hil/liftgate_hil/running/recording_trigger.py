@@ -72,7 +72,7 @@ def trigger_of(
         except ValueError as error:
             issues.append(f"`record_when` {text}: {error}")
             continue
-        issues += [f"`record_when` {text}: {said}" for said in made.beyond(drives)]
+        issues += [f"`record_when` {text}: {reason}" for reason in made.beyond(drives)]
         found.append(made)
     room = MOST_BYTES / (8 * ROW_WIDTH)
     if before * rate > room:

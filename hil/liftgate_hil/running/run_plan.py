@@ -19,13 +19,13 @@ from liftgate_hil.loop.closed_loop import Extremes, Trace
 from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.running.bus_run import BusRun, bus_run_of
-from liftgate_hil.running.compilation import told_of_compiling
+from liftgate_hil.running.compilation import reporting_compilation
 from liftgate_hil.running.driver import Driver
 from liftgate_hil.running.episode_driver import EpisodeDriver
 from liftgate_hil.running.execution import Execution
 from liftgate_hil.running.result import Result, nothing_of, result_of, silence_of, tolerance_of
 from liftgate_hil.running.signs_of_life import foreign_code
-from liftgate_hil.running.stepping import StepsAgain, heard_by
+from liftgate_hil.running.stepping import StepsAgain, relevant_frames
 from liftgate_plant.compiler import GivenUpError
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def run_plan(
     Raises ConfigError.
     """
     try:
-        with told_of_compiling(plan.job.listener, stopped), contextlib.ExitStack() as stack:
+        with reporting_compilation(plan.job.listener, stopped), contextlib.ExitStack() as stack:
             seen, adapter = _sinks_of(plan, sinks), _adapter_of(plan, memory, stack)
             return _Run(Execution(plan, adapter, seen, stopped, memory)).result(stack)
     except GivenUpError:  # stopped before it began
@@ -170,7 +170,7 @@ class _Run:
         plan = self._plan
         return StepsAgain(
             begun=begun,
-            frames=heard_by(plan.rig, frames, judge.expected, begun.stimuli),
+            frames=relevant_frames(plan.rig, frames, judge.expected, begun.stimuli),
             ticks=summary.ticks - 1,
             rig=plan.rig,
             drives=plan.setup.vehicle.drives,

@@ -2,7 +2,7 @@
 
 log = CommandLog()                                # a sink of the run
 ...
-heard = heard_by(rig, log.frames(), expected, begun.stimuli)
+heard = relevant_frames(rig, log.frames(), expected, begun.stimuli)
 StepsAgain(begun, heard, ...)(0.012)              # SteppedAgain, see judging.stepped_again
 """
 
@@ -74,7 +74,7 @@ class CommandLog:
         return np.concatenate([np.empty(0), *self._angles])
 
 
-def heard_by(rig: Rig, frames: Any, expected: Expected, stimuli: StimulusPlan) -> Any:
+def relevant_frames(rig: Rig, frames: Any, expected: Expected, stimuli: StimulusPlan) -> Any:
     """Return those of the `frames` (n,) LOGGED, sent and received, that the gate, its tester or expectations read.
 
     Of the messages that only expectations read, those that the bench itself sends are left out. The frames are in
@@ -83,8 +83,8 @@ def heard_by(rig: Rig, frames: Any, expected: Expected, stimuli: StimulusPlan) -
     identifiers = [rig.identifier(each.message) for each in rig.inputs]
     if rig.diagnostics is not None:
         identifiers.append(rig.diagnostics.response)
-    told = {rig.identifier(name.partition(".")[0]) for name in expected.signals}
-    identifiers += told - set(stimuli.restbus.everything.messages["identifier"].tolist())
+    judged = {rig.identifier(name.partition(".")[0]) for name in expected.signals}
+    identifiers += judged - set(stimuli.restbus.everything.messages["identifier"].tolist())
     found = np.array(frames[np.isin(frames["identifier"] & ~FD, identifiers)])
     found["time_ns"] = (found["time_ns"] + 500) // 1000 * 1000
     return found[np.argsort(found["time_ns"], kind="stable")]
@@ -111,7 +111,7 @@ class StepsAgain:
     """Steps the gate of a run again for a lateness [s]: see `judging.stepped_again.StepAgain`."""
 
     begun: Begun
-    frames: Any  # (n,) LOGGED, see `heard_by`
+    frames: Any  # (n,) LOGGED, see `relevant_frames`
     ticks: int  # of the run
     rig: Rig
     drives: int

@@ -170,8 +170,8 @@ def alone(requests: Sequence[Request]) -> tuple[Requests, Moments]:
     for each in requests:
         if each.when.condition:
             file = f"{each.when.source}: " if each.when.source else ""
-            said = f"{file}{each.when.key or 'request'}: {each.when.condition}"
-            issues.take([f"{said}: allowed: a time, as the gate is in another process"])
+            text = f"{file}{each.when.key or 'request'}: {each.when.condition}"
+            issues.take([f"{text}: allowed: a time, as the gate is in another process"])
     issues.raise_if_any()
     return by_the_clock(requests)
 
@@ -230,8 +230,8 @@ def _conditions(
         except ValueError as error:
             issues.add_of(instant.source, instant.key, str(error))
             return Condition(instant.condition, ())
-        for said in found.beyond(vehicle.drives):
-            issues.add_of(instant.source, instant.key, said)
+        for text in found.beyond(vehicle.drives):
+            issues.add_of(instant.source, instant.key, text)
         return found
 
     return made

@@ -32,9 +32,9 @@ _dumps = pickle.dumps  # an ECU's code may put something else in its place
 
 def main() -> int:
     """Run the plan, answer with its result or with the error raised, and return the exit code."""
-    rows, frames, descriptor, told, caller = (int(each) for each in sys.argv[1:6])
+    rows, frames, descriptor, status_fd, caller = (int(each) for each in sys.argv[1:6])
     dies_with_parent(caller)  # nobody is left to wait for the answer
-    supervise(ends_at_once=True, told=told)
+    supervise(ends_at_once=True, status_fd=status_fd)
     from liftgate_hil.loop.rings import Memory
 
     memory = Memory(rows, frames, descriptor, others_write=True)
@@ -82,13 +82,13 @@ def _result_of(pickled: bytes, memory: Memory) -> object:
     except LiftgateError as error:
         return error
     except BaseException as error:  # also an exit or an interrupt that foreign code raised
-        said = f"{type(error).__name__}: {text_of(error)}".rstrip(": ")
+        text = f"{type(error).__name__}: {text_of(error)}".rstrip(": ")
         who = "the ECU"
         if _is_ours(error):
             traceback.print_exception(error)
             who = "the run's process"
         ticks = int(control.tick[0])
-        return EcuError(f"{who} at {ticks / rate:.3f} s: {said}{_place_of(error)}", ticks)
+        return EcuError(f"{who} at {ticks / rate:.3f} s: {text}{_place_of(error)}", ticks)
 
 
 def _is_ours(error: BaseException) -> bool:

@@ -146,7 +146,7 @@ def start_value(messages: Mapping[str, Message], name: str) -> float:
     return value
 
 
-def going_on(before: Restbus, after: Restbus) -> None:
+def hand_over(before: Restbus, after: Restbus) -> None:
     """Continue counter and cycle of the messages of `after` where those of `before` are."""
     known = [int(each["identifier"]) for each in before.bus.messages]
     for row, message in enumerate(after.bus.messages):

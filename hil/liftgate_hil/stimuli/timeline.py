@@ -12,7 +12,7 @@ from liftgate_hil.stimuli.moments import NEVER, START, Instant, Moments, Sheet, 
 from liftgate_plant.compiler import compilable, with_item
 from liftgate_plant.dynamics import NO_OBSTACLE
 from liftgate_plant.obstacle import Obstacle
-from liftgate_plant.signals import NOTHING_SAID, Surroundings
+from liftgate_plant.signals import NO_PROFILE_VALUES, Surroundings
 
 _SUPPLY = Surroundings._fields.index("supply_voltage_v")
 
@@ -122,13 +122,13 @@ def profiles_over(timeline: Timeline, time: float, step: float) -> Surroundings:
 
     For a linear profile it is the mean over the step, which is that of its ends.
     """
-    said = NOTHING_SAID
+    profiles = NO_PROFILE_VALUES
     if len(timeline.knots) == 0:
-        return said
-    for place in range(len(said)):
+        return profiles
+    for place in range(len(profiles)):
         value = value_at(timeline, place, time) + 0.5 * rise_over(timeline, place, time, step)
-        said = with_item(said, place, value)
-    return said
+        profiles = with_item(profiles, place, value)
+    return profiles
 
 
 @compilable

@@ -113,7 +113,7 @@ class SuiteReport:
 def _summary(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
     counts = counts_of(outcomes)
     total = sum(counts[name] for name in (PASS, FAIL, INCONCLUSIVE, ERROR))
-    told = ", ".join(f"{counts[name]} {name}" for name in (PASS, FAIL, INCONCLUSIVE, ERROR))
+    counted = ", ".join(f"{counts[name]} {name}" for name in (PASS, FAIL, INCONCLUSIVE, ERROR))
     scenarios = [each.verdict for each in outcomes]
     by_scenario = ", ".join(
         f"{scenarios.count(name)} {name}" for name in (PASS, FAIL, INCONCLUSIVE, ERROR) if name in scenarios
@@ -132,7 +132,7 @@ def _summary(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
         run = [("judged by", _each(each.scenario.source for each in setups)), run[2]]
     rows = [
         ("verdict", badge(verdict_of(outcomes))),
-        ("expectations", f"{total}: {told}"),
+        ("expectations", f"{total}: {counted}"),
         ("inconclusive", f"{100.0 * counts['inconclusive_share']:.1f} % of the expectations"),
         (f"{what}s", f"{len(outcomes)}: {by_scenario}"),
         ("folder", str(_folder(outcomes))),
@@ -175,11 +175,11 @@ def _timing(outcomes: Sequence[Outcome]) -> str:
     missed = sum(each.overruns for each in summaries)
     dropped = sum(each.link.dropped for each in summaries)
     late = [each.timing.lateness.max_us for each in summaries if each.timing.lateness.count]
-    said = f"{missed} ticks missed, {dropped} received frames dropped"
+    text = f"{missed} ticks missed, {dropped} received frames dropped"
     if late:
-        said += f", latest tick {max(late):.1f} µs late"
+        text += f", latest tick {max(late):.1f} µs late"
     kept = "was on time" if not missed and not dropped else "was late: see the scenarios"
-    return f"the bench {kept}; {said}"
+    return f"the bench {kept}; {text}"
 
 
 def _not_passed(outcomes: Sequence[Outcome]) -> str:
@@ -252,9 +252,9 @@ def _all(outcomes: Sequence[Outcome]) -> Iterable[tuple[int, int, Outcome, Expec
             yield place, number, outcome, expectation, verdict
 
 
-def _link(place: int, said: str, number: int | None = None) -> Markup:
+def _link(place: int, reason: str, number: int | None = None) -> Markup:
     target = f"s{place + 1}" + ("" if number is None else f"e{number + 1}")
-    return Markup(f'<a href="#{target}">{text(said)}</a>')
+    return Markup(f'<a href="#{target}">{text(reason)}</a>')
 
 
 def _origin(outcomes: Sequence[Outcome], provenance: Provenance) -> str:

@@ -99,9 +99,9 @@ def _case(verdict: Verdict, name: str, seconds: float) -> ElementTree.Element:
     case = ElementTree.Element("testcase", classname=name, name=_text(verdict.name), time=f"{seconds:.3f}")
     if verdict.verdict != PASS:
         kind = "failure" if verdict.verdict == FAIL else "error"
-        said = _text(line_of(verdict))
-        told = ElementTree.SubElement(case, kind, type=verdict.verdict, message=said)
-        told.text = said
+        text = _text(line_of(verdict))
+        element = ElementTree.SubElement(case, kind, type=verdict.verdict, message=text)
+        element.text = text
     return case
 
 
@@ -109,16 +109,16 @@ def _add_properties(suite: ElementTree.Element, outcome: Outcome) -> None:
     """Add the properties of the run: vehicle, seed, recordings, requirements, parameters."""
     setup = outcome.case.plan.setup
     properties = ElementTree.SubElement(suite, "properties")
-    told = [("vehicle", setup.vehicle_name), ("seed", str(setup.seed))]
+    entries = [("vehicle", setup.vehicle_name), ("seed", str(setup.seed))]
     if outcome.case.recordings:
-        told = [("scenario", setup.scenario.source)]
-        told += [("recording", str(path)) for path in outcome.case.recordings]
-    told += [("requirement", each) for each in setup.scenario.requirement]
-    told += [(f"parameter.{name}", f"{value:g}") for name, value in setup.scenario.parameters.items()]
-    for name, value in told:
+        entries = [("scenario", setup.scenario.source)]
+        entries += [("recording", str(path)) for path in outcome.case.recordings]
+    entries += [("requirement", each) for each in setup.scenario.requirement]
+    entries += [(f"parameter.{name}", f"{value:g}") for name, value in setup.scenario.parameters.items()]
+    for name, value in entries:
         ElementTree.SubElement(properties, "property", name=_text(name), value=_text(value))
 
 
-def _text(said: str) -> str:
+def _text(text: str) -> str:
     """Return a text with `?` for each character that XML cannot hold."""
-    return _NOT_IN_XML.sub("?", said)
+    return _NOT_IN_XML.sub("?", text)

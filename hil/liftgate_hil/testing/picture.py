@@ -126,8 +126,8 @@ def _draw(panel: Panel, curve: Curve) -> None:
 def _level(sign: str, value: float, comparison: Comparison, is_trigger: bool, panel: Panel) -> Level:
     unit = f" {comparison.left.unit}" if comparison.left.unit else ""
     named = panel.names.get(value)
-    said = f"{sign} {value:.6g}{unit}" + (f" ({named})" if named else "")
-    return Level(value, f"trigger: {said}" if is_trigger else said, is_trigger)
+    text = f"{sign} {value:.6g}{unit}" + (f" ({named})" if named else "")
+    return Level(value, f"trigger: {text}" if is_trigger else text, is_trigger)
 
 
 def _margin_on(

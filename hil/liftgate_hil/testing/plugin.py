@@ -37,11 +37,11 @@ _FAILED = pytest.StashKey[bool]()
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the plugin's command-line options."""
     group = parser.getgroup("liftgate", "lift gate emulator")
-    told = "for scenario files and the fixture"
-    group.addoption("--liftgate-ecu", metavar="reference|LIBRARY|MODULE:CLASS|bus", help=f"the ECU {told}")
+    purpose = "for scenario files and the fixture"
+    group.addoption("--liftgate-ecu", metavar="reference|LIBRARY|MODULE:CLASS|bus", help=f"the ECU {purpose}")
     group.addoption("--liftgate-bus", metavar="INTERFACE:CHANNEL", help="the bus with the ECU")
-    group.addoption("--liftgate-vehicle", metavar="NAME|FILE", help=f"the vehicle {told}")
-    group.addoption("--liftgate-rig", metavar="NAME|FILE", help=f"the rig {told}")
+    group.addoption("--liftgate-vehicle", metavar="NAME|FILE", help=f"the vehicle {purpose}")
+    group.addoption("--liftgate-rig", metavar="NAME|FILE", help=f"the rig {purpose}")
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -150,9 +150,9 @@ def _set_clocks(files: Sequence[RunFile]) -> None:
         return
     start_us = max((each.table.start_ns // 1000 for each in files if each.is_ours and each.table), default=0)
     if others and not start_us:
-        said = f"wall-clock timestamps, but none in {others[0].path}"
+        text = f"wall-clock timestamps, but none in {others[0].path}"
         raise ConfigError(
-            f"{by_wall[0].path}: {said}; allowed: the same clock in both, or a recording of this program that "
+            f"{by_wall[0].path}: {text}; allowed: the same clock in both, or a recording of this program that "
             "states its start, as those of runs in real time do"
         )
     first = min(each.span[0] for each in by_wall if each.span is not None)

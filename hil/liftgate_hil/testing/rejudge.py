@@ -28,7 +28,7 @@ from liftgate_hil.running.loop_start import loop_config_of, start_of
 from liftgate_hil.running.plan import expected_in
 from liftgate_hil.running.result import silence_of, tolerance_of
 from liftgate_hil.running.setup import Setup, rig_of, setup_of
-from liftgate_hil.running.stepping import StepsAgain, heard_by
+from liftgate_hil.running.stepping import StepsAgain, relevant_frames
 from liftgate_hil.running.stimulation import planned_stimuli, reset_failure
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.testing.read_run import Asked, read_run
@@ -215,7 +215,7 @@ def _steps_again(paths: Sequence[Path], about: Expectations, judge: Judge) -> St
     start = start_of(config, setup.start_angle)
     return StepsAgain(
         begun=Begun(config, start, stimuli),
-        frames=heard_by(rig, run.frames, judge.expected, stimuli),
+        frames=relevant_frames(rig, run.frames, judge.expected, stimuli),
         ticks=len(run.times) - 1,
         rig=rig,
         drives=setup.vehicle.drives,

@@ -70,9 +70,9 @@ class RunFile:
 
     def _is_sound(self, times: Floats, issues: list[str]) -> bool:
         """Whether the times of the rows are sound; then they are the file's span."""
-        said = time_issue(times, "row") if len(times) else "no rows; allowed: one or more"
-        if said:
-            issues.append(f"{self.path}: time_s: {said}")
+        text = time_issue(times, "row") if len(times) else "no rows; allowed: one or more"
+        if text:
+            issues.append(f"{self.path}: time_s: {text}")
             return False
         self.span = float(times[0]), float(times[-1])
         return True
@@ -83,8 +83,8 @@ class RunFile:
             theirs = mapping.get("time_s", Theirs("time_s"))
             name = theirs.found_in(file.names)
             if name is None:
-                said = "missing; allowed: a column of seconds, or `map` time_s=..."
-                issues.append(f"{self.path}: time_s: {said}")
+                text = "missing; allowed: a column of seconds, or `map` time_s=..."
+                issues.append(f"{self.path}: time_s: {text}")
                 return
             series = file.read(list(dict.fromkeys([name, *names])), issues)
             if name not in series:
@@ -133,8 +133,8 @@ def converted(
     factors = conversion(ours, own, COLUMNS)
     if factors is None:
         hint = f"; or `map` '{ours}={theirs.name}[unit]'"
-        said = f"unit {own!r}; allowed: {allowed_units(ours, COLUMNS)}{hint}"
-        issues.append(f"{path}: {ours} ({theirs.name}): {said}")
+        text = f"unit {own!r}; allowed: {allowed_units(ours, COLUMNS)}{hint}"
+        issues.append(f"{path}: {ours} ({theirs.name}): {text}")
         return values
     if (theirs.scale, theirs.offset, *factors) == (1.0, 0.0, 1.0, 0.0):
         return values

@@ -28,13 +28,13 @@ def value_names(rig: Rig) -> Names:
 
     def found(name: str) -> Mapping[float, str]:
         if name in COLUMNS:
-            return {float(k): said for k, said in enumerate(COLUMNS[name].values)}
+            return {float(k): label for k, label in enumerate(COLUMNS[name].values)}
         message, _, signal = name.partition(".")
         if message not in rig.messages:
             return {}
         own = next((each for each in rig.messages[message].signals if each.name == signal), None)
         choices = own.choices if own is not None else None
-        return {float(value): str(said) for value, said in (choices or {}).items()}
+        return {float(value): str(label) for value, label in (choices or {}).items()}
 
     return found
 
@@ -63,14 +63,14 @@ def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, s
     scenario = outcome.case.plan.setup.scenario
     happened = [] if outcome.case.recordings else happenings(scenario)
     rest = len(happened) - _MOST_HAPPENINGS
-    told = [*happened[:_MOST_HAPPENINGS], *([f"and {rest} more"] if rest > 0 else [])]
+    entries = [*happened[:_MOST_HAPPENINGS], *([f"and {rest} more"] if rest > 0 else [])]
     parts = [
         f'<section class="scenario" id="s{place + 1}">',
         f"<h3>{badge(outcome.verdict)} {text(outcome.case.file)}</h3>",
         f"<p>{text(' '.join(str(scenario.description).split()))}</p>" if scenario.description else "",
         alert([outcome.reason] if outcome.reason else []),
         pairs(_facts(outcome)),
-        f"<h4>What happens</h4>\n{bullets(told)}" if told else "",
+        f"<h4>What happens</h4>\n{bullets(entries)}" if entries else "",
         "<h4>What is expected</h4>",
         *(
             _expectation(f"s{place + 1}e{k + 1}", each, verdict, figures, outcome.case.file)
@@ -148,10 +148,10 @@ def _expectation(
 def _margin(verdict: Verdict, hold: float) -> str:
     if verdict.margin is None:
         return ""
-    said = margin_text(verdict)
+    label = margin_text(verdict)
     if verdict.decided_by:
-        said += f" of {verdict.decided_by}"
+        label += f" of {verdict.decided_by}"
     if verdict.margin_time_s is not None:
         held = f"in the {hold:g} s up to" if hold else "at"
-        said += f", {held} {verdict.margin_time_s:.6g} s"
-    return said
+        label += f", {held} {verdict.margin_time_s:.6g} s"
+    return label

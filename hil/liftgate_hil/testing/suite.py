@@ -75,14 +75,14 @@ class Outcome:
         if self.result is None:
             return found
         summary = self.result.summary
-        if why := summary.refusals_told():
+        if why := summary.refusals_reported():
             came = summary.received.accepted + rejected(summary.received)
             found.append(f"{rejected(summary.received)} of {came} frames to the gate were refused: {why}")
-        elif not (self.reason or self.case.recordings) and (silence := summary.silence_told()):
+        elif not (self.reason or self.case.recordings) and (silence := summary.silence_reported()):
             found.append(silence)
         found += self.result.notes
         if summary.injections or summary.injections_refused:
-            found.append(summary.injections_told())
+            found.append(summary.injections_reported())
         return found
 
 

@@ -104,9 +104,9 @@ def _fault(fault: Fault) -> str:
 
 
 def _values(values: Mapping[str, object]) -> str:
-    said = [
+    words = [
         f"{name} = {value:g}" if isinstance(value, int | float) else f"{name} = {value}"
         for name, value in values.items()
         if value is not None and not (name == "seed" and not value)
     ]
-    return f", {', '.join(said)}" if said else ""
+    return f", {', '.join(words)}" if words else ""

@@ -25,7 +25,7 @@ _FDF = 0x04  # CANFD_FDF
 _BUFFER = 1 << 20  # bytes; some thousand frames
 _LEAVE_S = 3.0  # s that closing waits for a driver
 _DRAIN_S = 2.0  # s that draining may take
-_TOLD = socket.CMSG_SPACE(_STAMP.size)
+_ANCILLARY = socket.CMSG_SPACE(_STAMP.size)
 _MOST_NS = 60_000_000_000  # longest time that a frame can wait here
 _LOOK_S = 0.01  # s until a thread that waits for frames sees, at the latest, that it shall end
 
@@ -112,11 +112,11 @@ class Pump:
         The wait is that for this thread, without the time that the driver took for the frames before.
         """
         try:
-            datagram, told, _, _ = self._ours.recvmsg(_ROW.size, _TOLD)
+            datagram, ancillary, _, _ = self._ours.recvmsg(_ROW.size, _ANCILLARY)
         except OSError:  # closed while the driver blocked this thread
             return b""
         control = self._control
-        for level, kind, stamp in told if control is not None else ():
+        for level, kind, stamp in ancillary if control is not None else ():
             if (level, kind) == (socket.SOL_SOCKET, SO_TIMESTAMPNS):
                 seconds, rest = _STAMP.unpack(stamp)
                 since_ns = time.monotonic_ns() - self._sent_ns

@@ -95,8 +95,8 @@ def processor() -> tuple[str, str]:
 
 def enabled() -> bool:
     """Whether the environment leaves the compiler on."""
-    said = os.environ.get("LIFTGATE_COMPILE", "1"), os.environ.get("NUMBA_DISABLE_JIT", "0")
-    return said[0] != "0" and said[1] in ("", "0")
+    switches = os.environ.get("LIFTGATE_COMPILE", "1"), os.environ.get("NUMBA_DISABLE_JIT", "0")
+    return switches[0] != "0" and switches[1] in ("", "0")
 
 
 def cache_folder(function: Callable[..., Any] | None = None) -> Path:

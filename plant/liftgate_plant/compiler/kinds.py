@@ -85,17 +85,17 @@ def plain(kind: Kind) -> Any:
     return "a" if isinstance(kind, Array) else text_of(kind)
 
 
-def from_plain(said: Any) -> Kind:
+def from_plain(plain: Any) -> Kind:
     """Return the kind that `plain` has converted.
 
     Raises LookupError, ImportError, AttributeError where a type is not found.
     """
-    if isinstance(said, list):
-        module, _, name = said[0].partition(":")
+    if isinstance(plain, list):
+        module, _, name = plain[0].partition(":")
         named = importlib.import_module(module) if module else None
         for part in name.split(".") if module else ():
             named = getattr(named, part)
-        return Tuple(named, tuple(from_plain(each) for each in said[1]))  # type: ignore[arg-type]
-    if said == "a":
+        return Tuple(named, tuple(from_plain(each) for each in plain[1]))  # type: ignore[arg-type]
+    if plain == "a":
         return Array(np.dtype("f8"), 0, "A", False)
-    return Nothing() if said == "n" else Number(said)
+    return Nothing() if plain == "n" else Number(plain)

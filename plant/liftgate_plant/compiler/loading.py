@@ -8,6 +8,7 @@ import functools
 from collections.abc import Sequence
 from typing import Any
 
+from liftgate_plant.compiler.calls import stand_ins
 from liftgate_plant.compiler.kinds import Kind
 from liftgate_plant.compiler.packing import packer, unpacker
 
@@ -64,7 +65,11 @@ def _engine_with(code: bytes) -> Any:
     import llvmlite.binding as llvm
 
     machine = _target().create_target_machine(codemodel="jitdefault", jit=True)
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    replaced = stand_ins()
+    module = llvm.parse_assembly("\n".join(f"declare void @{name}()" for name in replaced))
+    engine = llvm.create_mcjit_compiler(module, machine)
+    for name, address in replaced.items():
+        engine.add_global_mapping(module.get_function(name), address)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return engine

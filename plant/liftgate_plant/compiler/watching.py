@@ -26,19 +26,19 @@ class Watcher:
         """Called with the reason why machine code is neither read from the disk nor stored there."""
 
 
-_told = [Watcher()]
+_watchers = [Watcher()]
 
 
 def watch(watcher: Watcher) -> None:
     """Add a watcher, which is informed from now on."""
-    _told.append(watcher)
+    _watchers.append(watcher)
 
 
 def unwatch(watcher: Watcher) -> None:
     """Remove a watcher; threads that watch need not end in the order in which they began."""
-    _told.remove(watcher)
+    _watchers.remove(watcher)
 
 
 def watcher() -> Watcher:
     """Return the watcher that is informed: the last one added."""
-    return _told[-1]
+    return _watchers[-1]

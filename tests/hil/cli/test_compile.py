@@ -10,7 +10,7 @@ import pytest
 from liftgate_hil.cli.main import main
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.loop.listener import Listener
-from liftgate_hil.running.compilation import told_of_compiling
+from liftgate_hil.running.compilation import reporting_compilation
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import plan_of
@@ -53,5 +53,5 @@ def test_a_run_that_is_stopped_while_it_compiles_ends_before_its_first_tick(
 
 
 def test_a_compilation_that_is_ended_from_outside_is_one_message():
-    with pytest.raises(LiftgateError, match="ended from outside"), told_of_compiling(Listener()):
+    with pytest.raises(LiftgateError, match="ended from outside"), reporting_compilation(Listener()):
         raise compiler.CompileError("the compiler's process was ended from outside (SIGKILL)")

@@ -21,7 +21,7 @@ from liftgate_hil.codec.multiplexing import pages_of
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.codec.transmit import encode, first_transmission, told_of, transmit
+from liftgate_hil.codec.transmit import encode, first_transmission, times_sent, transmit
 from liftgate_plant import signals as catalogue
 from liftgate_plant.compiler import compiled
 
@@ -454,10 +454,10 @@ def test_what_is_held_until_it_is_reported_waits_for_its_page(page: int):
     transmission, told = first_transmission(bus, 3), []
     for sent in range(6):
         transmission.sent[0] = sent
-        told.append(told_of(bus, transmission, 0, page))
+        told.append(times_sent(bus, transmission, 0, page))
     assert told == ([0, 1, 1, 2, 2, 3] if page == 0 else [0, 0, 1, 1, 2, 2])
-    assert told_of(bus, transmission, 0, 2) == 5
-    assert told_of(bus, transmission, -1, 2) == 0
+    assert times_sent(bus, transmission, 0, 2) == 5
+    assert times_sent(bus, transmission, -1, 2) == 0
 
 
 NESTED = """VERSION ""

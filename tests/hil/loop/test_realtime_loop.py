@@ -11,7 +11,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -31,111 +31,84 @@ from hil_support import (
     start_of,
     stimulus_plan,
 )
+from simulated_kernel import EPOCH, MS, START, Datagram, SimulatedKernel, from_a_can_socket, from_a_pump
 
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
-from liftgate_hil.loop import advance, datagrams, realtime_loop
 from liftgate_hil.loop.arrivals import arrival_of
 from liftgate_hil.loop.closed_loop import Trace
-from liftgate_hil.loop.datagrams import CAPACITY, Reading, Writing, make_buffers, read_frames, write_frames
+from liftgate_hil.loop.datagrams import make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import BINS, bin_of
 from liftgate_hil.loop.python_loop import Loop
-from liftgate_hil.loop.realtime_loop import DIVERGED, ENDED, OVERRUN, Room, RunParams, make_room, run_realtime
+from liftgate_hil.loop.realtime_loop import DIVERGED, ENDED, OVERRUN, RunParams, make_room, run_realtime
 from liftgate_hil.loop.realtime_run import RealtimeRun, feedback_identifiers
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
-from liftgate_hil.loop.tick import STOPPED, LoopConfig, LoopState
-from liftgate_hil.loop.tick import tick as plain_tick
+from liftgate_hil.loop.tick import STOPPED, LoopState
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, Timing
 from liftgate_hil.stimuli.command_queue import post_values
-from liftgate_hil.stimuli.outside import Outside
 from liftgate_hil.transport.base import LinkCounts
-from liftgate_plant.compiler import compiled
 
 Rows = list[tuple[int, bytes]]
-MS = 1_000_000
-START = 1_000_000_000_000  # of the monotonic clock
-EPOCH = 1_700_000_000_000_000_000  # what the wall clock is ahead
 TAKES = 40_000  # ns that a waking takes, however many ticks it makes up
 
 
-class Rehearsal:
+class Rehearsal(SimulatedKernel):
     """A run of `run_realtime` whose time, frames and faults the test decides.
 
-    `at` is called at every waking with its number, before frames are read; `late` is how late that one is.
+    The time that a waking takes passes before the loop asks for the time for the fourth time: it asks after
+    waking, after reading, before the tick, after sending, and at the end. The last tick follows without a waking.
     """
 
-    def __init__(
-        self, monkeypatch: pytest.MonkeyPatch, rig: Rig, rate: float = 1000.0, rows: int = 4096, frames: int = 4096
-    ) -> None:
+    def __init__(self, rig: Rig, rate: float = 1000.0, rows: int = 4096, frames: int = 4096) -> None:
+        super().__init__()
         self.rig = rig
         self.config = loop_config(rate, rig)
         self.memory = Memory(rows, frames)
         self.shared = self.memory.shared
-        self.now = START
-        self.real = EPOCH  # ahead of the monotonic clock
-        self.wakings = 0
-        self.at: Callable[[int], None] = lambda waking: None
-        self.late: dict[int, int] = {}
-        self.sent: list[Rows] = []  # by waking
+        self.sent: list[Rows] = []  # by waking, the last tick's at the end
         self.refuse: Callable[[int, int], bool] = lambda tick, trial: False
-        self.steps: list[int] = []  # plant steps, by waking
-        self.given: list[int] = []  # the ticks that were given frames
-        self._missed = self._made_up = 0
         self.ours, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.theirs.setblocking(False)
-        self._trials = 0
+        self._asked = self._trials = 0  # since the last waking
         self._taken: Rows = []
 
-        tick_in_place = compiled(plain_tick)
+    def clock_gettime(self, clock: int, at: int) -> int:
+        if clock == 1:
+            self._asked += 1
+            self.now += TAKES if self._asked == 4 else 0
+        return super().clock_gettime(clock, at)
 
-        def clock_ns(clock: int, room: Room) -> int:
-            return self.now if clock == 1 else self.now + self.real
+    def clock_nanosleep(self, clock: int, flags: int, request: int, remaining: int) -> int:
+        self.sent.append([])
+        self._asked = self._trials = 0
+        return super().clock_nanosleep(clock, flags, request, remaining)
 
-        def wait_until(deadline_ns: int, room: Room) -> int:
-            self.now = max(self.now, deadline_ns) + self.late.get(self.wakings, 0)
-            self.at(self.wakings)
-            self.wakings += 1
-            return self.now
+    def sendmmsg(self, descriptor: int, headers: int, count: int, flags: int) -> int:
+        if not self.sent or (len(self.sent) == self.wakings and self._asked == 5):
+            self.sent.append([])  # those of the last tick
+            self._asked, self._trials = 3, 0
+        self._trials += 1
+        if self.refuse(len(self.sent) - 1, self._trials):
+            ctypes.set_errno(errno.EAGAIN)
+            return -1
+        sent = super().sendmmsg(descriptor, headers, count, flags)
+        arrived = self._waiting()  # the kernel keeps ten
+        self.sent[-1] += arrived
+        self._taken += arrived
+        return sent
 
-        def tick(config: LoopConfig, state: LoopState, frames: Frames, around: Outside) -> Any:
-            self._missed += around.is_silent
-            assert around.ticks_missed == self._missed
-            if frames.count:
-                self.given.append(state.tick)
-            self._made_up += around.is_silent
-            if not around.is_silent:
-                self.now += TAKES
-                self.sent.append([])
-                self.steps.append(self._made_up + 1)
-                self._made_up = self._trials = 0
-            return tick_in_place(config, state, frames, around)
-
-        def write(descriptor: int, buffers: Any, frames: Frames, patience: int) -> Writing:
-            writing = write_frames(descriptor, buffers, frames, patience)
-            assert writing.sent in (0, frames.count)
-            self.sent[-1] += rows_of(frames) if writing.sent else []
-            self._taken += self._waiting()  # the kernel keeps ten
-            return writing
-
-        def sendmmsg(*arguments: int) -> int:
-            self._trials += 1
-            if self.refuse(len(self.sent) - 1, self._trials):
-                ctypes.set_errno(errno.EAGAIN)
-                return -1
-            return really_sendmmsg(*arguments)
-
-        def nanosleep(request: int, remaining: int) -> int:
-            self.now += MS
-            return 0
-
-        monkeypatch.setattr(realtime_loop, "clock_ns", clock_ns)
-        monkeypatch.setattr(realtime_loop, "wait_until", wait_until)
-        monkeypatch.setattr(advance, "tick", tick)
-        monkeypatch.setattr(realtime_loop, "write_frames", write)
-        really_sendmmsg = datagrams._sendmmsg
-        monkeypatch.setattr(datagrams, "_sendmmsg", sendmmsg)
-        monkeypatch.setattr(datagrams, "_nanosleep", nanosleep)
+    @property
+    def steps(self) -> list[int]:
+        """Ticks by waking: one, and those that were missed before it."""
+        found, count, before = [], 0, 0.0
+        for missed in self.column("ticks_missed"):
+            count += 1
+            if missed == before:
+                found.append(count)
+                count = 0
+            before = missed
+        return found
 
     def run(self, ticks: int, state: LoopState | None = None, limit_ns: int = 10**9) -> tuple[LoopState, int]:
         feedback = np.array(feedback_identifiers(self.rig), dtype=np.int64)
@@ -150,7 +123,8 @@ class Rehearsal:
             is_last=1,
         )
         begin = state or start_of(self.config)
-        return run_realtime(self.config, begin, params, self.shared, make_room())
+        state_and_outcome = self.call(run_realtime, self.config, begin, params, self.shared, make_room())
+        return cast("tuple[LoopState, int]", state_and_outcome)
 
     def give(self, *rows: tuple[int, bytes], age: int | None = None) -> None:
         """Put frames on the wire; with an age, as our pump does."""
@@ -196,11 +170,11 @@ class Rehearsal:
 
 
 @pytest.fixture
-def rehearse(monkeypatch: pytest.MonkeyPatch, rig: Rig) -> Iterator[Callable[..., Rehearsal]]:
+def rehearse(rig: Rig) -> Iterator[Callable[..., Rehearsal]]:
     made: list[Rehearsal] = []
 
     def make(**more: Any) -> Rehearsal:
-        made.append(Rehearsal(monkeypatch, rig, **more))
+        made.append(Rehearsal(rig, **more))
         return made[-1]
 
     yield make
@@ -309,7 +283,8 @@ def test_a_late_waking_skips_whole_periods_and_the_plant_catches_up(
     assert sum(play.noted(LATENESS).values()) == len(play.steps) - 1
     # Each tick has its row, the missed ones too; what has come at the waking is taken in the last of them.
     assert play.column("time_s") == pytest.approx([0.001 * (1 + n) for n in range(1501)])
-    assert play.given == [3 + steps - 1]
+    frames = RingReader(play.shared.frames, play.shared.control, "frames").take()
+    assert frames["time_ns"][frames["is_sent"] == 0].tolist() == [4 * MS + late]
 
 
 def test_each_tick_of_a_catch_up_gets_what_had_arrived_by_then(rehearse: Callable[..., Rehearsal], rig: Rig):
@@ -326,7 +301,6 @@ def test_each_tick_of_a_catch_up_gets_what_had_arrived_by_then(rehearse: Callabl
     play.at = at
     state, _ = play.run(60)
     assert play.steps[10] == 31
-    assert play.given == [16, 26, 40]
     assert state.counts.accepted == 3
     assert state.counts.foreign == 1
     frames = RingReader(play.shared.frames, play.shared.control, "frames").take()
@@ -336,26 +310,22 @@ def test_each_tick_of_a_catch_up_gets_what_had_arrived_by_then(rehearse: Callabl
 
 
 def test_a_catch_up_reads_on_where_more_had_come_than_there_is_room_for(
-    rehearse: Callable[..., Rehearsal], rig: Rig, monkeypatch: pytest.MonkeyPatch
+    rehearse: Callable[..., Rehearsal], rig: Rig
 ):
     play = rehearse()
     play.late = {10: 60 * MS}
-    come: list[tuple[int, tuple[int, bytes]]] = []  # arrivals, frames
+    come: list[Datagram] = []
     for number in range(6):
-        come += [(START + (12 + 9 * number) * MS, (0x55, bytes([k % 256]))) for k in range(400)]
-        come.append((START + (12 + 9 * number) * MS, opening(rig, number)))
+        stamp = START + (12 + 9 * number) * MS
+        come += [from_a_pump(0x55, bytes([k % 256]), stamp) for k in range(400)]
+        come.append(from_a_pump(*opening(rig, number), stamp))
 
-    def read(descriptor: int, buffers: Any, frames: Frames, stamps: Any) -> Reading:
-        count = 0
-        while come and play.wakings > 10 and count < CAPACITY:
-            stamps[count], row = come.pop(0)
-            given = frames_of([row])
-            frames.identifiers[count], frames.lengths[count] = (given.identifiers[0], given.lengths[0])
-            frames.data[count] = given.data[0]
-            count += 1
-        return Reading(count, 0, -1)
+    def arrivals(most: int) -> list[Datagram]:
+        taken = come[:most] if play.wakings > 10 else []
+        del come[: len(taken)]
+        return taken
 
-    monkeypatch.setattr(realtime_loop, "read_frames", read)
+    play.arrivals = arrivals
     state, _ = play.run(100)
     assert play.shared.control[0].stale == 0
     assert (state.counts.accepted, state.counts.foreign) == (6, 2400)
@@ -656,22 +626,20 @@ def test_an_arrival_is_never_in_the_future_nor_before_the_last_read(stamp: int, 
 
 @pytest.mark.parametrize(("step", "age"), [(0, 250_000), (6 * 10**9, MS), (-6 * 10**9, 0)])
 def test_the_kernels_stamp_is_of_the_wall_clock_which_may_be_set(
-    rehearse: Callable[..., Rehearsal], rig: Rig, monkeypatch: pytest.MonkeyPatch, step: int, age: int
+    rehearse: Callable[..., Rehearsal], rig: Rig, step: int, age: int
 ):
     play = rehearse()
 
-    def read(descriptor: int, buffers: Any, frames: Frames, stamps: Any) -> Reading:
-        if play.wakings - 1 not in (24, 26):
-            return Reading(0, 0, -1)
+    def arrivals(most: int) -> list[Datagram]:
+        if play.wakings - 1 == 24:
+            come = from_a_can_socket(*opening(rig, 1), play.now + play.real - 250_000, dropped=17)
+            play.real += step
+            return [come]
         if play.wakings - 1 == 26:
-            return Reading(0, 0, 17 + 5)
-        given = frames_of([opening(rig, 1)])
-        frames.identifiers[:1], frames.lengths[:1] = given.identifiers, given.lengths
-        frames.data[:1], stamps[0] = given.data, -(play.now + play.real - 250_000)
-        play.real += step
-        return Reading(1, 0, 17)
+            return [from_a_can_socket(0x55, b"x", play.now + play.real, dropped=17 + 5)]
+        return []
 
-    monkeypatch.setattr(realtime_loop, "read_frames", read)
+    play.arrivals = arrivals
     play.run(50)
     delay = when_sent(first_feedback(play, 24)) - (START + 25 * MS - age)
     assert play.noted(DELAY) == {bin_of(delay): 1}

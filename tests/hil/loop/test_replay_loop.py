@@ -2,55 +2,74 @@
 
 from __future__ import annotations
 
+import ctypes
+import errno
+from typing import Any
+
 import numpy as np
 import pytest
 from hil_support import frames_of
+from simulated_kernel import MS, Datagram, SimulatedKernel
 
-from liftgate_hil.codec.frames import Frames, logged
-from liftgate_hil.loop import replay_loop
+from liftgate_hil.codec.frames import logged
 from liftgate_hil.loop.histogram import distribution
-from liftgate_hil.loop.realtime_loop import Room, make_room
+from liftgate_hil.loop.realtime_loop import make_room
 from liftgate_hil.loop.replay_loop import PlayParams, Schedule, empty_schedule, play, put
-from liftgate_hil.loop.rings import LATENESS, Memory, Shared
+from liftgate_hil.loop.rings import LATENESS, Memory
 
-US, MS = 1_000, 1_000_000
+US = 1_000
 WAKE, COST = 30 * US, 5 * US  # how late every wake-up is, and what handing over takes
 
 
-class World:
+class World(SimulatedKernel):
     """A clock, and a wire that may refuse."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.now = 7 * MS
+    def __init__(self) -> None:
+        super().__init__()
         self.sent: list[tuple[int, list[int]]] = []  # when, payloads' first bytes
         self.refused: set[int] = set()  # first bytes
+        self.control: Any = None
         self.stop_at = 2**62
-        for name in ("clock_ns", "wait_until", "receive", "send"):
-            monkeypatch.setattr(replay_loop, name, getattr(self, name))
+        self.arrivals = self.nothing
 
-    def clock_ns(self, clock: int, room: Room) -> int:
+    def nothing(self, most: int) -> list[Datagram]:
+        """Nothing has come, but the wish to stop may have."""
+        self.control.stop = int(self.now >= self.stop_at)
+        return []
+
+    def clock_gettime(self, clock: int, at: int) -> int:
         self.now += 100
-        return self.now
+        return super().clock_gettime(clock, at)
 
-    def wait_until(self, deadline: int, room: Room) -> int:
-        if self.now < deadline:
-            self.now = deadline + WAKE
-        return self.now
+    def clock_nanosleep(self, clock: int, flags: int, request: int, remaining: int) -> int:
+        code = super().clock_nanosleep(clock, flags, request, remaining)
+        self.now += WAKE
+        return code
 
-    def receive(self, shared: Shared, params: PlayParams, room: Room) -> None:
-        if self.now >= self.stop_at:
-            shared.control[0].stop = 1
-
-    def send(self, shared: Shared, params: PlayParams, room: Room, frames: Frames, patience: int) -> int:
-        numbers = [int(frames.data[row, 0]) for row in range(frames.count)]
-        self.sent.append((self.now, [each for each in numbers if each not in self.refused]))
+    def sendmmsg(self, descriptor: int, headers: int, count: int, flags: int) -> int:
+        numbers = payloads(headers, count)
+        refused = next((k for k, each in enumerate(numbers) if each in self.refused), count)
         self.now += COST
-        return sum(each in self.refused for each in numbers)
+        if refused == 0:
+            ctypes.set_errno(errno.EAGAIN)
+            return -1
+        self.sent.append((self.now - COST, numbers[:refused]))
+        return refused
+
+
+def payloads(headers: int, count: int) -> list[int]:
+    """The first payload byte of each frame in an array of struct mmsghdr."""
+    found = []
+    for i in range(count):
+        vector = ctypes.c_int64.from_address(headers + 64 * i + 16).value
+        frame = ctypes.c_int64.from_address(vector).value
+        found.append(ctypes.c_uint8.from_address(frame + 8).value)
+    return found
 
 
 @pytest.fixture
-def world(monkeypatch: pytest.MonkeyPatch) -> World:
-    return World(monkeypatch)
+def world() -> World:
+    return World()
 
 
 def scheduled(due: list[int], places: int = 64) -> Schedule:
@@ -62,9 +81,10 @@ def scheduled(due: list[int], places: int = 64) -> Schedule:
     return schedule
 
 
-def played(schedule: Schedule, together: int = 64) -> Memory:
+def played(world: World, schedule: Schedule, together: int = 64) -> Memory:
     memory = Memory(1, 1)
-    play(schedule, PlayParams(-1, together, 0), memory.shared, make_room())
+    world.control = memory.shared.control[0]
+    world.call(play, schedule, PlayParams(-1, together, 0), memory.shared, make_room())
     memory.close()
     return memory
 
@@ -72,7 +92,7 @@ def played(schedule: Schedule, together: int = 64) -> Memory:
 def test_each_frame_goes_when_it_is_due_and_those_of_one_time_together(world: World) -> None:
     due = [0, 4 * MS, 4 * MS, 4 * MS + 10 * US, 30 * MS, 2000 * MS]
     schedule = scheduled(due)
-    memory = played(schedule)
+    memory = played(world, schedule)
     start = int(schedule.position[0].start_ns)
     assert [numbers for _, numbers in world.sent] == [[0], [1, 2, 3], [4], [5]]
     for (when, numbers), after in zip(world.sent, [WAKE, WAKE, WAKE, WAKE], strict=True):
@@ -86,14 +106,14 @@ def test_each_frame_goes_when_it_is_due_and_those_of_one_time_together(world: Wo
 
 def test_one_by_one_they_come_in_their_order(world: World) -> None:
     schedule = scheduled([0, 0, 0, MS])
-    played(schedule, together=1)
+    played(world, schedule, together=1)
     assert [numbers for _, numbers in world.sent] == [[0], [1], [2], [3]]
 
 
 def test_what_the_wire_refused_is_neither_late_nor_counted_as_taken(world: World) -> None:
     world.refused = {1, 3}
     schedule = scheduled([0, MS, 2 * MS, 3 * MS, 4 * MS])
-    memory = played(schedule, together=1)
+    memory = played(world, schedule, together=1)
     position = schedule.position[0]
     assert (position.played, position.accepted) == (5, 3)
     assert distribution(memory.shared.histograms[LATENESS]).count == 3
@@ -103,26 +123,27 @@ def test_what_the_wire_refused_is_neither_late_nor_counted_as_taken(world: World
 
 def test_it_is_stopped_also_while_it_waits_for_long(world: World) -> None:
     schedule = scheduled([0, 3600 * 1000 * MS])
-    world.stop_at = 500 * MS
-    played(schedule)
+    begin = world.now
+    world.stop_at = begin + 500 * MS
+    played(world, schedule)
     assert schedule.position[0].played == 1
-    assert world.now < 600 * MS
+    assert world.now < begin + 600 * MS
 
 
-def test_a_ring_that_runs_empty_is_reported_and_nothing_is_left_out(
-    world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_ring_that_runs_empty_is_reported_and_nothing_is_left_out(world: World) -> None:
     schedule = scheduled([0])
     schedule.position[0].is_whole = 0
     frames = logged(frames_of([(0x200, bytes([9]))]), 0, True)
+    begin = world.now
 
-    def receive(shared: Shared, params: PlayParams, room: Room) -> None:
-        if world.now > 50 * MS and not schedule.position[0].is_whole:
+    def arrivals(most: int) -> list[Datagram]:
+        if world.now > begin + 43 * MS and not schedule.position[0].is_whole:
             put(schedule, np.array([10 * MS]), frames)
             schedule.position[0].is_whole = 1
+        return []
 
-    monkeypatch.setattr(replay_loop, "receive", receive)
-    memory = played(schedule)
+    world.arrivals = arrivals
+    memory = played(world, schedule)
     assert [numbers for _, numbers in world.sent] == [[0], [9]]
     assert schedule.position[0].starved == 1
     assert distribution(memory.shared.histograms[LATENESS]).max_us > 30_000.0
@@ -150,5 +171,5 @@ def test_around_the_rings_end_frames_of_one_time_go_in_two_pieces(world: World) 
     schedule.position[0].played = 3
     put(schedule, np.zeros(3, dtype=np.int64), frames[3:])
     schedule.position[0].is_whole = 1
-    played(schedule)
+    played(world, schedule)
     assert [numbers for _, numbers in world.sent] == [[3], [4, 5]]

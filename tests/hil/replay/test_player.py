@@ -51,7 +51,7 @@ def play(path: Path, stopped: Any = lambda: False, **how: Any) -> tuple[Played, 
     return told.played, messages
 
 
-def told_of(messages: list[can.Message]) -> list[tuple[int, bytes]]:
+def times_sent(messages: list[can.Message]) -> list[tuple[int, bytes]]:
     return [(m.arbitration_id | (EXTENDED if m.is_extended_id else 0), bytes(m.data)) for m in messages]
 
 
@@ -62,7 +62,7 @@ def test_every_frame_of_every_format_comes_once_and_in_its_order(tmp_path: Path,
         pytest.importorskip({".mf4": "asammdf", ".mcap": "mcap"}[suffix])
     path = write(tmp_path / f"run{suffix}", FRAMES, [True] * len(FRAMES))
     played, messages = play(path)
-    assert told_of(messages) == FRAMES
+    assert times_sent(messages) == FRAMES
     assert (played.frames_sent, played.frames_not_sent, played.is_complete) == (60, 0, True)
     assert played.lateness.count == 60
     assert played.played_s == pytest.approx(0.059)
@@ -72,7 +72,7 @@ def test_without_a_direction_it_plays_what_was_sent_and_where_nothing_was_all(tm
     ways = [k % 3 == 0 for k in range(60)]
     path = write(tmp_path / "run.log", FRAMES, ways)
     _, messages = play(path)
-    assert told_of(messages) == [each for each, is_sent in zip(FRAMES, ways, strict=True) if is_sent]
+    assert times_sent(messages) == [each for each, is_sent in zip(FRAMES, ways, strict=True) if is_sent]
     _, messages = play(path, selection=Selection("received"))
     assert len(messages) == 40
     played, messages = play(write(tmp_path / "their.log", FRAMES, [False] * 60))
@@ -82,7 +82,7 @@ def test_without_a_direction_it_plays_what_was_sent_and_where_nothing_was_all(tm
 def test_several_rounds_are_the_same_frames_again(tmp_path: Path) -> None:
     path = write(tmp_path / "run.log", FRAMES[:20], [True] * 20, 1e-4)
     played, messages = play(path, times=3, speed=2.0)
-    assert told_of(messages) == FRAMES[:20] * 3
+    assert times_sent(messages) == FRAMES[:20] * 3
     assert (played.rounds, played.played_s) == (3, pytest.approx(3 * 19 * 0.5e-4))
 
 
@@ -93,7 +93,7 @@ def test_more_frames_than_the_ring_holds_come_whole_round_after_round(
     monkeypatch.setattr(player, "empty_schedule", lambda places=16: small(places))
     path = write(tmp_path / "run.log", FRAMES, [True] * 60, 1e-5)
     _, messages = play(path, times=2)
-    assert told_of(messages) == FRAMES * 2
+    assert times_sent(messages) == FRAMES * 2
 
 
 def test_what_cannot_be_played_is_reported_before_a_bus_is_opened(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from liftgate_hil.judging.expected import expected_of
 from liftgate_hil.judging.stepped_again import SteppedAgain, stepped_again
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.tick import constants_in
-from liftgate_hil.running.stepping import heard_by
+from liftgate_hil.running.stepping import relevant_frames
 from liftgate_hil.stimuli.stimulus_plan import Bus, stimulus_plan_of
 
 SCENARIO = """
@@ -256,7 +256,7 @@ def test_a_gate_hears_what_its_rig_reads_by_the_time_of_arrival(rig: Rig) -> Non
     frames["time_ns"] = [2_000_499, 1, 2, 1_000_501]
     stimuli = stimulus_plan_of(constants_in(loop_config(rig=rig)), bus=Bus(rig.tables))
     nothing = expected_of([], {}, rig.messages, 2, "test")
-    assert heard_by(rig, frames, nothing, stimuli)["time_ns"].tolist() == [1_001_000, 2_000_000]
+    assert relevant_frames(rig, frames, nothing, stimuli)["time_ns"].tolist() == [1_001_000, 2_000_000]
 
 
 def test_a_message_between_others_is_heard_again_where_an_expectation_speaks_of_it(

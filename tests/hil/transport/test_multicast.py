@@ -266,7 +266,7 @@ def test_another_group_keeps_two_benches_of_one_machine_apart(rig: Rig, own: str
 
 def test_the_summary_of_foreign_frames_tells_how_to_keep_two_benches_apart():
     summary = Summary(received=NO_COUNTS._replace(foreign=7), apart="a group each")
-    assert summary.silence_told().endswith("that the rig does not receive; a group each")
+    assert summary.silence_reported().endswith("that the rig does not receive; a group each")
     assert "foreign frames: a group each" in summary.lines()
     assert "apart" not in summary.as_dict()
     assert not [line for line in Summary(apart="a group each").lines() if "a group each" in line]

@@ -178,13 +178,13 @@ def is_protection(message: Message, signal: Signal) -> str:
     """Return "counter" or "checksum" if a signal is one by name and length; else ""."""
     # Words of the message's own name say nothing about the signal.
     own = [word for word in words_of(signal.name) if word not in words_of(message.name)]
-    said = concepts_in("_".join(own))
+    concepts = concepts_in("_".join(own))
     if signal.is_float or signal.is_signed or signal.multiplexer_signal is not None:
         return ""
-    if "checksum" in said and signal.length in (8, 16):
+    if "checksum" in concepts and signal.length in (8, 16):
         return "checksum"
     others = {"hall", "current", "motor", "position", "left", "right"}
-    if "counter" in said and not said & others and 2 <= signal.length <= 8:
+    if "counter" in concepts and not concepts & others and 2 <= signal.length <= 8:
         return "counter"
     return ""
 
@@ -224,9 +224,9 @@ def _joined(quantity: str) -> str:
     return quantity.replace("_", "")
 
 
-def _fits(kind: Kind, own: frozenset[str], said: frozenset[str], signal: Signal) -> bool:
+def _fits(kind: Kind, own: frozenset[str], concepts: frozenset[str], signal: Signal) -> bool:
     """Whether the name and the length of a signal may be those of a kind."""
-    if own & kind.avoids or not any(need <= said and need & own for need in kind.needs):
+    if own & kind.avoids or not any(need <= concepts and need & own for need in kind.needs):
         return False
     return not kind.is_flag or signal.length == 1
 

@@ -165,8 +165,8 @@ def _withdraw(lines: dict[str, list[Line]], faults: Mapping[str, str]) -> bool:
             key = f"{line.section}.{line.quantity}"
             reason = next(
                 (
-                    said
-                    for at, said in faults.items()
+                    issue
+                    for at, issue in faults.items()
                     if at == key
                     or at.startswith(f"{key}.")
                     or at in (line.quantity, f"{line.quantity}.values")

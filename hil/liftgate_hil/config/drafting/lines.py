@@ -50,7 +50,7 @@ class Line:
         """Return the lines as they are written to the file."""
         value = quoted(self.signal)
         if self.keys:
-            rest = "".join(f", {key} = {said}" for key, said in self.keys.items())
+            rest = "".join(f", {key} = {concepts}" for key, concepts in self.keys.items())
             value = f"{{ signal = {value}{rest} }}"
         line = f"{self.quantity} = {value}"
         if self.is_sure:
@@ -78,8 +78,8 @@ def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
         factors = (1.0, 0.0)
     low, high = physical_range(candidate.signal)
     if factors is None:
-        said = f"{candidate.unit!r} is not one of its units" if candidate.unit else "no unit in the database"
-        reason = f"{said} ({low:g} to {high:g}); one of {allowed_units(ours)}"
+        text = f"{candidate.unit!r} is not one of its units" if candidate.unit else "no unit in the database"
+        reason = f"{text} ({low:g} to {high:g}); one of {allowed_units(ours)}"
         return replace(line, keys={"unit": '"?"'}).withdrawn(reason)
     step = abs(factors[0] * float(candidate.signal.scale))
     if step >= _COARSE.get(ours.unit, 1e300) and not candidate.signal.is_float:
@@ -137,18 +137,18 @@ def _enumeration(line: Line, signal: Signal, ours: tuple[str, ...]) -> Line:
     # An output needs all of our values; its labels that are never sent do not matter.
     is_sure = all(name in named for name in needed) and not (left and line.section == "inputs")
     if not is_sure:
-        said = ", ".join(f"{raw} {label!r}" for raw, label in sorted(choices.items())[:16])
-        return replace(line, keys={"values": "{ " + ", ".join(pairs) + " }"}).withdrawn(f"labels {said}")
+        text = ", ".join(f"{raw} {label!r}" for raw, label in sorted(choices.items())[:16])
+        return replace(line, keys={"values": "{ " + ", ".join(pairs) + " }"}).withdrawn(f"labels {text}")
     return replace(line, keys={"values": "{ " + ", ".join(known) + " }"})
 
 
 def _flag(line: Line, signal: Signal, kind: str) -> str:
     """Return the values of one bit whose name says what 1 means; "" if it does not."""
-    said = concepts_in(signal.name)
+    concepts = concepts_in(signal.name)
     words = {*words_of(signal.name)}
     if signal.length != 1:
         return ""
-    if kind == "latch_release" and "release" in said:
+    if kind == "latch_release" and "release" in concepts:
         return "{ hold = 0, release = 1 }"
     whole = "".join(words_of(signal.name))
     is_shut = any(each in whole for each in ("latched", "closed", "locked", "verriegelt")) and "un" not in whole

@@ -123,8 +123,8 @@ def named_values(kind: str, choices: Mapping[int, str]) -> dict[str, str]:
     found: dict[str, list[str]] = {}
     for label in choices.values():
         words = words_of(label)
-        said = " ".join(each for each in words if each not in _FILLING) or " ".join(words)
+        spelling = " ".join(each for each in words if each not in _FILLING) or " ".join(words)
         for ours, spelled in LABELS[kind].items():
-            if said in spelled or said.replace(" ", "") in spelled:
+            if spelling in spelled or spelling.replace(" ", "") in spelled:
                 found.setdefault(ours, []).append(label)
     return {ours: labels[0] for ours, labels in found.items() if len(labels) == 1}

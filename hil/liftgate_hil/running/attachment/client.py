@@ -17,7 +17,7 @@ from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.attachment import endpoint
 from liftgate_hil.version import version
 
-Told = dict[str, Any]  # JSON object: a run's description, see Description.as_json, or a reply
+JsonObject = dict[str, Any]  # JSON object: a run's description, see Description.as_json, or a reply
 
 _PATIENCE_S = 1.0  # s to wait for a run's reply
 _RETRY_S = 0.05
@@ -26,7 +26,7 @@ _WORDS = 4  # bytes of a descriptor
 
 
 class Client:
-    """Connection to the run of a process: its `memory`, and its description, `told`.
+    """Connection to the run of a process: its `memory`, and its `description`.
 
     Raises ConfigError where there is no run within `patience` [s].
     """
@@ -34,19 +34,19 @@ class Client:
     def __init__(self, pid: int, patience: float = 0.0) -> None:
         self.pid = pid
         self._wire = _reached(pid, patience)
-        self._arrivals, self._answers = endpoint.Arrivals(), list[Told]()
+        self._arrivals, self._answers = endpoint.Arrivals(), list[JsonObject]()
         self._count = 0
         try:
             self._wire.settimeout(_PATIENCE_S)
-            self.told, self.memory = self._handed()
+            self.description, self.memory = self._handed()
         except (OSError, ValueError, KeyError, TypeError) as error:
-            said = "does not answer, or has the maximum number of clients"
-            raise ConfigError(f"`attach` {pid}: {said}; allowed: {_others()}") from error
+            text = "does not answer, or has the maximum number of clients"
+            raise ConfigError(f"`attach` {pid}: {text}; allowed: {_others()}") from error
         finally:
             if not hasattr(self, "memory"):
                 self._wire.close()
 
-    def _handed(self) -> tuple[Told, Memory]:
+    def _handed(self) -> tuple[JsonObject, Memory]:
         _, ancillary, _, _ = self._wire.recvmsg(1, socket.CMSG_SPACE(2 * _WORDS))
         descriptors = array.array("i")
         for _, _, data in ancillary:
@@ -58,20 +58,20 @@ class Client:
                 raise OSError("no memory was handed over")
             memory, about = descriptors
             # `pread`, as other clients have the same open file, with its position.
-            told = orjson.loads(os.pread(about, os.fstat(about).st_size, 0))
-            if told["version"] != version():
-                said = f"runs liftgate-hil {told['version']}, this is {version()}"
-                raise ConfigError(f"`attach` {self.pid}: {said}; allowed: a run of the same version")
-            return told, Memory(told["rows"], told["frames"], os.dup(memory))
+            description = orjson.loads(os.pread(about, os.fstat(about).st_size, 0))
+            if description["version"] != version():
+                text = f"runs liftgate-hil {description['version']}, this is {version()}"
+                raise ConfigError(f"`attach` {self.pid}: {text}; allowed: a run of the same version")
+            return description, Memory(description["rows"], description["frames"], os.dup(memory))
 
-    def news(self, lines: int) -> Told:
+    def news(self, lines: int) -> JsonObject:
         """Return the progress of the run and its log after the first `lines` lines; {}: no reply in time.
 
         Raises RunGoneError.
         """
         return self._answer(self._ask({"lines": lines}))
 
-    def command(self, command: object) -> Told:
+    def command(self, command: object) -> JsonObject:
         """Send a command, and return `done` and `time_s`; {}: the run stands still, and executes it later.
 
         Raises ConfigError where it is refused, RunGoneError.
@@ -82,14 +82,14 @@ class Client:
         """Send a command without waiting; return its number, for `done`. Raises ConfigError, RunGoneError."""
         return self._ask({"command": command})
 
-    def done(self, number: int) -> Told:
+    def done(self, number: int) -> JsonObject:
         """Return the reply to a posted command, see `command`."""
         answer = self._answer(number)
         if "issues" in answer:
             raise ConfigError(answer["issues"])
         return answer
 
-    def _ask(self, question: Told) -> int:
+    def _ask(self, question: JsonObject) -> int:
         """Send a question, and return its number."""
         self._count += 1
         packed = endpoint.packed({"id": self._count, **question})
@@ -99,7 +99,7 @@ class Client:
             raise RunGoneError(f"the run {self.pid} has ended") from error
         return self._count
 
-    def _answer(self, number: int) -> Told:
+    def _answer(self, number: int) -> JsonObject:
         """Return the reply to a question; {}: none in time. The latest replies to others are kept."""
         end = time.monotonic() + _PATIENCE_S
         while time.monotonic() < end:
@@ -134,8 +134,8 @@ def _reached(pid: int, patience: float) -> socket.socket:
             return endpoint.connected(pid)
         except OSError as error:
             if time.monotonic() >= end:
-                said = f"`attach` {pid}: no run of yours; allowed: {_others()}"
-                raise ConfigError(said) from error
+                text = f"`attach` {pid}: no run of yours; allowed: {_others()}"
+                raise ConfigError(text) from error
         time.sleep(_RETRY_S)
 
 

@@ -41,7 +41,7 @@ class Description:
     def as_json(self, memory: Memory) -> bytes:
         """Return what a client needs to read the memory and to show what can be commanded."""
         setup, rows = self.setup, memory.sizes
-        told = {
+        content = {
             "version": version(),
             "rows": rows[0],
             "frames": rows[1],
@@ -58,7 +58,7 @@ class Description:
             "bitrate": self.bitrate,
             "commands": commands_of(setup, self.rig, self.has_ecu),
         }
-        return orjson.dumps(told, option=orjson.OPT_SERIALIZE_NUMPY)
+        return orjson.dumps(content, option=orjson.OPT_SERIALIZE_NUMPY)
 
 
 def _whole(path: str) -> str:
@@ -139,13 +139,13 @@ def _kind(kind: FaultKind, setup: Setup, rig: Rig) -> dict[str, Any]:
 
 def _key(key: Key) -> dict[str, Any]:
     kind = key.kind
-    told: dict[str, Any] = {"meaning": key.meaning, "allowed": kind.allowed, "labels": [], "unit": ""}
+    content: dict[str, Any] = {"meaning": key.meaning, "allowed": kind.allowed, "labels": [], "unit": ""}
     if isinstance(kind, Number | Whole):
-        told |= {"low": kind.low, "high": kind.high, "unit": getattr(kind, "unit", "")}
+        content |= {"low": kind.low, "high": kind.high, "unit": getattr(kind, "unit", "")}
     elif isinstance(kind, Choice | Level):
-        told["labels"] = list(kind.words)
-    told["default"] = key.default if isinstance(key.default, float | int | str) else None
-    return told
+        content["labels"] = list(kind.words)
+    content["default"] = key.default if isinstance(key.default, float | int | str) else None
+    return content
 
 
 def _signal(rig: Rig, name: str) -> dict[str, Any]:

@@ -92,7 +92,7 @@ class Server(Listener):
     def open(self, description: Description, memory: Memory, operator: Operator) -> None:
         """Accept clients from now on; where that is not possible, report it, and the run goes on without."""
         self._operator = operator
-        told = description.as_json(memory)
+        content = description.as_json(memory)
         with contextlib.ExitStack() as stack:
             try:
                 self._wire = stack.enter_context(endpoint.listening(self._pid))
@@ -102,7 +102,7 @@ class Server(Listener):
             about = os.memfd_create("liftgate-hil-description")
             stack.callback(os.close, about)
             with os.fdopen(os.dup(about), "wb") as stream:
-                stream.write(told)
+                stream.write(content)
             self._descriptors = [memory.descriptor, about]
             selector = stack.enter_context(selectors.DefaultSelector())
             ended, self._end = os.pipe()

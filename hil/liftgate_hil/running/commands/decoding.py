@@ -26,7 +26,7 @@ class Decoded(NamedTuple):
     label: str  # of the database, else the number as a text
 
 
-_UNSAID = Decoded(math.nan, NOTHING)
+_NOT_GIVEN = Decoded(math.nan, NOTHING)
 
 # Which fault: its kind, place and direction. An order for the same one again gives it another value.
 Which = tuple[str, str, str]
@@ -45,12 +45,12 @@ def decoded(rig: Rig, name: str, payload: bytes) -> dict[str, Decoded]:
         raise ConfigError(f"{len(payload)} bytes; allowed: {message.length}")
     try:
         numbers = cast("dict[str, float]", message.decode(payload, decode_choices=False))
-        return {key: _said(message, key, float(value)) for key, value in numbers.items()}
+        return {key: _value_of(message, key, float(value)) for key, value in numbers.items()}
     except (cantools.database.DecodeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{error}; allowed: what the database defines for {name}") from error
 
 
-def _said(message: Any, key: str, value: float) -> Decoded:
+def _value_of(message: Any, key: str, value: float) -> Decoded:
     """Return the decoded value of a signal. Raises ValueError where it is not finite."""
     signal = message.get_signal_by_name(key)
     if not math.isfinite(value):
@@ -63,16 +63,16 @@ def _said(message: Any, key: str, value: float) -> Decoded:
     return Decoded(value, labels.get(raw, f"{value:g}"))
 
 
-def which_ordered(rig: Rig, what: str, said: Mapping[str, Decoded]) -> Which:
+def which_ordered(rig: Rig, what: str, content: Mapping[str, Decoded]) -> Which:
     """Return which fault a test bench's frame refers to: its kind, place and direction. Raises ConfigError.
 
-    `what` is FAULT or BABBLING, `said` the decoded signals by their keys in inject.ORDERS.
+    `what` is FAULT or BABBLING, `content` the decoded signals by their keys in inject.ORDERS.
     """
-    said = {"place": _UNSAID, "direction": _UNSAID, **said}
-    direction = said["direction"].label
+    content = {"place": _NOT_GIVEN, "direction": _NOT_GIVEN, **content}
+    direction = content["direction"].label
     if what == BABBLING:
-        return BABBLING, f"{round(said['identifier'].number):X}", direction
-    name, place = said["kind"].label, said["place"].label
+        return BABBLING, f"{round(content['identifier'].number):X}", direction
+    name, place = content["kind"].label, content["place"].label
     if name not in FAULT_KINDS:
         raise ConfigError(f"kind {name}; allowed: a label that is a kind of fault")
     kind = FAULT_KINDS[name]
@@ -83,13 +83,13 @@ def which_ordered(rig: Rig, what: str, said: Mapping[str, Decoded]) -> Which:
     return name, place, direction if direction in _WAYS else _way_of(rig, place)
 
 
-def fault_ordered(which: Which, what: str, said: Mapping[str, Decoded]) -> Fault:
+def fault_ordered(which: Which, what: str, content: Mapping[str, Decoded]) -> Fault:
     """Return the fault that a test bench's frame begins, see `which_ordered`. Raises ConfigError."""
     name, place, direction = which
     if what == BABBLING:
-        babbling = {"id": round(said["identifier"].number), "rate": said["rate"].number}
+        babbling = {"id": round(content["identifier"].number), "rate": content["rate"].number}
         return fault_of(BABBLING, None, {**babbling, "direction": direction})
-    number = said.get("value", _UNSAID).number
+    number = content.get("value", _NOT_GIVEN).number
     values: dict[str, Any] = {"direction": direction} if direction else {}
     own = value_key(name)
     if own is not None:

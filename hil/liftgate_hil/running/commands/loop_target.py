@@ -99,8 +99,8 @@ class LoopTarget:
         """Set signals in a layer, as `Target.set_signals`. Raises ConfigError, and changes nothing then."""
         unknown = [name for name in values if name not in self._signals]
         if unknown:
-            said = "not sent on this run's bus; allowed: a signal in a message that fits its frames"
-            raise ConfigError(f"signal {', '.join(unknown)}: {said}")
+            text = "not sent on this run's bus; allowed: a signal in a message that fits its frames"
+            raise ConfigError(f"signal {', '.join(unknown)}: {text}")
         self._check_room(len(values))
         for name, value in values.items():
             post_signal(self._queue, self._signals[name], value, instead_of, rest, layer)

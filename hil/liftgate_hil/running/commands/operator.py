@@ -32,7 +32,7 @@ from liftgate_hil.stimuli.requests import REQUESTS
 COMMANDS = ("obstacle", "set", "fault", "signal", "request", "clear")
 # Signals that may be set: all of them and all faults are cleared at once.
 MOST_SIGNALS = LENGTH - 2 * SLOTS
-_MOST_TOLD = 1000  # commands of a run that are kept in `done`
+_MOST_LISTED = 1000  # commands of a run that are kept in `done`
 _CLEARED = ("obstacle", "set", "faults", "signals", "all")
 
 Which = tuple[Any, ...]  # see Fault.identity
@@ -42,7 +42,7 @@ class Broken(NamedTuple):
     """A fault that an operator has injected, and the content of the command for it."""
 
     fault: Fault
-    said: Mapping[str, Any]
+    content: Mapping[str, Any]
 
 
 class Operator:
@@ -71,7 +71,7 @@ class Operator:
         return {
             "obstacle": dict(self._obstacle) or None,
             "set": dict(self._set),
-            "faults": [dict(each.said) for each in self._faults.values()],
+            "faults": [dict(each.content) for each in self._faults.values()],
             "signals": dict(self._signals),
         }
 
@@ -87,7 +87,7 @@ class Operator:
         """
         done = printable(self._obey(command, now))
         self.count += 1
-        if self.count <= _MOST_TOLD:
+        if self.count <= _MOST_LISTED:
             self.done.append(f"{now:.3f} s: {done}")
         return done
 
@@ -95,48 +95,48 @@ class Operator:
         allowed = "; allowed: one of " + ", ".join(COMMANDS)
         if not isinstance(command, dict) or len(command) != 1:
             raise ConfigError(f"{show(command)[:200]}: not a table of one key{allowed}")
-        (name, said), *_ = command.items()
+        (name, content), *_ = command.items()
         if name not in COMMANDS:
             raise ConfigError(f"{show(name)[:80]}: no such command{allowed}")
         if name == "request":
-            if said not in REQUESTS:
-                raise ConfigError(f"request {show(said)}; allowed: one of {', '.join(REQUESTS)}")
-            if self._ask(said):
-                return f"request {said}"
-            self._buttons.request(said, now)
+            if content not in REQUESTS:
+                raise ConfigError(f"request {show(content)}; allowed: one of {', '.join(REQUESTS)}")
+            if self._ask(content):
+                return f"request {content}"
+            self._buttons.request(content, now)
             self._signals = {name: value for name, value in self._signals.items() if not self._buttons.has(name)}
-            return f"request {said}"
+            return f"request {content}"
         if name == "clear":
-            return self._clear(said)
-        if not isinstance(said, dict) or not said:
-            raise ConfigError(f"{name} {show(said)[:200]}; allowed: a table with its keys")
+            return self._clear(content)
+        if not isinstance(content, dict) or not content:
+            raise ConfigError(f"{name} {show(content)[:200]}; allowed: a table with its keys")
         do: dict[str, Callable[[dict[str, Any], float], str]] = {
             "obstacle": self._put, "set": self._surround, "fault": self._break, "signal": self._send,
         }  # fmt: skip
-        return do[name](said, now)
+        return do[name](content, now)
 
-    def _put(self, said: dict[str, Any], now: float) -> str:
-        self._target.hold(held_obstacle(obstacle_in(said, self._edge)))
-        self._obstacle = dict(said)
-        return "obstacle " + _words(said)
+    def _put(self, content: dict[str, Any], now: float) -> str:
+        self._target.hold(held_obstacle(obstacle_in(content, self._edge)))
+        self._obstacle = dict(content)
+        return "obstacle " + _words(content)
 
-    def _surround(self, said: dict[str, Any], now: float) -> str:
-        held = surroundings_in(said)
+    def _surround(self, content: dict[str, Any], now: float) -> str:
+        held = surroundings_in(content)
         self._target.hold(held)
         both = {**self._set, **held}
         self._set = {name: value for name, value in both.items() if not math.isnan(value)}
-        return "set " + _words(said)
+        return "set " + _words(content)
 
-    def _send(self, said: dict[str, Any], now: float) -> str:
+    def _send(self, content: dict[str, Any], now: float) -> str:
         issues, numbers = ConfigIssues(""), {}
-        for name, value in said.items():
+        for name, value in content.items():
             if value is None and name in self._signals:
                 numbers[name] = math.nan
                 continue
             tables, key = self._rig.tables, f"{name} "
             number = value_in(key, name, value, tables, self._rig.mapped, issues)
             numbers[name] = math.nan if number is None else number
-        both = {**self._signals, **said}
+        both = {**self._signals, **content}
         if len(both) > MOST_SIGNALS:
             issues.add("signal", f"{len(both)} signals; allowed: up to {MOST_SIGNALS} at a time")
         issues.raise_if_any()
@@ -144,21 +144,21 @@ class Operator:
         for name in numbers:
             self._buttons.forget(name)
         self._signals = {name: value for name, value in both.items() if value is not None}
-        return "signal " + _words(said)
+        return "signal " + _words(content)
 
-    def _break(self, said: dict[str, Any], now: float) -> str:
-        values = {str(name): value for name, value in said.items()}
+    def _break(self, content: dict[str, Any], now: float) -> str:
+        values = {str(name): value for name, value in content.items()}
         kind, where = str(values.pop("kind", "")), values.pop("where", None)
         fault = replace(fault_of(kind, where, values), start=Instant(now))
         which = fault.identity
         others = {key: each for key, each in self._faults.items() if key != which}
-        self._inject({**others, which: Broken(fault, dict(said))})
+        self._inject({**others, which: Broken(fault, dict(content))})
         self.kinds.add(fault.kind)
-        return "fault " + _words(said)
+        return "fault " + _words(content)
 
-    def _clear(self, said: object) -> str:
-        if isinstance(said, dict) and len(said) == 1:
-            (name, one), *_ = said.items()
+    def _clear(self, content: object) -> str:
+        if isinstance(content, dict) and len(content) == 1:
+            (name, one), *_ = content.items()
             if name == "set":
                 self._surround({str(one): None}, 0.0)
                 return f"clear set {one}"
@@ -167,30 +167,30 @@ class Operator:
                 return f"clear signal {one}"
             if name == "fault" and isinstance(one, dict) and "kind" in one:
                 return self._mend(one)
-        if not isinstance(said, str) or said not in _CLEARED:
+        if not isinstance(content, str) or content not in _CLEARED:
             one = '{"set": NAME}, {"signal": NAME of one that was set}, {"fault": {"kind": …, "where": …}}'
-            raise ConfigError(f"clear {show(said)[:200]}; allowed: one of {', '.join(_CLEARED)}, {one}")
-        if said in ("obstacle", "all"):
+            raise ConfigError(f"clear {show(content)[:200]}; allowed: one of {', '.join(_CLEARED)}, {one}")
+        if content in ("obstacle", "all"):
             self._target.hold(held_obstacle(None))
             self._obstacle = {}
-        if said in ("set", "all") and self._set:
+        if content in ("set", "all") and self._set:
             self._surround(dict.fromkeys(self._set), 0.0)
-        if said in ("faults", "all"):
+        if content in ("faults", "all"):
             self._inject({})
-        if said in ("signals", "all") and self._signals:
+        if content in ("signals", "all") and self._signals:
             self._send(dict.fromkeys(self._signals), 0.0)
-        return f"clear {said}"
+        return f"clear {content}"
 
     def _mend(self, one: dict[str, Any]) -> str:
         found = [
             which
-            for which, (_, said) in self._faults.items()
-            if all(said.get(name) == value for name, value in one.items())
+            for which, (_, content) in self._faults.items()
+            if all(content.get(name) == value for name, value in one.items())
         ]
         if not found:
-            known = "; ".join(_words(each.said) for each in self._faults.values()) or "none"
-            said = f"clear: fault {_words(one)}: not set by a command"
-            raise ConfigError(f"{said} (those of the scenario stay); allowed: {known}")
+            known = "; ".join(_words(each.content) for each in self._faults.values()) or "none"
+            content = f"clear: fault {_words(one)}: not set by a command"
+            raise ConfigError(f"{content} (those of the scenario stay); allowed: {known}")
         self._inject({key: each for key, each in self._faults.items() if key not in found})
         return f"clear fault {_words(one)}"
 
@@ -199,8 +199,8 @@ class Operator:
         self._faults = faults
 
 
-def _words(said: Mapping[str, Any]) -> str:
+def _words(content: Mapping[str, Any]) -> str:
     return ", ".join(
         f"{name} {value:g}" if isinstance(value, float) else f"{name} {'none' if value is None else value}"
-        for name, value in said.items()
+        for name, value in content.items()
     )

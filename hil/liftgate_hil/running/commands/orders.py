@@ -22,7 +22,7 @@ from liftgate_hil.running.commands.decoding import Decoded, Which, decoded, faul
 from liftgate_hil.running.commands.loop_target import Target
 from liftgate_hil.stimuli.moments import Instant
 
-_MOST_TOLD = 1000  # orders of a run that are reported; more are executed, or refused and counted
+_MOST_LISTED = 1000  # orders of a run that are reported; more are executed, or refused and counted
 
 
 class Orders:
@@ -75,16 +75,16 @@ class Orders:
             self._refuse(name, time, error)
             return
         for each in orders:
-            said = {key: values[signal] for key, signal in each.signals.items()}
+            content = {key: values[signal] for key, signal in each.signals.items()}
             try:
-                done = self._order(each, said, now)
+                done = self._order(each, content, now)
             except ConfigError as error:
                 self._refuse(name, time, error)
                 continue
             if not done:
                 continue
             self.count += 1
-            if self.count <= _MOST_TOLD:
+            if self.count <= _MOST_LISTED:
                 self.done.append(f"{time:.3f} s: {done}")
             self._tell(self.count, f"{time:.3f} s: {name}: {done}")
 
@@ -95,20 +95,20 @@ class Orders:
         )
         self._tell(self.refused, f"{time:.3f} s: {name} refused: {why}")
 
-    def _tell(self, number: int, said: str) -> None:
+    def _tell(self, number: int, content: str) -> None:
         """Report one of the first orders of its kind; `number` is how many there were with this one."""
-        if number <= _MOST_TOLD:
-            last = "; further ones are only counted" if number == _MOST_TOLD else ""
-            self._say(said + last)
+        if number <= _MOST_LISTED:
+            last = "; further ones are only counted" if number == _MOST_LISTED else ""
+            self._say(content + last)
 
-    def _order(self, order: OrderMessage, said: Mapping[str, Decoded], now: float) -> str:
+    def _order(self, order: OrderMessage, content: Mapping[str, Decoded], now: float) -> str:
         """Execute an order, and return it in words; "": it is in force already. Raises ConfigError."""
         what = order.what
         if what == REQUEST:
-            return self._request(said["action"].label, now)
+            return self._request(content["action"].label, now)
         if what in (FAULT, BABBLING):
-            return self._fault(what, said, now)
-        name, value = said["name"].label, said["value"].number
+            return self._fault(what, content, now)
+        name, value = content["name"].label, content["value"].number
         if name not in order.labels:
             raise ConfigError(f"signal {name}; allowed: {', '.join(order.labels)}")
         issues = ConfigIssues("")
@@ -125,20 +125,20 @@ class Orders:
         self._buttons.request(action, now)
         return f"request {action}"
 
-    def _fault(self, what: str, said: Mapping[str, Decoded], now: float) -> str:
-        is_on = said["on"].number != 0.0
-        if what == FAULT and said["kind"].label == NOTHING:
+    def _fault(self, what: str, content: Mapping[str, Decoded], now: float) -> str:
+        is_on = content["on"].number != 0.0
+        if what == FAULT and content["kind"].label == NOTHING:
             return "" if is_on else self._end_all()
-        which = which_ordered(self._rig, what, said)
-        told = " ".join([each for each in which[:2] if each != NOTHING])
+        which = which_ordered(self._rig, what, content)
+        label = " ".join([each for each in which[:2] if each != NOTHING])
         others = {key: each for key, each in self._faults.items() if key != which}
         if not is_on:
             if which not in self._faults:
-                raise ConfigError(f"{told} is not active; allowed: to end an injected fault")
+                raise ConfigError(f"{label} is not active; allowed: to end an injected fault")
             self._target.inject(tuple(others.values()))
             self._faults = others
-            return f"{told} ends"
-        fault = replace(fault_ordered(which, what, said), start=Instant(now))
+            return f"{label} ends"
+        fault = replace(fault_ordered(which, what, content), start=Instant(now))
         before = self._faults.get(which)
         if before is not None and before.values == fault.values:
             return ""
@@ -149,8 +149,8 @@ class Orders:
         with_value = [f"{key} {_short(fault.values[key])}" for key in own]
         taken = value_key(fault.kind)
         if taken is not None and what == FAULT:
-            with_value = [f"{taken} {_short(said['value'].number)}"]
-        return ", ".join([f"{told} begins", *with_value, *([which[2]] if which[2] else [])])
+            with_value = [f"{taken} {_short(content['value'].number)}"]
+        return ", ".join([f"{label} begins", *with_value, *([which[2]] if which[2] else [])])
 
     def _end_all(self) -> str:
         self._target.inject(())

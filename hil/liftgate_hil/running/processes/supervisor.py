@@ -27,12 +27,14 @@ _RECORDER = b"liftgate_hil.running.recorder_process"  # part of a recorder's com
 UNEXPECTED = 1  # exit code in place of one that is not allowed: the child has failed
 
 
-def supervise(allowed: frozenset[int] | None = None, ends_at_once: bool = False, told: int | None = None) -> None:
+def supervise(
+    allowed: frozenset[int] | None = None, ends_at_once: bool = False, status_fd: int | None = None
+) -> None:
     """Continue in a child process under a supervisor; this process becomes the supervisor and never returns.
 
     The supervisor exits with the child's exit code, or dies of the child's signal; a code that is not `allowed`
     (foreign code called `_exit`) becomes UNEXPECTED, reported on stderr. SIGINT and SIGTERM end the child at once
-    where it `ends_at_once`, else they are passed on and the child has some seconds. `told` is a descriptor to
+    where it `ends_at_once`, else they are passed on and the child has some seconds. `status_fd` is a descriptor to
     which the supervisor writes the child's wait status as soon as it has ended, before it ends the processes left
     behind.
     """
@@ -45,11 +47,11 @@ def supervise(allowed: frozenset[int] | None = None, ends_at_once: bool = False,
         prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
         if os.getppid() != supervisor:  # the supervisor has died already
             os._exit(UNEXPECTED)
-        if told is not None:
-            os.close(told)
+        if status_fd is not None:
+            os.close(status_fd)
         return
     try:
-        _supervise(child, allowed, ends_at_once, told)
+        _supervise(child, allowed, ends_at_once, status_fd)
     except BaseException as error:  # no caller could report it
         os.write(2, f"liftgate-hil: the ECU's supervisor: {error!r}\n".encode())
     finally:
@@ -66,7 +68,7 @@ def dies_with_parent(parent: int | None = None) -> None:
         os._exit(UNEXPECTED)
 
 
-def _supervise(child: int, allowed: frozenset[int] | None, ends_at_once: bool, told: int | None) -> None:
+def _supervise(child: int, allowed: frozenset[int] | None, ends_at_once: bool, status_fd: int | None) -> None:
     """Wait for the child, end the processes that it leaves behind, and exit as it did."""
     is_there = True
 
@@ -85,10 +87,10 @@ def _supervise(child: int, allowed: frozenset[int] | None, ends_at_once: bool, t
         found, status = os.waitpid(-1, 0)
     is_there = False
     signal.setitimer(signal.ITIMER_REAL, 0.0)
-    if told is not None:
+    if status_fd is not None:
         with contextlib.suppress(OSError):  # nobody is left who listens: its children are ended all the same
-            os.write(told, struct.pack("i", status))
-        os.close(told)
+            os.write(status_fd, struct.pack("i", status))
+        os.close(status_fd)
     _end_descendants()
     _exit_as(status, allowed)
 

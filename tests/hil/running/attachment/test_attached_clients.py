@@ -78,10 +78,10 @@ def test_a_client_sees_the_runs_memory_as_it_is_written(server: tuple[Server, Me
     server[1].shared.rows[3, 5] = 2.5
     assert client.memory.shared.control["tick"][0] == 42
     assert client.memory.shared.rows[3, 5] == 2.5
-    assert client.told["channel"] == "virtual"
-    assert set(client.told["commands"]) == {"obstacle", "set", "fault", "signal", "request"}
-    assert "Body.VehicleSpeed" in client.told["commands"]["signal"]
-    assert not [each for each in client.told["commands"]["signal"] if each.startswith("Gate.")]
+    assert client.description["channel"] == "virtual"
+    assert set(client.description["commands"]) == {"obstacle", "set", "fault", "signal", "request"}
+    assert "Body.VehicleSpeed" in client.description["commands"]["signal"]
+    assert not [each for each in client.description["commands"]["signal"] if each.startswith("Gate.")]
     client.close()
 
 
@@ -272,9 +272,9 @@ def test_a_mistake_of_ours_in_a_command_ends_no_run(
 
 def test_paths_are_reported_whole_for_those_in_other_folders(server: tuple[Server, Memory]) -> None:
     client = Client(os.getpid())
-    assert Path(client.told["rig"]).is_absolute()
-    assert Path(client.told["database"]).is_absolute()
-    assert client.told["scenario"] == ""
+    assert Path(client.description["rig"]).is_absolute()
+    assert Path(client.description["database"]).is_absolute()
+    assert client.description["scenario"] == ""
     client.close()
 
 
