@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.config.database import load_messages
 from liftgate_hil.config.drafting.candidates import Candidate, find_candidates
 from liftgate_hil.config.drafting.lines import Line, line_for, quoted
-from liftgate_hil.config.drafting.protections import protection_lines
+from liftgate_hil.config.drafting.protections import checksums_of, protection_lines
 from liftgate_hil.config.rig import rig_of_content
 from liftgate_hil.errors import ConfigIssues, printable
 from liftgate_hil.signals import PANEL
@@ -57,6 +57,10 @@ def draft_rig(database: Path, target: Path) -> Draft:
             break
     mapped = [f"{line.section}.{line.quantity}" for line in _all(lines) if line.is_sure]
     waiting = {f"{line.section}.{line.quantity}": line.reason for line in _all(lines) if not line.is_sure}
+    for name in dict.fromkeys(line.message.name for line in _all(lines) if line.is_sure):
+        for signal in checksums_of(messages[name]):
+            reason = f"{signal.name}: the database does not say which; without it wrong frames are accepted"
+            waiting[f"messages.{name}.checksum"] = reason
     text += "".join(_unused(text, messages, {line.message.name for line in _all(lines)}))
     return Draft(text, mapped, [*waiting.items(), *_missing(faults, waiting, mapped)])
 

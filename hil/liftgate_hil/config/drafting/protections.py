@@ -14,17 +14,17 @@ if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
 
+def checksums_of(message: Message) -> list[Signal]:
+    """Return the signals of a message that are checksums by their names."""
+    return [signal for signal in message.signals if is_protection(message, signal) == "checksum"]
+
+
 def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[str]:
     """Return the table of a message; commented out if nothing of the message is mapped yet."""
-    parts: dict[str, list[Signal]] = {"counter": [], "checksum": []}
-    for signal in message.signals:
-        kind = is_protection(message, signal)
-        if kind:
-            parts[kind].append(signal)
+    counters = [signal for signal in message.signals if is_protection(message, signal) == "counter"]
     lines = []
     if is_cyclic and not 0.0 < cycle_of(message, MessageOptions()) <= 60_000.0:
         lines.append("# cycle_ms = 10                         # not in the database: fill it in")
-    counters = parts["counter"]
     for signal in counters:
         line, why = f"counter = {quoted(signal.name)}", ""
         if len(counters) > 1:
@@ -33,7 +33,7 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
             why = f"counts to {signal.maximum:g}, not to {2**signal.length - 1}: an E2E profile?"
             why += f" else {{ signal = {quoted(signal.name)}, highest = {signal.maximum:g} }}"
         lines.append(f"# {line}  # {why}" if why else line)
-    for signal in parts["checksum"]:
+    for signal in checksums_of(message):
         lines += _checksum_lines(signal)
     if not lines:
         return []
