@@ -21,7 +21,7 @@ class Window(NamedTuple):
 
 
 class LinearizedForce(NamedTuple):
-    """Mean force of a contact over a step, linear in the closing speed v1 at its end: constant + slope v1."""
+    """Mean force [N] of a contact over a step: constant + slope v1, v1: closing speed [m/s] at its end."""
 
     constant: float
     slope: float

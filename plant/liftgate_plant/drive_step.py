@@ -238,7 +238,10 @@ def would_slip(drive: Drive, grip: LinearizedForce, speed: float, middle: Midpoi
 def path_in(
     drive: Drive, electric: Electric, state: DriveState, coast: float, speed: float, other: float, step: float
 ) -> CurrentPath:
-    """Return the course of one drive's current in the step, for its own and the other's final speed [rev/s]."""
+    """Return the course of one drive's current over a step of `step` [s]; 0 A for a drive that is not there.
+
+    `speed` and `other` are the final speeds [rev/s] of this and the other motor; `coast` is 0 unless it coasts.
+    """
     if drive.active == 0.0:
         return held(0.0)
     final = electrics.final_current(electric, coast, speed, other)

@@ -466,7 +466,7 @@ def resistances_soon(drive: Drive, state: DriveState, ahead: float) -> tuple[flo
 
 @compilable
 def emf_constant(drive: Drive, state: DriveState) -> float:
-    """Return c2Φ [V/rps] at the housing's present temperature."""
+    """Return the motor's back-EMF constant c2Φ [V/rps] at the housing's present temperature."""
     return drive.motor.speed_constant * thermal.flux_factor(drive.thermal, state.housing_temperature)
 
 

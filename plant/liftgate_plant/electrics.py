@@ -86,11 +86,12 @@ def winding_of(
     resistance: float,
     step: float,
 ) -> tuple[Winding, Coasting, Switching]:
-    """Return the winding of (4.1) with what is applied to it, how it coasts, and how it is switched.
+    """Return a motor's winding with the voltage applied to it, how it coasts, and how its bridge switches.
 
-    The switching covers a bridge that is taken as the mean of its PWM. `resistance` [Ω] is that of the whole line:
-    winding, cut-out and contacts. `terminal` is the voltage at the step's start, `rise` its change over the step
-    by source and other motor, and `free_rise` the change of the back-EMF without current.
+    The winding's equation is L di/dt = u − R i − c2Φ n, (4.1) of the thesis. The switching is that of a bridge
+    taken as the mean of its PWM. `resistance` [Ω] is that of the whole line: winding, cut-out and contacts.
+    `terminal` [V] is the voltage at the start of the step of `step` [s], `rise` [V] its change over the step by
+    source and other motor, and `free_rise` [V] the change of the back-EMF without current.
     """
     motor, by_speed = drive.motor, emf_constant(drive, state)
     if drive.active == 0.0:  # no winding there, so nothing that could load the source
@@ -190,9 +191,10 @@ def around(
 
 @compilable
 def directly_on(drive_input: DriveInput) -> Switching:
-    """Return the switching of a bridge taken as its mean, or of a voltage applied without a bridge.
+    """Return the switching of a bridge taken as its PWM's mean, or of a voltage applied without a bridge.
 
-    A measurement while the PWM is on sees all of the current.
+    A measurement while the PWM is on sees the motor's whole current. The result is NO_SWITCHING if nothing is
+    applied.
     """
     duty, voltage = drive_input.duty, drive_input.voltage
     if duty != 0.0:

@@ -39,7 +39,7 @@ class Motion(NamedTuple):
 
 @compilable
 def halfway(start: float, rate: float, rate_end: float, step: float) -> float:
-    """Return the position at half the step, from that at its start and a linearly changing rate."""
+    """Return the position at half of a step [s] from `start`, with a linearly changing rate."""
     return start + 0.125 * step * (3.0 * rate + rate_end)
 
 

@@ -251,10 +251,10 @@ def extra_edges(fault: HallFault, hall: Any, counts: float, tick: Tick, drive: i
 
 @compilable
 def path_of(encoder: Encoder, before: Shaft, now: Shaft, length: float) -> Path:
-    """Return the shaft's motion between two readings, from both positions and the change of speed.
+    """Return a shaft's motion, in encoder steps, from its state before and after a time `length` [s].
 
-    The speed is constant where the shaft would otherwise turn back although it does not, such as one that stops
-    early in the tick.
+    It fits both positions and the change of speed. The speed is taken as constant where the fit would turn back
+    although both speeds have the same direction, such as for a shaft that stops early in the tick.
     """
     start, end = before.position * encoder.counts + 0.5, now.position * encoder.counts + 0.5
     per_length = 1.0 / length
@@ -382,10 +382,10 @@ def initial_halls(encoder: Encoder, left: Shaft, right: Shaft) -> Any:
 
 
 def _first_step(encoder: Encoder, position: float, drive: int) -> int:
-    """Return the step on which a shaft [rev] stands between the displaced edges.
+    """Return an encoder's step at a shaft's `position` [rev], with the edges where the encoder has them.
 
-    Where the edges of both directions differ, it is taken to have opened last. Jitter is left out, as it belongs
-    to edges still to come.
+    Where the edges of both directions differ, the last motion is assumed to have been in opening direction. Jitter
+    is left out, as it belongs to edges still to come.
     """
     still = encoder._replace(jitter=0.0)
     step, place = ideal_count(encoder.counts, position), position * encoder.counts + 0.5

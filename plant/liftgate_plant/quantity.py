@@ -24,6 +24,7 @@ class Quantity(NamedTuple):
     meaning: str
     options: tuple[str, ...] = ()  # the allowed words, if it is not a number
     least: float = 0.0  # smallest allowed value apart from 0, which is then allowed too
+    is_whole: bool = False
 
     @property
     def suffix(self) -> str:
@@ -34,11 +35,13 @@ class Quantity(NamedTuple):
     def range(self) -> str:
         """The allowed numbers as readable text, without the unit."""
         low, high = (f"{value:.6g}" for value in (self.least or self.low, self.high))
-        return f"{'0, or ' if self.least else ''}{low} to {high}"
+        kind = "a whole number from " if self.is_whole else "0, or " if self.least else ""
+        return f"{kind}{low} to {high}"
 
     def allows(self, value: float) -> bool:
-        """Whether a value, in the file's unit, is in the range; NaN is not."""
-        return self.low <= value <= self.high and not 0.0 < value < self.least
+        """Whether a value, in the file's unit, is allowed; NaN is not."""
+        is_in_range = self.low <= value <= self.high and not 0.0 < value < self.least
+        return is_in_range and (not self.is_whole or float(value).is_integer())
 
     @property
     def scale(self) -> float:

@@ -73,7 +73,7 @@ class Sensors(NamedTuple):
     ] = 0.0
     hall_jitter: Annotated[float, Quantity("σ", "deg", 0.0, 13.5, "electrical; random error of each edge")] = 0.0
     hall_wheel: Annotated[
-        float, Quantity("", "", 0.0, 1e9, "whole number that selects the magnet wheel, and so its poles")
+        float, Quantity("", "", 0.0, 1e9, "selects the magnet wheel, and so its poles", is_whole=True)
     ] = 0.0
     current_gain: Annotated[float, Quantity("", "1", 0.0, 10.0, "gain of the current reading")] = 1.0
     current_offset: Annotated[float, Quantity("", "A", -100.0, 100.0, "offset of the current reading")] = 0.0
@@ -101,10 +101,10 @@ class Sensors(NamedTuple):
         Quantity("", "1", 0.0, 20.0, "commutation ripple of the EMF, relative to that of an ideal commutator"),
     ] = 0.0
     commutator_segments: Annotated[
-        float, Quantity("K", "", 2.0, 200.0, "segments of the motor's commutator, whole number")
+        float, Quantity("K", "", 2.0, 200.0, "segments of the motor's commutator", is_whole=True)
     ] = 7.0
     commutator_brushes: Annotated[
-        float, Quantity("p", "", 2.0, 20.0, "brushes of the motor's commutator, whole number")
+        float, Quantity("p", "", 2.0, 20.0, "brushes of the motor's commutator", is_whole=True)
     ] = 2.0
     angle_offset: Annotated[float, Quantity("", "deg", -90.0, 90.0, "offset of the potentiometer")] = 0.0
     angle_noise: Annotated[float, Quantity("σ", "deg", 0.0, 90.0, "noise of the potentiometer")] = 0.0

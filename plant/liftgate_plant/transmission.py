@@ -68,9 +68,9 @@ class Friction(NamedTuple):
     position_length: Annotated[
         float, Quantity("ℓ", "m", 1e-4, 10.0, "distance at which the autocorrelation of that is 1/e")
     ] = 0.02
-    position_profile: Annotated[
-        float, Quantity("", "", 0.0, 1e9, "whole number that selects the random profile")
-    ] = 0.0
+    position_profile: Annotated[float, Quantity("", "", 0.0, 1e9, "selects the random profile", is_whole=True)] = (
+        0.0
+    )
     eccentricity: Annotated[
         float, Quantity("ε", "1", 0.0, 0.9, "amplitude of a variation once per spindle turn, of the nominal")
     ] = 0.0

@@ -105,7 +105,11 @@ def _tolerances(given: Sequence[str]) -> tuple[float, dict[str, float]]:
 def _draw(
     target: Path, tables: tuple[Recording, Recording], found: Comparison, columns: Sequence[str], window: Window
 ) -> None:
-    """Draw the requested columns, else those that differ, then the usual ones."""
+    """Draw columns of both recordings into the file `target`.
+
+    These are the requested `columns`; if there are none, those that differ and then the usual ones, _PICTURED at
+    most.
+    """
     from liftgate_hil.conversion import picture
     from liftgate_hil.conversion.table import columns_in
 

@@ -1,4 +1,4 @@
-"""Flags that several subcommands share, and what they check."""
+"""Command-line flags shared by several subcommands, their validation, and the options made from them."""
 
 from __future__ import annotations
 

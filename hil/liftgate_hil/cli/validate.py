@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of the subcommand `validate` to its parser."""
     from liftgate_hil.cli.measurements import add_measurement_arguments
 
     add_measurement_arguments(parser)

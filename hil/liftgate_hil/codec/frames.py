@@ -61,7 +61,7 @@ def empty_frames(capacity: int) -> Frames:
 
 
 def no_logged() -> NDArray[np.void]:
-    """Return an empty array of LOGGED."""
+    """Return an empty array (0,) of dtype LOGGED."""
     return np.zeros(0, dtype=LOGGED)
 
 

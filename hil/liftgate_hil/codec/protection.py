@@ -81,7 +81,7 @@ class ProtectionTables(Protocol):
     """The tables in which protection has rows; each method adds a row and returns its number."""
 
     def add_place(self, place: Place) -> int:
-        """Add a row of tables.PLACE."""
+        """Add a row to tables.PLACE for the position of a signal's bits, and return the row's number."""
 
     def add_own(self, row: tuple[Any, ...]) -> int:
         """Add a row of tables.OWN_CHECKSUM."""

@@ -41,7 +41,7 @@ class Covered:
     last: int
 
     def numbers(self) -> range:
-        """Return the numbers of the bytes in their order."""
+        """Return the indices of the covered bytes in the order in which the checksum takes them."""
         way = 1 if self.last >= self.first else -1
         return range(self.first, self.last + way, way)
 

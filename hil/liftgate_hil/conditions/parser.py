@@ -139,7 +139,7 @@ class _Parser:
         return self.tokens[self.next]
 
     def _is(self, token: str) -> bool:
-        """Whether this sign comes next; if so, skip it."""
+        """Consume the sign `token` if it comes next; return whether it did."""
         if self._here()[:2] != ("sign", token):
             return False
         self.next += 1

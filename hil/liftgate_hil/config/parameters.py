@@ -109,6 +109,6 @@ def with_values(vehicle: Vehicle, parameters: Sequence[FreeParameter], values: S
 
 
 def same_on_both_sides(vehicle: Vehicle, parameter: FreeParameter) -> bool:
-    """Whether all drives that a parameter applies to have the same value."""
+    """Whether a parameter has the same value in all drives to which it applies."""
     values = {value_of(vehicle, parameter._replace(sides=(side,))) for side in parameter.sides}
     return len(values) <= 1

@@ -47,7 +47,7 @@ COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
 
 @dataclass(frozen=True)
 class RigTable:
-    """The keys of a rig file itself."""
+    """Top-level keys of a rig file."""
 
     dbc: Annotated[str, Key(Text("a DBC, ARXML, KCD or SYM file"), "CAN database: a file beside the rig file, or "
         "a shipped one (`liftgate.dbc`)")]

@@ -141,7 +141,11 @@ def _given_values(issues: ConfigIssues, key: str, given: MappingTable, ours: Sig
 
 
 def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal) -> Conversion:
-    """Return the conversion from the signal's unit to ours; an issue if it is unknown or of another dimension."""
+    """Return the conversion from the unit of a database's signal to that of our quantity.
+
+    A plain number needs no unit. An unknown unit, or one of another dimension, adds an issue under `key`; the
+    result is then SAME.
+    """
     if not unit and dimension_of(ours) == "number":
         return SAME
     factors = conversion(ours, unit)

@@ -207,5 +207,5 @@ def _within(place: Names, value: float) -> float:
     """Return a value limited to the range that the key allows."""
     key = key_of(place)
     assert key is not None
-    within = min(max(value, key.quantity.low), key.quantity.high)
+    within = min(max(math.floor(value) if key.quantity.is_whole else value, key.quantity.low), key.quantity.high)
     return key.quantity.least if 0.0 < within < key.quantity.least else within

@@ -204,7 +204,7 @@ def allowed_units(signal: Signal) -> str:
 
 
 def spellings(signal: Signal) -> Mapping[str, Conversion]:
-    """Return each spelling of a quantity's units with its conversion."""
+    """Return all spellings of a quantity's units, with the conversion of each to its own unit."""
     found = {
         name: conversion(signal, name) for names in _SPELLINGS[dimension_of(signal)].values() for name in names
     }

@@ -128,9 +128,10 @@ def _value(issues: ConfigIssues, key: str, value: object, quantity: Quantity, or
         word = text(issues, key, value, quantity.options)
         return word if word in quantity.options else quantity.options[0]
     if origin is float:
-        return quantity.scale * number(
-            issues, key, value, quantity.low, quantity.high, _unit(quantity), quantity.least
-        )
+        found = number(issues, key, value, quantity.low, quantity.high, _unit(quantity), quantity.least)
+        if quantity.is_whole and found % 1.0 > 0.0:
+            issues.add(key, f"{found:g}; {_allowed(quantity)}")
+        return quantity.scale * found
     if origin is Points:
         return _points(issues, key, value, quantity)
     if not isinstance(value, list) or len(value) != 2:

@@ -69,9 +69,11 @@ def compare_tables(
     tolerance: float = 0.0,
     window: Window = Window(),  # noqa: B008  # a tuple
 ) -> Comparison:
-    """Compare columns of two tables: these, or all that both have. Raises ConfigError.
+    """Compare two recordings, row by row at the times that both have, within a time window.
 
-    `tolerances` are of columns by name, `tolerance` is that of all others.
+    `columns` are compared, or all that both have. `tolerances` are those of single columns by name, `tolerance` is
+    that of all others. Raises ConfigError for an empty window, an unknown column, rows not in order of time, or
+    where no column or no time is common.
     """
     window.check()
     first, second = tables
@@ -111,7 +113,10 @@ class _Sums:
         self.rows, self.alone = 0, [0, 0]
 
     def add(self, pair: _Pair) -> None:
-        """Take in a block of rows."""
+        """Add a block of rows at common times to the columns' differences: largest, its time, and squares.
+
+        A value that only one recording has counts as larger than any number, and is left out of the sum.
+        """
         self.rows += len(pair.first)
         self.alone = [own + more for own, more in zip(self.alone, pair.alone, strict=True)]
         if not len(pair.first):
@@ -195,7 +200,7 @@ class _Rising:
 
     @property
     def last_ns(self) -> int:
-        """Time up to which rows are known [ns]; 2^62 after the last row."""
+        """Time of the last row read so far [ns]; 2^62 if there are no rows left."""
         return int(_ns(self._rows)[-1]) if self._rows is not None else 2**62
 
     def taken(self, bound: int) -> Floats:

@@ -172,7 +172,10 @@ class _Copied:
         self._frames_up_to(np.inf)
 
     def _frames_up_to(self, time_ns: float) -> None:
-        """Copy the blocks of frames that begin by this time [ns]."""
+        """Copy the blocks of frames whose first frame is not later than `time_ns` [ns].
+
+        It returns early if `ended` returns true.
+        """
         while self._waiting is not None and self._waiting["time_ns"][0] <= time_ns:
             if self._ended():
                 return

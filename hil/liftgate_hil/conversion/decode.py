@@ -139,7 +139,11 @@ class Decoder:
     def _is_there(
         self, message: Message, signal: BusSignal, lengths: Any, bits: NDArray[np.uint8]
     ) -> NDArray[np.bool_]:
-        """Return which frames of a message hold a signal: those long enough, with its multiplexer's value."""
+        """Return a mask (n,) of a message's frames that hold a signal.
+
+        These are long enough, in `lengths` (n,) [bytes], and have a value of the signal's multiplexer, nested ones
+        included, that selects it. `bits` (n, 512) are those of the payloads.
+        """
         there: NDArray[np.bool_] = lengths >= self._bits[message.name, signal.name].length
         if signal.multiplexer_signal and signal.multiplexer_ids:
             selector = message.get_signal_by_name(signal.multiplexer_signal)

@@ -232,7 +232,10 @@ class Live:
 
 
 def _messages(rig: Path) -> dict[int, Message]:
-    """Return the messages of a rig's database by identifier; none where it cannot be read any more."""
+    """Return the messages of a rig's database by identifier, with SocketCAN's flag if it is extended.
+
+    The result is empty if the rig file cannot be read any more.
+    """
     try:
         found = load_rig(rig)
     except ConfigError:

@@ -57,7 +57,7 @@ class Answers:
         return found
 
     def last_before(self, time: float) -> float:
-        """Return the time [s] at which the last reading up to a time [s] was complete; NaN: there was none."""
+        """Return when [s] the last reading up to and including `time` [s] was complete; NaN: none."""
         place = bisect.bisect_right(self._times, time)
         return self._times[place - 1] if place else math.nan
 

@@ -37,7 +37,7 @@ def read_request(status_mask: int) -> bytes:
 
 
 def clear_request() -> bytes:
-    """Return the request ClearDiagnosticInformation, of all groups."""
+    """Return the UDS request ClearDiagnosticInformation (0x14) for all groups of trouble codes."""
     from udsoncan.services.ClearDiagnosticInformation import ClearDiagnosticInformation
 
     return bytes(ClearDiagnosticInformation.make_request(_ALL).get_payload())

@@ -116,7 +116,10 @@ def steal(root: Path) -> dict[str, tuple[int, int]]:
 
 
 def stolen_percent(before: dict[str, tuple[int, int]], after: dict[str, tuple[int, int]]) -> dict[str, float]:
-    """Return the time that the host took from each CPU between two readings, in % of the total time."""
+    """Return, by CPU, the share of time [%] that the host of a virtual machine took between two readings.
+
+    A reading is (stolen, total) time of each CPU in clock ticks; a CPU that is missing from either is left out.
+    """
     return {
         name: 100.0 * (after[name][0] - taken) / max(after[name][1] - total, 1)
         for name, (taken, total) in before.items()

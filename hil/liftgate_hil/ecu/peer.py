@@ -1,4 +1,7 @@
-"""An ECU at the other end of a bus, for the Python loop, the real-time loop, and a process of its own."""
+"""Peer: runs an ECU's code as the other node on a bus.
+
+The Python loop and the real-time loop have peers in their process; `liftgate-hil ecu` is a process with one.
+"""
 
 from __future__ import annotations
 

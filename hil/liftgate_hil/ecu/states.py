@@ -29,7 +29,11 @@ def guard_of(memory: Memory, state: int) -> Any:
 
 @compilable
 def begin_motion(memory: Memory) -> None:
-    """Reset all that is tracked from the beginning of a state on."""
+    """Reset what the ECU tracks from the start of a motion on.
+
+    This is its start time, standstill, ramp, controllers' integrals, monitor and anti-trap guard. Called when any
+    state is entered, and in each cycle in which the latch still has to release the gate.
+    """
     control = memory.control[0]
     control.since = control.now
     control.still = 0.0

@@ -74,7 +74,7 @@ class McapWriter(StreamWriter):
             self._row += len(block)
 
     def write_frames(self, frames: Any) -> None:
-        """Write frames (n,) LOGGED as messages, one each."""
+        """Write frames, an array (n,) of dtype LOGGED, as one message each."""
         if not len(frames):
             return
         if not self._frames:

@@ -80,7 +80,7 @@ class Recording:
 
 
 def check_time_first(path: Path, names: Sequence[str]) -> None:
-    """Raise ConfigError unless the first column of a file is the time, as in a recording."""
+    """Raise ConfigError unless `time_s` is a file's first column; `path` is for the message only."""
     if names[:1] != ["time_s"]:
         raise ConfigError(f"{path}: time_s: missing; allowed: a recording whose first column is time_s")
 

@@ -52,7 +52,11 @@ def angle_at(link: Linkage, extended: float) -> float:
 
 @compilable
 def static_electrics(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[Electric, Electric]:
-    """Return both windings without inductance: (R I + R_s d dᵀ) i = d U + u − c2Φ n, linear in the speed."""
+    """Return both drives' electrical side without inductance, for one common speed n [rev/s].
+
+    (R I + R_s d dᵀ) i = d U + u − c2Φ n, with R of each line, R_s of the source, duties d, supply voltage U and
+    directly applied voltages u. The currents i are linear in n; a coasting or absent motor has none. `step` [s].
+    """
     source = plant.source_resistance
     left, right = plant.left, plant.right
     winding_l, fuse_l = dynamics.resistances_soon(left, state.left, 0.5 * step)

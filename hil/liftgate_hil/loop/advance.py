@@ -1,4 +1,7 @@
-"""The order of a tick, shared by all loops: what acts from outside, the tick itself, what is sent, the row."""
+"""One tick, in the order that all loops share.
+
+The stimuli act, the gate advances, its frames are made ready to be sent, and the row of the recording is written.
+"""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Peer(Protocol):
         """Whether it is the reference ECU: where that is late, the bench is; an ECU under test is judged."""
 
     def poll(self, now_ns: int) -> None:
-        """Receive and send what is there at this model time [ns]."""
+        """Take a turn at a model time [ns]: receive the frames that have arrived, send own ones."""
 
     def request(self, action: str) -> bool:
         """Have the driver request open, close, stop or reset at the peer's next turn.

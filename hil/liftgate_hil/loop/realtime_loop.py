@@ -73,7 +73,7 @@ class RunParams(NamedTuple):
 
 
 class Wired(Protocol):
-    """Object with a wire to which frames are sent."""
+    """Object with the file descriptor of a wire, over which the loop sends and receives frames."""
 
     @property
     def descriptor(self) -> int:

@@ -145,7 +145,7 @@ Tree = TypeVar("Tree")
 
 
 def copied(state: Tree) -> Tree:
-    """Return the same state with arrays of its own."""
+    """Return a deep copy of a state: nested tuples are rebuilt, and all arrays in them copied."""
     if isinstance(state, np.ndarray):
         return state.copy()
     if isinstance(state, tuple):

@@ -110,7 +110,11 @@ def line(axis: Axes, times: Floats, values: Floats, colour: str, **looks: object
 
 
 def limits(main: Floats, aside: Floats) -> tuple[float, float] | None:
-    """Return the range of an axis: all of `main`, and as much of `aside` as does not compress `main` too far."""
+    """Return an axis range (low, high) for all of `main` and part of `aside`; None: `main` has no values.
+
+    `aside` extends the range by the span of `main` at most, to either side; there is a margin at both ends. NaN
+    and values from 1e30 on are ignored.
+    """
     known = main[np.abs(main) < 1e30]
     if not len(known):
         return None

@@ -73,7 +73,7 @@ def _origin(provenance: Provenance | None) -> str:
 
 
 def _parameters(estimates: Sequence[Estimate]) -> str:
-    """Return the table of parameters, without the remarks, which are among the warnings above."""
+    """Return the HTML table of the parameters, without their remarks: the page's warnings contain these."""
     rows = [
         (
             each.name,

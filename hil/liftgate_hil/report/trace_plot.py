@@ -68,7 +68,10 @@ class Level(NamedTuple):
 
 
 class Margin(NamedTuple):
-    """A margin between limit and value at a time [s]; `stretch`: its interval [s] where one tick is not enough."""
+    """Margin between a value and its limit, as it is drawn at a `time` [s].
+
+    `stretch` is the interval [s] over which an expectation with a hold time is judged; None: a single tick.
+    """
 
     time: float
     limit: float

@@ -70,7 +70,10 @@ class BusRun:
         return not self.way.is_interface("virtual")
 
     def opened(self, open_wire: Callable[[Way], Wire], stack: contextlib.ExitStack) -> Wire:
-        """Open the wire until the stack is left, and say how far it reaches. Raises TransportError."""
+        """Open the wire; leaving the `stack` closes it. Raises TransportError.
+
+        For a UDP multicast bus the listener is told whether it reaches the network or this machine only.
+        """
         wire = open_wire(self.way)
         stack.callback(wire.close)
         if self.way.reach:

@@ -29,7 +29,10 @@ class EpisodeDriver:
         self.begun: Begun | None = None  # no bench is late here: no gate is stepped again
 
     def begin(self, stack: contextlib.ExitStack) -> None:
-        """Open the recordings, go through the precondition, and compile."""
+        """Open the recordings, run the scenario's precondition, and compile the episode.
+
+        Raises ConfigError if the run has no duration, and the errors of the precondition.
+        """
         plan, execution = self._execution.plan, self._execution
         if plan.ticks is None:
             raise ConfigError("`duration`: missing; allowed: in the scenario, or as an argument")

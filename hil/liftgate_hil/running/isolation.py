@@ -158,7 +158,10 @@ class _Watch:
             self._control.stop, self._hang_s = 1, min(self._hang_s, _STOP_S)
 
     def _failure(self, what: str, is_its: bool = False) -> EcuError:
-        """Return the error: of the ECU while its own code runs or where it `is_its`, else of the run's process."""
+        """Return an EcuError with the text `what` and the time of the current tick.
+
+        It names the ECU if the ECU's own code is running or `is_its` is set, else the run's process.
+        """
         ticks, is_foreign = int(self._control.tick), is_its or int(self._control.foreign) % 2
         who = "the ECU" if is_foreign else "the run's process"
         return EcuError(f"{who} at {ticks * self._step:.3f} s: {what}", ticks)

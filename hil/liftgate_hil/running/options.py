@@ -141,7 +141,7 @@ class RunOptions:
         return None if size is None else Limit(size, self.record_keep)
 
     def around(self) -> tuple[float, float]:
-        """Return the times recorded before and after a condition [s]."""
+        """Return the times [s] recorded before and after the trigger condition is met; default: AROUND."""
         before, after = self.record_before, self.record_after
         return AROUND if before is None else before, AROUND if after is None else after
 

@@ -40,7 +40,10 @@ class PythonDriver:
         self.begun: Begun | None = None
 
     def begin(self, stack: contextlib.ExitStack) -> None:
-        """Open bus and recordings, run the phases before time 0, and compile."""
+        """Open the bus and the recordings, run the phases before time 0, and compile the loop.
+
+        Raises ConfigError, TransportError, PreconditionError.
+        """
         run, plan, options = self._run, self._run.plan, self._run.plan.options
         transport = run.opened(open_transport, stack)
         # Only wall time has an epoch; the other clocks' recordings are the same every time.

@@ -103,7 +103,10 @@ class RealtimeDriver:
         """Do nothing: the loop has switched the motors off itself, without waiting for this thread."""
 
     def summary(self) -> Summary:
-        """The figures of the run; counts of line and recorder are whole once they are closed."""
+        """Return the summary of the run.
+
+        The counts of the line and of the recorder are final only after both are closed.
+        """
         summary = Summary(clock="realtime")
         if self._loop is not None:
             summary = self._loop.summary()

@@ -258,7 +258,11 @@ def _link(place: int, reason: str, number: int | None = None) -> Markup:
 
 
 def _origin(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
-    """Return all source files, each once, with the digests of their contents."""
+    """Return the HTML of the results' origin: all source files, and processor features.
+
+    Each file has one row in a table, with its SHA-256; the features are those that the machine code was compiled
+    for.
+    """
     found: Mapping[tuple[str, str], str] = {
         (each.path, each.sha256): name for outcome in outcomes for name, each in outcome.case.plan.sources.items()
     }

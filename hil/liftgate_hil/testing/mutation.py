@@ -132,7 +132,7 @@ def _unasked(case: Case) -> Case:
 
 
 def _bare(case: Case) -> Case:
-    """Return a case that leaves nothing but its verdicts."""
+    """Return a copy of a case without recordings and trace summaries: its run yields verdicts only."""
     options = replace(case.job.options, record=())
     return _varied(case, replace(case.job, is_summarized=False, options=options))
 

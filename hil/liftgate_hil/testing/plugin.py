@@ -45,7 +45,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Have xdist send all tests on one bus to one worker: only one may use it at a time."""
+    """Set xdist's --dist to loadgroup if tests are distributed and --liftgate-bus is given.
+
+    All tests on the bus then run in one worker, as only one may use it at a time.
+    """
     if config.getoption("liftgate_bus") and getattr(config.option, "dist", "no") != "no":
         config.option.dist = "loadgroup"
 

@@ -74,7 +74,10 @@ class CanTransport:
         return bus
 
     def _reopen(self, timeout: float) -> None:
-        """Try to reopen a lost bus once per _RETRY; sleep up to `timeout` [s] while it stays lost."""
+        """Try to reopen a lost bus, at most every _RETRY [s]; else sleep for up to `timeout` [s].
+
+        Frames that a reopened bus had held back are dropped and counted.
+        """
         now = time.monotonic()
         if now >= self._retry:
             self._retry = now + _RETRY

@@ -21,7 +21,7 @@ class Way(NamedTuple):
     is_fd: bool
 
     def is_interface(self, name: str) -> bool:
-        """Whether the wire is the interface `name` of python-can."""
+        """Whether the wire is a bus of the python-can interface `name`, such as socketcan."""
         return self.can is not None and self.can["interface"] == name
 
     @property

@@ -1,4 +1,7 @@
-"""Make a line for the real-time loop of any transport: two threads carry its frames to and from a socket pair."""
+"""Pump: lets the real-time loop use any transport.
+
+Two threads carry frames between the transport and a socket pair, whose other end is the loop's line.
+"""
 
 from __future__ import annotations
 

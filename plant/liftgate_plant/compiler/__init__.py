@@ -76,7 +76,10 @@ def compiled(function: F) -> F:
 
 
 def is_cached(function: Callable[..., Any]) -> bool:
-    """Whether machine code of `function`, for some arguments, is on the disk and may be read there."""
+    """Whether `function` needs no compilation: the cache has machine code of it, for some argument types.
+
+    Also true if the compiler is switched off; false if this user may not read the cache.
+    """
     if not enabled():
         return True
     folder = cache_folder(function)

@@ -93,9 +93,9 @@ def processor() -> tuple[str, str]:
 
 
 def _numba_version() -> str:
-    """Return numba's version, read from its files.
+    """Return the text of numba's file _version.py, which states its version; "" if it is not installed.
 
-    Importing it takes longer than all else until machine code runs.
+    It is read without importing numba: that would take longer than all else until machine code runs.
     """
     found = importlib.util.find_spec("numba")
     if found is None or found.origin is None:

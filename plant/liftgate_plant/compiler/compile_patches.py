@@ -107,9 +107,10 @@ _postprocess: Callable[..., Any] = postproc.PostProcessor.run
 
 
 def _without_lifetimes(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
-    """Skip the analysis after each pass of which variable lives where.
+    """Replacement of numba's PostProcessor.run that skips the analysis of variable lifetimes.
 
-    Only generators and deletions need it.
+    numba makes that analysis after each pass, but only generators and `emit_dels` need it; for these, its own
+    method is called.
     """
     if emit_dels or self.func_ir.is_generator:
         _postprocess(self, emit_dels, extend_lifetimes)

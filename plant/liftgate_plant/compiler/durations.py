@@ -22,7 +22,7 @@ def expected_s(name: str) -> float | None:
 
 
 def note(name: str, seconds: float) -> None:
-    """Store how long an entry point took to compile [s]; where that fails it is forgotten."""
+    """Store how long the entry point `name` took to compile [s]; a failure to store it is ignored."""
     found = {**_known(), name: round(seconds, 1)}
     with contextlib.suppress(OSError):
         storage.check_ours(storage.root())

@@ -1,9 +1,10 @@
 # mypy: allow-untyped-calls
-"""Link helpers into their entry points only, which are optimised and emitted once, with all that they call.
+"""Faster compilation with numba: helpers are linked into entry points, and only these are optimised.
 
-By itself numba optimises each function and emits its machine code, with all functions that it calls inlined into
-it again: for the entry points here this is most of the time of a compilation, and none of that code is ever run.
-This depends on internals of numba; `is_possible` checks that they are as they were when this was written.
+Left to itself, numba optimises each function and emits its machine code, with all functions that it calls inlined
+into it again. For the entry points here this is most of the compilation time, and none of that code is ever run.
+Here each entry point is optimised and emitted once, with all that it calls. This depends on internals of numba;
+`is_possible` checks that they are as they were when this was written.
 """
 
 from __future__ import annotations
@@ -139,7 +140,10 @@ class ExportLibrary(_Library):
         return any(each.has_dynamic_globals for each in _below(self))
 
     def asked_for(self) -> list[str]:
-        """Return the names of the functions that others shall provide."""
+        """Return the names of the external functions that the code calls: declared, but not defined in it.
+
+        LLVM's own intrinsics are left out.
+        """
         return [
             function.name
             for function in self._final_module.functions

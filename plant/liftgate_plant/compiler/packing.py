@@ -103,7 +103,10 @@ class _Packing:
         self._names = 0
 
     def name_of(self, kind: Kind) -> str:
-        """Add a value of this kind to the function, and return the name of its variable."""
+        """Add an argument of this kind to the generated packing function; return its variable's name.
+
+        This adds the argument's checks, its values and their format to the function.
+        """
         name = f"v{self._names}"
         self._names += 1
         if isinstance(kind, Tuple):

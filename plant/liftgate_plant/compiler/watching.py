@@ -30,7 +30,10 @@ _watchers = [Watcher()]
 
 
 def watch(watcher: Watcher) -> None:
-    """Add a watcher, which is informed from now on."""
+    """Inform this watcher of compilations from now on, instead of the one before.
+
+    Only the watcher added last is informed; `unwatch` removes it.
+    """
     _watchers.append(watcher)
 
 

@@ -37,7 +37,7 @@ def cars(path: Path, count: int = CARS) -> list[Vehicle]:
     return [load_vehicle(path, draw=seed) for seed in range(count)]
 
 
-def test_each_distribution_is_the_one_it_is_outlined(tmp_path: Path):
+def test_each_distribution_is_the_one_of_the_file(tmp_path: Path):
     path = vehicle_file(
         tmp_path,
         "[spread.motor]\n"
@@ -48,6 +48,7 @@ def test_each_distribution_is_the_one_it_is_outlined(tmp_path: Path):
         'mass = { distribution = "lognormal", relative = 0.1 }\n'
         "[spread.sensors]\n"
         "current_offset = { absolute = 0.02 }\n"
+        'current_limit = { distribution = "uniform", low = 1, high = 9 }\n'
         'hall_wheel = { distribution = "uniform", low = 1, high = 9 }\n',
     )
     plain, drawn = load_vehicle(path), cars(path)
@@ -57,19 +58,20 @@ def test_each_distribution_is_the_one_it_is_outlined(tmp_path: Path):
         "preload": [each.right.spring.preload / plain.right.spring.preload for each in drawn],
         "mass": [math.log(each.gate.mass / plain.gate.mass) for each in drawn],
         "offset": [each.sensors.current_offset for each in drawn],
-        "wheel": [each.sensors.hall_wheel for each in drawn],
+        "limit": [each.sensors.current_limit for each in drawn],
     }
     expected = {
         "resistance": stats.norm(1.0, 0.03).cdf,
         "preload": stats.uniform(0.95, 0.1).cdf,
         "mass": lambda x: within.cdf(x / 0.1),
         "offset": lambda x: within.cdf(x / 0.02),
-        "wheel": stats.uniform(1.0, 8.0).cdf,
+        "limit": stats.uniform(1.0, 8.0).cdf,
     }
     for name, values in shares.items():
         assert stats.kstest(values, expected[name]).pvalue > 0.01, name
     assert max(abs(value - 1.0) for value in shares["resistance"]) <= 0.09
     assert max(abs(value) for value in shares["mass"]) <= 0.3  # of the logarithm
+    assert {each.sensors.hall_wheel for each in drawn} <= {*map(float, range(1, 10))}  # a whole number
 
 
 def test_each_drive_has_its_own_and_what_follows_goes_with_it(tmp_path: Path):

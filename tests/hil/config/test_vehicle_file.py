@@ -288,6 +288,12 @@ def test_a_lever_that_turns_over_is_a_fault_of_the_gate(tmp_path: Path):
     assert "hinge" in issues[0]
 
 
+@pytest.mark.parametrize("value", ["7.5", "6.999"])
+def test_a_number_of_segments_is_whole(tmp_path: Path, value: str):
+    (issue,) = faults_of(tmp_path, SUV, f"sensors.commutator_segments={value}")
+    assert issue == f"`settings` sensors.commutator_segments: {value}; allowed: a whole number from 2 to 200"
+
+
 def test_an_actuator_without_a_length_is_an_issue_of_the_gate(tmp_path: Path):
     (issue,) = faults_of(tmp_path, changed("gate_point = [0.085, -0.18]", "gate_point = [-0.04, -0.62]"))
     assert "gate_point and body_point coincide" in issue

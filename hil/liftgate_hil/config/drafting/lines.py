@@ -64,7 +64,10 @@ def quoted(text: str) -> str:
 
 
 def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
-    """Return the line of a quantity's candidate."""
+    """Return the line that maps a quantity of a rig's `section` (inputs or outputs) to a candidate's signal.
+
+    The line is commented out, with the reason, if the signal's unit, labels or range leave a doubt.
+    """
     ours = (BUS_INPUTS if section == "inputs" else BUS_OUTPUTS)[quantity]
     line = Line(section, quantity, candidate.message, candidate.name, {})
     if ours.values:

@@ -96,7 +96,7 @@ def words_of(name: str) -> tuple[str, ...]:
 
 @functools.lru_cache(100_000)
 def concepts_in(name: str) -> frozenset[str]:
-    """Return the concepts that a name contains."""
+    """Return the concepts (keys of WORDS, such as left or motor) for which a name contains a word."""
     words = words_of(name)
     whole = "".join(words)
     return frozenset(concept for concept, spelled in WORDS.items() if _speaks(spelled, words, whole))

@@ -37,9 +37,10 @@ def surroundings_in(given: Mapping[str, object]) -> dict[str, float]:
 
 
 def obstacle_in(given: Mapping[str, object], edge: float) -> Obstacle:
-    """Return an obstacle from OBSTACLE's keys and `meets`; its distance is the gate's `edge` [m] by default.
+    """Return the obstacle described by `given`: keys of OBSTACLE and `meets` (closing or opening).
 
-    Raises ConfigError.
+    `angle_deg` is required; `distance` is `edge` [m], the distance of the gate's edge from its hinge, by default,
+    the other keys have defaults, too. Raises ConfigError for a missing or unknown key, or an invalid value.
     """
     usual = {"stiffness": STIFFNESS, "distance": edge, "damping": 0.0, "gap": 0.0, "lateral": 0.0}
     unknown = [name for name in given if name not in (*OBSTACLE, "meets")]
