@@ -70,7 +70,7 @@ class Keeper:
 
 
 @dataclass
-class JsonObject:
+class ScriptedEcu:
     """An ECU that sends what it is given, by its turn; keeps what it hears."""
 
     says: Callable[[int], list[can.Message]]

@@ -40,7 +40,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "liftgate-hil"
 
 
-class JsonObject(Watcher):
+class NotingWatcher(Watcher):
     """Keeps what it is told."""
 
     def __init__(self) -> None:
@@ -56,8 +56,8 @@ class JsonObject(Watcher):
 
 
 @pytest.fixture
-def told() -> Iterator[JsonObject]:
-    watcher = JsonObject()
+def told() -> Iterator[NotingWatcher]:
+    watcher = NotingWatcher()
     compiler.watch(watcher)
     yield watcher
     compiler.unwatch(watcher)
@@ -280,7 +280,7 @@ def double(x: float) -> float:
     return 2.0 * x
 
 
-def made(told: JsonObject) -> float:
+def made(told: NotingWatcher) -> float:
     """A fresh look at the disk."""
     told.said.clear()
     answer = obtaining.machine_code_of(double, (Number("f"),)).call((4.0,))
@@ -288,7 +288,7 @@ def made(told: JsonObject) -> float:
     return answer[1]
 
 
-def test_it_is_compiled_once(told: JsonObject, cache: Path):
+def test_it_is_compiled_once(told: NotingWatcher, cache: Path):
     made(told)
     assert told.said == ["compiles double"]
     made(told)
@@ -298,7 +298,7 @@ def test_it_is_compiled_once(told: JsonObject, cache: Path):
 
 
 @pytest.mark.parametrize("which", ["the root", "the folder", "the file"])
-def test_what_others_may_write_is_not_run(told: JsonObject, cache: Path, which: str):
+def test_what_others_may_write_is_not_run(told: NotingWatcher, cache: Path, which: str):
     made(told)
     (file,) = cache.rglob("*.code")
     spoilt = {"the root": cache, "the folder": file.parent, "the file": file}[which]
@@ -308,14 +308,16 @@ def test_what_others_may_write_is_not_run(told: JsonObject, cache: Path, which: 
     assert f"not kept: others may write to {spoilt}" in told.said
 
 
-def test_what_belongs_to_another_user_is_not_run(told: JsonObject, cache: Path, monkeypatch: pytest.MonkeyPatch):
+def test_what_belongs_to_another_user_is_not_run(
+    told: NotingWatcher, cache: Path, monkeypatch: pytest.MonkeyPatch
+):
     made(told)
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
     made(told)
     assert told.said == [f"not kept: {cache} belongs to another user", "compiles double"]
 
 
-def test_a_link_to_code_elsewhere_is_not_followed(told: JsonObject, cache: Path, tmp_path: Path):
+def test_a_link_to_code_elsewhere_is_not_followed(told: NotingWatcher, cache: Path, tmp_path: Path):
     made(told)
     (file,) = cache.rglob("*.code")
     file.rename(tmp_path / "elsewhere.code")
@@ -324,7 +326,7 @@ def test_a_link_to_code_elsewhere_is_not_followed(told: JsonObject, cache: Path,
     assert "compiles double" in told.said
 
 
-def test_code_that_was_kept_for_something_else_is_not_run(told: JsonObject, cache: Path):
+def test_code_that_was_kept_for_something_else_is_not_run(told: NotingWatcher, cache: Path):
     made(told)
     (file,) = cache.rglob("*.code")
     stored = storage.read(file)
@@ -338,7 +340,7 @@ def test_code_that_was_kept_for_something_else_is_not_run(told: JsonObject, cach
 
 
 def test_a_full_disk_is_reported_and_costs_only_time(
-    told: JsonObject, cache: Path, monkeypatch: pytest.MonkeyPatch
+    told: NotingWatcher, cache: Path, monkeypatch: pytest.MonkeyPatch
 ):
     def full(*_: Any) -> None:
         raise OSError(28, "No space left on device")
@@ -370,7 +372,7 @@ def test_a_compilation_can_be_given_up(impatient: None, cache: Path):
     with pytest.raises(KeyboardInterrupt):
         obtaining.machine_code_of(double, (Number("f"),))
     assert not list(cache.rglob("*.code"))
-    told = JsonObject()
+    told = NotingWatcher()
     compiler.watch(told)
     made(told)  # nothing of it is in the way
     compiler.unwatch(told)
@@ -378,7 +380,7 @@ def test_a_compilation_can_be_given_up(impatient: None, cache: Path):
 
 
 def test_who_watches_need_not_end_in_the_order_of_the_beginnings():
-    first, second, before = JsonObject(), JsonObject(), watching.watcher()
+    first, second, before = NotingWatcher(), NotingWatcher(), watching.watcher()
     compiler.watch(first)
     compiler.watch(second)
     compiler.unwatch(first)

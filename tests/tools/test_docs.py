@@ -45,7 +45,7 @@ def lines(record: type, *names: str) -> str:
     )
 
 
-def test_the_defaults_of_an_obstacle_are_those_reported(tmp_path: Path) -> None:
+def test_the_defaults_of_an_obstacle_are_those_documented(tmp_path: Path) -> None:
     path = tmp_path / "scenario.toml"
     tables = []
     told = lines(scenario_schema.ObstacleTable)
@@ -57,7 +57,7 @@ def test_the_defaults_of_an_obstacle_are_those_reported(tmp_path: Path) -> None:
     assert tables[0] == tables[1]
 
 
-def test_the_defaults_of_a_fault_are_those_reported(tmp_path: Path) -> None:
+def test_the_defaults_of_a_fault_are_those_documented(tmp_path: Path) -> None:
     path = tmp_path / "scenario.toml"
     told = lines(scenario_schema.FaultTable)
     for name in ("start", "delay_s", "share", "seed"):
@@ -120,7 +120,7 @@ def test_what_the_page_says_may_stand_in_a_condition_may() -> None:
         assert parsed(text, {"idle": 1.0}).text == text
 
 
-def test_the_defaults_of_a_message_are_those_reported(tmp_path: Path) -> None:
+def test_the_defaults_of_a_message_are_those_documented(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     head = (
         'dbc = "liftgate.dbc"\n[inputs]\nleft_duty = "DriveCommand.LeftDuty"\n'

@@ -297,11 +297,11 @@ def _check_saved(text: str, target: str, sought: Sequence[str], identifiable: Ma
 
     from liftgate_hil.config.vehicle import vehicle_of
 
-    unlisted = [name for name in sought if name not in identifiable]
+    not_identifiable = [name for name in sought if name not in identifiable]
     try:
         vehicle_of(tomllib.loads(text), f"--save-vehicle {target}")
     except ConfigError as error:
-        kept = f"; {', '.join(unlisted)} kept the initial value" if unlisted else ""
+        kept = f"; {', '.join(not_identifiable)} kept the initial value" if not_identifiable else ""
         raise ConfigError(
             [f"{line}{kept}; allowed: --estimate without it, or another --set" for line in error.issues]
         ) from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from liftgate_hil.codec.frames import EXTENDED
@@ -22,6 +23,18 @@ _STANDARD = 0x7FF  # the largest identifier of 11 bits
 _NEEDED = {"wrong_counter": "counter", "wrong_checksum": "checksum"}
 
 
+def located(fault: Fault, rig: Rig) -> Fault:
+    """Return a fault with the name of the message that it acts on, if a quantity named that message."""
+    if FAULT_KINDS[fault.kind].of != MESSAGE or fault.where is None:
+        return fault
+    direction = _direction_of(fault)
+    return replace(fault, where=rig.message_at(fault.where, direction & SENT > 0, direction & RECEIVED > 0))
+
+
+def _direction_of(fault: Fault) -> int:
+    return DIRECTIONS.get(fault.values.get("direction", ""), SENT | RECEIVED)
+
+
 def bus_faults_in(
     fault: Fault, rig: Rig | None, restbus: Collection[str], issues: ConfigIssues
 ) -> tuple[BusFault, ...]:
@@ -32,10 +45,9 @@ def bus_faults_in(
     if FAULT_KINDS[fault.kind].of not in (MESSAGE, BUS):
         return ()
     if rig is None:
-        issues.take([f"{fault.key}.kind: {fault.kind}: there is no bus; allowed: in a run with a bus"])
+        issues.take([f"{fault.called('kind')}: {fault.kind}: there is no bus; allowed: in a run with a bus"])
         return ()
-    values = fault.values
-    direction = DIRECTIONS.get(values.get("direction", ""), SENT | RECEIVED)
+    values, direction = fault.values, _direction_of(fault)
     return (
         BusFault(
             kind=KINDS.index(fault.kind),
@@ -62,13 +74,14 @@ def _identifier(fault: Fault, rig: Rig, restbus: Collection[str], direction: int
         names = [each for each in names if _of(rig, each, needed) is not None]
     if fault.where is None and names:
         return EVERY
-    message = "" if fault.where is None else rig.message_at(fault.where)
-    if message not in names:
+    message = located(fault, rig).where
+    if message is None or message not in names:
         allowed = ", ".join(names) or "none"
         which = f"a message with a {needed}" if needed else "a message"
         way = {SENT: "or its restbus sends" if restbus else "sends"}.get(direction, "receives")
-        text = f"{show(fault.where)}: not {which} that the gate {way}; allowed: {allowed}"
-        issues.take([f"{fault.key}.where: {text}"])
+        carrier = f" ({message})" if message != fault.where else ""
+        text = f"{show(fault.where)}{carrier}: not {which} that the gate {way}"
+        issues.take([f"{fault.called('where')}: {text}; allowed: {allowed}, or a quantity in one of them"])
         return EVERY
     return rig.identifier(message)
 

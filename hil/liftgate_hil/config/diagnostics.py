@@ -69,8 +69,7 @@ class DiagnosticsTable:
         "after \"response pending\" 5 s")] = 1000.0
     status_mask: Annotated[int, Key(Whole(1, 255), "a code counts as reported if its status has one of these "
         "bits: 1 testFailed, 4 pendingDTC, 8 confirmedDTC, …", "0x09")] = STATUS_MASK
-    clear: Annotated[bool, Key(Flag(), "the tester clears all codes at time 0, before its first reading",
-        "true")] = True
+    clear: Annotated[bool, Key(Flag(), "the tester clears all codes at time 0, before its first reading")] = True
 
 
 # fmt: on

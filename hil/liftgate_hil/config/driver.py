@@ -112,7 +112,7 @@ def reset_of(
     if section is None:
         return None
     reset = read_record(issues, "reset", section, ResetTable)
-    if not reset.signal and not reset.uds and not reset.command:
+    if reset.signal is None and not reset.uds and not reset.command:
         issues.add("reset", "neither signal, uds nor command; allowed: one of them, or several")
     if reset.uds and not has_diagnostics:
         allowed = "a rig with [diagnostics] request and response"

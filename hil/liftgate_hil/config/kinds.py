@@ -189,6 +189,7 @@ class Label:
         if is_number and abs(value) <= sys.float_info.max:  # a whole number may be beyond it
             return float(value)
         issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        issues.settle(key)  # the signal's own reader has no other issue with it
         return math.nan
 
 

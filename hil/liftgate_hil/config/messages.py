@@ -32,8 +32,8 @@ _FRAMES = Raw("a whole number from 0 to `window`")
 
 
 @dataclass(frozen=True)
-class MessageTable:
-    """The keys of `[messages.NAME]`."""
+class UnprotectedTable:
+    """The keys of `[messages.NAME]` for any protection."""
 
     cycle_ms: Annotated[float | None, Key(Number(0.1, LONGEST_MS, "ms"), "cycle time of the message",
         "the database's `GenMsgCycleTime`")] = None
@@ -47,6 +47,12 @@ class MessageTable:
         "checksum")] = "crc8-sae-j1850"
     protection: Annotated[str, Key(Choice(("simple", *PROFILES)), "`simple`: counter and checksum as above; the "
         "others are AUTOSAR E2E profiles")] = "simple"
+
+
+@dataclass(frozen=True)
+class MessageTable(UnprotectedTable):
+    """The keys of `[messages.NAME]`, those of the AUTOSAR E2E profiles included."""
+
     data_id: Annotated[int | None, Key(Whole(0, 0xFFFF), "data ID of the message",
         "required by profiles 1 and 5")] = None
     data_id_list: Annotated[Any, Key(Raw("16 whole numbers from 0 to 255"), "data ID for each value of the "
@@ -79,7 +85,7 @@ class StateMachineTable:
 
 
 # fmt: on
-_E2E = [key.name for key in keys_of(MessageTable)[6:]]
+_E2E = [each.name for each in keys_of(MessageTable) if not hasattr(UnprotectedTable, each.name)]
 
 
 def message_options(
@@ -95,6 +101,8 @@ def message_options(
         raw = table(issues, key, value)
         given = read_record(issues, key, raw, MessageTable)
         cycle, timeout = given.cycle_ms, given.timeout_cycles
+        if cycle is not None and math.isnan(cycle):
+            issues.settle(f"{key}.cycle_ms")  # so that it is not also reported as missing
         result[name] = MessageOptions(  # NaN: invalid, which is reported
             cycle_ms=None if cycle is None or math.isnan(cycle) else cycle,
             timeout_cycles=MessageTable.timeout_cycles if math.isnan(timeout) else timeout,
@@ -155,10 +163,13 @@ def _end_to_end(
         issues.add(f"{key}.data_id_mode", "allowed with protection = e2e-p01")
     if (mode == "nibble" and profile == "e2e-p01") != (nibble is not None):
         issues.add(f"{key}.data_id_nibble", 'allowed: a signal with data_id_mode = "nibble"')
-    below = f"{key}.state_machine"
+    below, before = f"{key}.state_machine", issues.count
     machine = read_record(issues, below, given.state_machine or {}, StateMachineTable)
-    frames = Whole(0, machine.window)
-    limits = [frames.read(issues, f"{below}.{name}", value) for name, value in list(vars(machine).items())[1:]]
+    window = MAX_WINDOW if issues.count > before else machine.window  # an invalid one limits nothing
+
+    def frames(name: str) -> int:
+        return Whole(0, window).read(issues, f"{below}.{name}", getattr(machine, name))
+
     step = Whole(1, _LARGEST_STEP[profile])
     return EndToEnd(
         profile,
@@ -168,8 +179,8 @@ def _end_to_end(
         step.read(issues, f"{key}.max_delta_counter", given.max_delta_counter),
         given.sync_counter,
         machine.window,
-        (limits[0], limits[1], limits[2]),
-        (limits[3], limits[4], limits[5]),
+        (frames("min_ok_init"), frames("min_ok_valid"), frames("min_ok_invalid")),
+        (frames("max_error_init"), frames("max_error_valid"), frames("max_error_invalid")),
     )
 
 

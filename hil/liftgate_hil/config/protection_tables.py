@@ -62,10 +62,9 @@ class ChecksumTable:
     polynomial: Annotated[int, Key(_Bits(1), "without its highest term, as in catalogues: 0x1D is x⁸ + x⁴ + x³ + "
         "x² + 1")]
     start: Annotated[int, Key(_Bits(), "initial value of the register (`init` in catalogues)")] = 0
-    reflect_in: Annotated[bool, Key(Flag(), "the lowest bit of each byte is processed first (`refin`)",
-        "false")] = False
+    reflect_in: Annotated[bool, Key(Flag(), "the lowest bit of each byte is processed first (`refin`)")] = False
     reflect_out: Annotated[bool, Key(Flag(), "the lowest bit of the register becomes the highest bit of the "
-        "checksum (`refout`)", "false")] = False
+        "checksum (`refout`)")] = False
     final_xor: Annotated[int, Key(_Bits(), "value that is XORed with the result, after that (`xorout`)")] = 0
     covers: Annotated[Any, Key(Raw(_COVERS), "parts that the checksum covers, in this order",
         '["payload"]')] = ("payload",)
@@ -161,7 +160,8 @@ def _signal(issues: ConfigIssues, key: str, name: str, message: Message) -> tupl
     signals = {each.name: each.length for each in message.signals}
     if name in signals:
         return name, signals[name]
-    issues.add(f"{key}.signal", f"{show(name)}; allowed: one of {', '.join(signals)}")  # unless it is settled
+    if name:  # else it is reported already
+        issues.add(f"{key}.signal", f"{show(name)}; allowed: one of {', '.join(signals)}")
     return None, 0
 
 

@@ -52,7 +52,7 @@ class RigTable:
     dbc: Annotated[str, Key(Text("a DBC, ARXML, KCD or SYM file"), "CAN database: a file beside the rig file, or "
         "a shipped one (`liftgate.dbc`)")]
     bitrate: Annotated[float, Key(Number(1.0, 1e8, "bit/s"), "bit rate with which the bus is opened, and to which "
-        "the bus load is related", "500000")] = 500_000.0
+        "the bus load is related")] = 500_000.0
     inputs: Annotated[Table | None, Key(Subtable(), "quantities that the gate receives, see below")] = None
     outputs: Annotated[Table | None, Key(Subtable(), "quantities that the gate sends, see below")] = None
     messages: Annotated[Table | None, Key(Subtable(), "a table for each message: cycle, time-out and protection, "
@@ -135,11 +135,15 @@ class Rig:
         """Return the identifier of the command message, with SocketCAN's flag if it is extended."""
         return self.identifier(self.command_message())
 
-    def message_at(self, place: str) -> str:
-        """Return the message that a fault's `where` names: by its name, or by a quantity that it carries."""
+    def message_at(self, place: str, is_sent: bool, is_received: bool) -> str:
+        """Return the message with the name `place`, or with the quantity `place`; `place` if there is none.
+
+        An input and an output may be the same quantity: of `is_sent` and `is_received`, that which holds counts.
+        """
+        mappings = (*(self.inputs if is_received else ()), *(self.outputs if is_sent else ()))
         if place in self.messages:
             return place
-        return next((wire.message for wire in (*self.inputs, *self.outputs) if wire.quantity == place), place)
+        return next((each.message for each in mappings if each.quantity == place), place)
 
     def identifier(self, name: str) -> int:
         """Return the identifier of a message, with SocketCAN's flag if it is extended."""

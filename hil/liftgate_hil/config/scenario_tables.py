@@ -23,7 +23,7 @@ from liftgate_hil.config.scenario_schema import (
     ScenarioTable,
     SignalTable,
 )
-from liftgate_hil.config.schema import keys_of, read_record, read_values
+from liftgate_hil.config.schema import dotted, keys_of, read_record, read_values
 from liftgate_hil.config.toml import Table, known_keys, number, show, table
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.judging.expectation import KINDS, STATES, Expectation
@@ -57,6 +57,10 @@ class Fault:
     length: float = math.inf  # s, from its start
     # How issues name its `value`; "": by `key`.
     value_key: str = field(default="", compare=False)
+
+    def called(self, name: str) -> str:
+        """Return the name in messages of a key of the fault."""
+        return f"{self.key}{'.' if self.key.endswith(']') else ': '}{name}"
 
     @property
     def identity(self) -> tuple[Any, ...]:
@@ -207,11 +211,11 @@ class TableReader:
         values = read_values(self.issues, key, given, (*common, *own))
         fault = FaultTable(**{each.name: values[each.name] for each in common})
         if kind is not None and fault.where is not None:
-            self._where(f"{key}.where".lstrip("."), kind, fault.where)
+            self._where(dotted(key, "where"), kind, fault.where)
         if "for_s" in given and "end" in given:
-            self.issues.add(f"{key}.for_s", "allowed: without end")
+            self.issues.add(dotted(key, "for_s"), "allowed: without end")
         if "share" in given and "period_s" not in given:
-            self.issues.add(f"{key}.share", "allowed: together with period_s")
+            self.issues.add(dotted(key, "share"), "allowed: together with period_s")
         start, end = self._span(key, fault)
         return Fault(
             kind=fault.kind,
@@ -266,6 +270,8 @@ class TableReader:
 def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
     """Return a fault that a program names; it has no start or end of its own. Raises ConfigError."""
     issues = ConfigIssues("`fault`")
+    if not isinstance(kind, str):
+        raise ConfigError(f"`fault`: kind: {show(kind)}; allowed: one of {', '.join(FAULT_KINDS)}")
     own = FAULT_KINDS[kind].keys if kind in FAULT_KINDS else ()
     given = {name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()}
     known = {*_COMMON, *(key.name for key in own)}

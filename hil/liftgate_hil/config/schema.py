@@ -65,6 +65,8 @@ class Key:
             return "required"
         if self.default is None or self.default == ():
             return ""
+        if isinstance(self.default, bool):
+            return str(self.default).lower()
         return f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
 
 
@@ -88,18 +90,22 @@ def read_record(issues: ConfigIssues, prefix: str, given: Table, record: Callabl
 
 
 def read_values(issues: ConfigIssues, prefix: str, given: Table, keys: Sequence[Key]) -> dict[str, Any]:
-    """Return the values of a table by its keys; issues are noted, at most one for the value of a key."""
+    """Return the values of a table by its keys; issues are noted, for a missing key no others."""
     known_keys(issues, prefix, given, [key.name for key in keys])
     found: dict[str, Any] = {}
     for key in keys:
-        dotted, before = f"{prefix}.{key.name}" if prefix else key.name, issues.count
+        place = dotted(prefix, key.name)
         if key.name in given:
-            found[key.name] = key.kind.read(issues, dotted, given[key.name])
+            found[key.name] = key.kind.read(issues, place, given[key.name])
         elif key.default is REQUIRED:
-            issues.add(dotted, f"missing; allowed: {key.kind.allowed}")
+            issues.add(place, f"missing; allowed: {key.kind.allowed}")
+            issues.settle(place)
             found[key.name] = key.kind.invalid
         else:
             found[key.name] = key.default
-        if issues.count > before:
-            issues.settle(dotted)
     return found
+
+
+def dotted(prefix: str, name: str) -> str:
+    """Return the dotted key of a table's key; the prefix of a file itself is empty."""
+    return f"{prefix}.{name}" if prefix else name

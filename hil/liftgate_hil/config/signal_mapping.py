@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Signal as DatabaseSignal
 
 _FACTOR = Number(-1e9, 1e9)
+_INVALID = "?"  # a unit that is reported already
 
 # fmt: off
 # A field with its key is a row of a table.
@@ -45,7 +46,7 @@ class MappingTable:
     values: Annotated[Table | None, Key(Subtable(), "enumerations: the signal's number or label for each value of "
         "the quantity")] = None
     saturates: Annotated[bool, Key(Flag(), "outputs: the signal's range may be too small; values beyond it "
-        "saturate", "false")] = False
+        "saturate")] = False
 
 
 # fmt: on
@@ -92,7 +93,7 @@ def _mapping(
         basis, values = "labels", _own_labels(issues, key, name, theirs, ours)
     elif factors is None or given.unit is not None:
         basis = "unit"
-        unit = (theirs.unit or "").strip() if given.unit is None else given.unit
+        unit = (theirs.unit or "").strip() if given.unit is None else given.unit or _INVALID
         by_unit = _by_unit(issues, key, name, unit, ours)
         scale, offset = factors or SAME
         factors = by_unit[0] * scale, by_unit[0] * offset + by_unit[1]
@@ -146,7 +147,7 @@ def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal)
     A plain number needs no unit. An unknown unit, or one of another dimension, adds an issue under `key`; the
     result is then SAME.
     """
-    if not unit and dimension_of(ours) == "number":
+    if unit == _INVALID or (not unit and dimension_of(ours) == "number"):
         return SAME
     factors = conversion(ours, unit)
     if factors is not None:

@@ -86,8 +86,8 @@ def text(issues: ConfigIssues, key: str, value: object, allowed: Iterable[str] =
     """Return `value` as a string, one of `allowed` if that is given; "" and an issue if it is invalid."""
     choices = list(allowed)
     if not isinstance(value, str) or not value or (choices and value not in choices):
-        text = f"one of {', '.join(choices)}" if choices else "a text"
-        issues.add(key, f"{show(value)}; allowed: {text}")
+        what = f"one of {', '.join(choices)}" if choices else "a text"
+        issues.add(key, f"{show(value)}; allowed: {what}")
         return ""
     return value
 

@@ -57,7 +57,7 @@ class Live:
         self._row = np.full(len(self._names), np.nan)
         self._history: deque[tuple[float, Any, Any]] = deque()
         self._heard: dict[tuple[int, bool], Heard] = {}
-        self._untold = 0  # frames of messages beyond _MOST_HEARD, not shown
+        self._not_shown = 0  # frames of messages beyond _MOST_HEARD, not shown
         self._messages = _messages(Path(self._description["rig"]))
         self._news: JsonObject = {"state": "waiting", "status": None, "in_force": {}}
         self._lines: deque[list[Any]] = deque(maxlen=_LINES)
@@ -110,7 +110,7 @@ class Live:
         identifier, is_sent = int(frame["identifier"]) & ~FD, bool(frame["is_sent"])
         before = self._heard.get((identifier, is_sent))
         if before is None and len(self._heard) >= _MOST_HEARD:
-            self._untold += 1
+            self._not_shown += 1
             return
         time_ns, length = int(frame["time_ns"]), int(frame["length"])
         self._heard[identifier, is_sent] = Heard(
@@ -188,7 +188,7 @@ class Live:
                 "unsent": int(control["unsent"][0]),
                 "dropped": int(control["dropped"][0]),
                 "bus_offs": int(control["bus_offs"][0]),
-                "not_shown": self._untold,
+                "not_shown": self._not_shown,
                 "overwritten": self._rows.lost + self._frames.lost,
                 **{name: status.get(name) for name in ("command_age_s", "accepted", "rejected", "foreign")},
             },

@@ -302,11 +302,11 @@ def _topics(summary: Summary) -> tuple[dict[str, Signal], list[RowTopic]]:
             continue
         schema = orjson.loads(summary.schemas[channel.schema_id].data)
         prefix, fields = channel.metadata.get(layout.PREFIX, ""), {}
-        for name, record in schema["properties"].items():
+        for name, described in schema["properties"].items():
             if name == "time_s":
                 continue
             fields[prefix + name] = name
-            unit, is_whole = str(record.get("unit", "")), record.get("type") == "integer"
+            unit, is_whole = str(described.get("unit", "")), described.get("type") == "integer"
             signals[prefix + name] = column_signal(prefix + name, unit, is_whole)
         topics.append(RowTopic(channel.id, fields))
     return signals if topics else {}, topics

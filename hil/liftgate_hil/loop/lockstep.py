@@ -39,7 +39,7 @@ def run_lockstep(loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Cal
     lockstep.say("ready: waits for the first command")
     waiting = Waiting(lockstep.command)
     heard = time.monotonic()
-    is_told = False
+    is_reported = False
     if loop.commands_before:
         period = lockstep.ticks_per_command
         loop.advance_by(empty_frames(0), period if ticks is None else min(period, ticks))
@@ -56,14 +56,14 @@ def run_lockstep(loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Cal
                 f"no command for {lockstep.wall_timeout:g} s at {loop.time:.3f} s of model time; "
                 "allowed: an ECU that answers, or a longer `wall_timeout`"
             )
-        if silent > _PATIENCE and not is_told:
+        if silent > _PATIENCE and not is_reported:
             lockstep.say(
                 f"{loop.time:.3f} s: waits for a command (0x{lockstep.command:X}); `wall_timeout` limits the wait"
             )
-            is_told = True
+            is_reported = True
         if waiting.commands:
             frames = waiting.commands.popleft()
-            heard, is_told = time.monotonic(), False
+            heard, is_reported = time.monotonic(), False
             left = lockstep.ticks_per_command if ticks is None else ticks - loop.ticks
             loop.advance_by(frames, min(left, lockstep.ticks_per_command))
 

@@ -69,7 +69,7 @@ class ProgressMonitor:
         self._listener = listener
         self._events = events
         self._clock = clock
-        self._listed_events = 0
+        self._reported_events = 0
         self._listed_causes: set[int] = set()
         self._apart = f"; {apart}" if apart else ""
         self._sent = {rig.identifier(wire.message): wire.message for wire in rig.outputs}
@@ -89,8 +89,8 @@ class ProgressMonitor:
         self._next = now + _EVERY_S
         self._heard = min(self._heard, now)
         time_s = moment.tick * self._config.step
-        for event in self._events(self._listed_events):
-            self._listed_events += 1
+        for event in self._events(self._reported_events):
+            self._reported_events += 1
             self._listener.happened(event.time, event.text)
         for cause in _REFUSED:
             if self._reception.refusals[cause].count and cause not in self._listed_causes:

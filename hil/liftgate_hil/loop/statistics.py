@@ -119,7 +119,7 @@ class Summary:
             "link": self.link._asdict(),
         }
 
-    def refusals_reported(self) -> str:
+    def refusals_text(self) -> str:
         """Return why frames for the gate were refused; "": none was."""
         causes = {
             "wrong length": self.received.wrong_length,
@@ -169,7 +169,7 @@ class Summary:
     def lines(self) -> list[str]:
         """Return the figures as lines of text for a person."""
         received = self.received
-        why = self.refusals_reported()
+        why = self.refusals_text()
         percent = self._load()
         load = "" if math.isnan(percent) else f", bus load {percent:.1f} %"
         lines = [

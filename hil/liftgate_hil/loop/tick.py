@@ -203,7 +203,7 @@ def surroundings(
     commanded.
     """
     above = overlay(outside.commanded, picked(values, IN_SURROUNDINGS))
-    profiles, rise = overlay(above, outside.profiles), rise_under(outside.supply_rise, above)
+    around, rise = overlay(above, outside.profiles), rise_under(outside.supply_rise, above)
     obstacle = panel_obstacle(config, values, outside.obstacle)
     if not np.isnan(outside.commanded_obstacle.stiffness):
         obstacle = outside.commanded_obstacle
@@ -212,7 +212,7 @@ def surroundings(
         released = 1.0 if opening else 0.0
     arming, obstacle = armed(arming, obstacle, angle_at(config.plant, state, obstacle.lateral))
     cinched = value_or(values[IN.latch_cinch], 0.0)
-    return arming, overlaid(config.load, profiles, rise, released, cinched, obstacle)
+    return arming, overlaid(config.load, around, rise, released, cinched, obstacle)
 
 
 @compilable

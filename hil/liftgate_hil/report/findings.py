@@ -42,7 +42,7 @@ def whiteness(series: Series) -> Whiteness:
 
 def warnings_of(result: Identification) -> list[str]:
     """Return the warnings, worst first: not identifiable, at a bound, residual not white or fit below 0 %."""
-    unlisted = [
+    not_identifiable = [
         f"{clean(each.name)} is not identifiable{_because(each.remark)}"
         for each in result.parameters
         if not each.identifiable
@@ -58,7 +58,7 @@ def warnings_of(result: Identification) -> list[str]:
         if not each.identifiable
     ]
     apart = [clean(each) for each in result.inseparable]
-    return [*unlisted, *apart, *remarks, *states, *experiment_warnings(result)]
+    return [*not_identifiable, *apart, *remarks, *states, *experiment_warnings(result)]
 
 
 def _because(remark: str) -> str:

@@ -32,7 +32,7 @@ LIMITS = (
 )
 BORROWED = (
     "No regulation that we know specifies a force for power lift gates (QC/T 1148-2021 covers power tailgates; "
-    "its lines was not available): the force limits here are borrowed from other doors, and meeting them proves "
+    "its text was not available): the force limits here are borrowed from other doors, and meeting them proves "
     "no conformity."
 )
 # Explanation of the limits, by their force [N].
@@ -111,7 +111,7 @@ class PinchEvent(NamedTuple):
         }
 
     def lines(self) -> list[str]:
-        """Return the event as lines of lines."""
+        """Return the event as lines of text."""
         lines = [f"pinch force at most {self.force_n:.1f} N, at {self.time_s:.3f} s and {self.angle_deg:.2f} deg"]
         for limit, over in zip(LIMITS, self.longest_s, strict=True):
             margin = limit.force - self.force_n

@@ -33,7 +33,7 @@ class CyclicCommand:
     def __init__(self, rig: Rig, config: LoopConfig, bus: EcuConfig) -> None:
         self.cycle = max(1, round(rig.command_cycle_ms() * 1e6 / config.step_ns))  # ticks
         self._is_signed = {"left": config.signed_left, "right": config.signed_right}
-        self._unsaid = {each.quantity: missing_values(each) for each in rig.inputs}
+        self._without_values = {each.quantity: missing_values(each) for each in rig.inputs}
         self._bus = bus
         self._cinching = message_rows(rig, ["latch_cinch"])
         self._sent = np.zeros(len(config.inputs.messages), dtype=np.int64)
@@ -78,10 +78,10 @@ class CyclicCommand:
 
     def _check_values(self, values: NDArray[np.float64]) -> None:
         """Check that the rig has a value for each label of an enumeration. Raises ConfigError."""
-        for name, unsaid in self._unsaid.items():
+        for name, missing in self._without_values.items():
             number, labels = values[getattr(IN, name)], BUS_INPUTS[name].values
-            if not np.isnan(number) and labels and labels[int(number)] in unsaid:
-                allowed = ", ".join(each for each in labels if each not in unsaid)
+            if not np.isnan(number) and labels and labels[int(number)] in missing:
+                allowed = ", ".join(each for each in labels if each not in missing)
                 raise ConfigError(
                     f"`{name}` {labels[int(number)]}: the rig has no value for it; allowed: {allowed}"
                 )

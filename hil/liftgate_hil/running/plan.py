@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from liftgate_hil.config.bus_fault import located
 from liftgate_hil.config.fault_kinds import FAULT_KINDS, MESSAGE
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
@@ -150,7 +151,7 @@ def _periods(scenario: Scenario, rate: float) -> list[str]:
         shares = [share for share in (each.share, 1.0 - each.share) if share > 0.0]
         if each.period and min(shares) * each.period * rate < 1.0 - 1e-9:
             text = f"on or off for less than a tick of {1e3 / rate:g} ms"
-            found.append(f"{each.key}.period_s: {each.period:g}: {text}; allowed: at least a tick of each")
+            found.append(f"{each.called('period_s')}: {each.period:g}: {text}; allowed: at least a tick of each")
     return found
 
 
@@ -196,7 +197,7 @@ def _timed_faults(faults: Sequence[Fault], rig: Rig) -> list[TimedFault]:
     for each in faults:
         bridge = rig.command_message()
         if FAULT_KINDS[each.kind].of == MESSAGE and each.where is not None:
-            bridge = rig.message_at(each.where)
+            bridge = str(located(each, rig).where)
             if bridge not in rig.messages:  # which is reported with the fault's other issues
                 continue
         least = 1e-3 * rig.timeout_ms(bridge)

@@ -134,5 +134,5 @@ def _lateness(summary: Summary, extremes: Extremes) -> str:
     if summary.unseen_rows:
         return f"the bench was late: {summary.unseen_rows} rows or frames were lost before they were judged"
     lost = summary.link.dropped + summary.link.stale_frames
-    unlisted = lost - int(extremes.high[COLUMN_PLACE["frames_dropped"]])
-    return f"the bench was late: {unlisted} frames dropped" if unlisted > 0 else ""
+    unseen = lost - int(extremes.high[COLUMN_PLACE["frames_dropped"]])
+    return f"the bench was late: {unseen} frames dropped" if unseen > 0 else ""

@@ -135,6 +135,7 @@ class Setup:
     vehicle: Vehicle
     vehicle_name: str
     vehicle_file: Path | None  # None: a program made the vehicle
+    scenario_file: Path | None  # None: there is none, or a program made the scenario
     seed: int
     start_angle: float  # rad
 
@@ -142,9 +143,10 @@ class Setup:
     def files(self) -> dict[str, Path]:
         """The files that it was loaded from, by purpose."""
         found = {} if self.vehicle_file is None else {"vehicle": self.vehicle_file}
-        if self.scenario.source:
-            found["scenario"] = Path(self.scenario.source)
-        return found | {f"included {k}": Path(name) for k, name in enumerate(self.scenario.included, 1)}
+        if self.scenario_file is not None:
+            found["scenario"] = self.scenario_file
+            found |= {f"included {k}": Path(name) for k, name in enumerate(self.scenario.included, 1)}
+        return found
 
 
 def setup_of(
@@ -161,6 +163,7 @@ def setup_of(
 
     `settings` come after the scenario's, and both after the variant. Raises ConfigError.
     """
+    is_a_file = isinstance(scenario, str | Path)
     scenario = scenario_of(scenario, parameters)
     called = ""
     if vehicle is None:
@@ -183,6 +186,7 @@ def setup_of(
         vehicle=built,
         vehicle_name=str(vehicle) if is_named else "a vehicle",
         vehicle_file=path,
+        scenario_file=Path(scenario.source) if is_a_file else None,
         seed=seed_of(seed if seed is not None else scenario.seed),
         start_angle=angle_from(initial, built.gate.open_angle),
     )

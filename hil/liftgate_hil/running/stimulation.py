@@ -287,7 +287,7 @@ def _edits(fault: Fault, vehicle: Vehicle, issues: ConfigIssues) -> list[Edit]:
     if kind.of == GATE:
         return list(kind.edits(fault.values, ""))
     if vehicle.drives == 1 and where == "right":
-        issues.take([f"{fault.key}.where: right: this gate has one drive; allowed: left, both"])
+        issues.take([f"{fault.called('where')}: right: this gate has one drive; allowed: left, both"])
     sides = SIDES[: vehicle.drives] if where == "both" else (where,)
     return [edit for side in sides for edit in kind.edits(fault.values, side)]
 
@@ -345,11 +345,11 @@ def _changed_by(
     if fault.kind != "parameter":
         return {}
     key, value = fault.values["key"], float(fault.values["value"])
-    value_key = fault.value_key or f"{fault.key}.value"
+    value_key = fault.value_key or fault.called("value")
     try:
         parameter = find_parameter(vehicle, key)
     except ValueError as error:
-        issues.take([f"{fault.key}.key: {show(key)}: {error}"])
+        issues.take([f"{fault.called('key')}: {show(key)}: {error}"])
         return {}
     quantity = parameter.quantity
     if not quantity.allows(value):
@@ -370,5 +370,5 @@ def _changed_by(
         if after[name] != number and not (math.isnan(after[name]) and math.isnan(number))
     }
     if not found and value_of(vehicle, parameter) != value:
-        issues.take([f"{fault.key}.key: {show(key)}: allowed: a parameter that affects the running gate"])
+        issues.take([f"{fault.called('key')}: {show(key)}: allowed: a parameter that affects the running gate"])
     return found

@@ -252,9 +252,9 @@ def _all(outcomes: Sequence[Outcome]) -> Iterable[tuple[int, int, Outcome, Expec
             yield place, number, outcome, expectation, verdict
 
 
-def _link(place: int, reason: str, number: int | None = None) -> Markup:
+def _link(place: int, label: str, number: int | None = None) -> Markup:
     target = f"s{place + 1}" + ("" if number is None else f"e{number + 1}")
-    return Markup(f'<a href="#{target}">{text(reason)}</a>')
+    return Markup(f'<a href="#{target}">{text(label)}</a>')
 
 
 def _origin(outcomes: Sequence[Outcome], provenance: Provenance) -> str:

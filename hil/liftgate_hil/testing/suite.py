@@ -75,7 +75,7 @@ class Outcome:
         if self.result is None:
             return found
         summary = self.result.summary
-        if why := summary.refusals_reported():
+        if why := summary.refusals_text():
             came = summary.received.accepted + rejected(summary.received)
             found.append(f"{rejected(summary.received)} of {came} frames to the gate were refused: {why}")
         elif not (self.reason or self.case.recordings) and (silence := summary.silence_reported()):

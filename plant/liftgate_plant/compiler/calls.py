@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 _KINDS = {"i": ctypes.c_int, "l": ctypes.c_long}
-_stand_ins: dict[str, Any] = {}  # by the name of the function that each replaces
 
 
 class System:
@@ -34,17 +32,10 @@ class System:
         """Call the function from plain Python."""
         return self._plain(*(int(argument) for argument in arguments))
 
-    @contextlib.contextmanager
-    def replaced(self, by: Callable[..., int]) -> Iterator[None]:
-        """Let machine code that is loaded within the context call a Python function instead, for a simulation."""
-        prototype = ctypes.CFUNCTYPE(
-            _KINDS[self.result], *(_KINDS[kind] for kind in self.arguments), use_errno=True
-        )
-        _stand_ins[self.name] = prototype(by)
-        try:
-            yield
-        finally:
-            del _stand_ins[self.name]
+    def thunk(self, function: Callable[..., int]) -> Any:
+        """Return a C function that calls a Python function with the arguments of this one; errno is passed on."""
+        kinds = [_KINDS[kind] for kind in self.arguments]
+        return ctypes.CFUNCTYPE(_KINDS[self.result], *kinds, use_errno=True)(function)
 
     def __repr__(self) -> str:
         return f"System({self.name!r}, {self.result!r}, {self.arguments!r})"
@@ -56,11 +47,6 @@ INT_OF_STEP = ctypes.CFUNCTYPE(
     ctypes.c_int,
     ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int, ctypes.c_int64, ctypes.c_int,
 )  # fmt: skip
-
-
-def stand_ins() -> dict[str, int]:
-    """Return the addresses of the functions that replace Systems now, by name."""
-    return {name: ctypes.cast(each, ctypes.c_void_p).value or 0 for name, each in _stand_ins.items()}
 
 
 def call_long_int(address: int, a: int, b: int) -> int:

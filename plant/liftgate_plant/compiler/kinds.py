@@ -85,17 +85,17 @@ def plain(kind: Kind) -> Any:
     return "a" if isinstance(kind, Array) else text_of(kind)
 
 
-def from_plain(plain: Any) -> Kind:
-    """Return the kind that `plain` has converted.
+def from_plain(value: Any) -> Kind:
+    """Return the kind that `value` has converted.
 
     Raises LookupError, ImportError, AttributeError where a type is not found.
     """
-    if isinstance(plain, list):
-        module, _, name = plain[0].partition(":")
+    if isinstance(value, list):
+        module, _, name = value[0].partition(":")
         named = importlib.import_module(module) if module else None
         for part in name.split(".") if module else ():
             named = getattr(named, part)
-        return Tuple(named, tuple(from_plain(each) for each in plain[1]))  # type: ignore[arg-type]
-    if plain == "a":
+        return Tuple(named, tuple(from_plain(each) for each in value[1]))  # type: ignore[arg-type]
+    if value == "a":
         return Array(np.dtype("f8"), 0, "A", False)
-    return Nothing() if plain == "n" else Number(plain)
+    return Nothing() if value == "n" else Number(value)

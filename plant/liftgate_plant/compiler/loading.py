@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from liftgate_plant.compiler.calls import stand_ins
+from liftgate_plant.compiler.calls import System
 from liftgate_plant.compiler.kinds import Kind
 from liftgate_plant.compiler.packing import packer, unpacker
 
@@ -19,12 +19,19 @@ _LIBM = "libm.so.6"
 _PROTOTYPE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_char_p, ctypes.c_void_p)
 
 
+# Python functions that machine code calls in place of functions of the C library: a simulated kernel.
+StandIns = Mapping[System, Callable[..., int]]
+
+
 class MachineCode:
     """Machine code of an entry point for arguments of certain kinds."""
 
-    def __init__(self, name: str, code: bytes, arguments: Sequence[Kind], result: Kind) -> None:
+    def __init__(
+        self, name: str, code: bytes, arguments: Sequence[Kind], result: Kind, stand_ins: StandIns | None = None
+    ) -> None:
         self._name = name
-        self._engine = _engine_with(code)
+        self._thunks = {system.name: system.thunk(own) for system, own in (stand_ins or {}).items()}
+        self._engine = _engine_with(code, self._thunks)
         self._function = _PROTOTYPE(self._engine.get_function_address(SYMBOL))
         self._pack = packer(arguments)
         size, self._unpack = unpacker(result)
@@ -61,15 +68,14 @@ def _target() -> Any:
     return llvm.Target.from_triple(llvm.get_process_triple())
 
 
-def _engine_with(code: bytes) -> Any:
+def _engine_with(code: bytes, thunks: Mapping[str, Any]) -> Any:
     import llvmlite.binding as llvm
 
     machine = _target().create_target_machine(codemodel="jitdefault", jit=True)
-    replaced = stand_ins()
-    module = llvm.parse_assembly("\n".join(f"declare void @{name}()" for name in replaced))
+    module = llvm.parse_assembly("\n".join(f"declare void @{name}()" for name in thunks))
     engine = llvm.create_mcjit_compiler(module, machine)
-    for name, address in replaced.items():
-        engine.add_global_mapping(module.get_function(name), address)
+    for name, thunk in thunks.items():
+        engine.add_global_mapping(module.get_function(name), ctypes.cast(thunk, ctypes.c_void_p).value)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return engine

@@ -12,7 +12,7 @@ from typing import Any
 from liftgate_plant.compiler import building, storage
 from liftgate_plant.compiler.child import Request, compile_apart
 from liftgate_plant.compiler.kinds import Kind
-from liftgate_plant.compiler.loading import MachineCode
+from liftgate_plant.compiler.loading import MachineCode, StandIns
 from liftgate_plant.compiler.storage import Stored
 from liftgate_plant.compiler.watching import watcher
 
@@ -21,8 +21,10 @@ _lock = threading.Lock()
 _LOOK_S = 0.1
 
 
-def machine_code_of(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> MachineCode:
-    """Return machine code of `function` for arguments of these kinds.
+def machine_code_of(
+    function: Callable[..., Any], kinds: tuple[Kind, ...], stand_ins: StandIns | None = None
+) -> MachineCode:
+    """Return machine code of `function` for arguments of these kinds, with Python functions in place of Systems.
 
     Raises what numba raises, CompileError, and what the watcher raises.
     """
@@ -33,7 +35,7 @@ def machine_code_of(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Ma
         stored = _from_disk(function, kinds)
     finally:
         _lock.release()
-    return MachineCode(function.__qualname__, stored.code, kinds, stored.result)
+    return MachineCode(function.__qualname__, stored.code, kinds, stored.result, stand_ins)
 
 
 def _from_disk(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:

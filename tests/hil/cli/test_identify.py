@@ -197,7 +197,7 @@ def test_thinned_data_still_tell_the_truth(
     ]
 
 
-def test_a_pause_is_reported_by_the_clock_or_by_the_user(
+def test_a_pause_is_given_by_the_clock_or_by_the_user(
     capsys: pytest.CaptureFixture[str], opening: Path, columns: dict[str, Floats]
 ) -> None:
     late = write_columns(opening.with_name("late.csv"), columns | {"time_s": columns["time_s"] + 5})

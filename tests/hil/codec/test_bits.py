@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 
+import can
 import numpy as np
 import pytest
 from crccheck.crc import Crc8SaeJ1850
@@ -24,6 +25,7 @@ from liftgate_hil.codec.bits import (
 )
 from liftgate_hil.codec.checksum import CRC8_SAE_J1850, SUM8, XOR8, checksum
 from liftgate_hil.codec.crc import crc8_byte
+from liftgate_hil.codec.frames import LENGTHS
 from liftgate_hil.codec.tables import MESSAGE
 
 MAX = 64
@@ -166,3 +168,8 @@ def test_the_crc_notices_every_single_flipped_bit(position: int):
     frame = array_of(bytes(flipped).ljust(MAX, b"\0"))
     covered = position // 8 != 7
     assert (sum_of(CRC8_SAE_J1850, 0x120, frame, 8, 7) != good) == covered
+
+
+def test_the_lengths_of_frames_are_those_of_the_standard() -> None:
+    """ISO 11898-1, table of the data length code."""
+    assert [can.util.dlc2len(code) for code in range(16)] == [*LENGTHS]

@@ -447,7 +447,7 @@ def test_each_signal_is_on_a_page_and_no_page_is_for_nothing(places: list[set[in
 
 
 @pytest.mark.parametrize("page", [0, 1])
-def test_what_is_held_until_it_is_reported_waits_for_its_page(page: int):
+def test_what_is_held_until_it_is_sent_waits_for_its_page(page: int):
     message = multiplexed()
     mappings = [SignalMapping(name, "M", name) for name in ("A", "B", "C")]
     bus = bus_config_of({"M": message}, mappings, sending=True)

@@ -64,6 +64,24 @@ def test_what_binds_tighter(text: str, truth: bool) -> None:
     assert truths[0] == truth
 
 
+@pytest.mark.parametrize(
+    ("text", "decides"),
+    [
+        ("time_s < 2 and time_s <= 2", 0),  # at the same margin of 0 the one that is false decides `and`
+        ("time_s <= 2 and time_s < 2", 1),
+        ("time_s < 2 or time_s <= 2", 1),  # and the one that is true `or`
+        ("time_s <= 2 or time_s < 2", 0),
+        ("time_s <= 2 and 2 >= time_s", 0),  # of two that are alike the first one
+    ],
+)
+def test_of_comparisons_with_the_same_margin_that_which_makes_the_truth_decides(text: str, decides: int) -> None:
+    known = {"time_s": 2.0, "latched": 0.0, "sensed.latched": 0.0, "Msg.A": 0.0, "Other.B": 0.0}
+    for call in (evaluate, compiled(evaluate)):
+        _, margins, deciders = evaluated(text, [known], call)
+        assert margins[0] == 0.0
+        assert deciders[0] == decides
+
+
 def test_the_margin_has_the_unit_of_the_comparison_that_decides() -> None:
     text = "gate_angle_deg > 20 and left_current_a < 5"
     condition = parsed(text, {})

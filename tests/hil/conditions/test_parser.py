@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from typing import Any
 
 import pytest
 from formulas import PARAMETERS
@@ -69,6 +70,30 @@ def test_what_is_wrong_is_reported(text: str, said: str) -> None:
 def test_any_text_is_a_condition_or_a_clear_mistake(text: str) -> None:
     with contextlib.suppress(ValueError):
         parsed(text, PARAMETERS)
+
+
+@pytest.mark.parametrize("operand", ["time_s", "2.5", "LeftDrive.MotorCurrent"])
+def test_more_values_at_once_than_the_evaluator_has_room_for_are_refused(operand: str) -> None:
+    """Each pair of parentheses that opens before an operator leaves one value waiting."""
+    messages = rig_from("liftgate").messages
+
+    def waiting(count: int) -> str:
+        sums = f"0 * {operand} + (" * (count - 1) + f"0 * {operand}" + ")" * (count - 1)
+        return f"{sums} < 1"
+
+    deepest = next(count for count in range(1, DEEPEST) if not _is_taken(waiting(count + 1), messages))
+    assert parsed(waiting(deepest), {}, messages).ops
+    with pytest.raises(ValueError, match=f"values nested deeper than {DEEPEST}"):
+        parsed(waiting(deepest + 1), {}, messages)
+    assert deepest in (DEEPEST - 1, DEEPEST - 2)
+
+
+def _is_taken(text: str, messages: Any) -> bool:
+    try:
+        parsed(text, {}, messages)
+    except ValueError:
+        return False
+    return True
 
 
 def test_signals_are_looked_up_where_there_is_a_database() -> None:

@@ -103,7 +103,7 @@ def test_parameters_are_not_for_a_profile_that_has_its_own(tmp_path: Path):
     ]
 
 
-def test_a_checksum_of_another_width_than_a_named_one_is_reported_the_way(tmp_path: Path):
+def test_a_checksum_of_another_width_than_a_named_one_is_reported_with_the_way(tmp_path: Path):
     path = write_rig(tmp_path, DATABASE, RIG + '[messages.Out]\nchecksum = "Crc"\n')
     _, issues = read_rig(path)
     assert issues.lines == [

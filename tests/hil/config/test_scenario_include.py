@@ -104,7 +104,7 @@ def issues_of(path: Path, **parameters: float) -> list[str]:
     ]
 
 
-def test_a_value_is_reported_of_where_it_was_set(tmp_path: Path) -> None:
+def test_a_value_is_reported_where_it_was_set(tmp_path: Path) -> None:
     """Of the including file's parameter, of a flag's, and not of the included file that only uses it."""
     (tmp_path / "bench.toml").write_text(BENCH)
     path = tmp_path / "s.toml"

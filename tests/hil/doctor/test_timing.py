@@ -59,7 +59,7 @@ def test_periods_missed_at_the_rate_asked_for_are_a_warning():
     assert "0.25 % of periods were missed at 1000 Hz" in check.found
 
 
-def test_a_machine_on_which_most_verdicts_need_a_second_look_is_reported_of():
+def test_a_machine_on_which_most_verdicts_need_a_second_look_is_reported():
     often = wakeups(60.0, missed=30, periods=60_000, long=5)
     check = timing.verdict(1000.0, {WITHOUT: often}, CHEAP, 0)
     assert check.level == "warning"
@@ -153,7 +153,7 @@ def test_periods_that_are_too_short_are_skipped_and_counted():
     assert histogram.sum() + missed == 100_000
 
 
-def test_a_measurement_ends_when_asked_to():
+def test_a_measurement_ends_on_request():
     histogram = np.zeros(BINS, dtype=np.int64)
     stop, room = np.ones(1, dtype=np.int64), make_room()
     assert note_wakeups(10**9, 100, 0, histogram, stop, room) == (0, 0)

@@ -13,7 +13,7 @@ import pytest
 from c_library import build, needs_compiler
 from echo_ecu import ECHO_REQUEST, ECHO_STEPS, Echo, Opener
 from hil_support import LEFT_DRIVE, RIGHT_DRIVE, loop_config, start_of, stimulus_plan
-from run_support import JsonObject, Keeper, episode_of, run_kept
+from run_support import Keeper, ScriptedEcu, episode_of, run_kept
 
 import liftgate_hil as lh
 from liftgate_hil.codec.receive import NO_COUNTS
@@ -196,7 +196,7 @@ def test_the_reference_ecu_hears_each_frame_of_the_gate(rig: Rig, drives: int) -
         # The counters of LeftDrive and RightDrive have told of every gap.
         assert adapter.state.reference.counts == NO_COUNTS._replace(accepted=sent)
         assert adapter.events() != []
-        assert adapter.events(told=1) == adapter.events()[1:]
+        assert adapter.events(since=1) == adapter.events()[1:]
         episode.close()
 
 
@@ -236,7 +236,7 @@ def test_no_ecu_at_all_is_a_silent_bus(rig: Rig) -> None:
 def test_a_python_ecu_is_visited_every_period_with_all_frames_since(
     period_s: float | None, rate: float, expected_ms: list[int]
 ) -> None:
-    ecu = JsonObject(lambda turn: [], period_s=period_s)
+    ecu = ScriptedEcu(lambda turn: [], period_s=period_s)
     result = lh.run(Scenario(NO_STIMULI, (), 0.05), ecu, rate=rate)
     assert result.verdict == "pass"
     times = [round(1e3 * now, 6) for now, _ in ecu.heard if now < 0.05]
@@ -253,7 +253,7 @@ def test_a_python_ecu_is_visited_every_period_with_all_frames_since(
 
 def test_a_python_ecu_that_answers_nothing_says_nothing() -> None:
     for answer in (None, [], ()):
-        result, _ = run_kept(Scenario(NO_STIMULI, (), 0.05), JsonObject(lambda turn, a=answer: a))
+        result, _ = run_kept(Scenario(NO_STIMULI, (), 0.05), ScriptedEcu(lambda turn, a=answer: a))
         assert result.verdict == "pass"
         assert result.summary.received == NO_COUNTS
 

@@ -11,7 +11,7 @@ from typing import Any
 import can
 import pytest
 from hil_support import COMMAND, OPEN, both, command_payload, shipped_rig
-from run_support import JsonObject, message, run_kept
+from run_support import ScriptedEcu, message, run_kept
 
 import liftgate_hil as lh
 from liftgate_hil.config.scenario import Scenario
@@ -84,25 +84,25 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
 @pytest.mark.parametrize("kind", BAD)
 def test_what_it_does_wrong_is_reported_and_the_caller_lives_on(kind: str, clock: str) -> None:
     answer, reason = BAD[kind]
-    ecu = JsonObject(lambda turn: answer() if turn == 5 else [GOOD[turn]])
+    ecu = ScriptedEcu(lambda turn: answer() if turn == 5 else [GOOD[turn]])
     result = lh.run(SCENARIO, ecu, clock)
     assert result.verdict == "error"
     assert re.fullmatch(rf"the ECU at 0\.050 s: {reason}", result.reason), result.reason
     assert len(ecu.heard) == 6  # it is not asked again
-    assert lh.run(SCENARIO, JsonObject(lambda turn: [GOOD[turn % 16]]), clock).verdict == "pass"
+    assert lh.run(SCENARIO, ScriptedEcu(lambda turn: [GOOD[turn % 16]]), clock).verdict == "pass"
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
 @pytest.mark.parametrize("turn", [0, 19])
 def test_its_first_and_its_last_turn_count_too(turn: int, clock: str) -> None:
-    ecu = JsonObject(lambda now: raising(ValueError("odd"))() if now == turn else [GOOD[now % 16]])
+    ecu = ScriptedEcu(lambda now: raising(ValueError("odd"))() if now == turn else [GOOD[now % 16]])
     result = lh.run(SCENARIO, ecu, clock)
     assert result.verdict == "error"
     assert result.reason.startswith(f"the ECU at {0.01 * turn:.3f} s: ValueError: odd")
 
 
 def test_the_rows_until_then_are_kept() -> None:
-    ecu = JsonObject(lambda turn: raising(ValueError("odd"))() if turn == 5 else [])
+    ecu = ScriptedEcu(lambda turn: raising(ValueError("odd"))() if turn == 5 else [])
     result, keeper = run_kept(SCENARIO, ecu)
     assert result.verdict == "error"
     assert result.summary.ticks == len(keeper.rows) == 50
@@ -111,7 +111,7 @@ def test_the_rows_until_then_are_kept() -> None:
 
 def test_the_recording_until_then_is_kept(tmp_path: Path) -> None:
     paths = [tmp_path / "plant.csv", tmp_path / "bus.log"]
-    ecu = JsonObject(lambda turn: raising(ValueError("odd"))() if turn == 5 else [])
+    ecu = ScriptedEcu(lambda turn: raising(ValueError("odd"))() if turn == 5 else [])
     result = lh.run(SCENARIO, ecu, record=paths)
     assert (result.verdict, result.recording) == ("error", tuple(paths))
     assert len(paths[0].read_text().splitlines()) == 51
@@ -120,7 +120,7 @@ def test_the_recording_until_then_is_kept(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
 def test_a_request_that_raises_ends_the_run_too(clock: str) -> None:
-    class Deaf(JsonObject):
+    class Deaf(ScriptedEcu):
         def request(self, action: str) -> None:
             raise ValueError(f"cannot {action}")
 
@@ -146,10 +146,10 @@ def test_a_step_that_takes_other_arguments_is_reported(clock: str) -> None:
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
 def test_ctrl_c_while_it_works_is_for_the_caller(clock: str) -> None:
-    ecu = JsonObject(lambda turn: raising(KeyboardInterrupt())() if turn == 5 else [GOOD[turn]])
+    ecu = ScriptedEcu(lambda turn: raising(KeyboardInterrupt())() if turn == 5 else [GOOD[turn]])
     with pytest.raises(KeyboardInterrupt):
         lh.run(SCENARIO, ecu, clock)
-    assert lh.run(SCENARIO, JsonObject(lambda turn: [GOOD[turn % 16]]), clock).verdict == "pass"
+    assert lh.run(SCENARIO, ScriptedEcu(lambda turn: [GOOD[turn % 16]]), clock).verdict == "pass"
 
 
 # What cannot be an ECU is told before anything runs.
@@ -168,7 +168,7 @@ class Rude:
         (None, "step"),
         (object(), "step"),
         (5, "step"),
-        (JsonObject, "step"),  # a class, not an object of it
+        (ScriptedEcu, "step"),  # a class, not an object of it
         ("nonsense", "reference, the path of a shared library, MODULE:CLASS"),
         ("", "reference"),
         ("no_such_module:Class", "no_such_module"),
@@ -199,4 +199,4 @@ def test_what_is_no_ecu_is_a_mistake_of_the_caller(
 @pytest.mark.parametrize("period", [0, 0.0, -0.01, float("nan"), float("inf"), 61.0, "10", [0.01]])
 def test_a_period_that_is_none_is_a_mistake_of_the_caller(period: Any) -> None:
     with pytest.raises(ConfigError, match=r"period_s.*allowed: 1e-6 to 60 s"):
-        lh.run(SCENARIO, JsonObject(lambda turn: [], period_s=period))
+        lh.run(SCENARIO, ScriptedEcu(lambda turn: [], period_s=period))

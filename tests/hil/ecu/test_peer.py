@@ -15,7 +15,7 @@ import c_ecu
 import pytest
 from echo_ecu import ECHO_REQUEST, Echo
 from hil_support import GATE, LEFT_DRIVE, OPEN, Wire, both, command_frame, with_checksum
-from run_support import JsonObject
+from run_support import ScriptedEcu
 
 import liftgate_hil as lh
 from liftgate_hil.codec.frames import EXTENDED
@@ -68,7 +68,7 @@ def test_with_a_clock_of_its_own_requests_count_from_when_the_gate_is_first_hear
 @pytest.mark.parametrize("kind", ["reference", "object"])
 def test_a_peer_knows_whether_it_has_heard_the_gate(rig: Rig, kind: str) -> None:
     wire = Wire()
-    ecu = "reference" if kind == "reference" else JsonObject(lambda turn: [])
+    ecu = "reference" if kind == "reference" else ScriptedEcu(lambda turn: [])
     with adapter_for(ecu, rig, 2, shares_clock=False) as adapter:
         peer = Peer(adapter, wire)
         peer.poll(10 * MS)
@@ -100,7 +100,7 @@ def test_the_reference_ecu_says_at_the_end_that_the_motors_are_off(rig: Rig) -> 
 
 def test_an_ecu_that_says_nothing_at_the_end_sends_nothing(rig: Rig) -> None:
     wire = Wire()
-    with adapter_for(JsonObject(lambda turn: []), rig, 2) as adapter:
+    with adapter_for(ScriptedEcu(lambda turn: []), rig, 2) as adapter:
         Peer(adapter, wire).finish()
     assert wire.sent == []
 
@@ -117,7 +117,7 @@ def test_a_request_after_a_reset_in_the_same_turn_is_made_after_it(rig: Rig) -> 
 
 
 def test_what_it_does_wrong_is_reported_with_its_time(rig: Rig) -> None:
-    with adapter_for(JsonObject(lambda turn: 5 if turn == 2 else []), rig, 2) as adapter:
+    with adapter_for(ScriptedEcu(lambda turn: 5 if turn == 2 else []), rig, 2) as adapter:
         peer = Peer(adapter, Wire())
         peer.poll(0)
         peer.poll(10 * MS)

@@ -332,7 +332,7 @@ def test_a_model_without_the_true_effect_loses_by_every_criterion() -> None:
         assert getattr(true, name) < getattr(more, name)
 
 
-def test_every_output_of_every_experiment_is_reported_of() -> None:
+def test_every_output_of_every_experiment_is_reported() -> None:
     vehicle = true_vehicle()
     noise = {"left_current_a": 0.05, "left_position_rev": 0.1}
     data = [measured(vehicle, noise=noise, seed=k, name=f"run {k}") for k in (1, 2)]

@@ -115,7 +115,7 @@ def _deviance_along(vehicle, data, resistance: float):
     return deviance
 
 
-def test_a_single_constant_at_its_limit_is_not_reported_by_the_data() -> None:
+def test_a_single_constant_at_its_limit_is_not_identified_by_the_data() -> None:
     vehicle = suv()
     data = measured(strong(), seed=1)
     problem = checked(vehicle, "third-order", sought(["motor.torque_constant"], vehicle), [data],

@@ -221,3 +221,16 @@ def test_a_recording_of_a_late_bench_is_judged_alike(tmp_path: Path) -> None:
     found = lh.judge([table], path)["moves"]
     assert found.verdict == "inconclusive"
     assert found.reason.startswith("the bench was late: 7 ticks were missed at about 0.1")
+
+
+@pytest.mark.parametrize("block", [1, 7, 3000])
+def test_contacts_are_pinches_while_they_last_and_not_between(block: int) -> None:
+    rows = rows_of(pinch_force_n={500: 10.0, 600: 0.0, 602: 10.0, 700: 0.0, 2000: 5.0, 2100: 0.0})
+    timeliness = Timeliness(TOLERANCE, 1e-3)
+    for first in range(0, len(rows), block):
+        timeliness.take(rows[first : first + block])
+    assert timeliness.pinches(0.55, 0.56)
+    assert not timeliness.pinches(0.6015, 0.6016)  # a row without a force ends a contact
+    assert not timeliness.pinches(0.8, 1.9)
+    assert timeliness.pinches(1.9, 2.05)
+    assert not timeliness.pinches(2.2, 2.9)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import errno
 import struct
@@ -54,6 +53,7 @@ class SimulatedKernel:
         self.at: Callable[[int], None] = lambda waking: None
         self.late: dict[int, int] = {}
         self.arrivals: Callable[[int], list[Datagram]] | None = None
+        self.control: Any = None  # of the loop's memory
         self._failure: BaseException | None = None
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -65,24 +65,23 @@ class SimulatedKernel:
             datagrams._recvmmsg: self.recvmmsg,
             datagrams._sendmmsg: self.sendmmsg,
         }
-        with contextlib.ExitStack() as stack:
-            for system, own in systems.items():
-                stack.enter_context(system.replaced(self._noting(own)))
-            code = machine_code_of(function, tuple(map(kind_of, arguments)))
-            fits, result = code.call(arguments)
+        noting = {system: self._noting(own) for system, own in systems.items()}
+        fits, result = machine_code_of(function, tuple(map(kind_of, arguments)), noting).call(arguments)
         if self._failure is not None:
             raise self._failure
         assert fits
         return result
 
     def _noting(self, own: Callable[..., int]) -> Callable[..., int]:
-        """A function that keeps what `own` raises, as machine code cannot pass it on."""
+        """A function that keeps what `own` raises, which machine code cannot pass on, and stops the loop."""
 
         def noting(*arguments: int) -> int:
             try:
                 return own(*arguments)
             except BaseException as error:
                 self._failure = self._failure or error
+                if self.control is not None:
+                    self.control.stop = 1
                 return 0
 
         return noting

@@ -28,7 +28,7 @@ from hil_support import (
     frames_of,
     loop_config,
 )
-from run_support import JsonObject, Keeper, episode_of, message, releasing, reversing, run_kept
+from run_support import Keeper, ScriptedEcu, episode_of, message, releasing, reversing, run_kept
 
 import liftgate_hil as lh
 from liftgate_hil.config.rig import Rig
@@ -83,7 +83,7 @@ def test_a_python_ecu_sees_and_does_the_same_compiled_and_in_plain_python(
     ecus, bits = [], []
     for compile_it in ("1", "0"):
         monkeypatch.setenv("LIFTGATE_COMPILE", compile_it)
-        ecus.append(JsonObject(says))
+        ecus.append(ScriptedEcu(says))
         scenario = Scenario(NO_STIMULI, (), 0.3)
         result, keeper = run_kept(scenario, ecus[-1], records=log)
         assert result.verdict == "pass", result.reason

@@ -32,7 +32,7 @@ from hil_support import (
     start_of,
     stimulus_plan,
 )
-from run_support import CYCLE, NOISE, JsonObject, Keeper, episode_of, message, releasing, reversing, run_kept
+from run_support import CYCLE, NOISE, Keeper, ScriptedEcu, episode_of, message, releasing, reversing, run_kept
 
 import liftgate_hil as lh
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, bits_of
@@ -119,8 +119,8 @@ def test_a_command_that_is_no_good_is_counted_and_changes_nothing(rig: Rig, caus
         return [good, WRONG[cause](turn, command_payload(rig, turn + 1, **both(0.0, OPEN)))]
 
     scenario = Scenario(NO_STIMULI, (), 0.3, settings=tuple(settings_of(NOISE)))
-    clean, bare = run_kept(scenario, JsonObject(lambda turn: [message(COMMAND, sound[turn % 30])]))
-    result, keeper = run_kept(scenario, JsonObject(lambda turn: says(turn % 30)))
+    clean, bare = run_kept(scenario, ScriptedEcu(lambda turn: [message(COMMAND, sound[turn % 30])]))
+    result, keeper = run_kept(scenario, ScriptedEcu(lambda turn: says(turn % 30)))
     assert clean.summary.received == NO_COUNTS._replace(accepted=30)
     assert result.summary.received == NO_COUNTS._replace(accepted=30, **{cause: 30})
     motion = COLUMN_PLACE["gate_angle_deg"]
@@ -130,7 +130,7 @@ def test_a_command_that_is_no_good_is_counted_and_changes_nothing(rig: Rig, caus
 
 def test_a_command_whose_counter_stands_still_is_refused_and_times_out(rig: Rig) -> None:
     frozen = message(COMMAND, command_payload(rig, 3, **both(60.0, OPEN, release=1)))
-    result, keeper = run_kept(Scenario(NO_STIMULI, (), 0.2), JsonObject(lambda turn: [frozen]))
+    result, keeper = run_kept(Scenario(NO_STIMULI, (), 0.2), ScriptedEcu(lambda turn: [frozen]))
     received = result.summary.received
     # The first is taken, and once it is stale the next one is the first again.
     assert received == NO_COUNTS._replace(accepted=5, counter=15)
@@ -140,7 +140,7 @@ def test_a_command_whose_counter_stands_still_is_refused_and_times_out(rig: Rig)
 
 def test_many_frames_a_tick_all_arrive_in_their_order(log: tuple[Path, ...]) -> None:
     most = wire.CAPACITY
-    ecu = JsonObject(
+    ecu = ScriptedEcu(
         lambda turn: [message(0x100 + n % 16, bytes([turn, n // 256, n % 256])) for n in range(most)],
         period_s=0.001,
     )
@@ -165,7 +165,7 @@ def test_every_kind_of_frame_goes_both_ways(rig: Rig, log: tuple[Path, ...]) -> 
         message(0x333, is_remote_frame=True, dlc=4),
         message(0x400, bytes(range(64)), is_fd=True),
     ]
-    ecu = JsonObject(lambda turn: kinds if turn == 0 else [])
+    ecu = ScriptedEcu(lambda turn: kinds if turn == 0 else [])
     _, keeper = run_kept(Scenario(NO_STIMULI, (), 0.02), ecu, records=log)
     assert [(number, data) for _, number, data in keeper.wires(is_sent=False)] == [
         (0x7FF, b"\xff"),
@@ -275,7 +275,7 @@ def test_the_pinch_time_is_that_of_the_largest_force() -> None:
 
 def test_a_summary_before_the_first_tick_divides_by_nothing() -> None:
     rig = shipped_rig()
-    with PythonEcu(JsonObject(lambda turn: []), rig, 2) as adapter:
+    with PythonEcu(ScriptedEcu(lambda turn: []), rig, 2) as adapter:
         episode = episode_of([], adapter)
         summary = episode.summary(rig.bitrate)
         episode.close()

@@ -19,7 +19,7 @@ from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 COMMAND = 0x120
 
 
-class JsonObject(Listener):
+class NotingListener(Listener):
     def __init__(self) -> None:
         self.said: list[str] = []
         self.seen: list[Status] = []
@@ -43,7 +43,7 @@ class Bench:
         self.config = loop_config_of(vehicle_from("suv"), self.rig, 1000.0, 0)
         self.reception = start_of(self.config).reception
         self.counts = NO_COUNTS
-        self.told = JsonObject()
+        self.told = NotingListener()
         self.events: list[Event] = []
         self.monitor = ProgressMonitor(
             self.rig,

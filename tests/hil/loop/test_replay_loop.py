@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import errno
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +27,6 @@ class World(SimulatedKernel):
         super().__init__()
         self.sent: list[tuple[int, list[int]]] = []  # when, payloads' first bytes
         self.refused: set[int] = set()  # first bytes
-        self.control: Any = None
         self.stop_at = 2**62
         self.arrivals = self.nothing
 

@@ -9,7 +9,7 @@ import can
 import numpy as np
 import pytest
 from hil_support import panel_frame, shipped_rig
-from run_support import JsonObject
+from run_support import ScriptedEcu
 
 import liftgate_hil as lh
 from liftgate_hil.codec.receive import NO_COUNTS
@@ -340,4 +340,4 @@ def test_a_rig_that_cannot_say_coast_tells_it(signed_rig: Path) -> None:
 def test_all_errors_of_the_api_are_of_one_kind() -> None:
     assert issubclass(lh.errors.ConfigError, LiftgateError)
     with pytest.raises(lh.errors.LiftgateError):
-        lh.run(SHORT, JsonObject)
+        lh.run(SHORT, ScriptedEcu)

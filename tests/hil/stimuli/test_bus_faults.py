@@ -88,6 +88,7 @@ def test_one_bit_is_another_one() -> None:
         assert then == when
         places[difference] += 1
     assert len(places) > 55  # of 64, in 400 frames
+    assert max(places.values()) <= 20  # of 6.25 on average: no bit is preferred
     assert others(heard, LEFT) == others(said, LEFT)
 
 
@@ -381,6 +382,16 @@ def test_a_quantity_names_the_message_that_carries_it() -> None:
     _, heard = pair("frame_lost", 0.1, where="left_current", direction="sent")
     assert of(heard, LEFT) == []
     assert len(of(heard, RIGHT)) == 20
+
+
+def test_a_quantity_that_is_received_and_sent_names_the_message_of_the_faults_direction() -> None:
+    """`road_slope` comes from the test bench, and is sent by a sensor."""
+    with lh.Gate() as gate:
+        gate.fault("frame_lost", where="road_slope", direction="sent")
+        assert {each.arbitration_id for each in gate.step(0.2)} >= {LEFT, RIGHT}
+        gate.fault("frame_lost", where="road_slope", direction="received")
+        with pytest.raises(ConfigError, match=r"`fault`: where: 'road_slope' \(Sensors\): not a message with a"):
+            gate.fault("wrong_counter", where="road_slope", direction="sent")
 
 
 def test_without_a_bus_it_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -50,7 +50,7 @@ class Line:
         """Return the lines as they are written to the file."""
         value = quoted(self.signal)
         if self.keys:
-            rest = "".join(f", {key} = {concepts}" for key, concepts in self.keys.items())
+            rest = "".join(f", {key} = {value}" for key, value in self.keys.items())
             value = f"{{ signal = {value}{rest} }}"
         line = f"{self.quantity} = {value}"
         if self.is_sure:

@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from liftgate_hil.config.bus_fault import located
 from liftgate_hil.config.restbus import value_in
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario_tables import Fault, fault_of
@@ -149,7 +150,7 @@ class Operator:
     def _break(self, content: dict[str, Any], now: float) -> str:
         values = {str(name): value for name, value in content.items()}
         kind, where = str(values.pop("kind", "")), values.pop("where", None)
-        fault = replace(fault_of(kind, where, values), start=Instant(now))
+        fault = located(replace(fault_of(kind, where, values), start=Instant(now)), self._rig)
         which = fault.identity
         others = {key: each for key, each in self._faults.items() if key != which}
         self._inject({**others, which: Broken(fault, dict(content))})
@@ -189,8 +190,8 @@ class Operator:
         ]
         if not found:
             known = "; ".join(_words(each.content) for each in self._faults.values()) or "none"
-            content = f"clear: fault {_words(one)}: not set by a command"
-            raise ConfigError(f"{content} (those of the scenario stay); allowed: {known}")
+            text = f"clear: fault {_words(one)}: not set by a command"
+            raise ConfigError(f"{text} (those of the scenario stay); allowed: {known}")
         self._inject({key: each for key, each in self._faults.items() if key not in found})
         return f"clear fault {_words(one)}"
 

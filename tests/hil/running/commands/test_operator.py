@@ -225,6 +225,13 @@ def test_in_force_is_reported_until_it_is_cleared(tmp_path: Path) -> None:
     assert ecu.news["in_force"] == {"obstacle": None, "set": {}, "faults": [], "signals": {}}
 
 
+def test_a_fault_of_a_message_is_the_same_by_its_name_and_by_a_quantity_in_it(tmp_path: Path) -> None:
+    lost = {"kind": "frame_lost", "direction": "sent"}
+    by_quantity, by_name = {**lost, "where": "left_current"}, {**lost, "where": "LeftDrive", "probability": 0.1}
+    _, ecu, _ = ran(tmp_path, {0.1: [{"fault": by_quantity}], 0.2: [{"fault": by_name}]})
+    assert ecu.news["in_force"]["faults"] == [by_name]
+
+
 def test_a_request_presses_the_rigs_button_for_as_long_as_the_rig_says(tmp_path: Path) -> None:
     _, ecu, said = ran(tmp_path, {0.1: [{"request": "close"}]})
     message, name = RIG.driver.buttons["close"].signal.split(".")
