@@ -4,7 +4,7 @@ import gc
 import os
 import sys
 
-_OBJECTS = 100_000  # allocations before Python searches for cycles; a start makes as many, without garbage
+_OBJECTS = 200_000  # allocations before Python searches for cycles; a start makes half as many, without garbage
 
 if __name__ == "__main__" and not sys.flags.safe_path:
     # `-m` puts the working directory first: a file there that is called numpy.py would be run. For the same reason

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 from liftgate_hil.codec.bus_config import LONGEST_MS, identifier_of
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.config.kinds import Flag, Number, Whole
-from liftgate_hil.config.schema import Key, read_record
+from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.toml import Table, show
 from liftgate_hil.diagnostics.tester import STATUS_MASK, Diagnostics
 from liftgate_hil.errors import ConfigIssues
@@ -55,8 +54,7 @@ class _Padding:
 # A field with its key is a row of a table.
 
 
-@dataclass(frozen=True)
-class DiagnosticsTable:
+class DiagnosticsTable(Record):
     """The keys of `[diagnostics]`."""
 
     request: Annotated[str | int, Key(_Identifier(), "message with the tester's requests")]

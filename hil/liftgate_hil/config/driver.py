@@ -9,7 +9,7 @@ from typing import Annotated
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config.kinds import Choice, Label, Number, Text, Texts
 from liftgate_hil.config.restbus import Press, value_in
-from liftgate_hil.config.schema import Key, read_record
+from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.toml import Table, known_keys, table
 from liftgate_hil.diagnostics.services import RESETS
 from liftgate_hil.errors import ConfigIssues
@@ -22,8 +22,7 @@ _SIGNAL = "MESSAGE.SIGNAL of a message that the bench sends"
 # A field with its key is a row of a table.
 
 
-@dataclass(frozen=True)
-class ButtonTable:
+class ButtonTable(Record):
     """The keys of `[requests.ACTION]`."""
 
     signal: Annotated[str, Key(Text(_SIGNAL), "signal that represents the button")]
@@ -32,8 +31,7 @@ class ButtonTable:
     hold_s: Annotated[float, Key(Number(0.001, 60.0, "s"), "how long the button is pressed")] = 0.2
 
 
-@dataclass(frozen=True)
-class ResetTable:
+class ResetTable(Record):
     """The keys of `[reset]`."""
 
     signal: Annotated[str | None, Key(Text(_SIGNAL), "signal that switches the ECU off, e.g. the relay of its "

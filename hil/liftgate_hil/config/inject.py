@@ -15,7 +15,7 @@ from liftgate_hil.codec.bus_config import identifier_of
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.config.kinds import Text
 from liftgate_hil.config.restbus import check_signal
-from liftgate_hil.config.schema import Key, read_record
+from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.signal_name import find_signal
 from liftgate_hil.config.toml import Table, known_keys, show, table
 from liftgate_hil.errors import ConfigIssues
@@ -32,8 +32,7 @@ _SIGNAL = Text("MESSAGE.SIGNAL")
 # A field with its key is a row of a table.
 
 
-@dataclass(frozen=True)
-class FaultOrder:
+class FaultOrder(Record):
     """The keys of `[inject.fault]`."""
 
     kind: Annotated[str, Key(_SIGNAL, "its labels are fault kinds of docs/scenario.md; `none` with `on` 0 ends "
@@ -47,8 +46,7 @@ class FaultOrder:
         "any other label the message in `place` decides", "none")] = None
 
 
-@dataclass(frozen=True)
-class BabblingOrder:
+class BabblingOrder(Record):
     """The keys of `[inject.babbling]`."""
 
     identifier: Annotated[str, Key(_SIGNAL, "identifier of the frames, above 0x7FF an extended one")]
@@ -57,15 +55,13 @@ class BabblingOrder:
     direction: Annotated[str, Key(_SIGNAL, "its labels are sent and received")]
 
 
-@dataclass(frozen=True)
-class RequestOrder:
+class RequestOrder(Record):
     """The keys of `[inject.request]`."""
 
     action: Annotated[str, Key(_SIGNAL, "its labels are the rig's buttons: open, close, stop, reset, and `none`")]
 
 
-@dataclass(frozen=True)
-class SignalOrder:
+class SignalOrder(Record):
     """The keys of `[inject.signal]`."""
 
     name: Annotated[str, Key(_SIGNAL, "its labels are signals of the database that the bench may send, as "

@@ -6,8 +6,7 @@ import math
 import re
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from liftgate_hil.config.toml import Table, number, show, table, text
 from liftgate_hil.errors import ConfigIssues
@@ -31,15 +30,18 @@ class Kind(Protocol):
         """Return the value as it is in memory; `invalid` and an issue if it is not allowed."""
 
 
-@dataclass(frozen=True)
-class Number:
+class Number(NamedTuple):
     """Kind of value: a number from `low` to `high` [`unit`], times `scale` in the unit in memory."""
 
     low: float
     high: float
     unit: str = ""
     scale: float = 1.0
-    invalid = math.nan
+
+    @property
+    def invalid(self) -> float:
+        """NaN."""
+        return math.nan
 
     @property
     def allowed(self) -> str:
@@ -63,8 +65,7 @@ class Flag:
         return value is True
 
 
-@dataclass(frozen=True)
-class Whole:
+class Whole(NamedTuple):
     """Kind of value: a whole number within [low, high]."""
 
     low: int
@@ -89,8 +90,7 @@ class Whole:
         return found
 
 
-@dataclass(frozen=True)
-class Size:
+class Size(NamedTuple):
     """Kind of value: a size of at least `least` bytes, as a whole number or a text with a unit ("500MB")."""
 
     least: int
@@ -115,12 +115,15 @@ class Size:
         return found
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(NamedTuple):
     """Kind of value: one of several words."""
 
     words: Sequence[str]
-    invalid = ""
+
+    @property
+    def invalid(self) -> str:
+        """An empty text."""
+        return ""
 
     @property
     def allowed(self) -> str:
@@ -132,12 +135,15 @@ class Choice:
         return text(issues, key, value, self.words)
 
 
-@dataclass(frozen=True)
-class Choices:
+class Choices(NamedTuple):
     """Kind of value: a list of which each item is one of several words."""
 
     values: Sequence[str]
-    invalid: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def invalid(self) -> tuple[str, ...]:
+        """An empty tuple."""
+        return ()
 
     @property
     def allowed(self) -> str:
@@ -152,12 +158,15 @@ class Choices:
         return tuple(value)
 
 
-@dataclass(frozen=True)
-class Level:
+class Level(NamedTuple):
     """Kind of value: a binary level, 0 or 1, or the word for it."""
 
     words: tuple[str, str] = ("low", "high")
-    invalid = math.nan
+
+    @property
+    def invalid(self) -> float:
+        """NaN."""
+        return math.nan
 
     @property
     def allowed(self) -> str:
@@ -174,12 +183,15 @@ class Level:
         return math.nan
 
 
-@dataclass(frozen=True)
-class Label:
+class Label(NamedTuple):
     """Kind of value: that of a signal, as a number in the database's unit or a label of its value table."""
 
     allowed: str = "a number, or a label of the signal"
-    invalid = math.nan
+
+    @property
+    def invalid(self) -> float:
+        """NaN."""
+        return math.nan
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str:
         """Return the number or the label; NaN and an issue if it is neither."""
@@ -193,12 +205,15 @@ class Label:
         return math.nan
 
 
-@dataclass(frozen=True)
-class Text:
+class Text(NamedTuple):
     """Kind of value: any text that is not empty; `allowed` is what messages call it."""
 
     allowed: str = "a text"
-    invalid = ""
+
+    @property
+    def invalid(self) -> str:
+        """An empty text."""
+        return ""
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
         """Return the text; "" and an issue if it is none."""
@@ -208,12 +223,15 @@ class Text:
         return value
 
 
-@dataclass(frozen=True)
-class Texts:
+class Texts(NamedTuple):
     """Kind of value: a list of texts, or a single text; `allowed` is what messages call it."""
 
     allowed: str
-    invalid: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def invalid(self) -> tuple[str, ...]:
+        """An empty tuple."""
+        return ()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
         """Return the texts; an empty tuple and an issue if they are invalid."""
@@ -224,24 +242,30 @@ class Texts:
         return tuple(given)
 
 
-@dataclass(frozen=True)
-class Raw:
+class Raw(NamedTuple):
     """Kind of value: any, which a reader of its own validates later."""
 
     allowed: str
-    invalid = None
+
+    @property
+    def invalid(self) -> None:
+        """None."""
+        return None
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
         """Return the value as it is."""
         return value
 
 
-@dataclass(frozen=True)
-class Subtable:
+class Subtable(NamedTuple):
     """Kind of value: a table, whose keys are read later."""
 
     allowed: str = "a table"
-    invalid: ClassVar[Table] = {}
+
+    @property
+    def invalid(self) -> Table:
+        """An empty table."""
+        return {}
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Table:
         """Return the table; an empty one and an issue if it is none."""

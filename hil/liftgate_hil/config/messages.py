@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 from liftgate_hil.codec.bus_config import LONGEST_MS
@@ -15,7 +14,7 @@ from liftgate_hil.codec.e2e.profile_1 import DATA_ID_MODES
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
 from liftgate_hil.config.kinds import Choice, Number, Raw, Subtable, Whole
 from liftgate_hil.config.protection_tables import checksum_table, counter_table
-from liftgate_hil.config.schema import Key, keys_of, read_record
+from liftgate_hil.config.schema import Key, Record, keys_of, read_record
 from liftgate_hil.config.toml import Table, known_keys, show, table, text
 from liftgate_hil.errors import ConfigIssues
 
@@ -31,8 +30,7 @@ _FRAMES = Raw("a whole number from 0 to `window`")
 # A field with its key is a row of a table.
 
 
-@dataclass(frozen=True)
-class UnprotectedTable:
+class UnprotectedTable(Record):
     """The keys of `[messages.NAME]` for any protection."""
 
     cycle_ms: Annotated[float | None, Key(Number(0.1, LONGEST_MS, "ms"), "cycle time of the message",
@@ -49,7 +47,6 @@ class UnprotectedTable:
         "others are AUTOSAR E2E profiles")] = "simple"
 
 
-@dataclass(frozen=True)
 class MessageTable(UnprotectedTable):
     """The keys of `[messages.NAME]`, those of the AUTOSAR E2E profiles included."""
 
@@ -68,8 +65,7 @@ class MessageTable(UnprotectedTable):
     state_machine: Annotated[Table | None, Key(Subtable(), "when data are used, see below")] = None
 
 
-@dataclass(frozen=True)
-class StateMachineTable:
+class StateMachineTable(Record):
     """The keys of `state_machine` of a message."""
 
     window: Annotated[int, Key(Whole(1, MAX_WINDOW), "number of frames by which the state is decided")] = 1

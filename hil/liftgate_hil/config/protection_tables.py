@@ -12,7 +12,7 @@ from liftgate_hil.codec.protection import own_bits
 from liftgate_hil.codec.rocksoft import MOST_DATA_IDS, PARTS, Covered, Rocksoft
 from liftgate_hil.codec.tables import MOST_COVERED
 from liftgate_hil.config.kinds import Flag, Raw, Text, Whole
-from liftgate_hil.config.schema import Key, read_record
+from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.toml import Table, show
 from liftgate_hil.errors import ConfigIssues
 
@@ -53,8 +53,7 @@ class _Bits:
 # A field with its key is a row of a table.
 
 
-@dataclass(frozen=True)
-class ChecksumTable:
+class ChecksumTable(Record):
     """The keys of `checksum = {…}` of a message."""
 
     signal: Annotated[str, Key(Text("a signal of the message"), "signal that carries the checksum")]
@@ -72,8 +71,7 @@ class ChecksumTable:
         "value modulo the list's length", "none")] = None
 
 
-@dataclass(frozen=True)
-class CounterTable:
+class CounterTable(Record):
     """The keys of `counter = {…}` of a message."""
 
     signal: Annotated[str, Key(Text("a signal of the message"), "signal that counts frames, of 1 to 64 bits")]

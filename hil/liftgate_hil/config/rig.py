@@ -26,7 +26,7 @@ from liftgate_hil.config.inject import SIGNAL, OrderMessage, orders_of
 from liftgate_hil.config.kinds import Number, Subtable, Text
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.restbus import sendable
-from liftgate_hil.config.schema import Key, read_record
+from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.signal_mapping import signal_mappings
 from liftgate_hil.config.toml import Table, read_toml, show
 from liftgate_hil.diagnostics.tester import Diagnostics
@@ -45,8 +45,7 @@ COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
 # A field with its key is a row of a table.
 
 
-@dataclass(frozen=True)
-class RigTable:
+class RigTable(Record):
     """Top-level keys of a rig file."""
 
     dbc: Annotated[str, Key(Text("a DBC, ARXML, KCD or SYM file"), "CAN database: a file beside the rig file, or "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -92,9 +92,9 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
             for key, value in part.raw.items()
         }
         own = read_record(part.issues, "", raw, ScenarioTable)
-        own = replace(own, vehicle=_beside(part.path, own.vehicle), rig=_beside(part.path, own.rig))
+        own = own.replaced(vehicle=_beside(part.path, own.vehicle), rig=_beside(part.path, own.rig))
         given = [key.name for key in keys_of(ScenarioTable) if key.name in raw]
-        top = replace(top, **{name: getattr(own, name) for name in given})
+        top = top.replaced(**{name: getattr(own, name) for name in given})
         for each in settings_in(own.set or {}, f"{part.path}: set."):
             called = part.issues.called(f"set.{each.key}")
             settings[each.names] = each._replace(source=called.removesuffix(each.key))

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.kinds import SEED, Choice, Choices, Label, Number, Raw, Subtable, Text, Texts
-from liftgate_hil.config.schema import LATEST, Key, When
+from liftgate_hil.config.schema import LATEST, Key, Record, When
 from liftgate_hil.config.toml import Table, number, show
 from liftgate_hil.diagnostics.trouble_code import ALLOWED, number_of
 from liftgate_hil.errors import ConfigIssues
@@ -61,8 +60,7 @@ def _of(signal: Signal) -> Key:
 # A field with its key is a row of a table.
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScenarioTable:
+class ScenarioTable(Record):
     """The keys of a scenario file itself."""
 
     description: Annotated[Any, Key(Raw("any text"), "free text for readers")] = ""
@@ -97,8 +95,7 @@ class ScenarioTable:
     expect: Annotated[Any, Key(Raw("[[expect]] tables"), "expectations, see below")] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
-class ProfileTable:
+class ProfileTable(Record):
     """The keys of a `[[profile]]`."""
 
     quantity: Annotated[str, Key(Choice(list(PROFILES)), "one of the quantities below; each at most once")]
@@ -111,8 +108,7 @@ class ProfileTable:
         "linear")] = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class ObstacleTable:
+class ObstacleTable(Record):
     """The keys of an `[[obstacle]]`."""
 
     start: Annotated[Instant, Key(When(), "when the obstacle is put in place; it acts only once the gate has been "
@@ -130,8 +126,7 @@ class ObstacleTable:
         "it")] = "closing"
 
 
-@dataclass(frozen=True, kw_only=True)
-class RequestTable:
+class RequestTable(Record):
     """The keys of a `[[request]]`."""
 
     time: Annotated[Instant, Key(When(), "when the request is made")]
@@ -140,8 +135,7 @@ class RequestTable:
         "restarts as after power-on")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class SignalTable:
+class SignalTable(Record):
     """The keys of a `[[signal]]`."""
 
     time: Annotated[Instant, Key(When(), "when the signal gets the value; 0: it has the value from the start, "
@@ -152,8 +146,7 @@ class SignalTable:
     value: Annotated[float | str, Key(Label(), "the value in the database's unit, or its label")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FaultTable:
+class FaultTable(Record):
     """The keys of a `[[fault]]` that all kinds have; those of a kind stand in `fault_kinds`."""
 
     kind: Annotated[str, Key(Choice(list(FAULT_KINDS)), "one of the kinds below; most have further keys of their "
@@ -174,8 +167,7 @@ class FaultTable:
     seed: Annotated[int, Key(SEED, "seed of a random fault, combined with the run's seed")] = 0
 
 
-@dataclass(frozen=True, kw_only=True)
-class ExpectTable:
+class ExpectTable(Record):
     """The keys of an `[[expect]]`."""
 
     name: Annotated[str, Key(Text(), "unique name, for reports")]

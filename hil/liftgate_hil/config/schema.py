@@ -5,29 +5,23 @@ Files are validated by these records, and the documentation is made from them.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, NamedTuple, Self, TypeVar, get_type_hints
 
 from liftgate_hil.config.kinds import Kind
 from liftgate_hil.config.toml import Table, known_keys, number, show
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.moments import START, Instant
 
-Record = TypeVar("Record")
-
 LATEST = 1e6  # s
 
 
-@dataclass(frozen=True)
 class When:
     """A time or a condition."""
 
-    allowed: str = f"0 to {LATEST:g} s, or a condition"
-    invalid: Instant = START
+    allowed, invalid = f"0 to {LATEST:g} s, or a condition", START
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Instant:
         """Return the instant; an issue if it is neither a time nor a condition."""
@@ -42,8 +36,7 @@ class When:
 REQUIRED = object()
 
 
-@dataclass(frozen=True)
-class Key:
+class Key(NamedTuple):
     """A key of a table.
 
     As the annotation of a record's field it states kind, meaning and, where the value itself does not show it, the
@@ -70,21 +63,34 @@ class Key:
         return f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
 
 
+class Record:
+    """Base class of the records that tables are read into.
+
+    An annotated field of a subclass is a key of its table; a field without a value is required. Subclasses are no
+    dataclasses: to create one takes as long as to import a file, and is done at every start.
+    """
+
+    def __init__(self, **values: Any) -> None:
+        self.__dict__.update(values)
+
+    def replaced(self, **values: Any) -> Self:
+        """Return the record with other values."""
+        return type(self)(**{**self.__dict__, **values})
+
+
+Read = TypeVar("Read", bound=Record)
+
+
 @functools.cache
 def keys_of(record: Any) -> tuple[Key, ...]:
-    """Return the keys of a table that is read into `record`, a dataclass, in the order of its fields."""
-    hints = get_type_hints(record, include_extras=True)
+    """Return the keys of a table that is read into `record`, in the order of its fields."""
     return tuple(
-        replace(
-            hints[field.name].__metadata__[0],
-            name=field.name,
-            default=REQUIRED if field.default is dataclasses.MISSING else field.default,
-        )
-        for field in dataclasses.fields(record)
+        hint.__metadata__[0]._replace(name=name, default=getattr(record, name, REQUIRED))
+        for name, hint in get_type_hints(record, include_extras=True).items()
     )
 
 
-def read_record(issues: ConfigIssues, prefix: str, given: Table, record: Callable[..., Record]) -> Record:
+def read_record(issues: ConfigIssues, prefix: str, given: Table, record: Callable[..., Read]) -> Read:
     """Return a table as a record; issues are noted, and values that have them are `invalid` of their kind."""
     return record(**read_values(issues, prefix, given, keys_of(record)))
 

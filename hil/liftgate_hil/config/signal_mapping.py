@@ -8,13 +8,12 @@ If none of them does, that is an issue: a quantity in the wrong unit goes unnoti
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 from liftgate_hil.codec.bus_config import SignalMapping
 from liftgate_hil.config.enumerations import check_complete, check_values
 from liftgate_hil.config.kinds import Flag, Number, Subtable, Text
-from liftgate_hil.config.schema import Key, read_record
+from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.signal_name import find_signal
 from liftgate_hil.config.toml import Table, known_keys, number, show
 from liftgate_hil.config.units import SAME, Conversion, allowed_units, conversion, dimension_of, dimensions_named
@@ -33,8 +32,7 @@ _INVALID = "?"  # a unit that is reported already
 # A field with its key is a row of a table.
 
 
-@dataclass(frozen=True)
-class MappingTable:
+class MappingTable(Record):
     """The keys of a quantity in `[inputs]` and `[outputs]`."""
 
     signal: Annotated[str, Key(Text("MESSAGE.SIGNAL"), "message and signal of the database")]

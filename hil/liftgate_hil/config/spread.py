@@ -17,12 +17,11 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 from liftgate_hil.config.kinds import Choice, Number, Raw
 from liftgate_hil.config.schema import Key as TableKey
-from liftgate_hil.config.schema import read_record
+from liftgate_hil.config.schema import Record, read_record
 from liftgate_hil.config.toml import Table, number, show, table
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, Key, keys_of
 from liftgate_hil.errors import ConfigIssues
@@ -40,8 +39,7 @@ _END = Raw("a number within the range of the key")
 # A field with its key is a row of a table.
 
 
-@dataclass(frozen=True)
-class SpreadTable:
+class SpreadTable(Record):
     """The keys of a value's entry in `[spread]`."""
 
     distribution: Annotated[str, TableKey(Choice(DISTRIBUTIONS), "distribution of the value")] = "normal"

@@ -12,15 +12,17 @@ import math
 import platform
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.config.sources import Source, sources_of
 from liftgate_hil.formats.content import Content
-from liftgate_hil.running.plan import Plan
 from liftgate_hil.running.setup import Setup
 from liftgate_hil.signals import columns_of
 from liftgate_hil.version import versions
 from liftgate_plant import compiler
+
+if TYPE_CHECKING:
+    from liftgate_hil.running.plan import Plan
 
 _MOST_TEXT = 4_000_000  # bytes of a file that is included; of a larger one only its SHA-256 is
 
