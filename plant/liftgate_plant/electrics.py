@@ -88,10 +88,9 @@ def winding_of(
 ) -> tuple[Winding, Coasting, Switching]:
     """Return a motor's winding with the voltage applied to it, how it coasts, and how its bridge switches.
 
-    The winding's equation is L di/dt = u − R i − c2Φ n, (4.1) of the thesis. The switching is that of a bridge
-    taken as the mean of its PWM. `resistance` [Ω] is that of the whole line: winding, cut-out and contacts.
-    `terminal` [V] is the voltage at the start of the step of `step` [s], `rise` [V] its change over the step by
-    source and other motor, and `free_rise` [V] the change of the back-EMF without current.
+    The winding's equation is L di/dt = u − R i − c2Φ n, (4.1) of the thesis; switching is that of a PWM's mean.
+    `resistance` [Ω] is that of the whole line, with cut-out and contacts. `terminal` [V] is the voltage at the
+    start of a step [s], `rise` its change by source and other motor, `free_rise` that of the EMF without current.
     """
     motor, by_speed = drive.motor, emf_constant(drive, state)
     if drive.active == 0.0:  # no winding there, so nothing that could load the source

@@ -133,9 +133,8 @@ class Gate:
     def _columns(self, prefix: str) -> dict[str, float]:
         if self._now.loop.tick == 0:
             return {}
-        names = [
-            name for name in columns_of(self._vehicle.drives) if name.startswith(SENSED_PREFIX) == bool(prefix)
-        ]
+        columns = columns_of(self._vehicle.drives)
+        names = [name for name in columns if name.startswith(SENSED_PREFIX) == bool(prefix)]
         return {name.removeprefix(prefix): float(self._row[COLUMN_PLACE[name]]) for name in names}
 
     @property
