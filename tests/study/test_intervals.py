@@ -57,7 +57,7 @@ def test_errors_are_as_large_as_the_standard_deviations_say_when_stamps_scatter(
     std = 0.0015
     found = many_seeds.of_scattered_stamps(std, seeds(16))
     assert np.mean(found.jitter) == pytest.approx(std, rel=0.2)
-    assert np.abs(found.known).max() < 3.0
+    assert np.abs(found.known).max() < 4.3  # 99.9 % of the largest of 48 normal errors; measured 3.7
     if SHORT:
         return
     assert 0.75 < rms(found.known) < 1.2  # measured 0.99
