@@ -111,20 +111,27 @@ class Rig:
         return tuple(dict.fromkeys(wire.message for wire in (*self.inputs, *self.outputs)))
 
     def input_config(self, sending: bool = False) -> BusConfig:
-        """Return the tables of the inputs: received by the emulator, sent by an ECU."""
-        return self._bus_config(self.inputs, BUS_INPUTS, sending)
+        """Return the tables of the inputs: received by the emulator, sent by an ECU. Nobody changes them."""
+        return self._bus_config("inputs", self.inputs, BUS_INPUTS, sending)
 
     def output_config(self, sending: bool = True) -> BusConfig:
-        """Return the tables of the outputs: sent by the emulator, received by an ECU."""
-        return self._bus_config(self.outputs, BUS_OUTPUTS, sending)
+        """Return the tables of the outputs: sent by the emulator, received by an ECU. Nobody changes them."""
+        return self._bus_config("outputs", self.outputs, BUS_OUTPUTS, sending)
 
     def _bus_config(
-        self, mappings: tuple[SignalMapping, ...], quantities: Mapping[str, Signal], sending: bool
+        self, section: str, mappings: tuple[SignalMapping, ...], quantities: Mapping[str, Signal], sending: bool
     ) -> BusConfig:
-        issues = ConfigIssues(self.source)
-        bus = build_bus_config(self.messages, mappings, self.options, quantities, issues, sending)
-        issues.raise_if_any()
-        return bus
+        if (section, sending) not in self._configs:
+            issues = ConfigIssues(self.source)
+            bus = build_bus_config(self.messages, mappings, self.options, quantities, issues, sending)
+            issues.raise_if_any()
+            self._configs[section, sending] = bus
+        return self._configs[section, sending]
+
+    @cached_property
+    def _configs(self) -> dict[tuple[str, bool], BusConfig]:
+        """The tables that have been made, by section and whether its messages are sent."""
+        return {}
 
     def command_message(self) -> str:
         """Return the name of the message with the motor command."""
