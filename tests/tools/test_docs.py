@@ -17,6 +17,7 @@ from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.schema import keys_of
 from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.running.setup import rig_of, setup_of
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from tools.docs import DOCS, PAGES
 
@@ -67,6 +68,14 @@ def test_the_defaults_of_a_fault_are_those_documented(tmp_path: Path) -> None:
         path.write_text(f'[[fault]]\nkind = "motor_open"\nperiod_s = 1\n{more}')
         faults.append(load_scenario(path).faults)
     assert faults[0] == faults[1]
+
+
+def test_the_files_that_a_scenario_names_by_default_are_those_documented() -> None:
+    words = {key.name: key.default_text for key in keys_of(scenario_schema.ScenarioTable)}
+    assert setup_of(None).vehicle_name == words["vehicle"]
+    assert Path(rig_of(None).source).stem == words["rig"]
+    assert setup_of(None).start_angle == 0.0
+    assert words["initial"] == "closed"
 
 
 def rows_in(page: str, heading: str) -> list[list[str]]:
