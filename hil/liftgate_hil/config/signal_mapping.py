@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from cantools.database.can import Signal as DatabaseSignal
 
 _FACTOR = Number(-1e9, 1e9)
-_INVALID = "?"  # a unit that is reported already
 
 # fmt: off
 # A field with its key is a row of a table.
@@ -91,8 +90,9 @@ def _mapping(
         basis, values = "labels", _own_labels(issues, key, name, theirs, ours)
     elif factors is None or given.unit is not None:
         basis = "unit"
-        unit = (theirs.unit or "").strip() if given.unit is None else given.unit or _INVALID
-        by_unit = _by_unit(issues, key, name, unit, ours)
+        unit = (theirs.unit or "").strip() if given.unit is None else given.unit
+        is_invalid = given.unit == ""  # which is reported already
+        by_unit = SAME if is_invalid else _by_unit(issues, key, name, unit, ours)
         scale, offset = factors or SAME
         factors = by_unit[0] * scale, by_unit[0] * offset + by_unit[1]
     if values is not None:
@@ -145,7 +145,7 @@ def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal)
     A plain number needs no unit. An unknown unit, or one of another dimension, adds an issue under `key`; the
     result is then SAME.
     """
-    if unit == _INVALID or (not unit and dimension_of(ours) == "number"):
+    if not unit and dimension_of(ours) == "number":
         return SAME
     factors = conversion(ours, unit)
     if factors is not None:

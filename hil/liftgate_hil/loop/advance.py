@@ -1,4 +1,4 @@
-"""One tick, in the order that all loops share.
+"""Order of one tick, which all loops share.
 
 The stimuli act, the gate advances, its frames are made ready to be sent, and the row of the recording is written.
 """

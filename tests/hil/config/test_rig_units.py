@@ -120,6 +120,7 @@ def test_the_rigs_unit_and_scale_count_before_the_databases(tmp_path: Path, unit
     [
         ('unit = "V"', "outputs.left_current", "a unit of voltage"),
         ('unit = "x"', "outputs.left_current", "no known unit"),
+        ('unit = "?"', "outputs.left_current", "no known unit"),
         ("unit = 3", "outputs.left_current.unit", "allowed: a unit"),
         ("saturates = 3", "outputs.left_current.saturates", "allowed: true or false"),
         ("values = { open = 1 }, scale = 2", "outputs.left_current.scale", "without values"),
