@@ -12,7 +12,20 @@ from liftgate_hil.errors import ConfigError
 _MOST_BYTES = 100_000_000
 
 
-def read_points(path: Path, quantity: str) -> list[list[float]]:
+class PointsReader:
+    """Reader of points in CSV files, which reads each column once and keeps its points."""
+
+    def __init__(self) -> None:
+        self._kept: dict[tuple[Path, str], list[list[float]]] = {}
+
+    def read(self, path: Path, quantity: str) -> list[list[float]]:
+        """Return the points [time, value]. Raises ConfigError."""
+        if (path, quantity) not in self._kept:
+            self._kept[path, quantity] = _read_points(path, quantity)
+        return self._kept[path, quantity]
+
+
+def _read_points(path: Path, quantity: str) -> list[list[float]]:
     """Return the points [time, value]. Raises ConfigError."""
     try:
         lines = read_bytes(path, _MOST_BYTES).decode("utf-8-sig").splitlines()

@@ -7,9 +7,10 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from liftgate_hil.config.files import is_there, issue_with
+from liftgate_hil.config.profile_csv import PointsReader
 from liftgate_hil.config.restbus import SignalValue
 from liftgate_hil.config.scenario_schema import ScenarioTable
 from liftgate_hil.config.scenario_tables import Fault, FoundTables, TableReader, check_once
@@ -76,13 +77,50 @@ def no_scenario() -> Scenario:
     return Scenario(NO_STIMULI)
 
 
+@dataclass(frozen=True)
+class _Part:
+    """A file that becomes part of a scenario, as it was read."""
+
+    path: Path
+    raw: Table
+    issues: tuple[tuple[str, str], ...]  # of its `include`, by key
+    lines: tuple[str, ...]  # issues of files that it includes and that cannot be read
+
+
+@dataclass(frozen=True)
+class ScenarioFile:
+    """A scenario file and those that it includes, as they were read.
+
+    Scenarios with other parameters are made from it without reading the files again. It can be pickled.
+    """
+
+    path: Path
+    parts: tuple[_Part, ...]  # each after those that it includes
+    points: PointsReader = field(default_factory=PointsReader)  # of profiles in CSV files
+
+    def scenario(self, replaced: Mapping[str, float] | None = None) -> Scenario:
+        """Return the scenario with parameters replaced. Raises ConfigError with all issues of its files."""
+        return _scenario_of(self, replaced or {})
+
+
+def read_scenario(path: Path) -> ScenarioFile:
+    """Read a scenario file and those that it includes. Raises ConfigError if the file itself cannot be read."""
+    return ScenarioFile(path, tuple(_parts(path, [])))
+
+
 def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Scenario:
     """Return the scenario of a file, with parameters replaced.
 
     Raises ConfigError with all issues of the file and of those that it includes.
     """
-    parts = _parts(path, replaced or {}, [])
-    parameters, origins = _parameters(parts, replaced or {})
+    return read_scenario(path).scenario(replaced)
+
+
+def _scenario_of(file: ScenarioFile, replaced: Mapping[str, float]) -> Scenario:
+    parts = [_PartRead(each.path, each.raw, _issues_of(each)) for each in file.parts]
+    for name in replaced:
+        parts[-1].issues.originate(f"parameters.{name}", f"`parameters` {name}")
+    parameters, origins = _parameters(parts, replaced)
     top = ScenarioTable()
     settings: dict[tuple[str, ...], Setting] = {}
     found = FoundTables([], [], [], [], [], [])
@@ -98,7 +136,7 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
         for each in settings_in(own.set or {}, f"{part.path}: set."):
             called = part.issues.called(f"set.{each.key}")
             settings[each.names] = each._replace(source=called.removesuffix(each.key))
-        TableReader(part.path, part.issues, parameters).read(own, found)
+        TableReader(part.path, part.issues, parameters, file.points).read(own, found)
     check_once(parts[-1].issues, "profile", [name for name, _ in found.profiles])
     if any(part.issues.count for part in parts):
         raise ConfigError([line for part in parts for line in _lines_of(part.issues)])
@@ -119,46 +157,56 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
         expectations=tuple(found.expectations),
         description=str(top.description),
         requirement=top.requirement,
-        source=str(path),
+        source=str(file.path),
         included=tuple(str(part.path) for part in parts[:-1]),
     )
 
 
-@dataclass
-class _Part:
-    """A file that becomes part of a scenario."""
+class _PartRead(NamedTuple):
+    """A file of a scenario while the scenario is made from it."""
 
     path: Path
     raw: Table
     issues: ConfigIssues
 
 
-def _parts(path: Path, replaced: Mapping[str, float], above: Sequence[Path]) -> list[_Part]:
+def _issues_of(part: _Part) -> ConfigIssues:
+    """Return a collector with the issues that were found when the file was read."""
+    issues = ConfigIssues(str(part.path))
+    for key, text in part.issues:
+        issues.add(key, text)
+    issues.take(part.lines)
+    return issues
+
+
+def _parts(path: Path, above: Sequence[Path]) -> list[_Part]:
     """Return the files of a scenario, each once, after those that it includes. Raises ConfigError."""
-    origins = {f"parameters.{name}": f"`parameters` {name}" for name in replaced}
-    own = _Part(path, read_toml(path), ConfigIssues(str(path), {} if above else origins))
+    raw = read_toml(path)
     above = [*above, path.resolve()]
     found: list[_Part] = []
-    for place, name in enumerate(_included(own)):
+    issues: list[tuple[str, str]] = []
+    lines: list[str] = []
+    for place, name in enumerate(_included(raw)):
         file = path.parent / name
-        key = f"include[{place}]"
         try:
             issue = issue_with(file)
             if not issue and file.resolve() in above:
                 issue = "includes this file itself; allowed: files that do not"
             if issue or len(above) > _MOST_FILES:
-                own.issues.add(key, f"{show(name)}: {issue or 'files include each other too deeply'}")
+                issues.append(
+                    (f"include[{place}]", f"{show(name)}: {issue or 'files include each other too deeply'}")
+                )
                 continue
-            for part in _parts(file, replaced, above):
+            for part in _parts(file, above):
                 if all(part.path.resolve() != each.path.resolve() for each in found):
                     found.append(part)
         except ConfigError as error:
-            own.issues.take(error.issues)
-    return [*found, own]
+            lines += error.issues
+    return [*found, _Part(path, raw, tuple(issues), tuple(lines))]
 
 
-def _included(part: _Part) -> tuple[str, ...]:
-    value = part.raw.get("include", [])
+def _included(raw: Table) -> tuple[str, ...]:
+    value = raw.get("include", [])
     names = [value] if isinstance(value, str) else value
     is_list = isinstance(names, list) and all(isinstance(each, str) and each for each in names)
     return tuple(names) if is_list else ()
@@ -172,7 +220,9 @@ def _lines_of(issues: ConfigIssues) -> list[str]:
     return []
 
 
-def _parameters(parts: Sequence[_Part], replaced: Mapping[str, float]) -> tuple[dict[str, float], dict[str, str]]:
+def _parameters(
+    parts: Sequence[_PartRead], replaced: Mapping[str, float]
+) -> tuple[dict[str, float], dict[str, str]]:
     """Return the parameters of all files, with `replaced` applied, and how issues name each.
 
     A file's own parameters override those of the files that it includes.
@@ -196,7 +246,7 @@ def _parameters(parts: Sequence[_Part], replaced: Mapping[str, float]) -> tuple[
 
 
 def _filled_in(
-    part: _Part, key: str, value: Any, parameters: Mapping[str, float], origins: Mapping[str, str]
+    part: _PartRead, key: str, value: Any, parameters: Mapping[str, float], origins: Mapping[str, str]
 ) -> Any:
     """Return a value with each `$name` in it replaced by the parameter; conditions resolve theirs themselves.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, WHERE, FaultKind
-from liftgate_hil.config.profile_csv import read_points
+from liftgate_hil.config.profile_csv import PointsReader
 from liftgate_hil.config.restbus import SignalValue
 from liftgate_hil.config.scenario_schema import (
     ExpectTable,
@@ -88,6 +88,7 @@ class TableReader:
     path: Path
     issues: ConfigIssues
     parameters: Mapping[str, float]
+    points: PointsReader
 
     def read(self, given: ScenarioTable, found: FoundTables) -> None:
         """Add the tables of the file to those that have been found; issues are collected."""
@@ -141,7 +142,7 @@ class TableReader:
         if profile.csv is not None:
             key = f"{key}.csv"
             try:
-                points = read_points(self.path.parent / profile.csv, name) if profile.csv else []
+                points = self.points.read(self.path.parent / profile.csv, name) if profile.csv else []
             except ConfigError as error:
                 issues.add(key, str(error))
                 return name, Profile([], how == "linear")
@@ -278,7 +279,7 @@ def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
     known_keys(issues, "", given, sorted(known))
     given = {name: value for name, value in given.items() if name in known}
     given |= {"kind": kind} | ({} if where is None else {"where": where})
-    found = TableReader(Path(), issues, {}).fault("", given)
+    found = TableReader(Path(), issues, {}, PointsReader()).fault("", given)
     issues.raise_if_any()
     return replace(found, key="`fault`", value_key="")
 

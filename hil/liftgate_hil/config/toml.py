@@ -50,6 +50,18 @@ def read_toml(path: Path) -> Table:
     return content
 
 
+def copied_table(content: Table) -> Table:
+    """Return a copy of a file's content, with tables and lists of its own."""
+    copied: Table = _copied(content)
+    return copied
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _copied(each) for name, each in value.items()}
+    return list(map(_copied, value)) if isinstance(value, list) else value
+
+
 def _is_deeper(content: Table, levels: int) -> bool:
     """Whether tables and lists are nested more than `levels` deep."""
     inner: list[Any] = [content]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from liftgate_hil.config.settings import Setting, applied
 from liftgate_hil.config.spread import spreads_of
-from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
+from liftgate_hil.config.toml import Table, copied_table, known_keys, number, read_toml, show, table, text
 from liftgate_hil.config.variant import AS_FILED, Variant, settings_for
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, keys_of
 from liftgate_hil.errors import ConfigIssues
@@ -25,11 +26,29 @@ from liftgate_plant.vehicle import DriveTables, Vehicle
 _ROUNDED = 1.01  # data sheets round the constants of a motor, and measurements scatter
 
 
+@dataclass(frozen=True)
+class VehicleFile:
+    """A vehicle file as it was read: vehicles with other settings are made from it without reading it again."""
+
+    path: Path
+    name: str  # as it was requested: a shipped name or a path
+    raw: Table
+
+    def vehicle(self, settings: Sequence[Setting] = (), variant: Variant = AS_FILED) -> Vehicle:
+        """Return a variant of the vehicle, with settings applied. Raises ConfigError with all issues."""
+        raw = copied_table(self.raw)
+        origins = applied(raw, settings_for(raw, variant, settings, str(self.path)))
+        return vehicle_of(raw, str(self.path), origins)
+
+
+def read_vehicle(path: Path, name: str = "") -> VehicleFile:
+    """Read a vehicle file; `name` is what it was requested by, its path by default. Raises ConfigError."""
+    return VehicleFile(path, name or str(path), read_toml(path))
+
+
 def load_vehicle(path: Path, settings: Sequence[Setting] = (), variant: Variant = AS_FILED) -> Vehicle:
     """Return a variant of the vehicle of a file, with settings applied. Raises ConfigError with all issues."""
-    raw = read_toml(path)
-    origins = applied(raw, settings_for(raw, variant, settings, str(path)))
-    return vehicle_of(raw, str(path), origins)
+    return read_vehicle(path).vehicle(settings, variant)
 
 
 def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None) -> Vehicle:

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.scenario import Scenario, ScenarioFile
 from liftgate_hil.config.variant import AS_FILED, Variant
+from liftgate_hil.config.vehicle import VehicleFile
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.running.options import RunOptions
@@ -23,10 +24,10 @@ PRIVATE_BUS = "virtual"  # name in recordings of a bus that is in this process a
 class Job:
     """Complete request of a run, in plain values where possible, so that another process can be given it."""
 
-    scenario: str | Path | Scenario | None
+    scenario: str | Path | ScenarioFile | Scenario | None
     ecu: Any
     parameters: Mapping[str, float] = field(default_factory=dict)
-    vehicle: str | Path | Vehicle | None = None
+    vehicle: str | Path | VehicleFile | Vehicle | None = None
     rig: str | Path | Rig | None = None
     settings: tuple[str, ...] = ()
     initial: float | str | None = None

@@ -12,12 +12,12 @@ from pathlib import Path
 
 from liftgate_hil.config.arguments import numbers_of, seed_of
 from liftgate_hil.config.rig import Rig, load_rig
-from liftgate_hil.config.scenario import Scenario, load_scenario, no_scenario
+from liftgate_hil.config.scenario import Scenario, ScenarioFile, load_scenario, no_scenario
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.variant import AS_FILED, Variant
-from liftgate_hil.config.vehicle import load_vehicle
+from liftgate_hil.config.vehicle import VehicleFile, load_vehicle, read_vehicle
 from liftgate_hil.errors import ConfigError
 from liftgate_plant.vehicle import Vehicle
 
@@ -91,11 +91,15 @@ def rig_of(rig: str | Path | Rig | None, scenario: Scenario | None = None) -> Ri
     return rig
 
 
-def scenario_of(scenario: str | Path | Scenario | None, parameters: Mapping[str, float] | None = None) -> Scenario:
+def scenario_of(
+    scenario: str | Path | ScenarioFile | Scenario | None, parameters: Mapping[str, float] | None = None
+) -> Scenario:
     """Return a scenario: loaded by name or path, its parameters replaced, or the object given; None: an empty one.
 
     Raises ConfigError.
     """
+    if isinstance(scenario, ScenarioFile):
+        return scenario.scenario(parameters)
     if isinstance(scenario, str | Path):
         return scenario_from(str(scenario), parameters)
     if scenario is not None and not isinstance(scenario, Scenario):
@@ -150,10 +154,10 @@ class Setup:
 
 
 def setup_of(
-    scenario: str | Path | Scenario | None = None,
+    scenario: str | Path | ScenarioFile | Scenario | None = None,
     *,
     parameters: Mapping[str, float] | None = None,
-    vehicle: str | Path | Vehicle | None = None,
+    vehicle: str | Path | VehicleFile | Vehicle | None = None,
     settings: Sequence[str] = (),
     initial: float | str | None = None,
     seed: int | None = None,
@@ -163,29 +167,30 @@ def setup_of(
 
     `settings` come after the scenario's, and both after the variant. Raises ConfigError.
     """
-    is_a_file = isinstance(scenario, str | Path)
+    is_a_file = isinstance(scenario, str | Path | ScenarioFile)
     scenario = scenario_of(scenario, parameters)
     called = ""
     if vehicle is None:
         vehicle = scenario.vehicle or "suv"
         called = f"{scenario.source}: vehicle" if scenario.vehicle else ""
-    is_named = isinstance(vehicle, str | Path)
-    if scenario.settings and not is_named:
-        raise ConfigError(
-            f"{', '.join(each.source + each.key for each in scenario.settings)}: allowed with a vehicle "
-            "by its name or file"
-        )
-    path = find_config("vehicles", str(vehicle), called) if is_named else None
-    if path is None:
-        built = vehicle_of(vehicle, settings, variant)
+    if isinstance(vehicle, str | Path):
+        vehicle = read_vehicle(find_config("vehicles", str(vehicle), called), str(vehicle))
+    if isinstance(vehicle, VehicleFile):
+        built = vehicle.vehicle([*scenario.settings, *settings_of(settings)], variant)
+        file, name = vehicle.path, vehicle.name
     else:
-        built = load_vehicle(path, [*scenario.settings, *settings_of(settings)], variant)
+        if scenario.settings:
+            raise ConfigError(
+                f"{', '.join(each.source + each.key for each in scenario.settings)}: allowed with a vehicle "
+                "by its name or file"
+            )
+        built, file, name = vehicle_of(vehicle, settings, variant), None, "a vehicle"
     initial = initial if initial is not None else scenario.initial
     return Setup(
         scenario=scenario,
         vehicle=built,
-        vehicle_name=str(vehicle) if is_named else "a vehicle",
-        vehicle_file=path,
+        vehicle_name=name,
+        vehicle_file=file,
         scenario_file=Path(scenario.source) if is_a_file else None,
         seed=seed_of(seed if seed is not None else scenario.seed),
         start_angle=angle_from(initial, built.gate.open_angle),
