@@ -5,8 +5,9 @@ Tables of faults work on the row; compiled code converts it to `Constants` with 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,17 +34,34 @@ def constants_of(vehicle: Vehicle) -> Constants:
 
 def numbers_of(constants: Constants) -> dict[str, float]:
     """Return every number by its path (`plant.left.spring.health`), in the order of the row."""
-    return dict(_walk("", constants))
+    return dict(zip(_names(), _numbers(constants), strict=True))
 
 
 def row_of(constants: Constants) -> NDArray[np.float64]:
     """Return the numbers as a row (n,)."""
-    return np.array(list(numbers_of(constants).values()))
+    return np.array(_numbers(constants))
 
 
-def _walk(name: str, part: Any) -> Iterator[tuple[str, float]]:
-    if not isinstance(part, tuple):
-        yield name, float(part)
-        return
-    for field, each in zip(part._fields, part, strict=True):  # type: ignore[attr-defined]
-        yield from _walk(f"{name}.{field}" if name else field, each)
+@functools.cache
+def _names() -> tuple[str, ...]:
+    """Return the paths of all numbers."""
+    return tuple(_paths("", Constants))
+
+
+def _paths(name: str, kind: Any) -> Iterator[str]:
+    for field, hint in get_type_hints(kind).items():
+        path = f"{name}.{field}" if name else field
+        if hasattr(hint, "_fields"):
+            yield from _paths(path, hint)
+        else:
+            yield path
+
+
+def _numbers(part: tuple[Any, ...]) -> list[float]:
+    found: list[float] = []
+    for each in part:
+        if isinstance(each, tuple):
+            found += _numbers(each)
+        else:
+            found.append(float(each))
+    return found

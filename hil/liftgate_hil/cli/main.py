@@ -22,6 +22,7 @@ COMMANDS = {
     "ecu": "the reference ECU alone, on any bus",
     "test": "scenario files: run, judge, report",
     "judge": "the same verdicts again, from recordings",
+    "campaign": "many variants of a scenario: grid, samples, search for the worst, probability",
     "convert": "a recording in another format; bus logs decoded into tables",
     "replay": "a recording's frames onto a bus, with the original timing",
     "plot": "a picture of a recording",

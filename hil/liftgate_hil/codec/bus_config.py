@@ -6,6 +6,7 @@ both ends of the bus: the emulator receives a rig's inputs and sends its outputs
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -148,6 +149,12 @@ def build_bus_config(
     return tables.bus()
 
 
+@functools.cache
+def _no_tables() -> BusConfig:
+    """Return the tables of no signals, in which nothing is ever written."""
+    return _Tables().bus()
+
+
 def tables_named(
     messages: Mapping[str, Message],
     names: Sequence[str],
@@ -159,6 +166,8 @@ def tables_named(
 
     Their values have the same places as in `names`.
     """
+    if not names:
+        return _no_tables()
     mappings = list(map(mapping_named, names))
     return build_bus_config(messages, mappings, options, dict.fromkeys(names, ANY), issues, sending)
 

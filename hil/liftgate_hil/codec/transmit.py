@@ -151,8 +151,7 @@ def transmit(bus: BusConfig, transmission: Transmission, now_ns: int, everything
 
 def message_of(bus: BusConfig, quantity: int) -> int:
     """Return the first message that carries a quantity; −1: none does."""
-    for number, message in enumerate(bus.messages):
-        rows = bus.signals[message.first : message.first + message.count]
-        if quantity in rows.quantity:
-            return number
-    return -1
+    found = np.flatnonzero(bus.signals["quantity"] == quantity)
+    if not len(found):
+        return -1
+    return int(np.searchsorted(bus.messages["first"], found[0], side="right")) - 1

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 _LONGEST = 4000  # characters
 _KEPT = 4096  # parsed conditions that are cached
 _BUS_SIGNAL = re.compile(r"[^\W\d]\w*\.[^\W\d]\w*")
+_PARAMETER = re.compile(r"\$(\w+)")
 _COMPARISONS = {"<": LT, "<=": LE, ">": GT, ">=": GE, "==": EQ, "!=": NE}
 _SUMS, _PRODUCTS = {"+": ADD, "-": SUB}, {"*": MUL, "/": DIV}
 _TOKEN = re.compile(
@@ -63,8 +64,12 @@ def parsed(text: str, parameters: Mapping[str, float], messages: Mapping[str, Me
     """
     names = dict.fromkeys(_BUS_SIGNAL.findall(text))
     units = [(name, "" if messages is None else signal_unit(messages, name)) for name in names]
+    used = _PARAMETER.findall(text)
+    given = (
+        parameters if any(name not in parameters for name in used) else {name: parameters[name] for name in used}
+    )
     try:
-        return _parsed(text, tuple(parameters.items()), tuple(units))
+        return _parsed(text, tuple(given.items()), tuple(units))
     except _NoSuchSignalError as error:
         near = near_signals(messages or {}, str(error))
         raise ValueError(

@@ -133,6 +133,21 @@ class Rig:
         """The tables that have been made, by section and whether its messages are sent."""
         return {}
 
+    def range_held(self, wire: SignalMapping) -> tuple[float, float]:
+        """Return the range of a mapped quantity [its unit] that is rounded to values which the signal can hold."""
+        place = wire.message, wire.signal, wire.quantity
+        if place not in self._ranges:
+            signal = self.messages[wire.message].get_signal_by_name(wire.signal)
+            low, high = wire.quantity_range(signal)
+            half = 0.5 * abs(wire.scale * float(signal.scale)) * (not signal.is_float)
+            self._ranges[place] = low - half, high + half
+        return self._ranges[place]
+
+    @cached_property
+    def _ranges(self) -> dict[tuple[str, str, str], tuple[float, float]]:
+        """The ranges that have been determined, by message, signal and quantity."""
+        return {}
+
     def command_message(self) -> str:
         """Return the name of the message with the motor command."""
         return next(wire.message for wire in self.inputs if wire.quantity == "left_duty")

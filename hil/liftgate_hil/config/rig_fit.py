@@ -201,10 +201,7 @@ def _ranged(rig: Rig, vehicle: Vehicle) -> Iterator[tuple[SignalMapping, Expecte
         wanted = expected.get(name, expected.get(name.removeprefix("true_")))
         if wanted is None or wire.saturates or wire.basis == "unknown":
             continue
-        signal = rig.messages[wire.message].get_signal_by_name(wire.signal)
-        low, high = wire.quantity_range(signal)
-        half = 0.5 * abs(wire.scale * float(signal.scale)) * (not signal.is_float)
-        yield wire, wanted, (low - half, high + half)
+        yield wire, wanted, rig.range_held(wire)
 
 
 def _cycles(rig: Rig, mappings: Iterable[SignalMapping]) -> Iterator[tuple[str, int]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from liftgate_plant.quantity import Points, Quantity
 from liftgate_plant.sensors import Sensors, encoder_of
 from liftgate_plant.vehicle import DriveTables, Vehicle
 
+_GEOMETRIES = 64  # linkages of which it is kept whether they are possible
 _ROUNDED = 1.01  # data sheets round the constants of a motor, and measurements scatter
 
 
@@ -34,10 +36,19 @@ class VehicleFile:
     name: str  # as it was requested: a shipped name or a path
     raw: Table
 
+    @functools.cached_property
+    def _is_spread_sound(self) -> bool:
+        """Whether the table `[spread]` of the file has no issues, whatever its other values are."""
+        issues = ConfigIssues("")
+        spreads_of(issues, self.raw)
+        return issues.count == 0
+
     def vehicle(self, settings: Sequence[Setting] = (), variant: Variant = AS_FILED) -> Vehicle:
         """Return a variant of the vehicle, with settings applied. Raises ConfigError with all issues."""
         raw = copied_table(self.raw)
         origins = applied(raw, settings_for(raw, variant, settings, str(self.path)))
+        if self._is_spread_sound and raw.get("spread") == self.raw.get("spread"):
+            raw.pop("spread", None)  # which need not be checked again
         return vehicle_of(raw, str(self.path), origins)
 
 
@@ -291,17 +302,22 @@ def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:
 def _check_geometry(issues: ConfigIssues, gate: Gate) -> None:
     """Check that the actuator gets longer all the way from closed to open."""
     link = gate_body.linkage(gate)
+    if text := _geometry_issue(link, gate.open_angle):
+        issues.add("gate", text)
+
+
+@functools.lru_cache(_GEOMETRIES)
+def _geometry_issue(link: gate_body.Linkage, open_angle: float) -> str:
+    """Return what is wrong with an actuator's linkage up to an angle [rad]; "": nothing."""
     if min(link.body_radius, link.gate_radius) < 1e-6:
-        issues.add("gate", "gate_point or body_point lies on the hinge; allowed: a lever arm")
-        return
-    angles = [gate.open_angle * i / 100.0 for i in range(101)]
+        return "gate_point or body_point lies on the hinge; allowed: a lever arm"
+    angles = [open_angle * i / 100.0 for i in range(101)]
     if min(gate_body.length(link.body_radius, link.gate_radius, link.offset, angle) for angle in angles) < 1e-6:
-        issues.add("gate", "gate_point and body_point coincide; allowed: an actuator that has a length")
-        return
-    levers = [gate_body.lever(link, angle) for angle in angles]
-    if min(levers) <= 1e-4:
-        issues.add(
-            "gate",
-            f"the actuator's lever arm falls to {min(levers):.4g} m between 0 and "
-            f"open_angle_deg; allowed: hinge, gate_point and body_point that keep it above 0.0001 m",
-        )
+        return "gate_point and body_point coincide; allowed: an actuator that has a length"
+    least = min(gate_body.lever(link, angle) for angle in angles)
+    if least > 1e-4:
+        return ""
+    return (
+        f"the actuator's lever arm falls to {least:.4g} m between 0 and "
+        f"open_angle_deg; allowed: hinge, gate_point and body_point that keep it above 0.0001 m"
+    )

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.rings import Memory
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.running.plan import Plan
+    from liftgate_hil.running.shared_starts import SharedStarts
     from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 
 
@@ -31,6 +32,7 @@ class Execution:
     sinks: Sequence[Sink]
     stopped: Callable[[], bool]
     memory: Memory | None  # of the loop, where another process watches it
+    starts: SharedStarts | None = None  # states after preconditions, where many runs share them
 
     def start(self) -> tuple[StimulusPlan, LoopState]:
         """Return a copy of the plan's stimuli, and the state of the loop, both at time 0.
@@ -42,7 +44,11 @@ class Execution:
         state = start_of(plan.config, plan.setup.start_angle)
         if self.adapter.kind == NO_ECU:
             return stimuli, state
+        if self.starts is not None and self.starts.restore(plan, self.adapter, stimuli):
+            return stimuli, self.starts.loop_state()
         actions = plan.setup.scenario.precondition
         config, adapter, guard = plan.config, self.adapter, partial(foreign_code, self.memory)
         state = after_precondition(config, state, stimuli, adapter, actions, self.stopped, guard)
+        if self.starts is not None and actions:
+            self.starts.keep(plan, adapter, stimuli, state)
         return stimuli, state

@@ -12,6 +12,7 @@ from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.find import adapter_for
 from liftgate_hil.ecu.mutants import mutant_ecu
 from liftgate_hil.ecu.names import ON_A_BUS
+from liftgate_hil.ecu.node import PORT
 from liftgate_hil.errors import ConfigError, LiftgateError, OverrunError, PreconditionError, causes
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.trace_summary import TraceSummarizer
@@ -46,7 +47,7 @@ def run_plan(
     """
     try:
         with reporting_compilation(plan.job.listener, stopped), contextlib.ExitStack() as stack:
-            seen, adapter = _sinks_of(plan, sinks), _adapter_of(plan, memory, stack)
+            seen, adapter = _sinks_of(plan, sinks), adapter_of(plan, memory, stack)
             return _Run(Execution(plan, adapter, seen, stopped, memory)).result(stack)
     except GivenUpError:  # stopped before it began
         return nothing_of(plan.job, "", 0)
@@ -55,7 +56,7 @@ def run_plan(
 def _sinks_of(plan: Plan, others: Sequence[Sink]) -> list[Sink]:
     """Return the sinks that collect the result of a run, with `others` among them."""
     found: list[Sink] = [Extremes(), *others]
-    judge = _judge_of(plan)
+    judge = judge_of(plan)
     if judge is not None:
         found.append(judge)
         if plan.job.is_summarized:
@@ -65,7 +66,7 @@ def _sinks_of(plan: Plan, others: Sequence[Sink]) -> list[Sink]:
     return found
 
 
-def _judge_of(plan: Plan) -> Judge | None:
+def judge_of(plan: Plan) -> Judge | None:
     """Return the judge of the run; None: the scenario has no expectations."""
     scenario, options = plan.setup.scenario, plan.options
     if not scenario.expectations:
@@ -76,7 +77,7 @@ def _judge_of(plan: Plan) -> Judge | None:
     return Judge(plan.expected, options.rate, end, tolerance, silence)
 
 
-def _adapter_of(plan: Plan, memory: Memory | None, stack: contextlib.ExitStack) -> Adapter:
+def adapter_of(plan: Plan, memory: Memory | None, stack: contextlib.ExitStack) -> Adapter:
     """Return the adapter of the ECU in this process, closed with the stack; an empty one for an ECU on a bus."""
     job, rig, car = plan.job, plan.rig, plan.setup.vehicle
     if job.ecu == ON_A_BUS:
@@ -93,7 +94,7 @@ def _adapter_of(plan: Plan, memory: Memory | None, stack: contextlib.ExitStack) 
 def _close(adapter: Adapter, memory: Memory | None) -> None:
     with foreign_code(memory):
         adapter.close()
-        if memory is not None:  # so that who watches the memory also sees a destructor that hangs
+        if memory is not None and adapter.kind == PORT:  # so that who watches it also sees a destructor that hangs
             gc.collect()
 
 

@@ -185,7 +185,6 @@ def setup_of(
                 "by its name or file"
             )
         built, file, name = vehicle_of(vehicle, settings, variant), None, "a vehicle"
-    initial = initial if initial is not None else scenario.initial
     return Setup(
         scenario=scenario,
         vehicle=built,
@@ -193,5 +192,5 @@ def setup_of(
         vehicle_file=file,
         scenario_file=Path(scenario.source) if is_a_file else None,
         seed=seed_of(seed if seed is not None else scenario.seed),
-        start_angle=angle_from(initial, built.gate.open_angle),
+        start_angle=angle_from(scenario.initial if initial is None else initial, built.gate.open_angle),
     )

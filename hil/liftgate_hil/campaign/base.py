@@ -1,0 +1,103 @@
+"""Base of a campaign: all that its variants have in common, with the hash of everything that goes into a result.
+
+It is picklable, and holds the content of its files: any process makes a variant from it without reading files.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.campaign.distributions import Floats
+from liftgate_hil.campaign.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, Target
+from liftgate_hil.config.variant import Variant
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.plan import Plan
+from liftgate_hil.version import versions
+
+ID_DIGITS = 32  # of a variant's hash: 128 bits, no two of 10¹² variants alike (birthday bound 1e-15)
+
+
+@dataclass(frozen=True)
+class Base:
+    """What all variants of a campaign have in common."""
+
+    job: Job  # its scenario, vehicle and rig are loaded
+    targets: tuple[Target, ...]
+    expectations: tuple[str, ...]  # names, in the order of the columns
+    versions: Mapping[str, str]
+    identity: str  # SHA-256 of all that goes into a result, but for the values
+
+    def variant(self, values: Sequence[float]) -> str:
+        """Return the name of a variant: the hash of everything that goes into its result."""
+        content = bytes.fromhex(self.identity) + np.asarray(values, dtype="<f8").tobytes()
+        return hashlib.sha256(content).hexdigest()[:ID_DIGITS]
+
+    def job_of(self, values: Sequence[float]) -> Job:
+        """Return the job of a variant with these values, one for each target."""
+        job = self.job
+        given = list(zip(self.targets, map(float, values), strict=True))
+        parameters = {each.name: value for each, value in given if each.kind == PARAMETER}
+        seeds = {each.kind: int(value) for each, value in given if each.kind in (SEED_OF_RUN, DRAW)}
+        return replace(
+            job,
+            parameters={**job.parameters, **parameters},
+            settings=(*job.settings, *settings_of(given)),
+            seed=seeds.get(SEED_OF_RUN, job.seed),
+            variant=Variant(seeds[DRAW]) if DRAW in seeds else job.variant,
+        )
+
+
+def settings_of(given: Sequence[tuple[Target, float]]) -> list[str]:
+    """Return the values of keys of the vehicle file as KEY=VALUE; both coordinates of a point are one."""
+    points: dict[str, list[float]] = {}
+    found: dict[str, str] = {}
+    for target, value in given:
+        if target.kind != KEY:
+            continue
+        if target.point is None:
+            found[target.key] = repr(int(value)) if target.quantity and target.quantity.is_whole else repr(value)
+        else:
+            point = points.setdefault(target.key, list(target.point))
+            point[int(target.name[-2])] = value
+            found[target.key] = repr(point)
+    return [f"{key}={text}" for key, text in found.items()]
+
+
+def base_of(plan: Plan, targets: Sequence[Target]) -> Base:
+    """Return the base of the variants of a plan, whose job has its files loaded."""
+    job, setup = plan.job, plan.setup
+    expectations = tuple(each.name for each in setup.scenario.expectations)
+    known: dict[str, Any] = {
+        "versions": versions(),
+        "files": {purpose: each.sha256 for purpose, each in sorted(plan.sources.items())},
+        "ecu": _without_path(plan.ecu_identity),
+        "profiles": repr(setup.scenario.stimuli.profiles),  # also those of CSV files
+        "rate": job.options.rate,
+        "duration": plan.duration,
+        "parameters": dict(setup.scenario.parameters),
+        "settings": list(job.settings),
+        "initial_rad": setup.start_angle,
+        "seed": setup.seed,
+        "variant": list(job.variant),
+        "varied": [[each.name, each.kind] for each in targets],
+    }
+    text = json.dumps(known, sort_keys=True, default=str)
+    identity = hashlib.sha256(text.encode()).hexdigest()
+    return Base(job, tuple(targets), expectations, versions(), identity)
+
+
+def _without_path(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the identity of an ECU by its content: the same library elsewhere is the same ECU."""
+    return {name: value for name, value in identity.items() if name != "path"}
+
+
+def batch_name(base: Base, values: Floats) -> str:
+    """Return the hash of a batch of variants (n, d), by which its results are stored."""
+    content = bytes.fromhex(base.identity) + np.ascontiguousarray(values, dtype="<f8").tobytes()
+    return hashlib.sha256(content).hexdigest()[:ID_DIGITS]

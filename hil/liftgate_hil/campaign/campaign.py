@@ -1,0 +1,119 @@
+"""A campaign: designs or adaptive searches, evaluated by an executor into a store, and resumed from it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from liftgate_hil.campaign.base import Base, batch_name
+from liftgate_hil.campaign.distributions import Floats
+from liftgate_hil.campaign.executors.executor import Batch, Executor
+from liftgate_hil.campaign.results import arrow
+from liftgate_hil.campaign.store import Store, StoreError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+LONGEST_BATCH_S = 10.0  # s that a batch takes at most: what a stop or a death of a worker may lose
+_SHARES = 40  # batches for each worker at least, so that the last ones do not keep a part of them waiting
+MOST_FILES = 20_000  # batches of a campaign: a folder of many more files is slow to list
+
+
+class StoppedError(Exception):
+    """Raised where a campaign was stopped before its end."""
+
+
+@dataclass
+class Progress:
+    """Progress of a campaign, for whoever shows it."""
+
+    count: int  # variants in all; 0: not known
+    done: int = 0  # of these, those from before a resumption included
+    found: int = 0  # that were in the store at the start
+    retried: int = 0
+    began: float = field(default_factory=time.monotonic)
+
+    @property
+    def per_second(self) -> float:
+        """Variants evaluated in a second, so far."""
+        elapsed = time.monotonic() - self.began
+        return (self.done - self.found) / elapsed if elapsed > 0.0 else 0.0
+
+    @property
+    def left_s(self) -> float:
+        """Time left [s]; infinite: nothing is known yet."""
+        return (self.count - self.done) / self.per_second if self.per_second > 0.0 else float("inf")
+
+
+def batch_size(count: int, workers: int, seconds: float) -> int:
+    """Return the variants of a batch, of `count` that take some `seconds` each on so many workers."""
+    longest = max(1, int(LONGEST_BATCH_S / max(seconds, 1e-6)))
+    fair = max(1, -(-count // (workers * _SHARES)))
+    return max(min(longest, fair), -(-count // MOST_FILES))
+
+
+@dataclass
+class Campaign:
+    """A campaign that runs: its base, its executor, its store, and its progress."""
+
+    base: Base
+    executor: Executor
+    store: Store
+    stopped: Callable[[], bool]
+    progress: Progress
+    tell: Callable[[Progress], None]
+
+    def evaluate(self, batches: list[Batch]) -> None:
+        """Have all batches in the store; those that are there already are not evaluated again.
+
+        Raises StoppedError, StoreError, LiftgateError.
+        """
+        there = self.store.names()
+        missing = [each for each in batches if each.name not in there]
+        before = sum(len(each.values) for each in batches) - sum(len(each.values) for each in missing)
+        self.progress.done += before
+        self.progress.found += before
+        left = len(missing)
+        for done in self.executor.run(missing, self.store, self.stopped, self._note):
+            self.progress.retried += done.retried
+            left -= 1
+        if left:
+            raise StoppedError
+
+    def tables(self, batches: list[Batch]) -> Iterator[pa.Table]:
+        """Yield the tables of batches; one whose file is damaged is evaluated again.
+
+        Raises StoppedError, StoreError.
+        """
+        for batch in batches:
+            table = self.store.get(batch.name)
+            if table is None or table.num_rows != len(batch.values):
+                for done in self.executor.run([batch], self.store, self.stopped, self._note):
+                    self.progress.retried += done.retried
+                table = self.store.get(batch.name)
+            if table is None:
+                if self.stopped():
+                    raise StoppedError
+                raise StoreError(f"{self.store.address}: {batch.name}: written, and not there")
+            yield table
+
+    def results(self, values: Floats) -> pa.Table:
+        """Return the results of variants (n, d), in their order, evaluated on all workers."""
+        size = max(1, -(-len(values) // self.executor.workers))
+        batches = batches_of(self.base, values, size)
+        self.evaluate(batches)
+        return arrow().concat_tables(list(self.tables(batches)))
+
+    def _note(self, count: int) -> None:
+        self.progress.done += count
+        self.tell(self.progress)
+
+
+def batches_of(base: Base, values: Floats, size: int) -> list[Batch]:
+    """Return variants (n, d) in batches of a size."""
+    parts = [np.ascontiguousarray(values[k : k + size]) for k in range(0, len(values), size)]
+    return [Batch(batch_name(base, each), each) for each in parts]

@@ -1,0 +1,295 @@
+"""Executor on a Dask cluster: a task is a batch, evaluated in a child of the cluster's worker.
+
+The scheduler holds no results: a task writes its batch to the store and returns its name. Where a worker does not
+see the store, the task hands the table back, and this process stores it.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import pickle
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from multiprocessing.connection import wait
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from liftgate_hil.campaign.base import Base
+from liftgate_hil.campaign.distributions import Floats
+from liftgate_hil.campaign.executors.executor import Batch, Done
+from liftgate_hil.campaign.executors.slot import Slot
+from liftgate_hil.campaign.results import table_of
+from liftgate_hil.campaign.store import Store, StoreError
+from liftgate_hil.errors import ConfigError, LiftgateError, words_of
+from liftgate_hil.version import versions
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_CONNECT_S = 20.0  # s that a scheduler may take to answer
+_GONE_S = 30.0  # s without a connection to the scheduler until it is given up
+_NOBODY_S = 120.0  # s without any worker until the campaign is given up
+_LOOK_S = 0.5
+_IN_FLIGHT = 2  # batches for each thread of a worker: one at work, one that waits
+_DEATHS = 100  # of workers while they have a task in hand, until Dask gives the task up
+_COMPARED = ("liftgate-hil", "python", "numba", "llvmlite", "numpy")  # packages that results depend on
+
+
+class _Answer(NamedTuple):
+    """Answer of a task; either the batch is stored, or its table is here, or it was refused."""
+
+    retried: int
+    table: bytes = b""  # Parquet; empty: the worker has stored it
+    refused: str = ""  # why this worker does not take part, with its name
+
+
+class GoneError(LiftgateError):
+    """Raised where the scheduler of a cluster, or all of its workers, are gone."""
+
+
+class Cluster:
+    """Executor on the workers of a Dask scheduler. Raises ConfigError where it cannot be used."""
+
+    def __init__(self, base: Base, address: str, tell: Callable[[str], None] = lambda text: None) -> None:
+        self._base, self._address, self._tell = base, address, tell
+        distributed = _distributed()
+        # Its own log tells of lost connections with tracebacks; this class says what matters.
+        for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        try:
+            self._client = distributed.Client(
+                address, timeout=_CONNECT_S, set_as_default=False, name="liftgate-hil"
+            )
+        except (OSError, ValueError, TimeoutError) as error:
+            raise ConfigError(
+                f"`scheduler` {address}: {words_of(error)}; allowed: the address of a Dask scheduler"
+            ) from None
+        self._refused: set[str] = set()
+        try:
+            self._prepare()
+        except BaseException:
+            self.close()
+            raise
+
+    def _prepare(self) -> None:
+        """Check the workers' versions, and have the scheduler bear their deaths. Raises ConfigError."""
+        if not self._threads():
+            raise ConfigError(
+                f"`scheduler` {self._address}: it has no workers; allowed: one with `dask worker` processes"
+            )
+        try:
+            found = self._client.run(versions, on_error="return")
+        except Exception as error:
+            raise ConfigError(
+                f"`scheduler` {self._address}: its workers do not answer: {words_of(error)}"
+            ) from None
+        issues = [
+            f"worker {name}: {text}"
+            for name, given in found.items()
+            if (text := _differs(given, self._base.versions))
+        ]
+        if issues:
+            raise ConfigError(issues)
+        self._client.run_on_scheduler(_bear_deaths, deaths=_DEATHS)
+        self._content = self._client.scatter(_Content(pickle.dumps(self._base)), broadcast=False, hash=True)
+
+    @property
+    def workers(self) -> int:
+        """Threads of all workers."""
+        return max(1, sum(self._threads().values()))
+
+    def _threads(self) -> Mapping[str, int]:
+        threads: Mapping[str, int] = self._client.nthreads()
+        return {name: count for name, count in threads.items() if name not in self._refused}
+
+    def run(
+        self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], told: Callable[[int], None]
+    ) -> Iterator[Done]:
+        """Yield the batches as they are done; see `Executor.run`. Raises GoneError, LiftgateError, StoreError."""
+        waiting, again = iter(batches), list[Batch]()
+        busy: dict[Any, Batch] = {}
+        mark = store.mark()
+        watch = _Watch(self._client, self._address)
+        try:
+            while not stopped():
+                watch.look(self._threads() if watch.is_there() else {})
+                while watch.is_there() and len(busy) < _IN_FLIGHT * self.workers:
+                    batch = again.pop() if again else next(waiting, None)
+                    if batch is None:
+                        break
+                    busy[self._submit(batch, store, mark)] = batch
+                if not busy and watch.is_there():
+                    return
+                time.sleep(0.02)
+                for future in [each for each in busy if each.done()]:
+                    batch = busy.pop(future)
+                    answer = self._answer(future)
+                    if answer is None:
+                        again.append(batch)
+                        continue
+                    if answer.table:
+                        store.put(batch.name, _unpacked(answer.table))
+                    told(len(batch.values))
+                    yield Done(batch, answer.retried)
+        finally:
+            store.unmark(mark)
+            if self._client.status == "running":
+                self._client.cancel(list(busy))
+
+    def _submit(self, batch: Batch, store: Store, mark: str) -> Any:
+        allowed = list(self._threads()) if self._refused else None
+        return self._client.submit(
+            _evaluated, self._content, self._base.identity, batch.values, batch.name, store, mark,
+            pure=False, retries=0, workers=allowed,
+        )  # fmt: skip
+
+    def _answer(self, future: Any) -> _Answer | None:
+        """Return the answer of a task; None: its batch is to be submitted again. Raises LiftgateError."""
+        try:
+            answer: _Answer = future.result(timeout=_CONNECT_S)
+        except LiftgateError:
+            raise
+        except Exception as error:
+            if type(error).__name__ in ("CancelledError", "FutureCancelledError", "KilledWorker", "TimeoutError"):
+                return None  # the scheduler was lost for a while, or workers die in rows, which `_Watch` looks at
+            raise LiftgateError(f"{self._address}: a task failed: {words_of(error)}") from error
+        if answer.refused:
+            name = answer.refused.partition(": ")[0].removeprefix("worker ")
+            if name not in self._refused:
+                self._tell(f"note: {answer.refused}: it is not used")
+            self._refused.add(name)
+            return None
+        return answer
+
+    def close(self) -> None:
+        """Close the connection; the cluster goes on for others."""
+        try:
+            if self._client.status == "running":
+                self._client.run(_end_slots, on_error="ignore")
+            self._client.close(timeout=2.0)
+        except Exception:  # the scheduler is gone, with all that could be closed
+            return
+
+
+class _Watch:
+    """Watches whether scheduler and workers are there."""
+
+    def __init__(self, client: Any, address: str) -> None:
+        self._client, self._address = client, address
+        self._seen = self._worked = time.monotonic()
+
+    def is_there(self) -> bool:
+        """Whether the scheduler is connected."""
+        return bool(self._client.status == "running")
+
+    def look(self, threads: Mapping[str, int]) -> None:
+        """Raise GoneError where the scheduler or its workers have been gone for too long."""
+        now = time.monotonic()
+        if self.is_there():
+            self._seen = now
+            if threads:
+                self._worked = now
+        else:
+            self._worked = now
+        if now - self._seen > _GONE_S or self._client.status == "closed":
+            raise GoneError(
+                f"the scheduler at {self._address} is gone; what is in the store is kept: go on with --resume"
+            )
+        if now - self._worked > _NOBODY_S:
+            raise GoneError(
+                f"{self._address}: no worker for {_NOBODY_S:g} s; the store is kept: go on with --resume"
+            )
+
+
+class _Content(NamedTuple):
+    """A pickled base, as Dask carries it: Dask must not look into it."""
+
+    pickled: bytes
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError:
+        raise ConfigError("`scheduler`: allowed: with the package's extra `cluster` installed") from None
+    return distributed
+
+
+def _bear_deaths(dask_scheduler: Any, deaths: int) -> None:
+    """Set how many workers may die of a task: all tasks of a dead worker are suspect, most without a fault."""
+    dask_scheduler.allowed_failures = deaths
+
+
+def _differs(given: Any, wanted: Mapping[str, str]) -> str:
+    """Return what differs in a worker's versions, in words; "": nothing."""
+    if not isinstance(given, Mapping):
+        return f"liftgate-hil is not there: {words_of(given) if isinstance(given, BaseException) else given}"
+    wrong = [
+        f"{name} {given.get(name)}, here {wanted[name]}" for name in _COMPARED if given.get(name) != wanted[name]
+    ]
+    return f"{', '.join(wrong)}; allowed: the same versions, or results would differ" if wrong else ""
+
+
+_slots: dict[int, Slot] = {}  # of this worker of the cluster, by thread
+_slots_lock = threading.Lock()
+
+
+def _slot_for(content: _Content, identity: str) -> Slot:
+    """Return this thread's slot for a base; one of another base is closed."""
+    place = threading.get_ident()
+    with _slots_lock:
+        slot = _slots.get(place)
+        if slot is not None and slot.base.identity != identity:
+            slot.close()
+            slot = None
+        if slot is None:
+            slot = _slots[place] = Slot(pickle.loads(content.pickled), content.pickled)
+        return slot
+
+
+def _end_slots() -> None:
+    with _slots_lock:
+        for slot in _slots.values():
+            slot.close()
+        _slots.clear()
+
+
+def _evaluated(content: _Content, identity: str, values: Floats, name: str, store: Store, mark: str) -> _Answer:
+    """Evaluate a batch in this worker of the cluster."""
+    from distributed import get_worker
+
+    base: Base = pickle.loads(content.pickled)
+    if text := _differs(versions(), base.versions):
+        return _Answer(0, refused=f"worker {get_worker().address}: {text}")
+    is_shared = store.is_shared(mark)
+    if is_shared and store.get(name) is not None:  # evaluated by a worker that died before it could say so
+        return _Answer(0)
+    slot = _slot_for(content, identity)
+    before = slot.retried
+    slot.begin(values)
+    while not slot.look():
+        if slot.connection is not None:
+            wait([slot.connection], _LOOK_S)
+    table = table_of(base, values, slot.rows)
+    if is_shared:
+        store.put(name, table)
+        return _Answer(slot.retried - before)
+    return _Answer(slot.retried - before, _packed(table))
+
+
+def _packed(table: pa.Table) -> bytes:
+    import pyarrow.parquet as pq
+
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer, compression="zstd")
+    return buffer.getvalue()
+
+
+def _unpacked(content: bytes) -> pa.Table:
+    import pyarrow.parquet as pq
+
+    try:
+        return pq.read_table(io.BytesIO(content))
+    except Exception as error:
+        raise StoreError(f"a batch that a worker handed back cannot be read: {words_of(error)}") from error

@@ -1,0 +1,168 @@
+"""Slot of an executor: a worker process and the batch that it evaluates; a worker that dies is replaced.
+
+The first variant without a row is the one that its worker died of: it is tried again in a new process, and one
+that kills its process twice becomes a row with the error.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import Counter
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.campaign.base import Base
+from liftgate_hil.campaign.distributions import Floats
+from liftgate_hil.campaign.evaluation import Row, error_row
+from liftgate_hil.campaign.executors.worker import FAILED, READY, ROW
+from liftgate_hil.campaign.figures import Figures
+from liftgate_hil.errors import LiftgateError
+from liftgate_hil.running.processes.children import end, foreign_output
+
+_MODULE = "liftgate_hil.campaign.executors.worker"
+_SILENT_S = 60.0  # s without a sign of life, which comes every second
+_STILL_S = 300.0  # s without progress of a variant: compiling takes up to a minute
+_END_S = 2.0
+_DEATHS = 2  # of the same variant's process, until it is given up
+
+
+class Slot:
+    """A worker process of a base, given one batch after the other; see the module.
+
+    `content` is the pickled base.
+    """
+
+    def __init__(self, base: Base, content: bytes) -> None:
+        self.base, self._content = base, content
+        self.rows: list[Row] = []
+        self.retried = 0  # variants that were tried again, so far
+        self._values: Floats = np.zeros((0, 0))
+        self._deaths: Counter[int] = Counter()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._connection: Connection | None = None
+        self._is_ready = False
+        self._progress: tuple[Any, ...] = ()
+        self._heard = self._moved = 0.0
+
+    @property
+    def connection(self) -> Connection | None:
+        """The connection to the worker, to be waited for."""
+        return self._connection
+
+    def begin(self, values: Floats) -> None:
+        """Begin with a batch of variants (n, d)."""
+        self._values, self.rows = values, []
+        self._deaths.clear()
+        if self._process is None:
+            self._start()
+        elif self._is_ready:
+            self._send()
+
+    def look(self) -> bool:
+        """Process what the worker has sent; return whether the batch is done. Raises LiftgateError."""
+        if len(self.rows) == len(self._values):
+            return True
+        assert self._connection is not None
+        cause = ""
+        try:
+            while self._connection.poll(0.0):
+                self._take(self._connection.recv())
+        except (EOFError, OSError, ValueError) as error:
+            cause = self._ended() or f"its worker's answer cannot be read: {error}"
+        if not cause:
+            cause = self._hangs()
+        if cause and len(self.rows) < len(self._values):
+            self._replace(cause)
+        return len(self.rows) == len(self._values)
+
+    def close(self) -> None:
+        """End the worker."""
+        process, self._process = self._process, None
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+        if process is not None:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGKILL)
+            end(process, _END_S)
+        self._is_ready = False
+
+    def _start(self) -> None:
+        ours, theirs = socket.socketpair()
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", _MODULE, str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=foreign_output(),
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,  # signals for the caller's group are for the caller alone
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+            )
+        finally:
+            theirs.close()
+        self._connection = Connection(ours.detach())
+        self._heard = self._moved = time.monotonic()
+        self._progress = ()
+        with contextlib.suppress(OSError):  # it has died already, which `look` finds out
+            self._connection.send((self._content, sys.path))
+
+    def _send(self) -> None:
+        assert self._connection is not None
+        self._moved = time.monotonic()
+        with contextlib.suppress(OSError):
+            self._connection.send(self._values[len(self.rows) :])
+
+    def _take(self, message: tuple[Any, ...]) -> None:
+        self._heard = time.monotonic()
+        kind = message[0]
+        if kind == READY:
+            self._is_ready = True
+            self._send()
+        elif kind == FAILED:
+            raise LiftgateError(f"a worker of the campaign: {message[1]}")
+        elif kind == ROW:
+            verdict, margins, figures, wall_s, error = message[1]
+            self.rows.append(Row(verdict, margins, Figures(*figures), wall_s, error))
+            self._moved = self._heard
+        elif message[1:] != self._progress:
+            self._progress, self._moved = message[1:], self._heard
+
+    def _hangs(self) -> str:
+        now = time.monotonic()
+        if now - self._heard > _SILENT_S and self._is_ready:
+            return f"its process gave no sign of life for {_SILENT_S:g} s"
+        if now - self._moved > _STILL_S:
+            return f"its process made no progress for {_STILL_S:g} s"
+        return ""
+
+    def _ended(self) -> str:
+        """Return in words how the worker has ended."""
+        assert self._process is not None
+        try:
+            code = self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            return "its process closed its connection"
+        return f"its process ended ({signal.Signals(-code).name if code < 0 else f'exit code {code}'})"
+
+    def _replace(self, cause: str) -> None:
+        """Start another worker for the rest of the batch. Raises LiftgateError where none can be started."""
+        was_ready = self._is_ready
+        self.close()
+        place = len(self.rows)
+        self._deaths[place] += 1
+        self.retried += 1
+        if self._deaths[place] >= _DEATHS:
+            if not was_ready:
+                raise LiftgateError(f"the campaign's workers cannot start: {cause.replace('its process', 'one')}")
+            self.rows.append(error_row(self.base, cause))
+            if len(self.rows) == len(self._values):
+                return
+        self._start()

@@ -1,0 +1,162 @@
+"""A campaign's worker process: evaluates variants as they come, and answers with a row each.
+
+python -P -m liftgate_hil.campaign.executors.worker DESCRIPTOR       a socket; the other end is a `Worker`
+
+A user's ECU may crash, hang or keep statics: each of its variants is evaluated in a child of this process, which
+is forked before any of the user's code is loaded.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import os
+import pickle
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from liftgate_hil.campaign.base import Base
+    from liftgate_hil.campaign.evaluation import Evaluator, Row
+
+READY, FAILED, ROW, BEAT = "ready", "failed", "row", "beat"  # first part of a message to the caller
+BEAT_S = 1.0  # from one sign of life to the next
+
+
+def main() -> int:
+    """Evaluate what the caller sends until it closes the connection; return the exit code."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
+    connection = Connection(int(sys.argv[1]))
+    try:
+        content, path = connection.recv()
+    except (EOFError, OSError):
+        return 0
+    # Appended last, so that a module of an ECU does not hide one that this program needs.
+    sys.path += [each for each in (*path, str(Path.cwd())) if each and each not in sys.path]
+    mouth = _Mouth(connection)
+    try:
+        with mouth.beating():
+            runner = _runner_of(pickle.loads(content))
+        mouth.say(READY)
+        gc.collect()
+        gc.freeze()  # the plan's objects live as long as this process
+        _serve(connection, mouth, runner)
+    except (EOFError, OSError):  # nobody is left to answer to
+        return 0
+    except BaseException as error:
+        from liftgate_hil.errors import LiftgateError, text_of
+
+        is_ours = isinstance(error, LiftgateError)
+        mouth.say(FAILED, text_of(error) if is_ours else f"{type(error).__name__}: {text_of(error)}")
+        return 1
+    return 0
+
+
+def _serve(connection: Connection, mouth: _Mouth, runner: Any) -> None:
+    while True:
+        for values in connection.recv():
+            with mouth.beating(runner.evaluator):
+                row = runner.row(values)
+            mouth.say(ROW, tuple(row))
+
+
+class _Mouth:
+    """Sends messages to the caller, and signs of life while something takes its time."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection, self._lock = connection, threading.Lock()
+        self._evaluator: Evaluator | None = None
+        self._is_busy = threading.Event()
+        threading.Thread(target=self._beat, daemon=True).start()
+
+    def say(self, *message: Any) -> None:
+        """Send a message."""
+        with self._lock:
+            self._connection.send(message)
+
+    @contextlib.contextmanager
+    def beating(self, evaluator: Evaluator | None = None) -> Iterator[None]:
+        """Context in which signs of life are sent, with the progress of an evaluator."""
+        self._evaluator = evaluator
+        self._is_busy.set()
+        try:
+            yield
+        finally:
+            self._is_busy.clear()
+
+    def _beat(self) -> None:
+        while True:
+            self._is_busy.wait()
+            time.sleep(BEAT_S)
+            if not self._is_busy.is_set():
+                continue
+            ticks = foreign = 0
+            if (evaluator := self._evaluator) is not None:
+                control = evaluator.memory.shared.control[0]
+                ticks, foreign = int(control.tick), int(control.foreign)
+            try:
+                self.say(BEAT, ticks, foreign)
+            except OSError:  # the caller has died: what this process does is of no use
+                os._exit(0)
+
+
+class _Direct:
+    """Evaluates variants in this process."""
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        self.evaluator = evaluator
+
+    def row(self, values: Sequence[float]) -> Row:
+        """Return the row of a variant."""
+        return self.evaluator.row(values)
+
+
+class _Forked:
+    """Evaluates each variant in a child of its own; one whose child dies twice is an error."""
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        evaluator.load()
+        self.evaluator = evaluator
+
+    def row(self, values: Sequence[float]) -> Row:
+        """Return the row of a variant."""
+        from liftgate_hil.campaign.evaluation import error_row
+
+        began, cause = time.perf_counter(), ""
+        for _ in range(2):
+            row, cause = self._tried(values)
+            if row is not None:
+                return row
+        return error_row(self.evaluator.base, cause, time.perf_counter() - began)
+
+    def _tried(self, values: Sequence[float]) -> tuple[Row | None, str]:
+        """Return the row, or None and why there is none."""
+        from liftgate_hil.campaign.executors.forked import answer_of
+
+        evaluator = self.evaluator
+        evaluator.reset()
+        control, step = evaluator.memory.shared.control[0], 1.0 / evaluator.base.job.options.rate
+        payload, cause = answer_of(lambda: pickle.dumps(evaluator.row(values)), control)
+        if payload is None:
+            who = "the ECU" if int(control.foreign) % 2 else "the run"
+            return None, f"{who} at {int(control.tick) * step:.3f} s: {cause}"
+        row: Row = pickle.loads(payload)
+        return row, ""
+
+
+def _runner_of(base: Base) -> _Direct | _Forked:
+    from liftgate_hil.campaign.evaluation import Evaluator
+    from liftgate_hil.ecu.find import is_foreign
+
+    evaluator = Evaluator(base)
+    return _Forked(evaluator) if is_foreign(base.job.ecu) else _Direct(evaluator)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,87 @@
+"""Figures of a variant's run: the columns of a campaign's results that are no verdicts and no margins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.report.pinch import pinch_event
+from liftgate_hil.signals import COLUMN_PLACE
+
+
+class Figures(NamedTuple):
+    """Figures of a run; NaN: it has none, as nothing was pinched or the gate did not reverse.
+
+    Those of a pinch are of the contact with the largest force; see `report.pinch`.
+    """
+
+    peak_pinch_force_n: float  # N, 0: nothing was pinched
+    reversal_time_s: float  # s, from the first touch to where the gate turned
+    reversal_distance_deg: float  # deg, by which the gate went on after the first touch
+    peak_current_a: float  # A, of either motor, without its sign
+    contact_angle_deg: float  # deg, gate angle at the first touch
+    current_rise_a: float  # A, of the motor whose current rose most from the first touch to the turn
+    pinch_impulse_ns: float  # N s, of the last contact
+    over_limit_s: float  # s, longest time of a contact above the vehicle's gate.pinch_limit
+
+
+NO_FIGURES = Figures(*(math.nan,) * len(Figures._fields))
+MEANINGS: Mapping[str, type] = get_type_hints(Figures)
+_KEPT = (
+    "time_s",
+    "gate_angle_deg",
+    "gate_rate_degps",
+    "pinch_force_n",
+    "left_current_a",
+    "right_current_a",
+    "pinch_impulse_ns",
+    "pinch_over_limit_s",
+)
+_PLACES = np.array([COLUMN_PLACE[name] for name in _KEPT])
+
+
+class FigureSink:
+    """Sink that keeps the columns which the figures need."""
+
+    def __init__(self) -> None:
+        self._parts: list[NDArray[np.float64]] = []
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """Keep the columns of rows (n, ROW_WIDTH)."""
+        self._parts.append(rows[:, _PLACES].T)
+
+    def figures(self) -> Figures:
+        """Return the figures of all rows so far."""
+        if not self._parts:
+            return NO_FIGURES
+        return figures_of(dict(zip(_KEPT, np.concatenate(self._parts, axis=1), strict=True)))
+
+
+def figures_of(columns: Mapping[str, NDArray[np.float64]]) -> Figures:
+    """Return the figures of a run's columns, (n,) each."""
+    if not len(columns["time_s"]):
+        return NO_FIGURES
+    currents = np.abs(np.stack([columns["left_current_a"], columns["right_current_a"]]))
+    peak = float(columns["pinch_force_n"].max())
+    event = pinch_event(columns) if peak > 0.0 else None
+    if event is None:
+        return NO_FIGURES._replace(
+            peak_pinch_force_n=peak, peak_current_a=float(currents.max()), pinch_impulse_ns=0.0, over_limit_s=0.0
+        )
+    until = event.time_s if math.isnan(event.turn_s) else event.turn_s
+    first, last = np.searchsorted(columns["time_s"], (event.start_s, until))
+    pinched = currents[:, first : max(last, first) + 1]
+    return Figures(
+        peak_pinch_force_n=event.force_n,
+        reversal_time_s=event.reversal_time_s,
+        reversal_distance_deg=event.further_deg,
+        peak_current_a=float(currents.max()),
+        contact_angle_deg=event.start_deg,
+        current_rise_a=float((pinched.max(axis=1) - pinched[:, 0]).max()),
+        pinch_impulse_ns=float(columns["pinch_impulse_ns"].max()),
+        over_limit_s=float(columns["pinch_over_limit_s"].max()),
+    )

@@ -1,0 +1,130 @@
+"""Folder of a campaign: campaign.json, the store of batches, results.parquet, report.html."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import uuid
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.campaign.request import Request
+from liftgate_hil.campaign.results import VARIANT
+from liftgate_hil.campaign.store import StoreError
+from liftgate_hil.errors import ConfigError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+MANIFEST, RESULTS, AGAINST, REPORT, BATCHES = (
+    "campaign.json", "results.parquet", "against.parquet", "report.html", "batches",
+)  # fmt: skip
+FORMAT = 1  # of campaign.json
+_GROUP = 16_384  # rows of a row group at least
+
+
+class Folder:
+    """The folder with everything of a campaign."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def create(self) -> None:
+        """Create the folder. Raises ConfigError."""
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"`output` {self.path}: {error.strerror}; allowed: a folder to write to") from error
+
+    @property
+    def has_campaign(self) -> bool:
+        """Whether a campaign has begun here."""
+        return (self.path / MANIFEST).is_file()
+
+    def manifest(self) -> dict[str, Any]:
+        """Return the content of campaign.json. Raises ConfigError."""
+        path = self.path / MANIFEST
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigError(f"{path}: {error.strerror}; allowed: the folder of a campaign") from error
+        except ValueError as error:
+            raise ConfigError(f"{path}: not JSON: {error}; allowed: as a campaign has written it") from error
+        if not isinstance(found, dict) or found.get("format") != FORMAT:
+            raise ConfigError(f"{path}: format: allowed: {FORMAT}, of a campaign of this version")
+        return found
+
+    def request(self) -> Request:
+        """Return the request in campaign.json. Raises ConfigError."""
+        try:
+            return Request.from_dict(self.manifest()["request"])
+        except (KeyError, TypeError):
+            raise ConfigError(
+                f"{self.path / MANIFEST}: request: missing; allowed: as a campaign has written it"
+            ) from None
+
+    def write_manifest(self, content: dict[str, Any]) -> None:
+        """Write campaign.json. Raises StoreError."""
+        text = json.dumps({"format": FORMAT, **content}, indent=2, ensure_ascii=False, allow_nan=False)
+        self.write(MANIFEST, text.encode())
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file beside its place, and rename it. Raises StoreError."""
+        beside = self.path / f".{name}.{uuid.uuid4().hex}"
+        try:
+            try:
+                beside.write_bytes(content)
+                beside.replace(self.path / name)
+            finally:
+                with contextlib.suppress(OSError):
+                    beside.unlink()
+        except OSError as error:
+            raise StoreError(f"{self.path / name}: {error.strerror}") from error
+
+    def write_results(self, tables: Iterable[pa.Table], name: str = RESULTS) -> int:
+        """Write tables, in their order, as one Parquet file; return the number of rows. Raises StoreError."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        beside, writer, rows = self.path / f".{name}.{os.getpid()}", None, 0
+        kept: list[pa.Table] = []
+        try:
+            try:
+                for table in tables:
+                    kept.append(table)
+                    rows += table.num_rows
+                    writer = writer or pq.ParquetWriter(beside, table.schema, compression="zstd")
+                    if sum(each.num_rows for each in kept) >= _GROUP:
+                        writer.write_table(pa.concat_tables(kept))
+                        kept.clear()
+                if writer is not None:
+                    if kept:
+                        writer.write_table(pa.concat_tables(kept))
+                    writer.close()
+                    beside.replace(self.path / name)
+            finally:
+                with contextlib.suppress(OSError):
+                    beside.unlink()
+        except OSError as error:
+            raise StoreError(f"{self.path / name}: {error.strerror or error}") from error
+        return rows
+
+    def find(self, variant: str) -> dict[str, Any]:
+        """Return the row of the variant whose name begins like this. Raises ConfigError."""
+        import pyarrow.parquet as pq
+
+        path = self.path / RESULTS
+        try:
+            names = pq.read_table(path, columns=[VARIANT])[VARIANT].to_pylist()
+        except (OSError, ValueError) as error:
+            raise ConfigError(f"{path}: {error}; allowed: results of a campaign") from None
+        places = [k for k, each in enumerate(names) if each.startswith(variant)]
+        if not places or len({names[k] for k in places}) > 1:
+            what = "no such variant" if not places else f"{len(places)} variants begin like that"
+            raise ConfigError(
+                f"`replay` {variant}: {what}; allowed: one of column `{VARIANT}`, or its first digits"
+            )
+        found: dict[str, Any] = pq.read_table(path).slice(places[0], 1).to_pylist()[0]
+        return found

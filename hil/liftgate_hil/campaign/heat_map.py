@@ -1,0 +1,86 @@
+"""Heat map of a result over two varied values, as an HTML table that prints and reads without colour."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from liftgate_hil.campaign.distributions import Floats
+from liftgate_hil.report.page import text
+
+_COLUMNS, _ROWS = 14, 10  # classes of a continuous value, at most
+
+STYLE = """
+table.heat { border-spacing: 2px; border-collapse: separate; margin: .3rem 0; }
+table.heat th { border: 0; font-weight: 400; color: var(--soft); padding: 0 .3rem; text-align: right;
+  white-space: nowrap; }
+table.heat thead th { text-align: center; }
+table.heat td { border: 0; padding: .22rem .3rem; text-align: center; min-width: 2.1rem; border-radius: .2rem;
+  color: #1c2126; }
+table.heat td.none { color: var(--soft); }
+table.heat td.over { font-weight: 700; outline: 2px solid #b3261e; outline-offset: -2px; }
+p.key { color: var(--soft); font-size: .85rem; margin: .1rem 0 .8rem; }
+"""
+
+
+class Cells(NamedTuple):
+    """Cells of a heat map: the worst result in each, and how the rows and columns are called."""
+
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    worst: Floats  # (rows, columns), NaN: no variant there
+
+
+def cells_of(across: Floats, down: Floats, results: Floats, is_low_worst: bool) -> Cells:
+    """Return the worst result (n,) in each cell over two varied values (n,)."""
+    columns, column_of = _classes(across, _COLUMNS)
+    rows, row_of = _classes(down, _ROWS)
+    sign = -1.0 if is_low_worst else 1.0
+    worst = np.full((len(rows), len(columns)), -np.inf)
+    known = np.isfinite(results)
+    np.maximum.at(worst, (row_of[known], column_of[known]), sign * results[known])
+    return Cells(rows, columns, np.where(np.isfinite(worst), sign * worst, np.nan))
+
+
+def _classes(values: Floats, most: int) -> tuple[tuple[str, ...], np.ndarray]:
+    distinct = np.unique(values)
+    if len(distinct) <= 3 * most // 2:
+        return tuple(f"{each:g}" for each in distinct.tolist()), np.searchsorted(distinct, values)
+    edges = np.linspace(distinct[0], distinct[-1], most + 1)
+    if distinct[0] > 0.0 and distinct[-1] / distinct[0] > 20.0:
+        edges = np.geomspace(distinct[0], distinct[-1], most + 1)
+    names = tuple(f"{0.5 * (low + high):.3g}" for low, high in pairwise(edges.tolist()))
+    return names, np.clip(np.searchsorted(edges, values, side="right") - 1, 0, most - 1)
+
+
+def heat_map(cells: Cells, across: str, down: str, good: float, bad: float, digits: int = 0) -> str:
+    """Return the heat map as HTML; a cell is green at `good`, red at `bad`, and framed beyond it.
+
+    `across` and `down` are the labels of the two values.
+    """
+    head = "".join(f"<th>{text(each)}</th>" for each in cells.columns)
+    body = []
+    for name, row in zip(cells.rows, cells.worst.tolist(), strict=True):
+        inside = "".join(_cell(value, good, bad, digits) for value in row)
+        body.append(f"<tr><th>{text(name)}</th>{inside}</tr>")
+    return (
+        '<div class="wide"><table class="heat"><thead>'
+        f"<tr><th>{text(down)} ↓ &nbsp; {text(across)} →</th>{head}</tr>"
+        f"</thead><tbody>{''.join(body)}</tbody></table></div>"
+    )
+
+
+def _cell(value: float, good: float, bad: float, digits: int) -> str:
+    if not np.isfinite(value):
+        return '<td class="none">·</td>'
+    share = min(max((value - good) / (bad - good), 0.0), 1.0) if bad != good else 0.0
+    # Of ColorBrewer's RdYlGn, whose ends differ in lightness too: green, yellow, red.
+    stops = ((0x91, 0xCF, 0x60), (0xFF, 0xEE, 0xA0), (0xF4, 0x7B, 0x5A))
+    left, right = (stops[0], stops[1]) if share < 0.5 else (stops[1], stops[2])
+    at = 2.0 * share if share < 0.5 else 2.0 * share - 1.0
+    colour = "".join(f"{round(a + at * (b - a)):02x}" for a, b in zip(left, right, strict=True))
+    is_over = (value > bad) if bad > good else (value < bad)
+    kind = ' class="over"' if is_over else ""
+    return f'<td{kind} style="background:#{colour}">{value:.{digits}f}</td>'

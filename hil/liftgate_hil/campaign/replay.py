@@ -1,0 +1,82 @@
+"""Replay of one variant of a campaign, compared bit by bit with what the campaign saw."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from liftgate_hil.campaign.folder import Folder
+from liftgate_hil.campaign.request import prepared
+from liftgate_hil.campaign.results import MARGIN, VARIANT, VERDICT
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE
+from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.result import Result
+from liftgate_hil.running.run import execute
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A variant that was run again."""
+
+    is_equal: bool  # to the bit with what the campaign saw
+    lines: Sequence[str]  # in words
+
+
+def replayed(path: Path, variant: str, record: Sequence[Path] = ()) -> Replayed:
+    """Run a variant of the campaign in a folder as a run of its own, and compare it. Raises ConfigError."""
+    folder = Folder(path)
+    found = prepared(folder.request())
+    before = folder.manifest()
+    if before.get("identity") != found.base.identity:
+        raise ConfigError(f"{path}: files or versions are not those of the campaign; allowed: the same ones")
+    row = folder.find(variant)
+    values = [float(row[each.name]) for each in found.base.targets]
+    if found.base.variant(values) != row[VARIANT]:
+        raise ConfigError(f"{path}: variant {row[VARIANT]}: its values were changed")
+    job = found.base.job_of(values)
+    result = execute(plan_of(replace(job, trace=1, options=replace(job.options, record=tuple(record)))))
+    seen = _columns_of(result, found.base.expectations)
+    wrong = [
+        f"{name}: {_shown(each)}, the campaign saw {_shown(row.get(name))}"
+        for name, each in seen.items()
+        if not _is_same(each, row.get(name))
+    ]
+    values_text = ", ".join(
+        f"{each.name} = {value:.12g}" for each, value in zip(found.base.targets, values, strict=True)
+    )
+    lines = [
+        f"variant {row[VARIANT]}: {values_text}",
+        f"{result.verdict}{': ' + result.reason if result.reason else ''}",
+    ]
+    lines += [f"recorded: {os.fspath(each)}" for each in result.recording]
+    if not wrong:
+        return Replayed(True, [*lines, "equal to the bit with what the campaign saw"])
+    return Replayed(False, [*lines, "not as the campaign saw it:", *wrong])
+
+
+def _columns_of(result: Result, expectations: Sequence[str]) -> dict[str, Any]:
+    """Return the columns of results that a run of its own shows."""
+    from liftgate_hil.campaign.figures import figures_of
+
+    margins = {}
+    for name in expectations:
+        each = result.expectations.get(name)
+        is_known = each is not None and each.margin is not None and each.verdict != INCONCLUSIVE
+        margins[f"{MARGIN}{name}"] = each.margin if is_known and each is not None else None
+    figures = figures_of(result.trace)._asdict() if result.verdict != ERROR else {}
+    return {VERDICT: result.verdict, **margins, **figures}
+
+
+def _is_same(one: Any, other: Any) -> bool:
+    if isinstance(one, float) and math.isnan(one):
+        one = None
+    return bool(one == other)
+
+
+def _shown(value: Any) -> str:
+    return repr(value) if isinstance(value, float) else str(value)

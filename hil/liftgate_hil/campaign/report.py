@@ -1,0 +1,270 @@
+"""Report of a campaign as one HTML page: what was found on its first screen, the evidence below."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from liftgate_hil.campaign.distributions import Floats
+from liftgate_hil.campaign.heat_map import STYLE as HEAT_STYLE
+from liftgate_hil.campaign.heat_map import cells_of, heat_map
+from liftgate_hil.campaign.results import MARGIN
+from liftgate_hil.campaign.sensitivity import Index, rest_of
+from liftgate_hil.campaign.summary import FORCE, Summary
+from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
+from liftgate_hil.report.numbers import axis_label, significant
+from liftgate_hil.report.page import Markup, alert, figure, page, pairs, section, table, text
+from liftgate_hil.report.pinch import BORROWED, ORIGINS
+from liftgate_hil.report.provenance import Provenance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LIMIT = 100.0  # N, at which the force's heat map is red: UN R21 5.8, borrowed
+
+STYLE = (
+    HEAT_STYLE
+    + """
+.tiles { display: flex; flex-wrap: wrap; gap: .7rem; margin: 1rem 0 .6rem; }
+.tile { border: 1px solid var(--grid); border-radius: .5rem; padding: .5rem .9rem; min-width: 8rem; flex: 1; }
+.tile b { display: block; font-size: 1.7rem; line-height: 1.25; font-variant-numeric: tabular-nums; }
+.tile span { color: var(--soft); font-size: .85rem; } .bad b { color: #b3261e; } .fine b { color: #00704f; }
+@media (prefers-color-scheme: dark) { .bad b { color: #ff8a80; } .fine b { color: #2fc79c; } }
+.bar { display: inline-block; height: .7em; background: var(--final); border-radius: .2em; }
+code { font: .85em ui-monospace, monospace; overflow-wrap: anywhere; } p.lead { font-size: 1.05rem; }
+"""
+)
+
+
+def tile(number: str, words: str, kind: str = "") -> str:
+    """Return a number with what it is of; `kind` is "bad", "fine" or ""."""
+    return f'<div class="tile {kind}"><b>{text(number)}</b><span>{text(words)}</span></div>'
+
+
+def report(
+    title: str,
+    summary: Summary,
+    units: Mapping[str, str],
+    folder: str,
+    provenance: Provenance,
+    more: Sequence[str] = (),
+) -> str:
+    """Return the page; `units` are those of varied names, `more` are sections of a search or a probability."""
+    return page(
+        title,
+        f"{summary.count:,} variants, liftgate-hil {provenance.versions['liftgate-hil']}, {provenance.date}",
+        [
+            _first_screen(summary, units),
+            *more,
+            section("Expectations", _requirements(summary)),
+            section("What drives it", *_drivers(summary)),
+            section("Distributions", *_distributions(summary)),
+            section("Worst variants", _worst(summary, folder)),
+            section(
+                "Errors", table(("error", "variants"), [(e, str(n)) for e, n in summary.errors], ("name", "r"))
+            ),
+            section("Provenance", pairs(provenance.rows())),
+        ],
+        STYLE,
+    )
+
+
+def _first_screen(summary: Summary, units: Mapping[str, str]) -> str:
+    total, failed = summary.count, summary.counts.get("fail", 0)
+    wrong = summary.counts.get("error", 0)
+    decided = total - wrong - summary.counts.get("inconclusive", 0)
+    share = f"{100.0 * failed / decided:.3g} %" if decided else "—"
+    force = summary.force[np.isfinite(summary.force)]
+    tiles = [
+        tile(f"{total:,}", "variants evaluated"),
+        tile(share, f"of the decided ones fail ({failed:,})", "bad" if failed else "fine"),
+    ]
+    if len(force) and force.max() > 0.0:
+        over = int((force > LIMIT).sum())
+        tiles.append(tile(f"{force.max():.0f} N", "largest pinch force", "bad" if force.max() > LIMIT else "fine"))
+        tiles.append(tile(f"{over:,}", f"variants press with more than {LIMIT:.0f} N", "bad" if over else "fine"))
+    if wrong:
+        tiles.append(tile(f"{wrong:,}", "errors: no result", "bad"))
+    return f'<p class="lead">{text(_story(summary))}</p><div class="tiles">{"".join(tiles)}</div>' + heat_section(
+        summary, units
+    )
+
+
+def _story(summary: Summary) -> str:
+    """Return the result in a sentence or two."""
+    failing = [each for each in summary.expectations if each.failed]
+    parts = []
+    if failing:
+        most = max(failing, key=lambda each: each.failed)
+        parts.append(f"“{most.name}” fails in {most.failed:,} of {most.failed + most.passed:,} variants.")
+    elif summary.expectations:
+        parts.append("No variant fails.")
+    if summary.indices and summary.indices[0].first_order >= 0.1:
+        top = summary.indices[0]
+        parts.append(f"{top.name} alone explains {100.0 * top.first_order:.0f} % of its variance.")
+    return " ".join(parts)
+
+
+def heat_section(summary: Summary, units: Mapping[str, str]) -> str:
+    """Return the heat maps over the two values that matter most; "": fewer than two vary."""
+    indices = {each.name: each.first_order for each in (summary.force_indices or summary.indices)}
+    varying = [name for name, each in summary.values.items() if len(np.unique(each)) > 1]
+    names = sorted(varying, key=lambda name: -indices.get(name, 0.0))[:2]
+    if len(names) < 2:
+        return ""
+    across, down = sorted(names, key=lambda name: -len(np.unique(summary.values[name])))
+    parts = []
+    if np.nanmax(summary.force, initial=0.0) > 0.0:
+        cells = cells_of(summary.values[across], summary.values[down], summary.force, is_low_worst=False)
+        drawn = heat_map(cells, _label(across, units), _label(down, units), 0.5 * LIMIT, LIMIT)
+        parts.append(
+            f"<h3>Largest pinch force [N]</h3>{drawn}"
+            f'<p class="key">The worst of all other varied values in each cell; framed: over {LIMIT:.0f} N '
+            f"({text(ORIGINS.get(LIMIT, 'borrowed'))}).</p>"
+        )
+    if summary.driver != FORCE:
+        cells = cells_of(summary.values[across], summary.values[down], summary.result, is_low_worst=True)
+        high = float(np.nanmax(cells.worst)) if np.isfinite(cells.worst).any() else 1.0
+        drawn = heat_map(
+            cells, _label(across, units), _label(down, units), max(high, 1e-9), 0.0, _digits(cells.worst)
+        )
+        name = summary.driver.removeprefix(MARGIN)
+        parts.append(
+            f'<h3>Smallest margin of “{text(name)}”</h3>{drawn}<p class="key">Framed: it fails there.</p>'
+        )
+    return "".join(parts)
+
+
+def _digits(values: Floats) -> int:
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    return 0 if largest >= 100.0 else 1 if largest >= 10.0 else 2
+
+
+def _label(name: str, units: Mapping[str, str]) -> str:
+    unit = units.get(name, "")
+    return f"{name} [{unit}]" if unit else name
+
+
+def _requirements(summary: Summary) -> str:
+    rows = [
+        (
+            each.name,
+            f"{each.passed:,}",
+            Markup(f"<b>{each.failed:,}</b>") if each.failed else "0",
+            f"{each.undecided:,}",
+            significant(each.least, 4),
+            Markup(f"<code>{text(each.variant[:12])}</code>"),
+        )
+        for each in summary.expectations
+    ]
+    heads = ("expectation", "pass", "fail", "undecided", "smallest margin", "in variant")
+    note = f'<p class="soft">{text(BORROWED)}</p>' if rows else ""
+    return table(heads, rows, ("name", "r", "r", "r", "r", "")) + note
+
+
+def _drivers(summary: Summary) -> list[str]:
+    parts: list[str] = []
+    for column, indices in ((summary.driver, summary.indices), (FORCE, summary.force_indices)):
+        if not indices or (column == FORCE and parts and summary.driver == FORCE):
+            continue
+        rows = [_driver_row(each) for each in indices]
+        rows.append(("together, or by chance", _bar(rest_of(indices)), "", ""))
+        what = f"margin of “{column.removeprefix(MARGIN)}”" if column.startswith(MARGIN) else axis_label(column)
+        parts.append(f"<h3>{text(what)}</h3>")
+        parts.append(
+            table(
+                ("varied", "explains alone", "its mean, from … to …", "highest at"), rows, ("name", "", "r", "r")
+            )
+        )
+    if parts:
+        parts.append(
+            '<p class="soft">First-order Sobol indices of these variants: the share of variance that a value '
+            "explains alone.</p>"
+        )
+    return parts
+
+
+def _driver_row(index: Index) -> tuple[str, str, str, str]:
+    span = f"{significant(index.low_mean, 3)} … {significant(index.high_mean, 3)}"
+    return index.name, _bar(index.first_order), span, significant(index.at_high, 4)
+
+
+def _bar(share: float) -> Markup:
+    return Markup(f'<span class="bar" style="width:{12.0 * share:.2f}rem"></span> {100.0 * share:.0f} %')
+
+
+def _distributions(summary: Summary) -> list[str]:
+    parts = []
+    force = summary.force[np.isfinite(summary.force)]
+    if len(force) > 1 and force.max() > 0.0:
+        parts.append(
+            figure(svg(_histogram(force, "largest pinch force [N]", LIMIT), "force", "histogram of forces"),
+                   "Largest pinch force of each variant; line: 100 N.", small=True)
+        )  # fmt: skip
+    if summary.driver != FORCE:
+        result = summary.result[np.isfinite(summary.result)]
+        if len(result) > 1:
+            name = summary.driver.removeprefix(MARGIN)
+            drawn = svg(_histogram(result, f"margin of {name}", 0.0), "margin", "histogram of margins")
+            parts.append(figure(drawn, f"Margin of “{name}”; left of the line it fails.", small=True))
+    return parts
+
+
+def _histogram(values: Floats, label: str, line: float) -> Figure:
+    low, high = (float(each) for each in np.quantile(values, (0.001, 0.999)))
+    with style():
+        drawn = new_figure(2.4, 5.0)
+        axis = drawn.subplots()
+        bins = np.linspace(min(low, line), max(high, line) + 1e-9, 61)
+        counts, _ = np.histogram(np.clip(values, bins[0], bins[-1]), bins)
+        axis.bar(bins[:-1], counts, width=np.diff(bins), align="edge", color=FINAL)
+        axis.axvline(line, color=INITIAL, linewidth=1.4)
+        axis.set_xlabel(label)
+        axis.set_ylabel("variants", color=INK)
+    return drawn
+
+
+def _worst(summary: Summary, folder: str) -> str:
+    heads = (
+        "variant",
+        *summary.values,
+        "verdict",
+        "margin" if summary.driver != FORCE else "force [N]",
+        "force [N]",
+    )
+    rows = [
+        (
+            Markup(f"<code>{text(each.variant[:12])}</code>"),
+            *(significant(value, 5) for value in each.values),
+            each.verdict,
+            significant(each.margin, 4),
+            significant(each.force, 4),
+        )
+        for each in summary.worst
+    ]
+    if not rows:
+        return ""
+    line = f"liftgate-hil campaign {folder} --replay {summary.worst[0].variant[:12]} --record worst.mf4"
+    return table(heads, rows, ("", *("r" for _ in summary.values), "", "r", "r")) + (
+        f'<p class="soft">Any of them, bit for bit, with all signals:</p><p><code>{text(line)}</code></p>'
+    )
+
+
+def incomplete(is_complete: bool) -> str:
+    """Return the alert of a campaign that was stopped; "": it was not."""
+    if is_complete:
+        return ""
+    return alert(["Incomplete: variants that were not evaluated stand as errors. Go on with --resume."])
+
+
+def finite(value: float) -> float | None:
+    """Return a number for JSON, None where it is not finite."""
+    return value if math.isfinite(value) else None
+
+
+def plain(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a mapping of numbers for JSON."""
+    return {name: finite(each) if isinstance(each, float) else each for name, each in content.items()}

@@ -1,0 +1,155 @@
+"""Request of a campaign, in plain values, and what is prepared from it: base, space and first plan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from liftgate_hil.campaign.base import Base, base_of
+from liftgate_hil.campaign.results import check_columns
+from liftgate_hil.campaign.space import Space, space_of
+from liftgate_hil.config.scenario import read_scenario
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.vehicle import read_vehicle
+from liftgate_hil.ecu.find import check_ecu
+from liftgate_hil.ecu.mutants import MUTANTS
+from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.plan import Plan, plan_of
+from liftgate_hil.running.setup import rig_of, scenario_of, variant_of
+
+DESIGN, WORST, PROBABILITY = "design", "worst", "probability"  # kinds of campaigns
+
+
+@dataclass(frozen=True)
+class Request:
+    """Request of a campaign, as the command line gives it and campaign.json keeps it."""
+
+    scenario: str
+    vary: tuple[str, ...]
+    ecu: str = REFERENCE
+    against: str = ""  # another ECU that goes through the same variants
+    mutant: str = ""  # of the reference ECU
+    vehicle: str | None = None
+    rig: str | None = None
+    settings: tuple[str, ...] = ()
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    seed: int | None = None
+    draw: int | None = None
+    ideal: bool = False
+    rate: float = RunOptions.rate
+    duration: float | None = None
+    kind: str = DESIGN
+    expectation: str = ""  # of WORST and PROBABILITY
+    samples: int = 0
+    method: str = "sobol"
+    sampling_seed: int = 0
+    evaluations: int = 500
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the request as a dictionary for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, given: Mapping[str, Any]) -> Request:
+        """Return the request of such a dictionary. Raises ConfigError where it has other keys."""
+        known = {each.name for each in fields(cls)}
+        if not isinstance(given, Mapping) or set(given) - known or "scenario" not in given:
+            raise ConfigError(
+                "campaign.json: request: not one of this version; allowed: a campaign of this version"
+            )
+        values: dict[str, Any] = {
+            name: tuple(each) if isinstance(each, list) else each for name, each in given.items()
+        }
+        return cls(**values)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What a request stands for, its files loaded and checked."""
+
+    request: Request
+    base: Base
+    space: Space
+    plan: Plan  # of the scenario as it is
+
+
+def prepared(request: Request) -> Prepared:
+    """Load the files of a request, and check it. Raises ConfigError with all issues."""
+    issues: list[str] = []
+    if request.ecu == ON_A_BUS:
+        issues.append("`ecu` bus: allowed: reference, a library, MODULE:CLASS; a campaign needs no bus")
+    if request.mutant and (request.ecu != REFERENCE or request.mutant not in MUTANTS):
+        issues.append(f"`mutant` {request.mutant}: allowed with the reference ECU: {', '.join(MUTANTS)}")
+    if issues:
+        raise ConfigError(issues)
+    check_ecu(request.ecu)
+    job = _job_of(request)
+    plan = plan_of(job)
+    if plan.ticks is None:
+        raise ConfigError(f"{request.scenario}: duration: missing; allowed: in the scenario, or `duration`")
+    content = job.vehicle.raw if job.vehicle is not None else {}  # type: ignore[union-attr]
+    space = space_of(request.vary, plan.setup.scenario.parameters, plan.setup.vehicle, content)
+    base = base_of(plan, space.targets)
+    check_columns(base)
+    if request.kind != DESIGN:
+        check_expectation(request, base)
+    return Prepared(request, base, space, plan)
+
+
+def check_expectation(request: Request, base: Base) -> None:
+    """Raise ConfigError where the scenario has no expectation of the name, or it has no margin."""
+    if request.expectation not in base.expectations:
+        known = ", ".join(base.expectations) or "none, the scenario has no [[expect]]"
+        raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: {known}")
+    if not base.targets:
+        raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: together with `vary`")
+
+
+def against_base(prepared_: Prepared) -> Base:
+    """Return the base of the other ECU, for the same values. Raises ConfigError."""
+    check_ecu(prepared_.request.against)
+    job = replace(prepared_.base.job, ecu=prepared_.request.against, mutant="")
+    if prepared_.request.against in MUTANTS:
+        job = replace(job, ecu=REFERENCE, mutant=prepared_.request.against)
+    return base_of(plan_of(job), prepared_.base.targets)
+
+
+def _job_of(request: Request) -> Job:
+    path = find_config("scenarios", request.scenario)
+    file = read_scenario(path)
+    scenario = scenario_of(file, request.parameters)
+    called = f"{scenario.source}: vehicle" if scenario.vehicle and request.vehicle is None else ""
+    name = request.vehicle or scenario.vehicle or "suv"
+    return Job(
+        scenario=file,
+        ecu=request.ecu,
+        mutant=request.mutant,
+        parameters=dict(request.parameters),
+        vehicle=read_vehicle(find_config("vehicles", name, called), name),
+        rig=rig_of(request.rig, scenario),
+        settings=tuple(request.settings),
+        seed=request.seed,
+        variant=variant_of(request.draw, request.ideal),
+        options=RunOptions(clock="free", rate=request.rate, duration=request.duration),
+    )
+
+
+def absolute(request: Request) -> Request:
+    """Return the request with absolute paths of files, so that it holds from any folder."""
+
+    def whole(name: str | None) -> str | None:
+        return str(Path(name).resolve()) if name and Path(name).is_file() else name
+
+    return replace(
+        request,
+        scenario=whole(request.scenario) or request.scenario,
+        vehicle=whole(request.vehicle),
+        rig=whole(request.rig),
+        ecu=whole(request.ecu) or request.ecu,
+        against=whole(request.against) or request.against,
+    )

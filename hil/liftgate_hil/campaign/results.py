@@ -1,0 +1,120 @@
+"""Results of a campaign as Arrow tables: a row a variant, and their Parquet files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from liftgate_hil.campaign.base import Base
+from liftgate_hil.campaign.evaluation import Row
+from liftgate_hil.campaign.figures import Figures
+from liftgate_hil.errors import ConfigError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from liftgate_hil.campaign.distributions import Floats
+
+VARIANT, VERDICT, WALL, ERROR = "variant", "verdict", "wall_s", "error"
+MARGIN = "margin."  # prefix of the columns of margins
+MISSING = "campaigns need pyarrow; allowed: with the package's extra `campaign` installed"
+
+
+def columns_of(base: Base) -> tuple[str, ...]:
+    """Return the names of all columns, in their order."""
+    varied = tuple(each.name for each in base.targets)
+    margins = tuple(f"{MARGIN}{name}" for name in base.expectations)
+    return VARIANT, *varied, VERDICT, *margins, *Figures._fields, WALL, ERROR
+
+
+def check_columns(base: Base) -> None:
+    """Raise ConfigError where a varied name is that of another column."""
+    names = columns_of(base)
+    again = sorted({name for name in names if names.count(name) > 1})
+    if again:
+        raise ConfigError(f"`vary` {', '.join(again)}: allowed: names that no column of the results has")
+
+
+def arrow() -> Any:
+    """Return the module pyarrow, imported on first use. Raises ConfigError where it is not installed."""
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as _  # noqa: F401
+    except ImportError:
+        raise ConfigError(MISSING) from None
+    return pa
+
+
+def table_of(base: Base, values: Floats, rows: Sequence[Row]) -> pa.Table:
+    """Return the table of variants with values (n, d) and their rows (n,)."""
+    pa = arrow()
+    margins = np.array([each.margins for each in rows], dtype=np.float64).reshape(len(rows), -1)
+    figures = np.array([each.figures for each in rows], dtype=np.float64).reshape(len(rows), -1)
+    found: dict[str, Any] = {VARIANT: pa.array([base.variant(each) for each in values.tolist()], pa.string())}
+    found |= {each.name: _numbers(values[:, k]) for k, each in enumerate(base.targets)}
+    found[VERDICT] = pa.array([each.verdict for each in rows], pa.string())
+    found |= {f"{MARGIN}{name}": _numbers(margins[:, k]) for k, name in enumerate(base.expectations)}
+    found |= {name: _numbers(figures[:, k]) for k, name in enumerate(Figures._fields)}
+    found[WALL] = _numbers(np.array([each.wall_s for each in rows], dtype=np.float64))
+    found[ERROR] = pa.array([each.error or None for each in rows], pa.string())
+    return pa.table(found)
+
+
+def _numbers(values: Floats) -> Any:
+    """Return numbers (n,) as an Arrow array in which NaN is null."""
+    return arrow().array(np.ascontiguousarray(values), from_pandas=True)
+
+
+def rows_of(base: Base, table: pa.Table) -> list[Row]:
+    """Return the rows of a table, as `table_of` was given them."""
+    margins = [_list(table, f"{MARGIN}{name}") for name in base.expectations]
+    figures = [_list(table, name) for name in Figures._fields]
+    verdicts, errors = table[VERDICT].to_pylist(), table[ERROR].to_pylist()
+    walls = _list(table, WALL)
+    return [
+        Row(
+            verdicts[k],
+            tuple(each[k] for each in margins),
+            Figures(*(each[k] for each in figures)),
+            walls[k],
+            errors[k] or "",
+        )
+        for k in range(table.num_rows)
+    ]
+
+
+def _list(table: pa.Table, name: str) -> list[float]:
+    return [math.nan if each is None else float(each) for each in table[name].to_pylist()]
+
+
+def numbers_in(table: pa.Table, name: str) -> Floats:
+    """Return a column of numbers (n,), NaN where it has none."""
+    found: Floats = table[name].to_numpy(zero_copy_only=False).astype(np.float64)
+    return found
+
+
+def description_of(base: Base) -> Mapping[str, str]:
+    """Return the meaning of each column."""
+    varied = {each.name: f"varied: {each.kind}" for each in base.targets}
+    margins = {
+        f"{MARGIN}{name}": f"margin of the expectation {name!r}, negative: it failed" for name in base.expectations
+    }
+    return {
+        VARIANT: "hash of everything that goes into the result",
+        **varied,
+        VERDICT: "pass, inconclusive, fail or error: the worst of the expectations",
+        **margins,
+        "peak_pinch_force_n": "N, largest pinch force; 0: nothing was pinched",
+        "reversal_time_s": "s, from the first touch to where the gate turned; null: it did not",
+        "reversal_distance_deg": "deg, by which the gate went on after the first touch",
+        "peak_current_a": "A, largest current of either motor",
+        "contact_angle_deg": "deg, gate angle at the first touch",
+        "current_rise_a": "A, rise of a motor's current from the first touch to the turn",
+        "pinch_impulse_ns": "N s, impulse of the last contact",
+        "over_limit_s": "s, longest time of a contact above the vehicle's gate.pinch_limit",
+        WALL: "s, time that the variant took; differs from run to run",
+        ERROR: "why there is no result; null: there is one",
+    }

@@ -1,0 +1,144 @@
+"""Store of a campaign's results: a Parquet file a batch, named by the hash of its variants.
+
+A file is written beside its place and renamed, so that it is there whole or not at all, and a batch that two
+processes have evaluated is there once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import uuid
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.campaign.results import arrow
+from liftgate_hil.errors import ConfigError, LiftgateError, words_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+SUFFIX = ".parquet"
+
+
+class StoreError(LiftgateError):
+    """Raised where results cannot be written or read: a full disk, a folder that vanished."""
+
+
+class Store:
+    """Folder of batches, on this machine or at an address of fsspec. It is picklable."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._is_remote = "://" in address
+
+    def create(self) -> None:
+        """Create the folder. Raises ConfigError."""
+        try:
+            if self._is_remote:
+                fs, path = self._remote()
+                fs.makedirs(path, exist_ok=True)
+            else:
+                Path(self.address).mkdir(parents=True, exist_ok=True)
+        except Exception as error:  # of any file system's driver
+            raise ConfigError(
+                f"`store` {self.address}: {words_of(error)}; allowed: a folder to write to"
+            ) from error
+
+    def mark(self) -> str:
+        """Write a file by which other machines see whether they share the store, and return its name."""
+        name = f".campaign-{uuid.uuid4().hex}"
+        self._write(name, b"")
+        return name
+
+    def unmark(self, name: str) -> None:
+        """Remove the file of `mark`."""
+        with contextlib.suppress(Exception):
+            if self._is_remote:
+                fs, path = self._remote()
+                fs.rm(f"{path}/{name}")
+            else:
+                (Path(self.address) / name).unlink()
+
+    def is_shared(self, mark: str) -> bool:
+        """Whether this process sees a file of `mark`."""
+        try:
+            if self._is_remote:
+                fs, path = self._remote()
+                return bool(fs.exists(f"{path}/{mark}"))
+            return (Path(self.address) / mark).exists()
+        except Exception:
+            return False
+
+    def put(self, name: str, table: pa.Table) -> None:
+        """Write the table of a batch. Raises StoreError."""
+        import pyarrow.parquet as pq
+
+        buffer = io.BytesIO()
+        pq.write_table(table, buffer, compression="zstd")
+        self._write(name + SUFFIX, buffer.getvalue())
+
+    def get(self, name: str) -> pa.Table | None:
+        """Return the table of a batch; None: it is not there, or its file is damaged. Raises StoreError."""
+        pa = arrow()
+        import pyarrow.parquet as pq
+
+        try:
+            return pq.read_table(io.BytesIO(self._read(name + SUFFIX)))
+        except FileNotFoundError:
+            return None
+        except (pa.ArrowInvalid, pa.ArrowIOError):
+            return None
+        except Exception as error:
+            raise StoreError(f"{self.address}: {words_of(error)}") from error
+
+    def names(self) -> set[str]:
+        """Return the names of the batches that are there. Raises StoreError."""
+        try:
+            if self._is_remote:
+                fs, path = self._remote()
+                found = [each.rsplit("/", 1)[-1] for each in fs.ls(path, detail=False)]
+            else:
+                found = [each.name for each in Path(self.address).iterdir()]
+        except Exception as error:
+            raise StoreError(f"{self.address}: {words_of(error)}") from error
+        return {each.removesuffix(SUFFIX) for each in found if each.endswith(SUFFIX) and not each.startswith(".")}
+
+    def _remote(self) -> tuple[Any, str]:
+        try:
+            from fsspec.core import url_to_fs
+        except ImportError:
+            raise ConfigError(
+                f"`store` {self.address}: allowed: a folder; an address needs the package's extra `cluster`"
+            ) from None
+        return url_to_fs(self.address)  # type: ignore[no-any-return]
+
+    def _read(self, name: str) -> bytes:
+        if self._is_remote:
+            fs, path = self._remote()
+            return bytes(fs.cat_file(f"{path}/{name}"))
+        return (Path(self.address) / name).read_bytes()
+
+    def _write(self, name: str, content: bytes) -> None:
+        """Write a file beside its place, and rename it. Raises StoreError."""
+        beside = f".{name}.{uuid.uuid4().hex}"
+        try:
+            if self._is_remote:
+                fs, path = self._remote()
+                fs.pipe_file(f"{path}/{beside}", content)
+                fs.mv(f"{path}/{beside}", f"{path}/{name}")
+                return
+            folder = Path(self.address)
+            try:
+                with (folder / beside).open("wb") as stream:
+                    stream.write(content)
+                    stream.flush()
+                    os.fsync(stream.fileno())  # else a power cut may leave a renamed file that is empty
+                (folder / beside).replace(folder / name)
+            except BaseException:
+                with contextlib.suppress(OSError):
+                    (folder / beside).unlink()
+                raise
+        except Exception as error:
+            raise StoreError(f"{self.address}: {words_of(error)}") from error

@@ -1,0 +1,213 @@
+"""Many variants of a scenario: all combinations, samples, a search for the worst, a probability.
+
+liftgate-hil campaign s.toml --vary rod=10000,20000,65000 --vary angle=10:70:13
+liftgate-hil campaign s.toml --vary 'rod~loguniform(5e3,1e5)' --samples 10000
+liftgate-hil campaign FOLDER --replay VARIANT --record run.mf4
+
+Exit code 0: it is complete, whatever its verdicts.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from liftgate_hil.cli import options
+from liftgate_hil.cli.stopping import StopSignals
+from liftgate_hil.cli.test import add_set_parameter, naming_the_flag, parameters_of
+from liftgate_hil.config.kinds import SEED
+from liftgate_hil.ecu.names import REFERENCE
+from liftgate_hil.errors import ConfigError, LiftgateError, printable
+
+if TYPE_CHECKING:
+    from liftgate_hil.campaign.campaign import Progress
+    from liftgate_hil.campaign.request import Request
+    from liftgate_hil.campaign.run import Outcome
+    from liftgate_hil.cli.teller import Teller
+
+_METHODS = ("sobol", "lhs", "random")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the flags to the parser."""
+    parser.add_argument(
+        "scenario",
+        metavar="SCENARIO|FOLDER",
+        help="a scenario file or a shipped name; with --replay the folder of a campaign",
+    )
+    parser.add_argument(
+        "--vary",
+        action="append",
+        default=[],
+        metavar="NAME=VALUES|NAME~DISTRIBUTION|vehicle",
+        help="vary a parameter of the scenario, seed, draw, or a key of the vehicle file: rod=10000,20000, "
+        "angle=10:70:13, 'rod~loguniform(5e3,1e5)'; vehicle: draws from the covariance of its [identification] "
+        "(repeatable; all combinations)",
+    )
+    parser.add_argument(
+        "--samples", type=options.whole(1, 10**9), default=0, metavar="N", help="samples of the distributions"
+    )
+    parser.add_argument(
+        "--method", choices=_METHODS, default="sobol", help="how samples are drawn; default: sobol"
+    )
+    parser.add_argument(
+        "--sampling-seed", type=options.of_kind(SEED), default=0, help="seed of samples and searches; default: 0"
+    )
+    parser.add_argument("--worst", metavar="NAME", help="search for the smallest margin of this expectation")
+    parser.add_argument(
+        "--evaluations",
+        type=options.whole(10, 10**7),
+        default=500,
+        metavar="N",
+        help="evaluations of --worst at most; default: 500",
+    )
+    parser.add_argument(
+        "--probability", metavar="NAME", help="estimate the probability that this expectation fails"
+    )
+    options.add_ecu(parser, REFERENCE, has_bus=False)
+    parser.add_argument(
+        "--against", metavar="ECU", help="another ECU, or a mutant of the reference ECU, for the same variants"
+    )
+    options.add_vehicle(parser, None, "default: the scenario's, else suv")
+    parser.add_argument("--rig", metavar="NAME|FILE", help="the rig; default: the scenario's, else liftgate")
+    parser.add_argument(
+        "--seed", type=options.of_kind(SEED), help="seed of random values; default: the scenario's"
+    )
+    add_set_parameter(parser)
+    options.add_options(parser, "rate", "duration")
+    parser.add_argument(
+        "--jobs", type=options.whole(1, 1024), metavar="N", help="processes on this machine; default: one per CPU"
+    )
+    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler whose workers evaluate")
+    parser.add_argument(
+        "--store",
+        metavar="FOLDER",
+        help="where batches are kept, a folder or an address of fsspec; default: in --output",
+    )
+    parser.add_argument(
+        "--output",
+        metavar="FOLDER",
+        default="campaign",
+        help="results.parquet, campaign.json, report.html; default: campaign",
+    )
+    parser.add_argument("--resume", action="store_true", help="go on with the campaign in --output")
+    parser.add_argument("--replay", metavar="VARIANT", help="run a variant again and compare it bit by bit")
+    options.add_options(parser, "record")
+    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command and return the exit code."""
+    from liftgate_hil.campaign.run import Places, run_campaign
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.report.provenance import provenance_of
+
+    if args.replay is not None:
+        return _replay(args)
+    teller = Teller(args.quiet)
+    request = _request(args)
+    places = Places(Path(args.output), args.store or "", args.scheduler or "", args.jobs or 0, args.resume)
+    stop = StopSignals()
+    line = _Line(teller)
+    try:
+        with naming_the_flag():
+            outcome = run_campaign(
+                request, places, provenance_of(args.command_line, {}), stop, line.show, teller.say
+            )
+    except ConfigError:
+        raise
+    except LiftgateError as error:
+        teller.clear()
+        raise stop.failure(str(error)) from error
+    teller.clear()
+    _summarise(outcome, args)
+    return 0 if outcome.is_complete else stop.exit_code
+
+
+def _request(args: argparse.Namespace) -> Request:
+    """Return the request of the flags. Raises ConfigError."""
+    from liftgate_hil.campaign.request import DESIGN, PROBABILITY, WORST, Request
+
+    issues = []
+    if args.worst and args.probability:
+        issues.append("`worst`: allowed without --probability")
+    if args.record:
+        issues.append("`record`: allowed together with --replay")
+    kind = WORST if args.worst else PROBABILITY if args.probability else DESIGN
+    if kind != DESIGN and args.samples:
+        issues.append(f"`samples` {args.samples}: allowed without --{kind}")
+    if issues:
+        raise ConfigError(issues)
+    return Request(
+        scenario=args.scenario,
+        vary=tuple(args.vary),
+        ecu=options.ecu_of(args),
+        against=args.against or "",
+        vehicle=args.vehicle,
+        rig=args.rig,
+        settings=tuple(args.settings),
+        parameters=parameters_of(args.set_parameter),
+        seed=args.seed,
+        draw=args.draw,
+        ideal=args.ideal,
+        rate=args.rate,
+        duration=args.duration,
+        kind=kind,
+        expectation=args.worst or args.probability or "",
+        samples=args.samples,
+        method=args.method,
+        sampling_seed=args.sampling_seed,
+        evaluations=args.evaluations,
+    )
+
+
+class _Line:
+    """Progress line of a campaign on the terminal."""
+
+    def __init__(self, teller: Teller) -> None:
+        self._teller = teller
+
+    def show(self, progress: Progress) -> None:
+        """Show how far it is, how fast, and how long it still takes."""
+        self._teller.progress(line_of(progress))
+
+
+def line_of(progress: Progress) -> str:
+    """Return a campaign's progress as a line."""
+    parts = [f"{progress.done}/{progress.count or '?'} variants", f"{progress.per_second:.1f} a second"]
+    if progress.count and progress.done < progress.count and progress.per_second > 0.0:
+        parts.append(f"{_time(progress.left_s)} left")
+    if progress.retried:
+        parts.append(f"{progress.retried} tried again")
+    return "  ".join(parts)
+
+
+def _time(seconds: float) -> str:
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:
+    """Print how many variants have which verdict, and where the results are."""
+    if args.quiet:
+        return
+    counts = ", ".join(f"{number} {name}" for name, number in sorted(outcome.counts.items()))
+    number = sum(outcome.counts.values())
+    print(f"{number} variants: {counts or 'none'}; {outcome.seconds:.1f} s", flush=True)
+    state = "" if outcome.is_complete else "; incomplete: go on with --resume"
+    print(f"{printable(str(outcome.folder.path))}: results.parquet, campaign.json, report.html{state}", flush=True)
+
+
+def _replay(args: argparse.Namespace) -> int:
+    """Run a variant of a campaign again; exit code 0: it is as the campaign saw it, to the bit."""
+    from liftgate_hil.campaign.replay import replayed
+
+    found = replayed(Path(args.scenario), args.replay, tuple(args.record))
+    for line in found.lines:
+        print(printable(line), flush=True)
+    return 0 if found.is_equal else 1
