@@ -12,7 +12,6 @@ import numpy as np
 from liftgate_hil.campaign.base import Base, batch_name
 from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.campaign.executors.executor import Batch, Executor
-from liftgate_hil.campaign.results import arrow
 from liftgate_hil.campaign.store import Store, StoreError
 
 if TYPE_CHECKING:
@@ -66,6 +65,7 @@ class Campaign:
     stopped: Callable[[], bool]
     progress: Progress
     tell: Callable[[Progress], None]
+    asked: list[Batch] = field(default_factory=list)  # all batches so far, in the order of the results
 
     def evaluate(self, batches: list[Batch]) -> None:
         """Have all batches in the store; those that are there already are not evaluated again.
@@ -100,13 +100,6 @@ class Campaign:
                     raise StoppedError
                 raise StoreError(f"{self.store.address}: {batch.name}: written, and not there")
             yield table
-
-    def results(self, values: Floats) -> pa.Table:
-        """Return the results of variants (n, d), in their order, evaluated on all workers."""
-        size = max(1, -(-len(values) // self.executor.workers))
-        batches = batches_of(self.base, values, size)
-        self.evaluate(batches)
-        return arrow().concat_tables(list(self.tables(batches)))
 
     def _note(self, count: int) -> None:
         self.progress.done += count

@@ -10,24 +10,31 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.figures import NO_FIGURES, Figures, FigureSink
+from liftgate_hil.campaign.vehicles import Vehicles
+from liftgate_hil.config.arguments import seed_of
+from liftgate_hil.config.settings import settings_of
+from liftgate_hil.config.vehicle import VehicleFile
 from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.node import REFERENCE, NodeState
 from liftgate_hil.errors import ConfigError, LiftgateError, PreconditionError, causes
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, Verdict, worst
 from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode
 from liftgate_hil.loop.observers import Sink
 from liftgate_hil.loop.rings import Memory
+from liftgate_hil.loop.tick import copied
 from liftgate_hil.running.compilation import reporting_compilation
 from liftgate_hil.running.episode_driver import EpisodeDriver
 from liftgate_hil.running.execution import Execution
 from liftgate_hil.running.plan import Plan, plan_of
 from liftgate_hil.running.run_plan import adapter_of, judge_of
-from liftgate_hil.running.setup import setup_of
+from liftgate_hil.running.setup import angle_from, scenario_of
 from liftgate_hil.running.shared_starts import SharedStarts
-from liftgate_plant.vehicle import Vehicle
+from liftgate_plant.coding import Coding
 
 
 class Row(NamedTuple):
@@ -45,6 +52,14 @@ def error_row(base: Base, error: str, wall_s: float = math.nan) -> Row:
     return Row(ERROR, (math.nan,) * len(base.expectations), NO_FIGURES, wall_s, error)
 
 
+class _Ecu(NamedTuple):
+    """The reference ECU for a vehicle's coding, and its state when it is switched on."""
+
+    adapter: Adapter
+    coding: Coding
+    state: NodeState
+
+
 class Evaluator:
     """Evaluates the variants of a base. Raises ConfigError where the base itself cannot be run."""
 
@@ -53,7 +68,10 @@ class Evaluator:
         self.memory = memory or Memory(ROWS, FRAMES, others_write=True)
         self._plan = plan_of(base.job)
         self._starts = SharedStarts()
-        self._vehicle: tuple[object, Vehicle | None] = None, None
+        assert isinstance(base.job.vehicle, VehicleFile)
+        self._vehicles = Vehicles(base.job.vehicle, base.targets)
+        self._settings = settings_of(base.job.settings)
+        self._ecu: _Ecu | None = None
 
     def load(self) -> None:
         """Load the machine code that all variants run, before processes are forked from this one."""
@@ -85,16 +103,19 @@ class Evaluator:
     def plan(self, values: Sequence[float]) -> Plan:
         """Return the plan of the variant with these values. Raises ConfigError."""
         job = self.base.job_of(values)
-        setup = setup_of(
-            job.scenario,
-            parameters=job.parameters,
-            vehicle=job.vehicle,
-            settings=job.settings,
-            initial=job.initial,
-            seed=job.seed,
-            variant=job.variant,
+        scenario = scenario_of(job.scenario, job.parameters)
+        fixed = [*scenario.settings, *self._settings]
+        vehicle = self._vehicles.vehicle(fixed, settings_of(job.settings[len(self._settings) :]), job.variant)
+        initial = scenario.initial if job.initial is None else job.initial
+        setup = replace(
+            self._plan.setup,
+            scenario=scenario,
+            vehicle=vehicle,
+            seed=seed_of(scenario.seed if job.seed is None else job.seed),
+            start_angle=angle_from(initial, vehicle.gate.open_angle),
         )
-        return self._plan.varied(job, setup)
+        self._plan = self._plan.varied(job, setup)
+        return self._plan
 
     def _run(self, plan: Plan, stopped: Callable[[], bool]) -> tuple[Sequence[Verdict], Figures, str]:
         """Return verdicts and figures of a run, or why it did not reach its end; as `run_plan` does."""
@@ -104,7 +125,7 @@ class Evaluator:
         given_up = error = ""
         with contextlib.ExitStack() as stack:
             stack.enter_context(reporting_compilation(plan.job.listener, stopped))
-            adapter = adapter_of(plan, self.memory, stack)
+            adapter = self._adapter_of(plan, stack)
             driver = EpisodeDriver(Execution(plan, adapter, sinks, stopped, self.memory, self._starts))
             try:
                 driver.begin(stack)
@@ -125,6 +146,19 @@ class Evaluator:
         else:
             verdicts = judge.verdicts(error, given_up)
         return verdicts, figures.figures(), error
+
+    def _adapter_of(self, plan: Plan, stack: contextlib.ExitStack) -> Adapter:
+        """Return the adapter of the ECU as it is switched on; that of our own ECU is kept for the next variant."""
+        coding = plan.setup.vehicle.coding
+        if self._ecu is None or self._ecu.coding != coding:
+            adapter = adapter_of(plan, self.memory, stack)
+            if adapter.kind != REFERENCE:
+                return adapter
+            self._ecu = _Ecu(adapter, coding, copied(adapter.state))
+        kept = self._ecu
+        kept.adapter.state = copied(kept.state)
+        kept.adapter.begins_anew(0.0)
+        return kept.adapter
 
     def reset(self) -> None:
         """Empty the loop's memory for the next run."""

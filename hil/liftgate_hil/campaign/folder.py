@@ -6,21 +6,22 @@ import contextlib
 import json
 import os
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.request import Request
-from liftgate_hil.campaign.results import VARIANT
+from liftgate_hil.campaign.results import VARIANT, description_of
 from liftgate_hil.campaign.store import StoreError
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-MANIFEST, RESULTS, AGAINST, REPORT, BATCHES = (
-    "campaign.json", "results.parquet", "against.parquet", "report.html", "batches",
-)  # fmt: skip
+MANIFEST, RESULTS, REPORT, BATCHES = "campaign.json", "results.parquet", "report.html", "batches"
+AGAINST, DIFFERENCES = "against.parquet", "differences.parquet"  # of another ECU
+WORST_FILE, DATA = "worst.toml", "DATA.md"
 FORMAT = 1  # of campaign.json
 _GROUP = 16_384  # rows of a row group at least
 
@@ -128,3 +129,20 @@ class Folder:
             )
         found: dict[str, Any] = pq.read_table(path).slice(places[0], 1).to_pylist()[0]
         return found
+
+
+def data_text(base: Base, counts: Mapping[str, int]) -> str:
+    """Return the description of the results for whoever uses them as data."""
+    rows = "\n".join(f"| `{name}` | {meaning} |" for name, meaning in description_of(base).items())
+    number = sum(counts.values())
+    verdicts = ", ".join(f"{count:,} {name}" for name, count in sorted(counts.items()))
+    return f"""# Data of a campaign
+
+`{RESULTS}`: Apache Parquet, a row for each of {number:,} variants ({verdicts}), made by liftgate-hil
+{base.versions["liftgate-hil"]}. `{MANIFEST}` has the request, the files with their SHA-256, versions and machine.
+Forces are those of the model, not of a car.
+
+| column | meaning |
+|---|---|
+{rows}
+"""

@@ -33,7 +33,6 @@ class Request:
     vary: tuple[str, ...]
     ecu: str = REFERENCE
     against: str = ""  # another ECU that goes through the same variants
-    mutant: str = ""  # of the reference ECU
     vehicle: str | None = None
     rig: str | None = None
     settings: tuple[str, ...] = ()
@@ -48,7 +47,7 @@ class Request:
     samples: int = 0
     method: str = "sobol"
     sampling_seed: int = 0
-    evaluations: int = 500
+    evaluations: int = 0  # of WORST and PROBABILITY; 0: the default of each
 
     def as_dict(self) -> dict[str, Any]:
         """Return the request as a dictionary for JSON."""
@@ -80,14 +79,6 @@ class Prepared:
 
 def prepared(request: Request) -> Prepared:
     """Load the files of a request, and check it. Raises ConfigError with all issues."""
-    issues: list[str] = []
-    if request.ecu == ON_A_BUS:
-        issues.append("`ecu` bus: allowed: reference, a library, MODULE:CLASS; a campaign needs no bus")
-    if request.mutant and (request.ecu != REFERENCE or request.mutant not in MUTANTS):
-        issues.append(f"`mutant` {request.mutant}: allowed with the reference ECU: {', '.join(MUTANTS)}")
-    if issues:
-        raise ConfigError(issues)
-    check_ecu(request.ecu)
     job = _job_of(request)
     plan = plan_of(job)
     if plan.ticks is None:
@@ -112,14 +103,13 @@ def check_expectation(request: Request, base: Base) -> None:
 
 def against_base(prepared_: Prepared) -> Base:
     """Return the base of the other ECU, for the same values. Raises ConfigError."""
-    check_ecu(prepared_.request.against)
-    job = replace(prepared_.base.job, ecu=prepared_.request.against, mutant="")
-    if prepared_.request.against in MUTANTS:
-        job = replace(job, ecu=REFERENCE, mutant=prepared_.request.against)
+    ecu, mutant = ecu_of(prepared_.request.against, "against")
+    job = replace(prepared_.base.job, ecu=ecu, mutant=mutant)
     return base_of(plan_of(job), prepared_.base.targets)
 
 
 def _job_of(request: Request) -> Job:
+    ecu, mutant = ecu_of(request.ecu, "ecu")
     path = find_config("scenarios", request.scenario)
     file = read_scenario(path)
     scenario = scenario_of(file, request.parameters)
@@ -127,8 +117,8 @@ def _job_of(request: Request) -> Job:
     name = request.vehicle or scenario.vehicle or "suv"
     return Job(
         scenario=file,
-        ecu=request.ecu,
-        mutant=request.mutant,
+        ecu=ecu,
+        mutant=mutant,
         parameters=dict(request.parameters),
         vehicle=read_vehicle(find_config("vehicles", name, called), name),
         rig=rig_of(request.rig, scenario),
@@ -137,6 +127,19 @@ def _job_of(request: Request) -> Job:
         variant=variant_of(request.draw, request.ideal),
         options=RunOptions(clock="free", rate=request.rate, duration=request.duration),
     )
+
+
+def ecu_of(name: str, called: str) -> tuple[str, str]:
+    """Return the ECU and the mutant of a name: `mutant:NAME` is one of the reference ECU. Raises ConfigError."""
+    if name == ON_A_BUS:
+        raise ConfigError(f"`{called}` {name}: allowed: reference, mutant:NAME, a library, MODULE:CLASS")
+    kind, _, mutant = name.partition(":")
+    if kind != "mutant":
+        check_ecu(name)
+        return name, ""
+    if mutant not in MUTANTS:
+        raise ConfigError(f"`{called}` {name}: allowed: mutant: and one of {', '.join(MUTANTS)}")
+    return REFERENCE, mutant
 
 
 def absolute(request: Request) -> Request:

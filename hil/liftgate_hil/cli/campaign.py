@@ -58,9 +58,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--evaluations",
         type=options.whole(10, 10**7),
-        default=500,
+        default=0,
         metavar="N",
-        help="evaluations of --worst at most; default: 500",
+        help="evaluations at most; default: 500 for --worst, 5000 for --probability",
     )
     parser.add_argument(
         "--probability", metavar="NAME", help="estimate the probability that this expectation fails"
@@ -99,7 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
-    from liftgate_hil.campaign.run import Places, run_campaign
+    from liftgate_hil.campaign.run import Places, Watcher, run_campaign
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.report.provenance import provenance_of
 
@@ -112,9 +112,8 @@ def run(args: argparse.Namespace) -> int:
     line = _Line(teller)
     try:
         with naming_the_flag():
-            outcome = run_campaign(
-                request, places, provenance_of(args.command_line, {}), stop, line.show, teller.say
-            )
+            watcher = Watcher(stop, line.show, teller.say)
+            outcome = run_campaign(request, places, provenance_of(args.command_line, {}), watcher)
     except ConfigError:
         raise
     except LiftgateError as error:

@@ -80,7 +80,12 @@ class Plan(Subject):
         job = self.job if job is None else job
         if setup is None and _is_prepared_alike(job, self.job):
             return replace(self, job=job)
-        return planned(job, setup or self.setup, self.rig, self.way, self.sources)
+        return planned(job, setup or self.setup, self.rig, self.way, self.sources, self)
+
+    def _has_constants_of(self, setup: Setup, options: RunOptions) -> bool:
+        """Whether the loop's constants are those of another setup."""
+        own = self.setup
+        return (own.vehicle, own.seed, self.options.rate) == (setup.vehicle, setup.seed, options.rate)
 
 
 def _is_prepared_alike(job: Job, other: Job) -> bool:
@@ -109,8 +114,13 @@ def plan_of(job: Job) -> Plan:
     return planned(job, setup, rig, way, sources_of(_files_of(job, setup, rig)))
 
 
-def planned(job: Job, setup: Setup, rig: Rig, way: Way | None, sources: Mapping[str, Source]) -> Plan:
-    """Return the plan of a job whose objects are loaded. Raises ConfigError with all issues."""
+def planned(
+    job: Job, setup: Setup, rig: Rig, way: Way | None, sources: Mapping[str, Source], other: Plan | None = None
+) -> Plan:
+    """Return the plan of a job whose objects are loaded; `other` is a plan with the same rig.
+
+    Raises ConfigError with all issues.
+    """
     options = job.options
     if way is None and job.ecu == ON_A_BUS:
         raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
@@ -133,7 +143,10 @@ def planned(job: Job, setup: Setup, rig: Rig, way: Way | None, sources: Mapping[
     trigger = fitted(lambda: trigger_in(setup, rig, options))
     if issues:
         raise ConfigError(issues)
-    config = loop_config_of(setup.vehicle, rig, options.rate, setup.seed)
+    if other is not None and other._has_constants_of(setup, options):
+        config = other.config
+    else:
+        config = loop_config_of(setup.vehicle, rig, options.rate, setup.seed)
     return Plan(job, setup, rig, sources, way, config, opening, stimuli, expected, trigger)
 
 

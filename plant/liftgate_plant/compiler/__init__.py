@@ -121,6 +121,10 @@ class Entry:
         """Kinds of the arguments for which there is machine code."""
         return list(self._all)
 
+    def is_ready_for(self, *arguments: Any) -> bool:
+        """Whether the machine code that was called last is for arguments of these kinds."""
+        return self._last is not None and self._last.takes(arguments)
+
     def __call__(self, *arguments: Any) -> Any:
         """Call the machine code for these arguments, after obtaining it if necessary.
 

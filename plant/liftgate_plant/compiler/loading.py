@@ -37,6 +37,10 @@ class MachineCode:
         size, self._unpack = unpacker(result)
         self._room = ctypes.c_char * size
 
+    def takes(self, arguments: tuple[Any, ...]) -> bool:
+        """Whether arguments are of the kinds that the code is for, but for arrays, which it checks itself."""
+        return self._pack(arguments) is not None
+
     def call(self, arguments: tuple[Any, ...]) -> tuple[bool, Any]:
         """Call the code; return whether it is made for arguments of these kinds, and the result.
 

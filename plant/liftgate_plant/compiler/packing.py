@@ -99,7 +99,8 @@ class _Packing:
         self.formats: list[str] = []
         self.steps: list[str] = []  # statements that take tuples apart
         self.checks: list[str] = []  # conditions under which a value is of another kind
-        self.known: dict[str, Any] = {"BOOLS": (bool, np.bool_)}
+        # Not `array.dtype`, which a record array looks up in Python.
+        self.known: dict[str, Any] = {"BOOLS": (bool, np.bool_), "dtype_of": np.ndarray.dtype.__get__}
         self._names = 0
 
     def name_of(self, kind: Kind) -> str:
@@ -118,7 +119,7 @@ class _Packing:
             self.formats.append("q")
             if kind.dtype.names is not None:  # machine code checks the types of numbers only
                 dtype = self._constant(kind.dtype)
-                self.checks.append(f"({name}.dtype is not {dtype} and {name}.dtype != {dtype})")
+                self.checks.append(f"(dtype_of({name}) is not {dtype} and dtype_of({name}) != {dtype})")
         else:
             self.values.append(name)
             self.formats.append(_FORMATS[kind.letter])

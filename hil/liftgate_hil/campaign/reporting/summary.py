@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from liftgate_hil.campaign.distributions import Floats
+from liftgate_hil.campaign.reporting.sensitivity import Index, first_order
 from liftgate_hil.campaign.results import ERROR, MARGIN, VARIANT, VERDICT
-from liftgate_hil.campaign.sensitivity import Index, first_order
 from liftgate_hil.judging.verdict import VERDICTS
 
 FORCE = "peak_pinch_force_n"

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from liftgate_hil.campaign.distributions import Floats
-from liftgate_hil.campaign.heat_map import STYLE as HEAT_STYLE
-from liftgate_hil.campaign.heat_map import cells_of, heat_map
+from liftgate_hil.campaign.reporting.heat_map import STYLE as HEAT_STYLE
+from liftgate_hil.campaign.reporting.heat_map import cells_of, heat_map
+from liftgate_hil.campaign.reporting.sensitivity import Index, rest_of
+from liftgate_hil.campaign.reporting.summary import FORCE, Summary
 from liftgate_hil.campaign.results import MARGIN
-from liftgate_hil.campaign.sensitivity import Index, rest_of
-from liftgate_hil.campaign.summary import FORCE, Summary
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
 from liftgate_hil.report.numbers import axis_label, significant
 from liftgate_hil.report.page import Markup, alert, figure, page, pairs, section, table, text

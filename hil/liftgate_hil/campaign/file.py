@@ -1,0 +1,132 @@
+"""A campaign file: several campaigns in parts, with one report; shipped ones are named `pack:NAME`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from liftgate_hil.campaign.design import METHODS
+from liftgate_hil.campaign.request import Request
+from liftgate_hil.config.kinds import Choice, Raw, Text, Texts, Whole
+from liftgate_hil.config.schema import Key, Record, read_record
+from liftgate_hil.config.shipped import data_root, shipped_names
+from liftgate_hil.config.toml import Table, read_toml, show, table
+from liftgate_hil.errors import ConfigError, ConfigIssues
+
+PACK = "pack:"  # prefix of shipped campaigns
+
+# fmt: off
+# A field with its key is a row of a table.
+
+
+class CampaignTable(Record):
+    """The keys of a campaign file."""
+
+    title: Annotated[str, Key(Text(), "title of the report")] = ""
+    description: Annotated[str, Key(Text(), "what it is about")] = ""
+    part: Annotated[Any, Key(Raw("[[part]] tables"), "the campaigns")] = ()
+
+
+class PartTable(Record):
+    """The keys of one campaign, as the command's flags."""
+
+    name: Annotated[str, Key(Text(), "its folder in the output")]
+    scenario: Annotated[str, Key(Text(), "scenario file, relative to this file, or a shipped name")]
+    title: Annotated[str, Key(Text(), "title of its section")] = ""
+    vary: Annotated[tuple[str, ...], Key(Texts("a list of texts"), "what is varied, as `--vary`")] = ()
+    samples: Annotated[int, Key(Whole(0, 10**9), "as `--samples`")] = 0
+    method: Annotated[str, Key(Choice(METHODS), "as `--method`")] = "sobol"
+
+
+# fmt: on
+
+
+@dataclass(frozen=True)
+class Part:
+    """One campaign of a file."""
+
+    name: str
+    title: str
+    request: Request
+
+
+@dataclass(frozen=True)
+class CampaignFile:
+    """Several campaigns with one report."""
+
+    title: str
+    description: str
+    parts: tuple[Part, ...]
+
+
+def is_campaign_file(name: str) -> bool:
+    """Whether a name is that of a shipped campaign, or of a TOML file with [[part]]."""
+    if name.startswith(PACK):
+        return True
+    path = Path(name)
+    if path.suffix != ".toml" or not path.is_file():
+        return False
+    try:
+        return "part" in read_toml(path)
+    except ConfigError:
+        return False  # which is reported for the scenario that it should be
+
+
+def read_campaign_file(name: str, template: Request) -> CampaignFile:
+    """Read a campaign file; `template` has what the command's flags say of all parts.
+
+    Its samples, where there are any, and its varied names replace those of the parts. Raises ConfigError.
+    """
+    path = _path_of(name)
+    issues = ConfigIssues(str(path))
+    given = read_record(issues, "", read_toml(path), CampaignTable)
+    if not isinstance(given.part, list | tuple) or not given.part:
+        issues.add("part", f"{show(given.part)}; allowed: [[part]] tables")
+    issues.raise_if_any()
+    parts = [_part_of(path, issues, f"part[{k}]", each, template) for k, each in enumerate(given.part)]
+    names = [each.name for each in parts]
+    for each in sorted({name for name in names if names.count(name) > 1}):
+        issues.add("part", f"{each}: two parts with this name; allowed: each name once")
+    issues.raise_if_any()
+    unused = [text for text in template.vary if not any(text in each.request.vary for each in parts)]
+    if unused:
+        raise ConfigError([f"`vary` {text}: allowed: names that a part of {path} varies" for text in unused])
+    return CampaignFile(given.title or path.stem, given.description, tuple(parts))
+
+
+def _path_of(name: str) -> Path:
+    if not name.startswith(PACK):
+        return Path(name)
+    own = name.removeprefix(PACK)
+    known = shipped_names("configs/campaigns")
+    if own not in known:
+        raise ConfigError(f"`scenario` {name}: allowed: {', '.join(f'{PACK}{each}' for each in known)}")
+    return data_root() / "configs" / "campaigns" / f"{own}.toml"
+
+
+def _part_of(path: Path, issues: ConfigIssues, key: str, content: Any, template: Request) -> Part:
+    own: Table = table(issues, key, content)
+    part = read_record(issues, key, own, PartTable)
+    if part.name and (Path(part.name).name != part.name or part.name.startswith(".")):
+        issues.add(f"{key}.name", f"{show(part.name)}; allowed: a name of a folder")
+    beside = path.parent / part.scenario
+    vary = tuple(_replaced(each, template.vary) for each in part.vary)
+    samples = part.samples and (template.samples or part.samples)
+    request = replace(
+        template,
+        scenario=str(beside) if part.scenario and beside.is_file() else part.scenario,
+        vary=vary,
+        samples=samples,
+        method=part.method,
+    )
+    return Part(part.name, part.title or part.name, request)
+
+
+def _replaced(text: str, given: tuple[str, ...]) -> str:
+    """Return the text of `given` that varies the same name; without one, the text itself."""
+    return next((each for each in given if _name(each) == _name(text)), text)
+
+
+def _name(text: str) -> str:
+    return text.replace("~", "=").partition("=")[0].strip()

@@ -1,0 +1,1 @@
+"""Probability of a rare failure: subset simulation and importance sampling."""

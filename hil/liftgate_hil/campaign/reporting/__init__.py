@@ -1,0 +1,1 @@
+"""Reports of campaigns: summary, heat maps, sensitivity, sections, the page."""

@@ -1,0 +1,104 @@
+"""Comparison of two ECUs that went through the same variants: where verdicts or margins differ, by how much."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from liftgate_hil.campaign.results import MARGIN, VARIANT, VERDICT, arrow, numbers_in
+from liftgate_hil.report.numbers import significant
+from liftgate_hil.report.page import Markup, section, table, text
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+AGAINST = "against."  # prefix of the other ECU's columns
+DIFFERENCE = "largest_difference"
+_SHOWN = 20
+
+
+class Comparison(NamedTuple):
+    """Comparison of two files of results."""
+
+    variants: int  # in both
+    pairs: dict[tuple[str, str], int]  # variants by verdict of the one and of the other
+    differing: pa.Table  # variants whose verdict or margins differ, the most different first
+    names: tuple[str, str]  # of the ECUs
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the comparison for JSON."""
+        return {
+            "ecus": list(self.names),
+            "variants": self.variants,
+            "differing": self.differing.num_rows,
+            "verdicts": {f"{one} / {other}": number for (one, other), number in sorted(self.pairs.items())},
+        }
+
+
+def comparison_of(
+    own: Path, other: Path, varied: Sequence[str], expectations: Sequence[str], names: tuple[str, str]
+) -> Comparison:
+    """Return the comparison of two files of results with the same variants in the same order.
+
+    Verdicts that differ come first, then margins, by their largest difference in an expectation's unit.
+    """
+    import pyarrow.parquet as pq
+
+    pa = arrow()
+    margins = [f"{MARGIN}{each}" for each in expectations]
+    one = pq.read_table(own, columns=[VARIANT, *varied, VERDICT, *margins])
+    two = pq.read_table(other, columns=[VARIANT, VERDICT, *margins])
+    verdicts = one[VERDICT].to_numpy(zero_copy_only=False), two[VERDICT].to_numpy(zero_copy_only=False)
+    largest = np.zeros(one.num_rows)
+    for name in margins:
+        a, b = numbers_in(one, name), numbers_in(two, name)
+        apart = np.where(np.isnan(a) & np.isnan(b), 0.0, np.abs(a - b))
+        largest = np.fmax(largest, np.where(np.isnan(apart), 0.0, apart))
+    is_other = verdicts[0] != verdicts[1]
+    order = np.lexsort((np.arange(len(largest)), -largest, ~is_other))
+    kept = order[(is_other | (largest > 0.0))[order]]
+    found = one.take(kept).append_column(DIFFERENCE, pa.array(largest[kept]))
+    for name in (VARIANT, VERDICT, *margins):
+        found = found.append_column(f"{AGAINST}{name}", two[name].take(kept))
+    pairs = Counter(zip(verdicts[0].tolist(), verdicts[1].tolist(), strict=True))
+    return Comparison(one.num_rows, dict(pairs), found, names)
+
+
+def comparison_section(found: Comparison, varied: Sequence[str]) -> str:
+    """Return the report's section on a comparison."""
+    one, other = found.names
+    if not found.differing.num_rows:
+        said = f"{one} and {other} have the same verdicts and margins in all {found.variants:,} variants."
+        return section("Two ECUs", f"<p>{text(said)}</p>")
+    changed = sum(number for (a, b), number in found.pairs.items() if a != b)
+    said = f"Of {found.variants:,} variants {found.differing.num_rows:,} differ, {changed:,} in the verdict."
+    pairs = [
+        (a, b, f"{number:,}" if a == b else Markup(f"<b>{number:,}</b>"))
+        for (a, b), number in sorted(found.pairs.items())
+    ]
+    rows = [_row(each, varied) for each in found.differing.slice(0, _SHOWN).to_pylist()]
+    return section(
+        "Two ECUs",
+        f"<p>{text(said)}</p>",
+        table((one, other, "variants"), pairs, ("", "", "r")),
+        "<h3>The most different</h3>",
+        table(
+            ("variant", *varied, one, other, "largest difference"), rows, ("", *("r" for _ in varied), "", "", "r")
+        ),
+    )
+
+
+def _row(row: dict[str, Any], varied: Sequence[str]) -> tuple[str, ...]:
+    difference = row[DIFFERENCE]
+    return (
+        Markup(f"<code>{text(row[VARIANT][:12])}</code>"),
+        *(significant(float(row[name]), 5) for name in varied),
+        row[VERDICT],
+        row[f"{AGAINST}{VERDICT}"],
+        significant(math.nan if difference is None else float(difference), 4),
+    )

@@ -1,0 +1,65 @@
+"""A found variant as a scenario file of its own, which includes the campaign's scenario."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from liftgate_hil.campaign.base import Base
+from liftgate_hil.campaign.request import Prepared
+from liftgate_hil.config.scenario import ScenarioFile
+from liftgate_hil.config.settings import settings_of
+from liftgate_hil.config.variant import AS_FILED, settings_for
+from liftgate_hil.config.vehicle import VehicleFile
+
+
+def scenario_text(prepared: Prepared, values: Sequence[float], comment: str) -> str:
+    """Return a scenario file that runs as the variant with these values does, at the campaign's rate."""
+    base, job = prepared.base, prepared.base.job_of(values)
+    file, vehicle = job.scenario, job.vehicle
+    assert isinstance(file, ScenarioFile)
+    assert isinstance(vehicle, VehicleFile)
+    lines = [f"# {line}" for line in comment.splitlines()]
+    lines += [f"include = {json.dumps([str(file.path.resolve())])}"]
+    lines += [f"{name} = {_toml(value)}" for name, value in _heads(prepared, base, job.seed).items()]
+    if job.parameters:
+        lines += ["", "[parameters]", *(f"{name} = {value!r}" for name, value in job.parameters.items())]
+    settings = settings_of(job.settings)
+    if job.variant != AS_FILED:
+        settings = [*file.scenario(job.parameters).settings, *settings]
+        settings = settings_for(vehicle.raw, job.variant, settings, str(vehicle.path))
+    if settings:
+        own = {each.key: each.value for each in settings}
+        lines += ["", "[set]", *(f"{json.dumps(key)} = {_toml(value)}" for key, value in own.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _heads(prepared: Prepared, base: Base, seed: int | None) -> dict[str, Any]:
+    """Return the keys at the top of the file, where they are not those of the included one."""
+    request, vehicle, found = prepared.request, base.job.vehicle, dict[str, Any]()
+    assert isinstance(vehicle, VehicleFile)
+    if request.vehicle is not None:
+        found["vehicle"] = _name(vehicle.name)
+    if request.rig is not None:
+        found["rig"] = _name(request.rig)
+    if request.duration is not None:
+        found["duration"] = request.duration
+    if seed is not None:
+        found["seed"] = seed
+    return found
+
+
+def _name(name: str) -> str:
+    return str(Path(name).resolve()) if Path(name).is_file() else name
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return json.dumps(value)
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(value)

@@ -1,0 +1,120 @@
+"""Stages of a campaign: its design, search or probability, and the same variants with another ECU."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from liftgate_hil.campaign import adaptive
+from liftgate_hil.campaign.base import Base
+from liftgate_hil.campaign.campaign import Campaign, StoppedError, batch_size, batches_of
+from liftgate_hil.campaign.design import Design
+from liftgate_hil.campaign.evaluation import error_row
+from liftgate_hil.campaign.executors.executor import Batch, Executor
+from liftgate_hil.campaign.folder import AGAINST, DIFFERENCES, RESULTS, WORST_FILE, Folder
+from liftgate_hil.campaign.reporting import adaptive_sections
+from liftgate_hil.campaign.reporting.comparison import comparison_of, comparison_section
+from liftgate_hil.campaign.request import PROBABILITY, WORST, Prepared, against_base
+from liftgate_hil.campaign.results import table_of
+from liftgate_hil.campaign.resumption import Pace
+from liftgate_hil.campaign.scenario_file import scenario_text
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+WORST_EVALUATIONS, PROBABILITY_EVALUATIONS = 500, 5000  # by default
+_UNFINISHED = "stopped before it was evaluated"
+
+
+class Analysis(NamedTuple):
+    """What a stage has found beside its rows."""
+
+    content: dict[str, Any]  # for campaign.json
+    sections: Sequence[str]  # of the report
+
+
+NOTHING = Analysis({}, ())
+
+
+def evaluate(found: Prepared, campaign: Campaign, folder: Folder, pace: Pace) -> Analysis:
+    """Evaluate all variants of a request. Raises StoppedError, StoreError, LiftgateError."""
+    if found.request.kind == WORST:
+        return _search(found, campaign, folder)
+    if found.request.kind == PROBABILITY:
+        return _estimate(found, campaign)
+    request = found.request
+    design = Design(found.space, request.samples, request.method, request.sampling_seed)
+    size = batch_size(design.count, pace.workers, pace.seconds_each)
+    campaign.progress.count = design.count
+    for first in range(0, design.count, size):
+        campaign.asked += batches_of(found.base, design.values(first, size), size)
+    campaign.evaluate(campaign.asked)
+    return NOTHING
+
+
+def _search(found: Prepared, campaign: Campaign, folder: Folder) -> Analysis:
+    request, names = found.request, found.space.names
+    name = request.expectation
+    budget = request.evaluations or WORST_EVALUATIONS
+    worst = adaptive.search_worst(campaign, found.space, name, budget, request.sampling_seed)
+    least = adaptive_sections.least_of(worst.search)
+    variant = ""
+    if least is not None:
+        variant = found.base.variant(least.values)
+        comment = f"Smallest margin of {name!r} that a search has found: {least.margin:.6g}.\nvariant {variant}"
+        folder.write(WORST_FILE, scenario_text(found, least.values, comment).encode())
+    line = f"liftgate-hil test {folder.path / WORST_FILE}"
+    return Analysis(
+        adaptive_sections.worst_as_dict(worst, name, variant, names),
+        [adaptive_sections.worst_section(worst, name, names, line)],
+    )
+
+
+def _estimate(found: Prepared, campaign: Campaign) -> Analysis:
+    request = found.request
+    name = request.expectation
+    budget = request.evaluations or PROBABILITY_EVALUATIONS
+    estimate = adaptive.estimate_probability(campaign, found.space, name, budget, request.sampling_seed)
+    return Analysis(
+        adaptive_sections.probability_as_dict(estimate, name),
+        [adaptive_sections.probability_section(estimate, name)],
+    )
+
+
+def tables(campaign: Campaign, is_complete: bool) -> Iterator[pa.Table]:
+    """Yield the tables of all batches; variants that were not evaluated are errors."""
+    if is_complete:
+        yield from campaign.tables(campaign.asked)
+        return
+    for batch in campaign.asked:
+        table = campaign.store.get(batch.name)
+        if table is None:
+            rows = [error_row(campaign.base, _UNFINISHED)] * len(batch.values)
+            table = table_of(campaign.base, batch.values, rows)
+        yield table
+
+
+def evaluate_against(
+    found: Prepared, campaign: Campaign, folder: Folder, executor_of: Callable[[Base], Executor]
+) -> Analysis:
+    """Evaluate the same variants with the other ECU, and compare. Raises as `evaluate`."""
+    base = against_base(found)
+    executor = executor_of(base)
+    campaign.progress.count *= 2
+    batches: list[Batch] = []
+    for own in campaign.asked:
+        batches += batches_of(base, own.values, len(own.values))
+    other = replace(campaign, base=base, executor=executor, asked=batches)
+    try:
+        other.evaluate(batches)
+        folder.write_results(other.tables(batches), AGAINST)
+    finally:
+        executor.close()
+    ecus, names = (found.request.ecu, found.request.against), found.space.names
+    comparison = comparison_of(folder.path / RESULTS, folder.path / AGAINST, names, base.expectations, ecus)
+    folder.write_results([comparison.differing], DIFFERENCES)
+    return Analysis({"against": comparison.as_dict()}, [comparison_section(comparison, names)])
+
+
+__all__ = ["Analysis", "StoppedError", "evaluate", "evaluate_against", "tables"]
