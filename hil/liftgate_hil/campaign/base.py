@@ -32,6 +32,7 @@ class Base:
     expectations: tuple[str, ...]  # names, in the order of the columns
     versions: Mapping[str, str]
     identity: str  # SHA-256 of all that goes into a result, but for the values
+    ecu: Mapping[str, Any]  # identity of the ECU, by its content
 
     def variant(self, values: Sequence[float]) -> str:
         """Return the name of a variant: the hash of everything that goes into its result."""
@@ -76,7 +77,7 @@ def base_of(plan: Plan, targets: Sequence[Target]) -> Base:
     known: dict[str, Any] = {
         "versions": versions(),
         "files": {purpose: each.sha256 for purpose, each in sorted(plan.sources.items())},
-        "ecu": _without_path(plan.ecu_identity),
+        "ecu": ecu_of(plan),
         "profiles": repr(setup.scenario.stimuli.profiles),  # also those of CSV files
         "rate": job.options.rate,
         "duration": plan.duration,
@@ -89,12 +90,12 @@ def base_of(plan: Plan, targets: Sequence[Target]) -> Base:
     }
     text = json.dumps(known, sort_keys=True, default=str)
     identity = hashlib.sha256(text.encode()).hexdigest()
-    return Base(job, tuple(targets), expectations, versions(), identity)
+    return Base(job, tuple(targets), expectations, versions(), identity, ecu_of(plan))
 
 
-def _without_path(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the identity of an ECU by its content: the same library elsewhere is the same ECU."""
-    return {name: value for name, value in identity.items() if name != "path"}
+def ecu_of(plan: Plan) -> dict[str, Any]:
+    """Return the identity of a plan's ECU by its content: the same library elsewhere is the same ECU."""
+    return {name: value for name, value in plan.ecu_identity.items() if name != "path"}
 
 
 def batch_name(base: Base, values: Floats) -> str:

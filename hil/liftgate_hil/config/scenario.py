@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -98,6 +99,11 @@ class ScenarioFile:
     parts: tuple[_Part, ...]  # each after those that it includes
     points: PointsReader = field(default_factory=PointsReader)  # of profiles in CSV files
 
+    @functools.cached_property
+    def kept(self) -> list[_Kept]:
+        """What stays the same of each file whatever its parameters are."""
+        return [_kept_of(part.raw) for part in self.parts]
+
     def scenario(self, replaced: Mapping[str, float] | None = None) -> Scenario:
         """Return the scenario with parameters replaced. Raises ConfigError with all issues of its files."""
         return _scenario_of(self, replaced or {})
@@ -124,9 +130,9 @@ def _scenario_of(file: ScenarioFile, replaced: Mapping[str, float]) -> Scenario:
     top = ScenarioTable()
     settings: dict[tuple[str, ...], Setting] = {}
     found = FoundTables([], [], [], [], [], [])
-    for part in parts:
+    for part, kept in zip(parts, file.kept, strict=True):
         raw = {
-            key: value if key in _FREE else _filled_in(part, key, value, parameters, origins)
+            key: value if key in kept.constant else _filled_in(part, key, value, parameters, origins)
             for key, value in part.raw.items()
         }
         own = read_record(part.issues, "", raw, ScenarioTable)
@@ -136,7 +142,7 @@ def _scenario_of(file: ScenarioFile, replaced: Mapping[str, float]) -> Scenario:
         for each in settings_in(own.set or {}, f"{part.path}: set."):
             called = part.issues.called(f"set.{each.key}")
             settings[each.names] = each._replace(source=called.removesuffix(each.key))
-        TableReader(part.path, part.issues, parameters, file.points).read(own, found)
+        TableReader(part.path, part.issues, parameters, file.points, kept.tables).read(own, found)
     check_once(parts[-1].issues, "profile", [name for name, _ in found.profiles])
     if any(part.issues.count for part in parts):
         raise ConfigError([line for part in parts for line in _lines_of(part.issues)])
@@ -160,6 +166,29 @@ def _scenario_of(file: ScenarioFile, replaced: Mapping[str, float]) -> Scenario:
         source=str(file.path),
         included=tuple(str(part.path) for part in parts[:-1]),
     )
+
+
+class _Kept(NamedTuple):
+    """What stays the same of a file whatever its parameters are."""
+
+    constant: frozenset[str]  # keys in which no parameter is to be filled in
+    tables: dict[str, Any]  # what tables without a parameter were read as, by key; None: not read yet
+
+
+def _kept_of(raw: Table) -> _Kept:
+    constant = frozenset(key for key, value in raw.items() if key in _FREE or not _has_parameter(value))
+    lists = {key: value for key, value in raw.items() if isinstance(value, list)}
+    places = [(f"{key}[{k}]", each) for key, value in lists.items() for k, each in enumerate(value)]
+    return _Kept(constant, {place: None for place, each in places if not _has_parameter(each)})
+
+
+def _has_parameter(value: Any) -> bool:
+    """Whether a parameter is to be filled in somewhere in a value."""
+    if isinstance(value, dict):
+        return any(map(_has_parameter, value.values()))
+    if isinstance(value, list):
+        return any(map(_has_parameter, value))
+    return isinstance(value, str) and _PARAMETER.fullmatch(value) is not None
 
 
 class _PartRead(NamedTuple):

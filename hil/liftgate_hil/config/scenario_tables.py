@@ -89,6 +89,7 @@ class TableReader:
     issues: ConfigIssues
     parameters: Mapping[str, float]
     points: PointsReader
+    kept: dict[str, Any]  # of tables that no parameter changes, by key: what they were read as, None at first
 
     def read(self, given: ScenarioTable, found: FoundTables) -> None:
         """Add the tables of the file to those that have been found; issues are collected."""
@@ -110,7 +111,16 @@ class TableReader:
         if not isinstance(given, list | tuple):
             self.issues.add(key, f"{show(given)}; allowed: [[{key}]] tables")
             return []
-        return [read(f"{key}[{i}]", table(self.issues, f"{key}[{i}]", each)) for i, each in enumerate(given)]
+        return [self._table(f"{key}[{i}]", each, read) for i, each in enumerate(given)]
+
+    def _table(self, key: str, given: Any, read: Callable[[str, Table], Any]) -> Any:
+        if (found := self.kept.get(key)) is not None:
+            return found
+        before = self.issues.count
+        found = read(key, table(self.issues, key, given))
+        if key in self.kept and self.issues.count == before:
+            self.kept[key] = found
+        return found
 
     def _instant(self, instant: Instant, delay: float, key: str) -> Instant:
         """Return an instant with its delay; its condition is checked."""
@@ -279,7 +289,7 @@ def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
     known_keys(issues, "", given, sorted(known))
     given = {name: value for name, value in given.items() if name in known}
     given |= {"kind": kind} | ({} if where is None else {"where": where})
-    found = TableReader(Path(), issues, {}, PointsReader()).fault("", given)
+    found = TableReader(Path(), issues, {}, PointsReader(), {}).fault("", given)
     issues.raise_if_any()
     return replace(found, key="`fault`", value_key="")
 

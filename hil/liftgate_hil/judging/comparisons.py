@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ _ARITHMETIC: Mapping[int, tuple[str, int, Callable[[Floats, Floats], Floats]]] =
     codes.MUL: ("*", 2, np.multiply),
     codes.DIV: ("/", 2, np.divide),
 }
+_KEPT = 512  # conditions whose comparisons are kept
 _UNARY, _ATOM = 3, 4  # levels of precedence; sums and products: see _ARITHMETIC
 
 
@@ -95,7 +97,8 @@ def shown_name(column: str) -> str:
     return column
 
 
-def comparisons_of(condition: Condition) -> list[Comparison]:
+@functools.lru_cache(_KEPT)
+def comparisons_of(condition: Condition) -> tuple[Comparison, ...]:
     """Return the comparisons of a condition, in the order of its text, which is that of its units."""
     found: list[Comparison] = []
     stack: list[tuple[str, int, tuple[tuple[int, str | float], ...]]] = []
@@ -119,7 +122,7 @@ def comparisons_of(condition: Condition) -> list[Comparison]:
             left, right = (Side(text, ops, unit) for text, _, ops in stack)
             found.append(Comparison(left, _SIGNS[code], right))
             stack.clear()
-    return found
+    return tuple(found)
 
 
 def sides_of(comparisons: Sequence[Comparison]) -> list[Side]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from liftgate_hil.codec.watch import watched
 from liftgate_hil.conditions.condition import COLUMN, CONST, EQ, NOT, SIGNAL, Condition
-from liftgate_hil.conditions.evaluator import table_of, work_for
+from liftgate_hil.conditions.evaluator import Work, table_of, work_for
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.diagnostics import services
 from liftgate_hil.diagnostics.answers import MOST_CODES
@@ -144,8 +144,13 @@ def _reported(expectation: Expectation) -> Condition:
     return Condition(code, ops if expectation.state == PRESENT else (*ops, (NOT, 0.0)), ("",))
 
 
-def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations, Judged]:
-    """Return the tables of a judge before its first row, for rows at a `rate` [Hz] up to `end` [s]; see Judge."""
+def tables_of(
+    expected: Expected, rate: float, end: float, work: Work | None = None
+) -> tuple[Expectations, Judged]:
+    """Return the tables of a judge before its first row, for rows at a `rate` [Hz] up to `end` [s]; see Judge.
+
+    `work` is memory that other judges may use too, between their blocks.
+    """
     count = len(expected.expectations)
     rows = np.zeros(count, dtype=EXPECTATION).view(np.recarray)
     progress = np.zeros(count, dtype=PROGRESS).view(np.recarray)
@@ -173,6 +178,6 @@ def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations
         np.zeros(room, dtype=STRETCH).view(np.recarray),
         np.full(signals, math.nan),
         np.full((BLOCK, signals), math.nan),
-        work_for(BLOCK),
+        work or work_for(BLOCK),
     )
     return tables, judged

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import no_logged
+from liftgate_hil.conditions.evaluator import Work
 from liftgate_hil.diagnostics.answers import Answers
 from liftgate_hil.judging.comparisons import comparisons_of
 from liftgate_hil.judging.expectation import Expectation
@@ -18,7 +19,7 @@ from liftgate_hil.judging.expected import Expected, tables_of
 from liftgate_hil.judging.failure import failure_of, shown_time
 from liftgate_hil.judging.fault_times import brief_faults
 from liftgate_hil.judging.stepped_again import LONGEST, StepAgain, stepped_again
-from liftgate_hil.judging.table import SLACK, judge_block
+from liftgate_hil.judging.table import SLACK, Progress, judge_block
 from liftgate_hil.judging.timeliness import Timeliness
 from liftgate_hil.judging.verdict import DIRECT, ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
@@ -46,7 +47,13 @@ class Judge:
     """
 
     def __init__(
-        self, expected: Expected, rate: float, end: float, tolerance: float | None = None, silence: float = LONGEST
+        self,
+        expected: Expected,
+        rate: float,
+        end: float,
+        tolerance: float | None = None,
+        silence: float = LONGEST,
+        work: Work | None = None,
     ) -> None:
         self.expected = expected
         self._silence = silence
@@ -59,7 +66,8 @@ class Judge:
         self._marks = _NO_MARKS
         self._answers = Answers(expected.diagnostics, expected.codes) if expected.diagnostics else None
         self._run = compiled(judge_block)
-        self._tables, self._judged = tables_of(expected, rate, end)
+        self._tables, self._judged = tables_of(expected, rate, end, work)
+        self._final: list[Progress] = []
         self._judge(np.zeros((0, ROW_WIDTH)), no_logged(), _NO_MARKS)  # compiles in advance
 
     @property
@@ -69,6 +77,7 @@ class Judge:
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
         """Judge rows (n, ROW_WIDTH) and the frames up to them; later frames wait for their rows."""
+        self._final = []
         if not self.reads_the_bus:
             frames = no_logged()
         marks = _NO_MARKS
@@ -83,9 +92,9 @@ class Judge:
             frames = frames[np.argsort(frames["time_ns"], kind="stable")]
         if self._timeliness is not None:
             self._timeliness.take(rows)
-        inside = rows[rows[:, COLUMN_PLACE["time_s"]] <= self.end + SLACK]
-        if len(inside):
-            self._not_made = float(inside[-1, COLUMN_PLACE["stimuli_not_made"]])
+        inside = int(np.searchsorted(rows[:, COLUMN_PLACE["time_s"]], self.end + SLACK, side="right"))
+        if inside:
+            self._not_made = float(rows[inside - 1, COLUMN_PLACE["stimuli_not_made"]])
         self._last = max(self._last, min(float(rows[-1, COLUMN_PLACE["time_s"]]), self.end))
         seen = self._judge(rows, frames, marks)
         self._frames = np.array(frames[seen:]) if seen < len(frames) else no_logged()
@@ -100,6 +109,12 @@ class Judge:
         payloads = np.ascontiguousarray(frames["payload"])
         return int(self._run(self._tables, self._judged, rows, frames, payloads, marks, self.end))
 
+    def _progress(self, place: int) -> Progress:
+        """Return the progress of an expectation; at the end it is read once, as records are slow to read."""
+        if self._final:
+            return self._final[place]
+        return Progress(*self._judged.progress[place].tolist())
+
     def verdicts(
         self, error: str = "", late: str = "", gaps: Sequence[Gap] = (), again: StepAgain | None = None
     ) -> list[Verdict]:
@@ -111,6 +126,7 @@ class Judge:
         """
         if self._not_made > 0.0 and not late:
             late = f"the bench did not apply {self._not_made:g} of the requested stimuli"
+        self._final = [Progress(*each) for each in self._judged.progress.tolist()]
         count = len(self.expected.expectations) - self.expected.awaited
         found = [self._in_gaps(place, self._verdict(place, error), gaps) for place in range(count)]
         found = [self._on_time(place, each, again) for place, each in enumerate(found)]
@@ -130,7 +146,7 @@ class Judge:
         Otherwise the verdict is checked by `stepped_again`; its method says how. One that fails, or whose trigger
         never came, reports lateness before, which may have led to it.
         """
-        progress, timeliness = self._judged.progress[place], self._timeliness
+        progress, timeliness = self._progress(place), self._timeliness
         if timeliness is None or verdict.verdict == ERROR:
             return verdict
         begin, is_opened = float(progress.begin), not np.isnan(progress.begin)
@@ -164,7 +180,7 @@ class Judge:
         """Return the verdicts; a pass becomes inconclusive if stimuli never came, any but an error if `late`."""
         count = len(found)
         for place in range(count, len(self.expected.expectations)):
-            if not self._judged.progress[place].is_decided:
+            if not self._progress(place).is_decided:
                 waiting = self.expected.expectations[place]
                 never = f"{waiting.key} never came: {waiting.condition}"
                 known = self._in_gaps(place, Verdict("", INCONCLUSIVE, reason=never), gaps).reason
@@ -179,7 +195,7 @@ class Judge:
 
     def window(self, place: int) -> tuple[float, float] | None:
         """Return from when to when [s] an expectation is judged, as far as known; None: it is not open yet."""
-        progress = self._judged.progress[place]
+        progress = self._progress(place)
         if np.isnan(progress.begin):
             return None
         begin, end = float(progress.begin), min(float(progress.end), self.end)
@@ -189,10 +205,10 @@ class Judge:
         """Return the time [s] of the margin of an expectation so far; NaN: there is none."""
         if self.expected.expectations[place].kind == "dtc":
             return math.nan
-        return float(self._judged.progress[place].margin_at)
+        return float(self._progress(place).margin_at)
 
     def _verdict(self, place: int, error: str) -> Verdict:
-        expectation, progress = self.expected.expectations[place], self._judged.progress[place]
+        expectation, progress = self.expected.expectations[place], self._progress(place)
         name = expectation.name
         if error:
             return Verdict(name, ERROR, reason=error)
@@ -221,7 +237,7 @@ class Judge:
 
     def _in_gaps(self, place: int, verdict: Verdict, gaps: Sequence[Gap]) -> Verdict:
         """Return the verdict, inconclusive if data missing in its window, or before it opens, could change it."""
-        progress = self._judged.progress[place]
+        progress = self._progress(place)
         is_opened = self.expected.openers[place] >= 0
         begin = 0.0 if is_opened else float(progress.begin)
         for gap in gaps:
@@ -237,7 +253,7 @@ class Judge:
 
     def _undecided(self, place: int) -> str:
         """Return why there is no verdict on an expectation; "": there is one."""
-        expectation, progress = self.expected.expectations[place], self._judged.progress[place]
+        expectation, progress = self.expected.expectations[place], self._progress(place)
         if np.isnan(progress.begin):
             return f"its trigger never came: {expectation.after}"
         if progress.is_decided:
@@ -277,7 +293,7 @@ class Judge:
         """Return why an expectation failed; "" if it passed."""
         if verdict == PASS:
             return ""
-        progress = self._judged.progress[place]
+        progress = self._progress(place)
         end = min(float(progress.end), self.end)
         last = end if math.isfinite(end) else self._last
         return failure_of(self.expected.expectations[place], self.expected.conditions[place], progress, last)
@@ -287,9 +303,9 @@ class Judge:
         expected = self.expected
         first = len(expected.expectations) - expected.awaited
         came = {
-            (each.condition, each.after): float(self._judged.progress[place].decided_at)
+            (each.condition, each.after): float(self._progress(place).decided_at)
             for place, each in enumerate(expected.expectations)
-            if place >= first and self._judged.progress[place].is_decided
+            if place >= first and self._progress(place).is_decided
         }
         return brief_faults(expected.faults, came, self._last, self._tables.step)
 

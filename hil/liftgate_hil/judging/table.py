@@ -7,7 +7,7 @@ grow with the run.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,25 +33,28 @@ EXPECTATION = np.dtype(
     ]
 )
 
-PROGRESS = np.dtype(
-    [
-        ("begin", "f8"),  # s, of the window; NaN: not open yet
-        ("end", "f8"),
-        ("ticks", "i8"),  # in the window
-        ("counted", "i8"),  # ticks in the window in which the condition has a value
-        ("is_decided", "i8"),  # it was false once (always), or true (eventually): no later tick changes that
-        ("decided_at", "f8"),  # s
-        ("margin", "f8"),  # so far; NaN: none
-        ("margin_at", "f8"),  # s
-        ("decider", "i8"),  # comparison that the margin is of
-        # For the last `hold`: the candidates for the smallest margin, in a ring buffer.
-        ("since", "f8"),  # s, from when on all ticks have a value; NaN: the last has none
-        ("false_at", "f8"),  # s, the last tick in which the condition was false
-        ("head", "i8"),
-        ("tail", "i8"),
-        ("late_at", "f8"),  # s, when the condition came true (eventually) only after the window; NaN: it did not
-    ]
-)
+
+class Progress(NamedTuple):
+    """Progress of an expectation."""
+
+    begin: float  # s, of the window; NaN: not open yet
+    end: float
+    ticks: int  # in the window
+    counted: int  # ticks in the window in which the condition has a value
+    is_decided: int  # it was false once (always), or true (eventually): no later tick changes that
+    decided_at: float  # s
+    margin: float  # so far; NaN: none
+    margin_at: float  # s
+    decider: int  # comparison that the margin is of
+    # For the last `hold`: the candidates for the smallest margin, in a ring buffer.
+    since: float  # s, from when on all ticks have a value; NaN: the last has none
+    false_at: float  # s, the last tick in which the condition was false
+    head: int
+    tail: int
+    late_at: float  # s, when the condition came true (eventually) only after the window; NaN: it did not
+
+
+PROGRESS = np.dtype([(name, "i8" if kind is int else "f8") for name, kind in get_type_hints(Progress).items()])
 
 STRETCH = np.dtype([("time", "f8"), ("margin", "f8"), ("decider", "i8")])
 

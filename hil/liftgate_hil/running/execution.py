@@ -35,20 +35,26 @@ class Execution:
     starts: SharedStarts | None = None  # states after preconditions, where many runs share them
 
     def start(self) -> tuple[StimulusPlan, LoopState]:
-        """Return a copy of the plan's stimuli, and the state of the loop, both at time 0.
+        """Return a copy of the plan's stimuli, and the state of the loop, both at time 0. Raises as `started`."""
+        stimuli = copied(self.plan.stimuli)
+        return stimuli, self.started(stimuli)
+
+    def started(self, stimuli: StimulusPlan) -> LoopState:
+        """Return the state of the loop at time 0, where `stimuli` begin.
 
         An ECU in this process goes through the precondition; that of an ECU on a bus is on the wire. Raises as
         `after_precondition`.
         """
-        plan, stimuli = self.plan, copied(self.plan.stimuli)
+        plan = self.plan
         state = start_of(plan.config, plan.setup.start_angle)
         if self.adapter.kind == NO_ECU:
-            return stimuli, state
+            return state
         if self.starts is not None and self.starts.restore(plan, self.adapter, stimuli):
-            return stimuli, self.starts.loop_state()
+            return self.starts.loop_state()
         actions = plan.setup.scenario.precondition
+        before = copied(stimuli) if self.starts is not None and actions else None
         config, adapter, guard = plan.config, self.adapter, partial(foreign_code, self.memory)
         state = after_precondition(config, state, stimuli, adapter, actions, self.stopped, guard)
-        if self.starts is not None and actions:
-            self.starts.keep(plan, adapter, stimuli, state)
-        return stimuli, state
+        if self.starts is not None and before is not None:
+            self.starts.keep(plan, adapter, before, stimuli, state)
+        return state

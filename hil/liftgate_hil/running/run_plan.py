@@ -30,6 +30,7 @@ from liftgate_hil.running.stepping import StepsAgain, relevant_frames
 from liftgate_plant.compiler import GivenUpError
 
 if TYPE_CHECKING:
+    from liftgate_hil.conditions.evaluator import Work
     from liftgate_hil.loop.observers import Sink
     from liftgate_hil.loop.rings import Memory
     from liftgate_hil.running.plan import Plan
@@ -66,15 +67,19 @@ def _sinks_of(plan: Plan, others: Sequence[Sink]) -> list[Sink]:
     return found
 
 
-def judge_of(plan: Plan) -> Judge | None:
-    """Return the judge of the run; None: the scenario has no expectations."""
+def judge_of(plan: Plan, work: Work | None = None) -> Judge | None:
+    """Return the judge of the run; None: the scenario has no expectations.
+
+    Judges that judge one after the other may share their `work` memory.
+    """
     scenario, options = plan.setup.scenario, plan.options
     if not scenario.expectations:
         return None
     end = math.inf if plan.duration is None else plan.duration
-    tolerance = None if options.clock == "free" else tolerance_of(scenario, plan.rig)
-    silence = silence_of(scenario, plan.rig)
-    return Judge(plan.expected, options.rate, end, tolerance, silence)
+    if options.clock == "free":
+        return Judge(plan.expected, options.rate, end, work=work)
+    tolerance, silence = tolerance_of(scenario, plan.rig), silence_of(scenario, plan.rig)
+    return Judge(plan.expected, options.rate, end, tolerance, silence, work)
 
 
 def adapter_of(plan: Plan, memory: Memory | None, stack: contextlib.ExitStack) -> Adapter:

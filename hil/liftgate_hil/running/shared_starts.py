@@ -43,7 +43,7 @@ class SharedStarts:
         kept = self._kept
         if kept is None or kept.key != _key_of(plan):
             return False
-        adapter.state = copied(kept.node)
+        adapter.state = reference_copied(kept.node)
         adapter.begins_anew(kept.origin * plan.config.step)
         stimuli.origin[0] = kept.origin
         return True
@@ -53,13 +53,19 @@ class SharedStarts:
         assert self._kept is not None
         return copied(self._kept.loop)
 
-    def keep(self, plan: Plan, adapter: Adapter, stimuli: StimulusPlan, loop: LoopState) -> None:
+    def keep(
+        self, plan: Plan, adapter: Adapter, before: StimulusPlan, stimuli: StimulusPlan, loop: LoopState
+    ) -> None:
         """Keep the state after a precondition, unless that has changed more of the stimuli than their origin."""
         origin = int(stimuli.origin[0])
-        before = plan.stimuli._replace(origin=stimuli.origin)
-        is_shared = adapter.kind == REFERENCE and _are_equal(stimuli, before)
-        key = _key_of(plan)
-        self._kept = _Kept(key, copied(loop), copied(adapter.state), origin) if is_shared else None
+        is_shared = adapter.kind == REFERENCE and _are_equal(stimuli, before._replace(origin=stimuli.origin))
+        node = reference_copied(adapter.state)
+        self._kept = _Kept(_key_of(plan), copied(loop), node, origin) if is_shared else None
+
+
+def reference_copied(node: NodeState) -> NodeState:
+    """Return a state of the reference ECU with arrays of its own; the port, which it does not use, is shared."""
+    return node._replace(reference=copied(node.reference))
 
 
 def _key_of(plan: Plan) -> tuple[Any, ...]:

@@ -74,7 +74,7 @@ class FaultTable(NamedTuple):
 def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Sheet, slots: int = 0) -> FaultTable:
     """Return the fault tables of a gate, with `slots` free rows at the end; their moments go to the sheet."""
     numbers = numbers_of(constants)
-    places = {name: place for place, name in enumerate(numbers)}
+    places = {name: place for place, name in enumerate(numbers)} if injections else {}
     rows: list[tuple[float, ...]] = []
     edits: list[tuple[float, ...]] = []
     for each in injections:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from multiprocessing.connection import wait
 
 from liftgate_hil.campaign.base import Base
-from liftgate_hil.campaign.evaluation import Evaluator
+from liftgate_hil.campaign.evaluation import GROUP, Evaluator, Row
 from liftgate_hil.campaign.executors.executor import Batch, Done
 from liftgate_hil.campaign.executors.slot import Slot
 from liftgate_hil.campaign.results import table_of
@@ -31,12 +31,13 @@ class Serial:
     ) -> Iterator[Done]:
         """Yield the batches as they are done; see `Executor.run`."""
         for batch in batches:
-            rows = []
-            for values in batch.values:
-                rows.append(self._evaluator.row(values, stopped))
+            rows: list[Row] = []
+            for first in range(0, len(batch.values), GROUP):
+                group = batch.values[first : first + GROUP].tolist()
+                rows += self._evaluator.rows(group, stopped)
                 if stopped():
                     return
-                told(1)
+                told(len(group))
             store.put(batch.name, table_of(self._base, batch.values, rows))
             yield Done(batch, 0)
 

@@ -1,7 +1,7 @@
 """Slot of an executor: a worker process and the batch that it evaluates; a worker that dies is replaced.
 
-The first variant without a row is the one that its worker died of: it is tried again in a new process, and one
-that kills its process twice becomes a row with the error.
+The rest of a batch that a worker died of is evaluated variant by variant in a new process, so that the first
+variant without a row is the one that a process dies of: one that kills its process twice becomes an error row.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.distributions import Floats
-from liftgate_hil.campaign.evaluation import Row, error_row
+from liftgate_hil.campaign.evaluation import GROUP, Row, error_row
 from liftgate_hil.campaign.executors.worker import FAILED, READY, ROW
 from liftgate_hil.campaign.figures import Figures
 from liftgate_hil.errors import LiftgateError
@@ -49,6 +49,7 @@ class Slot:
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
         self._is_ready = False
+        self._is_single = False  # variant by variant, after a death, so that the next one shows what it is of
         self._progress: tuple[Any, ...] = ()
         self._heard = self._moved = 0.0
 
@@ -61,6 +62,7 @@ class Slot:
         """Begin with a batch of variants (n, d)."""
         self._values, self.rows = values, []
         self._deaths.clear()
+        self._is_single = False
         if self._process is None:
             self._start()
         elif self._is_ready:
@@ -118,7 +120,8 @@ class Slot:
         assert self._connection is not None
         self._moved = time.monotonic()
         with contextlib.suppress(OSError):
-            self._connection.send(self._values[len(self.rows) :])
+            size = 1 if self._is_single else GROUP
+            self._connection.send((self._values[len(self.rows) :], size))
 
     def _take(self, message: tuple[Any, ...]) -> None:
         self._heard = time.monotonic()
@@ -157,7 +160,10 @@ class Slot:
         was_ready = self._is_ready
         self.close()
         place = len(self.rows)
-        self._deaths[place] += 1
+        if was_ready and not self._is_single:
+            self._is_single = True
+        else:
+            self._deaths[place] += 1
         self.retried += 1
         if self._deaths[place] >= _DEATHS:
             if not was_ready:

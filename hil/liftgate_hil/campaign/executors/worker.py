@@ -60,10 +60,11 @@ def main() -> int:
 
 def _serve(connection: Connection, mouth: _Mouth, runner: Any) -> None:
     while True:
-        for values in connection.recv():
+        variants, size = connection.recv()
+        for first in range(0, len(variants), size):
             with mouth.beating(runner.evaluator):
-                row = runner.row(values)
-            mouth.say(ROW, tuple(row))
+                for row in runner.rows(variants[first : first + size].tolist()):
+                    mouth.say(ROW, tuple(row))
 
 
 class _Mouth:
@@ -112,9 +113,9 @@ class _Direct:
     def __init__(self, evaluator: Evaluator) -> None:
         self.evaluator = evaluator
 
-    def row(self, values: Sequence[float]) -> Row:
-        """Return the row of a variant."""
-        return self.evaluator.row(values)
+    def rows(self, variants: Sequence[Sequence[float]]) -> Iterator[Row]:
+        """Yield the rows of variants."""
+        return self.evaluator.rows(variants)
 
 
 class _Forked:
@@ -124,8 +125,11 @@ class _Forked:
         evaluator.load()
         self.evaluator = evaluator
 
-    def row(self, values: Sequence[float]) -> Row:
-        """Return the row of a variant."""
+    def rows(self, variants: Sequence[Sequence[float]]) -> Iterator[Row]:
+        """Yield the rows of variants."""
+        return map(self._row, variants)
+
+    def _row(self, values: Sequence[float]) -> Row:
         from liftgate_hil.campaign.evaluation import error_row
 
         began, cause = time.perf_counter(), ""
