@@ -19,7 +19,7 @@ VCAN_TESTS ?= tests/vcan
 # The compiled model: kept on the host, as all else that a machine writes is lost.
 MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 
-.PHONY: demo docs test last-bits test-package test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile study coverage clean
+.PHONY: campaign demo docs test last-bits test-package test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile study coverage clean
 
 setup: $(VENV)/.ready
 
@@ -87,6 +87,17 @@ accuracy: setup
 # What the reference ECU's anti-trap does on a thousand drawn cars; writes docs/anti-trap.md and its figure.
 anti-trap: setup
 	$(BIN)/python -m tools.anti_trap --output docs
+
+# The shipped trap matrix with the reference ECU: docs/trap-matrix.html, and its data. Some three minutes.
+campaign: setup
+	rm -rf $(OUT)/trap-matrix
+	$(BIN)/liftgate-hil campaign pack:trap-matrix --output $(OUT)/trap-matrix
+	mkdir -p docs/trap-matrix
+	cp $(OUT)/trap-matrix/report.html docs/trap-matrix.html
+	for each in rods undisturbed; do \
+	    cp $(OUT)/trap-matrix/$$each/results.parquet docs/trap-matrix/$$each.parquet; \
+	    cp $(OUT)/trap-matrix/$$each/DATA.md docs/trap-matrix/$$each.md; \
+	done
 
 # The pack of scenarios with the reference ECU and all of its mutants; writes docs/pack.md. Some two minutes.
 pack: setup

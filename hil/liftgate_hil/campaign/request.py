@@ -22,6 +22,7 @@ from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import Plan, plan_of
 from liftgate_hil.running.setup import rig_of, scenario_of, variant_of
 
+LEAST_OF_A_PROBABILITY = 1200  # evaluations: with fewer, the levels of a small probability are chance
 DESIGN, WORST, PROBABILITY = "design", "worst", "probability"  # kinds of campaigns
 
 
@@ -99,6 +100,8 @@ def check_expectation(request: Request, base: Base) -> None:
         raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: {known}")
     if not base.targets:
         raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: together with `vary`")
+    if request.kind == PROBABILITY and 0 < request.evaluations < LEAST_OF_A_PROBABILITY:
+        raise ConfigError(f"`evaluations` {request.evaluations}: allowed: {LEAST_OF_A_PROBABILITY} or more")
 
 
 def against_base(prepared_: Prepared) -> Base:

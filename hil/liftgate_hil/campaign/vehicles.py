@@ -34,8 +34,15 @@ class Vehicles:
             self._last = key, self._made(fixed, varied, variant)
         return self._last[1]
 
+    def _parameter_for(self, setting: Setting) -> FreeParameter | None:
+        """Return the parameter that a setting's value is put into; None: the loader has to see it."""
+        parameter = self._parameters.get(setting.key)
+        if parameter is None or not isinstance(setting.value, int | float):
+            return None
+        return parameter if parameter.quantity.allows(setting.value) else None
+
     def _made(self, fixed: Sequence[Setting], varied: Sequence[Setting], variant: Variant) -> Vehicle:
-        found = [self._parameters.get(each.key) for each in varied]
+        found = [self._parameter_for(each) for each in varied]
         if variant.draw is None and all(found):
             key = (list(fixed), variant)
             if self._base is None or self._base[0] != key:

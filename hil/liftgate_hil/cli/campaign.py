@@ -10,6 +10,8 @@ Exit code 0: it is complete, whatever its verdicts.
 from __future__ import annotations
 
 import argparse
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +25,7 @@ from liftgate_hil.errors import ConfigError, LiftgateError, printable
 if TYPE_CHECKING:
     from liftgate_hil.campaign.campaign import Progress
     from liftgate_hil.campaign.request import Request
-    from liftgate_hil.campaign.run import Outcome
+    from liftgate_hil.campaign.run import Outcome, Places
     from liftgate_hil.cli.teller import Teller
 
 _METHODS = ("sobol", "lhs", "random")
@@ -34,7 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "scenario",
         metavar="SCENARIO|FOLDER",
-        help="a scenario file or a shipped name; with --replay the folder of a campaign",
+        help="a scenario or campaign file, or a shipped name (pack:trap-matrix); with --replay the folder of a "
+        "campaign",
     )
     parser.add_argument(
         "--vary",
@@ -99,7 +102,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
-    from liftgate_hil.campaign.run import Places, Watcher, run_campaign
+    from liftgate_hil.campaign.file import is_campaign_file
+    from liftgate_hil.campaign.run import Watcher, run_campaign
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.report.provenance import provenance_of
 
@@ -107,21 +111,53 @@ def run(args: argparse.Namespace) -> int:
         return _replay(args)
     teller = Teller(args.quiet)
     request = _request(args)
-    places = Places(Path(args.output), args.store or "", args.scheduler or "", args.jobs or 0, args.resume)
+    if is_campaign_file(request.scenario):
+        return _run_file(args, request, teller)
     stop = StopSignals()
-    line = _Line(teller)
+    with _ended_in_order(teller, stop):
+        watcher = Watcher(stop, _Line(teller).show, teller.say)
+        outcome = run_campaign(request, _places(args), provenance_of(args.command_line, {}), watcher)
+    _summarise(outcome, args)
+    return 0 if outcome.is_complete else stop.exit_code
+
+
+def _run_file(args: argparse.Namespace, request: Request, teller: Teller) -> int:
+    """Run the parts of a campaign file and return the exit code."""
+    from liftgate_hil.campaign.file import read_campaign_file
+    from liftgate_hil.campaign.parts import is_complete, run_parts
+    from liftgate_hil.campaign.run import Watcher
+    from liftgate_hil.report.provenance import provenance_of
+
+    file = read_campaign_file(request.scenario, request)
+    stop = StopSignals()
+    with _ended_in_order(teller, stop):
+        watcher = Watcher(stop, _Line(teller).show, teller.say)
+        found = run_parts(file, _places(args), provenance_of(args.command_line, {}), watcher)
+    for each in found:
+        _summarise(each.outcome, args)
+    if not args.quiet:
+        print(f"{printable(args.output)}: report.html", flush=True)
+    return 0 if is_complete(found, file) else stop.exit_code
+
+
+@contextlib.contextmanager
+def _ended_in_order(teller: Teller, stop: StopSignals) -> Iterator[None]:
+    """Context that clears the progress line, and gives a failure after a stop the exit code of the stop."""
     try:
         with naming_the_flag():
-            watcher = Watcher(stop, line.show, teller.say)
-            outcome = run_campaign(request, places, provenance_of(args.command_line, {}), watcher)
+            yield
     except ConfigError:
         raise
     except LiftgateError as error:
-        teller.clear()
         raise stop.failure(str(error)) from error
-    teller.clear()
-    _summarise(outcome, args)
-    return 0 if outcome.is_complete else stop.exit_code
+    finally:
+        teller.clear()
+
+
+def _places(args: argparse.Namespace) -> Places:
+    from liftgate_hil.campaign.run import Places
+
+    return Places(Path(args.output), args.store or "", args.scheduler or "", args.jobs or 0, args.resume)
 
 
 def _request(args: argparse.Namespace) -> Request:
@@ -134,6 +170,8 @@ def _request(args: argparse.Namespace) -> Request:
     if args.record:
         issues.append("`record`: allowed together with --replay")
     kind = WORST if args.worst else PROBABILITY if args.probability else DESIGN
+    if kind == DESIGN and args.evaluations:
+        issues.append(f"`evaluations` {args.evaluations}: allowed with --worst or --probability")
     if kind != DESIGN and args.samples:
         issues.append(f"`samples` {args.samples}: allowed without --{kind}")
     if issues:

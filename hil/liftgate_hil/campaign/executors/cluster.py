@@ -6,12 +6,16 @@ see the store, the task hands the table back, and this process stores it.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import logging
+import math
 import pickle
 import threading
 import time
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,7 +34,9 @@ if TYPE_CHECKING:
 _CONNECT_S = 20.0  # s that a scheduler may take to answer
 _GONE_S = 30.0  # s without a connection to the scheduler until it is given up
 _NOBODY_S = 120.0  # s without any worker until the campaign is given up
-_LOOK_S = 0.5
+_ANSWER_S = 10.0  # s that the scheduler may take for an answer
+_ASK_S = 1.0  # s from one question for its workers to the next
+_LOOK_S, _POLL_S = 0.5, 0.02
 _IN_FLIGHT = 2  # batches for each thread of a worker: one at work, one that waits
 _DEATHS = 100  # of workers while they have a task in hand, until Dask gives the task up
 _COMPARED = ("liftgate-hil", "python", "numba", "llvmlite", "numpy")  # packages that results depend on
@@ -66,6 +72,7 @@ class Cluster:
                 f"`scheduler` {address}: {words_of(error)}; allowed: the address of a Dask scheduler"
             ) from None
         self._refused: set[str] = set()
+        self._content = _Content(zlib.compress(pickle.dumps(base)))
         try:
             self._prepare()
         except BaseException:
@@ -79,7 +86,7 @@ class Cluster:
                 f"`scheduler` {self._address}: it has no workers; allowed: one with `dask worker` processes"
             )
         try:
-            found = self._client.run(versions, on_error="return")
+            found = within(_CONNECT_S, partial(self._client.run, versions, on_error="return"))
         except Exception as error:
             raise ConfigError(
                 f"`scheduler` {self._address}: its workers do not answer: {words_of(error)}"
@@ -91,8 +98,10 @@ class Cluster:
         ]
         if issues:
             raise ConfigError(issues)
-        self._client.run_on_scheduler(_bear_deaths, deaths=_DEATHS)
-        self._content = self._client.scatter(_Content(pickle.dumps(self._base)), broadcast=False, hash=True)
+        try:
+            within(_CONNECT_S, partial(self._client.run_on_scheduler, _bear_deaths, deaths=_DEATHS))
+        except Exception as error:
+            raise ConfigError(f"`scheduler` {self._address}: it does not answer: {words_of(error)}") from None
 
     @property
     def workers(self) -> int:
@@ -100,7 +109,7 @@ class Cluster:
         return max(1, sum(self._threads().values()))
 
     def _threads(self) -> Mapping[str, int]:
-        threads: Mapping[str, int] = self._client.nthreads()
+        threads: Mapping[str, int] = within(_ANSWER_S, self._client.nthreads)
         return {name: count for name, count in threads.items() if name not in self._refused}
 
     def run(
@@ -109,19 +118,20 @@ class Cluster:
         """Yield the batches as they are done; see `Executor.run`. Raises GoneError, LiftgateError, StoreError."""
         waiting, again = iter(batches), list[Batch]()
         busy: dict[Any, Batch] = {}
-        mark = store.mark()
+        mark, is_empty = store.mark(), False
         watch = _Watch(self._client, self._address)
         try:
             while not stopped():
-                watch.look(self._threads() if watch.is_there() else {})
-                while watch.is_there() and len(busy) < _IN_FLIGHT * self.workers:
+                threads = watch.look(self._threads)
+                while watch.is_there() and len(busy) < _IN_FLIGHT * threads:
                     batch = again.pop() if again else next(waiting, None)
                     if batch is None:
+                        is_empty = True
                         break
                     busy[self._submit(batch, store, mark)] = batch
-                if not busy and watch.is_there():
+                if is_empty and not (busy or again):
                     return
-                time.sleep(0.02)
+                time.sleep(_POLL_S)
                 for future in [each for each in busy if each.done()]:
                     batch = busy.pop(future)
                     answer = self._answer(future)
@@ -135,7 +145,8 @@ class Cluster:
         finally:
             store.unmark(mark)
             if self._client.status == "running":
-                self._client.cancel(list(busy))
+                with contextlib.suppress(Exception):  # what is left of it is not waited for
+                    within(_ANSWER_S, partial(self._client.cancel, list(busy)))
 
     def _submit(self, batch: Batch, store: Store, mark: str) -> Any:
         allowed = list(self._threads()) if self._refused else None
@@ -164,12 +175,11 @@ class Cluster:
 
     def close(self) -> None:
         """Close the connection; the cluster goes on for others."""
-        try:
+        with contextlib.suppress(Exception):  # the scheduler may be gone, with all that could be closed
             if self._client.status == "running":
-                self._client.run(_end_slots, on_error="ignore")
-            self._client.close(timeout=2.0)
-        except Exception:  # the scheduler is gone, with all that could be closed
-            return
+                within(_ANSWER_S, partial(self._client.run, _end_slots, on_error="ignore"))
+        with contextlib.suppress(Exception):
+            within(_ANSWER_S, partial(self._client.close, timeout=2.0))
 
 
 class _Watch:
@@ -178,19 +188,24 @@ class _Watch:
     def __init__(self, client: Any, address: str) -> None:
         self._client, self._address = client, address
         self._seen = self._worked = time.monotonic()
+        self._asked, self._threads = -math.inf, 0
 
     def is_there(self) -> bool:
         """Whether the scheduler is connected."""
         return bool(self._client.status == "running")
 
-    def look(self, threads: Mapping[str, int]) -> None:
-        """Raise GoneError where the scheduler or its workers have been gone for too long."""
+    def look(self, threads: Callable[[], Mapping[str, int]]) -> int:
+        """Return how many threads the workers have, asked for once in a while.
+
+        Raises GoneError where the scheduler or its workers have been gone for too long.
+        """
         now = time.monotonic()
-        if self.is_there():
-            self._seen = now
-            if threads:
-                self._worked = now
-        else:
+        if self.is_there() and now - self._asked > _ASK_S:
+            self._asked = now
+            with contextlib.suppress(Exception):  # a scheduler that does not answer is gone, in the end
+                self._threads = sum(threads().values())
+                self._seen = time.monotonic()
+        if self._threads or not self.is_there():
             self._worked = now
         if now - self._seen > _GONE_S or self._client.status == "closed":
             raise GoneError(
@@ -200,12 +215,41 @@ class _Watch:
             raise GoneError(
                 f"{self._address}: no worker for {_NOBODY_S:g} s; the store is kept: go on with --resume"
             )
+        return self._threads
 
 
 class _Content(NamedTuple):
-    """A pickled base, as Dask carries it: Dask must not look into it."""
+    """A pickled base, compressed, as each task carries it: what is scattered is lost with those that hold it."""
 
-    pickled: bytes
+    packed: bytes
+
+    def pickled(self) -> bytes:
+        """Return the pickled base."""
+        return zlib.decompress(self.packed)
+
+
+def within(seconds: float, ask: Callable[[], Any]) -> Any:
+    """Return what a call returns within a time [s]; the calls of Dask's client wait for ever.
+
+    Raises TimeoutError, and what the call raises.
+    """
+    found: list[Any] = []
+    failed: list[BaseException] = []
+
+    def call() -> None:
+        try:
+            found.append(ask())
+        except BaseException as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=call, daemon=True)
+    thread.start()
+    thread.join(seconds)
+    if failed:
+        raise failed[0]
+    if not found:
+        raise TimeoutError(f"no answer within {seconds:g} s")
+    return found[0]
 
 
 def _distributed() -> Any:
@@ -244,7 +288,8 @@ def _slot_for(content: _Content, identity: str) -> Slot:
             slot.close()
             slot = None
         if slot is None:
-            slot = _slots[place] = Slot(pickle.loads(content.pickled), content.pickled)
+            pickled = content.pickled()
+            slot = _slots[place] = Slot(pickle.loads(pickled), pickled)
         return slot
 
 
@@ -259,7 +304,7 @@ def _evaluated(content: _Content, identity: str, values: Floats, name: str, stor
     """Evaluate a batch in this worker of the cluster."""
     from distributed import get_worker
 
-    base: Base = pickle.loads(content.pickled)
+    base: Base = pickle.loads(content.pickled())
     if text := _differs(versions(), base.versions):
         return _Answer(0, refused=f"worker {get_worker().address}: {text}")
     is_shared = store.is_shared(mark)

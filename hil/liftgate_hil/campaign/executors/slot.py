@@ -31,6 +31,7 @@ _MODULE = "liftgate_hil.campaign.executors.worker"
 _SILENT_S = 60.0  # s without a sign of life, which comes every second
 _STILL_S = 300.0  # s without progress of a variant: compiling takes up to a minute
 _END_S = 2.0
+_STARTS = 5  # failed starts of a worker, one after the other, until the campaign is given up
 _DEATHS = 2  # of the same variant's process, until it is given up
 
 
@@ -49,6 +50,7 @@ class Slot:
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
         self._is_ready = False
+        self._failed_starts = 0  # one after the other
         self._is_single = False  # variant by variant, after a death, so that the next one shows what it is of
         self._progress: tuple[Any, ...] = ()
         self._heard = self._moved = 0.0
@@ -127,7 +129,7 @@ class Slot:
         self._heard = time.monotonic()
         kind = message[0]
         if kind == READY:
-            self._is_ready = True
+            self._is_ready, self._failed_starts = True, 0
             self._send()
         elif kind == FAILED:
             raise LiftgateError(f"a worker of the campaign: {message[1]}")
@@ -157,18 +159,19 @@ class Slot:
 
     def _replace(self, cause: str) -> None:
         """Start another worker for the rest of the batch. Raises LiftgateError where none can be started."""
-        was_ready = self._is_ready
+        was_ready, place = self._is_ready, len(self.rows)
         self.close()
-        place = len(self.rows)
-        if was_ready and not self._is_single:
-            self._is_single = True
-        else:
-            self._deaths[place] += 1
-        self.retried += 1
-        if self._deaths[place] >= _DEATHS:
-            if not was_ready:
+        if not was_ready:
+            self._failed_starts += 1
+            if self._failed_starts >= _STARTS:
                 raise LiftgateError(f"the campaign's workers cannot start: {cause.replace('its process', 'one')}")
-            self.rows.append(error_row(self.base, cause))
-            if len(self.rows) == len(self._values):
-                return
+        elif self._is_single:
+            self._deaths[place] += 1
+            if self._deaths[place] >= _DEATHS:
+                self.rows.append(error_row(self.base, cause))
+        else:
+            self._is_single = True
+        self.retried += 1
+        if len(self.rows) == len(self._values):
+            return
         self._start()

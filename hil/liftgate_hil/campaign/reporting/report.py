@@ -23,6 +23,8 @@ from liftgate_hil.report.provenance import Provenance
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_FEW = 8  # values of a varied name that a sentence or a table lists
+_TELLING = 0.1  # share of the variance from which a value is worth a sentence
 LIMIT = 100.0  # N, at which the force's heat map is red: UN R21 5.8, borrowed
 
 STYLE = (
@@ -59,10 +61,10 @@ def report(
         [
             _first_screen(summary, units),
             *more,
-            section("Expectations", _requirements(summary)),
-            section("What drives it", *_drivers(summary)),
-            section("Distributions", *_distributions(summary)),
-            section("Worst variants", _worst(summary, folder)),
+            section("Expectations", requirements(summary)),
+            section("What drives it", *drivers(summary)),
+            section("Distributions", *distributions(summary)),
+            section("Worst variants", worst(summary, folder)),
             section(
                 "Errors", table(("error", "variants"), [(e, str(n)) for e, n in summary.errors], ("name", "r"))
             ),
@@ -73,42 +75,84 @@ def report(
 
 
 def _first_screen(summary: Summary, units: Mapping[str, str]) -> str:
+    return lead(summary) + tiles(summary) + heat_section(summary, units)
+
+
+def lead(summary: Summary) -> str:
+    """Return the result in a sentence or two."""
+    return f'<p class="lead">{text(_story(summary))}</p>'
+
+
+def has_forces(summary: Summary) -> bool:
+    """Whether anything was pinched in any variant."""
+    return bool(np.nanmax(summary.force, initial=0.0) > 0.0)
+
+
+def tiles(summary: Summary) -> str:
+    """Return the most important numbers."""
     total, failed = summary.count, summary.counts.get("fail", 0)
     wrong = summary.counts.get("error", 0)
     decided = total - wrong - summary.counts.get("inconclusive", 0)
     share = f"{100.0 * failed / decided:.3g} %" if decided else "—"
-    force = summary.force[np.isfinite(summary.force)]
-    tiles = [
+    parts = [
         tile(f"{total:,}", "variants evaluated"),
-        tile(share, f"of the decided ones fail ({failed:,})", "bad" if failed else "fine"),
+        tile(
+            share,
+            f"of the decided fail ({failed:,}; 95 %: {interval(failed, decided)})",
+            "bad" if failed else "fine",
+        ),
     ]
-    if len(force) and force.max() > 0.0:
+    if has_forces(summary):
+        force = summary.force[np.isfinite(summary.force)]
         over = int((force > LIMIT).sum())
-        tiles.append(tile(f"{force.max():.0f} N", "largest pinch force", "bad" if force.max() > LIMIT else "fine"))
-        tiles.append(tile(f"{over:,}", f"variants press with more than {LIMIT:.0f} N", "bad" if over else "fine"))
+        parts.append(tile(f"{force.max():.0f} N", "largest pinch force", "bad" if force.max() > LIMIT else "fine"))
+        parts.append(tile(f"{over:,}", f"variants press with more than {LIMIT:.0f} N", "bad" if over else "fine"))
     if wrong:
-        tiles.append(tile(f"{wrong:,}", "errors: no result", "bad"))
-    return f'<p class="lead">{text(_story(summary))}</p><div class="tiles">{"".join(tiles)}</div>' + heat_section(
-        summary, units
-    )
+        parts.append(tile(f"{wrong:,}", "errors: no result", "bad"))
+    return f'<div class="tiles">{"".join(parts)}</div>'
+
+
+def interval(failed: int, count: int) -> str:
+    """Return the 95 % interval of a share after Clopper and Pearson (1934), in percent."""
+    from scipy.stats import beta
+
+    if not count:
+        return "unknown"
+    low = float(beta.ppf(0.025, failed, count - failed + 1)) if failed else 0.0
+    high = float(beta.ppf(0.975, failed + 1, count - failed)) if failed < count else 1.0
+    return f"{100.0 * low:.2g} to {100.0 * high:.2g} %"
 
 
 def _story(summary: Summary) -> str:
     """Return the result in a sentence or two."""
-    failing = [each for each in summary.expectations if each.failed]
+    counts = summary.counts
+    failed = counts.get("fail", 0)
+    decided = summary.count - counts.get("error", 0) - counts.get("inconclusive", 0)
     parts = []
-    if failing:
-        most = max(failing, key=lambda each: each.failed)
-        parts.append(f"“{most.name}” fails in {most.failed:,} of {most.failed + most.passed:,} variants.")
-    elif summary.expectations:
-        parts.append("No variant fails.")
-    if summary.indices and summary.indices[0].first_order >= 0.1:
-        top = summary.indices[0]
-        parts.append(f"{top.name} alone explains {100.0 * top.first_order:.0f} % of its variance.")
-    return " ".join(parts)
+    if failed:
+        most = max(summary.expectations, key=lambda each: each.failed)
+        parts.append(f"{failed:,} of {decided:,} variants fail, {most.failed:,} of them “{most.name}”.")
+    elif summary.expectations and decided:
+        parts.append(f"None of {decided:,} variants fails.")
+    parts.append(_forces(summary))
+    return " ".join(part for part in parts if part)
 
 
-def heat_section(summary: Summary, units: Mapping[str, str]) -> str:
+def _forces(summary: Summary) -> str:
+    """Return the largest forces by the value that explains most of them, in a sentence."""
+    top = next(iter(summary.force_indices), None)
+    if top is None or not has_forces(summary) or top.first_order < _TELLING:
+        return ""
+    values = summary.values[top.name]
+    distinct = np.unique(values).tolist()
+    if len(distinct) > _FEW:
+        return f"{top.name} alone explains {100.0 * top.first_order:.0f} % of the variance of the force."
+    found = [(each, np.nanmax(summary.force[values == each], initial=0.0)) for each in distinct]
+    shown = ", ".join(f"{force:.0f} N at {value:g}" for value, force in found)
+    return f"Largest force by {top.name}: {shown}."
+
+
+def heat_section(summary: Summary, units: Mapping[str, str], has_margin: bool = True) -> str:
     """Return the heat maps over the two values that matter most; "": fewer than two vary."""
     indices = {each.name: each.first_order for each in (summary.force_indices or summary.indices)}
     varying = [name for name, each in summary.values.items() if len(np.unique(each)) > 1]
@@ -125,7 +169,7 @@ def heat_section(summary: Summary, units: Mapping[str, str]) -> str:
             f'<p class="key">The worst of all other varied values in each cell; framed: over {LIMIT:.0f} N '
             f"({text(ORIGINS.get(LIMIT, 'borrowed'))}).</p>"
         )
-    if summary.driver != FORCE:
+    if summary.driver != FORCE and has_margin:
         cells = cells_of(summary.values[across], summary.values[down], summary.result, is_low_worst=True)
         high = float(np.nanmax(cells.worst)) if np.isfinite(cells.worst).any() else 1.0
         drawn = heat_map(
@@ -148,7 +192,8 @@ def _label(name: str, units: Mapping[str, str]) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def _requirements(summary: Summary) -> str:
+def requirements(summary: Summary) -> str:
+    """Return the table of expectations."""
     rows = [
         (
             each.name,
@@ -165,7 +210,8 @@ def _requirements(summary: Summary) -> str:
     return table(heads, rows, ("name", "r", "r", "r", "r", "")) + note
 
 
-def _drivers(summary: Summary) -> list[str]:
+def drivers(summary: Summary) -> list[str]:
+    """Return the tables of first-order indices."""
     parts: list[str] = []
     for column, indices in ((summary.driver, summary.indices), (FORCE, summary.force_indices)):
         if not indices or (column == FORCE and parts and summary.driver == FORCE):
@@ -196,19 +242,24 @@ def _bar(share: float) -> Markup:
     return Markup(f'<span class="bar" style="width:{12.0 * share:.2f}rem"></span> {100.0 * share:.0f} %')
 
 
-def _distributions(summary: Summary) -> list[str]:
+def distributions(summary: Summary, name: str = "") -> list[str]:
+    """Return the histograms; `name` makes their identifiers unique on a page with several."""
+    prefix = "".join(each for each in name.lower() if each.isalnum())
     parts = []
     force = summary.force[np.isfinite(summary.force)]
     if len(force) > 1 and force.max() > 0.0:
         parts.append(
-            figure(svg(_histogram(force, "largest pinch force [N]", LIMIT), "force", "histogram of forces"),
-                   "Largest pinch force of each variant; line: 100 N.", small=True)
+            figure(
+                svg(_histogram(force, "largest pinch force [N]", LIMIT), f"{prefix}force", "histogram of forces"),
+                "Largest pinch force of each variant; line: 100 N.",
+                small=True,
+            )
         )  # fmt: skip
     if summary.driver != FORCE:
         result = summary.result[np.isfinite(summary.result)]
         if len(result) > 1:
             name = summary.driver.removeprefix(MARGIN)
-            drawn = svg(_histogram(result, f"margin of {name}", 0.0), "margin", "histogram of margins")
+            drawn = svg(_histogram(result, f"margin of {name}", 0.0), f"{prefix}margin", "histogram of margins")
             parts.append(figure(drawn, f"Margin of “{name}”; left of the line it fails.", small=True))
     return parts
 
@@ -227,7 +278,8 @@ def _histogram(values: Floats, label: str, line: float) -> Figure:
     return drawn
 
 
-def _worst(summary: Summary, folder: str) -> str:
+def worst(summary: Summary, folder: str) -> str:
+    """Return the table of the worst variants, with the command that runs one again."""
     heads = (
         "variant",
         *summary.values,

@@ -1,0 +1,350 @@
+"""What holds for every executor: the same rows, each batch in the store once, whatever dies meanwhile."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from c_library import build, needs_compiler
+
+from liftgate_hil.campaign.base import Base
+from liftgate_hil.campaign.campaign import Campaign, Progress, StoppedError, batches_of
+from liftgate_hil.campaign.executors.cluster import Cluster
+from liftgate_hil.campaign.executors.executor import Executor
+from liftgate_hil.campaign.executors.local import Processes, Serial
+from liftgate_hil.campaign.request import Request, prepared
+from liftgate_hil.campaign.store import Store
+from liftgate_hil.errors import ConfigError, LiftgateError
+
+SHORT = """
+duration = 1.0
+initial = "open"
+
+[parameters]
+angle = 75
+rod = 10_000
+
+[[request]]
+time = 0.1
+action = "close"
+
+[[obstacle]]
+angle_deg = "$angle"
+stiffness = "$rod"
+
+[[expect]]
+name = "stays open"
+always = "gate_angle_deg > $angle"
+"""
+VALUES = np.column_stack([np.linspace(60.0, 80.0, 24), np.linspace(9.5, 15.0, 24)])
+KINDS = ("serial", "processes", "cluster")
+PATIENCE = 120.0  # s until something must have happened; nothing is judged by it
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> Base:
+    path = tmp_path_factory.mktemp("executors") / "short.toml"
+    path.write_text(SHORT)
+    return base_with(path)
+
+
+def base_with(path: Path, ecu: str = "reference") -> Base:
+    return prepared(Request(str(path), ("angle=60,80", "supply.voltage=9.5,15"), ecu=ecu)).base
+
+
+class LocalCluster:
+    """A real scheduler and its workers, each a process of its own."""
+
+    def __init__(self, folder: Path, workers: int, *flags: str) -> None:
+        self._folder, self._flags, self._number = folder, flags, 0
+        file = folder / "scheduler.json"
+        self._scheduler = self._start("scheduler", "--scheduler-file", str(file), "--port", "0", "--no-dashboard")
+        self.address = self._address_in(file)
+        self.workers = [self.worker() for _ in range(workers)]
+
+    def _start(self, kind: str, *flags: str) -> subprocess.Popen[bytes]:
+        with (self._folder / f"{kind}.log").open("ab") as log:
+            return subprocess.Popen(
+                [sys.executable, "-m", f"distributed.cli.dask_{kind}", *flags, "--host", "127.0.0.1"],
+                cwd=self._folder, stdout=log, stderr=log, stdin=subprocess.DEVNULL, start_new_session=True,
+            )  # fmt: skip
+
+    def _address_in(self, file: Path) -> str:
+        import json
+
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            try:
+                return str(json.loads(file.read_text())["address"])
+            except (OSError, ValueError, KeyError):
+                assert time.monotonic() < deadline, "no scheduler"
+                time.sleep(0.05)
+
+    def worker(self) -> subprocess.Popen[bytes]:
+        """Start another worker."""
+        self._number += 1
+        return self._start(
+            "worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard",
+            "--name", f"w{self._number}", "--local-directory", str(self._folder), *self._flags,
+        )  # fmt: skip
+
+    def wait_for(self, workers: int) -> None:
+        """Wait until so many workers are there."""
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False) as client:
+            client.wait_for_workers(workers, timeout=PATIENCE)
+
+    def kill_scheduler(self) -> None:
+        """Kill the scheduler."""
+        os.killpg(self._scheduler.pid, signal.SIGKILL)
+        self._scheduler.wait()
+
+    def close(self) -> None:
+        """Kill all of it."""
+        for each in (*self.workers, self._scheduler):
+            try:
+                os.killpg(each.pid, signal.SIGKILL)
+            except ProcessLookupError:
+                continue
+            each.wait()
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalCluster]:
+    found = LocalCluster(tmp_path_factory.mktemp("cluster"), 3)
+    found.wait_for(3)
+    yield found
+    found.close()
+
+
+@pytest.fixture(params=KINDS)
+def kind(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def executor_of(kind: str, base: Base, cluster: LocalCluster | None) -> Executor:
+    if kind == "serial":
+        return Serial(base)
+    if kind == "processes":
+        return Processes(base, 2)
+    assert cluster is not None
+    return Cluster(base, cluster.address)
+
+
+def campaign_in(folder: Path, base: Base, executor: Executor, stopped=lambda: False) -> Campaign:
+    store = Store(str(folder))
+    store.create()
+    return Campaign(base, executor, store, stopped, Progress(0), lambda progress: None)
+
+
+def evaluated(folder: Path, base: Base, executor: Executor, values=VALUES, size: int = 5) -> pa.Table:
+    """The rows of all variants, in their order, without the time that they took."""
+    campaign = campaign_in(folder, base, executor)
+    batches = batches_of(base, values, size)
+    try:
+        campaign.evaluate(batches)
+        return pa.concat_tables(list(campaign.tables(batches))).drop_columns(["wall_s"])
+    finally:
+        executor.close()
+
+
+def test_rows_are_the_same_bit_by_bit_whoever_evaluates(
+    kind: str, base: Base, cluster: LocalCluster, tmp_path: Path
+) -> None:
+    expected = evaluated(tmp_path / "expected", base, Serial(base))
+    found = evaluated(tmp_path / kind, base, executor_of(kind, base, cluster), size=7)
+    assert found.equals(expected)
+    assert len(set(found["margin.stays open"].to_pylist())) > 10
+    assert len(list((tmp_path / kind).glob("*.parquet"))) == 4  # 24 variants in batches of 7
+    assert {each.suffix for each in (tmp_path / kind).iterdir()} == {".parquet"}
+
+
+def test_what_is_in_the_store_is_not_evaluated_again(
+    kind: str, base: Base, cluster: LocalCluster, tmp_path: Path
+) -> None:
+    campaign = campaign_in(tmp_path, base, executor_of(kind, base, cluster))
+    batches = batches_of(base, VALUES, 6)
+    campaign.evaluate(batches[1:3])
+    written = {each.name: each.stat().st_mtime_ns for each in tmp_path.glob("*.parquet")}
+    campaign.evaluate(batches)
+    campaign.executor.close()
+    after = {each.name: each.stat().st_mtime_ns for each in tmp_path.glob("*.parquet")}
+    assert len(written) == 2
+    assert len(after) == 4
+    assert written.items() <= after.items()
+    assert campaign.progress.found == 12
+
+
+def test_a_stop_ends_it_and_keeps_whole_batches(
+    kind: str, base: Base, cluster: LocalCluster, tmp_path: Path
+) -> None:
+    done = []
+    campaign = campaign_in(tmp_path, base, executor_of(kind, base, cluster), lambda: len(done) > 0)
+    campaign.tell = lambda progress: done.append(progress.done)
+    with pytest.raises(StoppedError):
+        campaign.evaluate(batches_of(base, VALUES, 2))
+    campaign.executor.close()
+    for each in tmp_path.glob("*.parquet"):
+        assert pa.parquet.read_table(each).num_rows == 2
+
+
+def test_a_variant_that_cannot_be_run_is_an_error_row(
+    kind: str, base: Base, cluster: LocalCluster, tmp_path: Path
+) -> None:
+    values = np.array([[70.0, 12.0], [70.0, -5.0], [71.0, 12.0]])
+    found = evaluated(tmp_path, base, executor_of(kind, base, cluster), values)
+    assert found["verdict"].to_pylist()[1] == "error"
+    assert "supply.voltage" in found["error"].to_pylist()[1]
+    assert found["error"].to_pylist()[0::2] == [None, None]
+
+
+def children_of(process: int) -> list[int]:
+    path = Path(f"/proc/{process}/task/{process}/children")
+    return [int(each) for each in path.read_text().split()]
+
+
+def test_killed_worker_processes_lose_nothing_and_repeat_nothing(base: Base, tmp_path: Path) -> None:
+    expected = evaluated(tmp_path / "expected", base, Serial(base))
+    executor = Processes(base, 2)
+    campaign = campaign_in(tmp_path / "killed", base, executor)
+    killed: list[int] = []
+
+    def kill(progress: Progress) -> None:
+        if len(killed) < 4:
+            process = executor._slots[len(killed) % 2]._process
+            if process is not None and process.pid not in killed:
+                os.kill(process.pid, signal.SIGKILL)
+                killed.append(process.pid)
+
+    campaign.tell = kill
+    batches = batches_of(base, VALUES, 6)
+    campaign.evaluate(batches)
+    executor.close()
+    found = pa.concat_tables(list(campaign.tables(batches))).drop_columns(["wall_s"])
+    assert len(killed) == 4
+    assert found.equals(expected)
+    assert campaign.progress.retried >= 1
+
+
+def test_killed_workers_of_a_cluster_lose_nothing(base: Base, tmp_path: Path) -> None:
+    expected = evaluated(tmp_path / "expected", base, Serial(base))
+    own = LocalCluster(tmp_path, 3)
+    try:
+        own.wait_for(3)
+        executor = Cluster(base, own.address)
+        campaign = campaign_in(tmp_path / "killed", base, executor)
+        killed = 0
+
+        def kill(progress: Progress) -> None:
+            nonlocal killed
+            if killed < 3:
+                os.killpg(own.workers[killed].pid, signal.SIGKILL)
+                own.workers[killed].wait()
+                own.workers.append(own.worker())
+                killed += 1
+
+        campaign.tell = kill
+        batches = batches_of(base, VALUES, 2)
+        campaign.evaluate(batches)
+        executor.close()
+        found = pa.concat_tables(list(campaign.tables(batches))).drop_columns(["wall_s"])
+        assert killed == 3
+        assert found.equals(expected)
+        assert len(list((tmp_path / "killed").glob("*.parquet"))) == 12
+    finally:
+        own.close()
+
+
+def test_a_scheduler_that_is_gone_is_told_and_what_was_stored_is_kept(
+    base: Base, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("liftgate_hil.campaign.executors.cluster._GONE_S", 2.0)
+    own = LocalCluster(tmp_path, 1)
+    try:
+        own.wait_for(1)
+        executor = Cluster(base, own.address)
+        campaign = campaign_in(tmp_path / "store", base, executor)
+        campaign.tell = lambda progress: own.kill_scheduler()
+        batches = batches_of(base, VALUES, 2)
+        with pytest.raises(LiftgateError, match=r"the scheduler at tcp://.* is gone.*--resume"):
+            campaign.evaluate(batches)
+        executor.close()
+        assert list((tmp_path / "store").glob("*.parquet"))
+    finally:
+        own.close()
+    there = evaluated(tmp_path / "store", base, Serial(base), size=2)
+    assert there.equals(evaluated(tmp_path / "expected", base, Serial(base)))
+
+
+def test_workers_that_do_not_see_the_store_hand_their_batches_back(
+    base: Base, cluster: LocalCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Store, "mark", lambda self: "a mark that no worker sees")
+    found = evaluated(tmp_path / "handed", base, Cluster(base, cluster.address))
+    assert found.equals(evaluated(tmp_path / "expected", base, Serial(base)))
+
+
+def test_workers_of_another_version_are_refused_by_name(base: Base, cluster: LocalCluster) -> None:
+    from dataclasses import replace
+
+    other = replace(base, versions={**base.versions, "liftgate-hil": "9.9"})
+    with pytest.raises(ConfigError, match=r"worker tcp://[\d.:]+: liftgate-hil .*, here 9\.9; allowed"):
+        Cluster(other, cluster.address)
+
+
+def test_an_address_without_a_scheduler_is_one_clear_message(base: Base, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("liftgate_hil.campaign.executors.cluster._CONNECT_S", 1.0)
+    with pytest.raises(ConfigError, match=r"`scheduler` tcp://127.0.0.1:9"):
+        Cluster(base, "tcp://127.0.0.1:9")
+
+
+CRASHES = """
+#include <signal.h>
+#include <stdlib.h>
+#include "liftgate_ecu.h"
+static int steps;
+void *liftgate_ecu_create(void) { return &steps; }
+void liftgate_ecu_destroy(void *ecu) { (void)ecu; }
+int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in, int count,
+                      struct liftgate_frame *out, int capacity)
+{
+    (void)ecu; (void)now_ns; (void)in; (void)count; (void)out; (void)capacity;
+    if (++steps == 300)
+        END;
+    return 0;
+}
+"""
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("end", "cause"), [("raise(SIGSEGV)", "SIGSEGV"), ("exit(7)", "exit code 7"), ("steps = 0", "")]
+)
+def test_a_library_that_crashes_does_so_in_a_child_and_its_statics_are_fresh(
+    end: str, cause: str, tmp_path: Path
+) -> None:
+    library = build(tmp_path, CRASHES.replace("END", end))
+    (tmp_path / "short.toml").write_text(SHORT)
+    own = base_with(tmp_path / "short.toml", str(library))
+    found = evaluated(tmp_path / "store", own, Processes(own, 1), VALUES[:3])
+    if cause:
+        assert found["verdict"].to_pylist() == ["error"] * 3
+        assert all(cause in each and "the ECU at 0.29" in each for each in found["error"].to_pylist())
+    else:
+        assert found["error"].to_pylist() == [None] * 3
+
+
+def test_no_process_is_left_behind(base: Base, tmp_path: Path) -> None:
+    before = set(children_of(os.getpid()))
+    executor = Processes(base, 2)
+    evaluated(tmp_path, base, executor, VALUES[:4], 2)
+    assert set(children_of(os.getpid())) <= before
