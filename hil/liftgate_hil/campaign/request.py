@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.campaign.base import Base, base_of
+from liftgate_hil.campaign.design import Design
 from liftgate_hil.campaign.results import check_columns
 from liftgate_hil.campaign.space import Space, space_of
 from liftgate_hil.config.scenario import read_scenario
@@ -76,6 +77,8 @@ class Prepared:
     base: Base
     space: Space
     plan: Plan  # of the scenario as it is
+    design: Design | None  # None: the variants depend on the results
+    against: Base | None  # with the other ECU; None: there is none
 
 
 def prepared(request: Request) -> Prepared:
@@ -88,9 +91,13 @@ def prepared(request: Request) -> Prepared:
     space = space_of(request.vary, plan.setup.scenario.parameters, plan.setup.vehicle, content)
     base = base_of(plan, space.targets)
     check_columns(base)
-    if request.kind != DESIGN:
+    design = None
+    if request.kind == DESIGN:
+        design = Design(space, request.samples, request.method, request.sampling_seed)
+    else:
         check_expectation(request, base)
-    return Prepared(request, base, space, plan)
+    against = _against(request, base) if request.against else None
+    return Prepared(request, base, space, plan, design, against)
 
 
 def check_expectation(request: Request, base: Base) -> None:
@@ -104,11 +111,10 @@ def check_expectation(request: Request, base: Base) -> None:
         raise ConfigError(f"`evaluations` {request.evaluations}: allowed: {LEAST_OF_A_PROBABILITY} or more")
 
 
-def against_base(prepared_: Prepared) -> Base:
+def _against(request: Request, base: Base) -> Base:
     """Return the base of the other ECU, for the same values. Raises ConfigError."""
-    ecu, mutant = ecu_of(prepared_.request.against, "against")
-    job = replace(prepared_.base.job, ecu=ecu, mutant=mutant)
-    return base_of(plan_of(job), prepared_.base.targets)
+    ecu, mutant = ecu_of(request.against, "against")
+    return base_of(plan_of(replace(base.job, ecu=ecu, mutant=mutant)), base.targets)
 
 
 def _job_of(request: Request) -> Job:
@@ -138,7 +144,10 @@ def ecu_of(name: str, called: str) -> tuple[str, str]:
         raise ConfigError(f"`{called}` {name}: allowed: reference, mutant:NAME, a library, MODULE:CLASS")
     kind, _, mutant = name.partition(":")
     if kind != "mutant":
-        check_ecu(name)
+        try:
+            check_ecu(name)
+        except ConfigError as error:
+            raise ConfigError([line.replace("`ecu`", f"`{called}`", 1) for line in error.issues]) from None
         return name, ""
     if mutant not in MUTANTS:
         raise ConfigError(f"`{called}` {name}: allowed: mutant: and one of {', '.join(MUTANTS)}")

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from liftgate_hil.campaign import adaptive
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.campaign import Campaign, StoppedError, batch_size, batches_of
-from liftgate_hil.campaign.design import Design
 from liftgate_hil.campaign.evaluation import error_row
 from liftgate_hil.campaign.executors.executor import Batch, Executor
 from liftgate_hil.campaign.folder import AGAINST, DIFFERENCES, RESULTS, WORST_FILE, Folder
 from liftgate_hil.campaign.reporting import adaptive_sections
 from liftgate_hil.campaign.reporting.comparison import comparison_of, comparison_section
-from liftgate_hil.campaign.request import PROBABILITY, WORST, Prepared, against_base
+from liftgate_hil.campaign.request import PROBABILITY, WORST, Prepared
 from liftgate_hil.campaign.results import table_of
 from liftgate_hil.campaign.resumption import Pace
 from liftgate_hil.campaign.scenario_file import scenario_text
@@ -43,8 +42,8 @@ def evaluate(found: Prepared, campaign: Campaign, folder: Folder, pace: Pace) ->
         return _search(found, campaign, folder)
     if found.request.kind == PROBABILITY:
         return _estimate(found, campaign)
-    request = found.request
-    design = Design(found.space, request.samples, request.method, request.sampling_seed)
+    design = found.design
+    assert design is not None
     size = batch_size(design.count, pace.workers, pace.seconds_each)
     campaign.progress.count = design.count
     for first in range(0, design.count, size):
@@ -99,7 +98,8 @@ def evaluate_against(
     found: Prepared, campaign: Campaign, folder: Folder, executor_of: Callable[[Base], Executor]
 ) -> Analysis:
     """Evaluate the same variants with the other ECU, and compare. Raises as `evaluate`."""
-    base = against_base(found)
+    base = found.against
+    assert base is not None
     executor = executor_of(base)
     campaign.progress.count *= 2
     batches: list[Batch] = []

@@ -244,7 +244,8 @@ def _replay(args: argparse.Namespace) -> int:
     """Run a variant of a campaign again; exit code 0: it is as the campaign saw it, to the bit."""
     from liftgate_hil.campaign.replay import replayed
 
-    found = replayed(Path(args.scenario), args.replay, tuple(args.record))
+    record = options.run_options(args).record
+    found = replayed(Path(args.scenario), args.replay, record)
     for line in found.lines:
         print(printable(line), flush=True)
     return 0 if found.is_equal else 1

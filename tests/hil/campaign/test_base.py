@@ -147,7 +147,7 @@ def test_the_identity_does_not_depend_on_where_the_files_are(short: str, tmp_pat
 
 def test_the_identity_does_not_depend_on_the_values_but_on_their_names(short: str) -> None:
     first = base_with(short, "rod=1,2")
-    assert base_with(short, "rod~uniform(5,6)").identity == first.identity
+    assert base_with(short, "rod~uniform(5,6)", samples=4).identity == first.identity
     assert base_with(short, "angle=1,2").identity != first.identity
 
 
@@ -181,7 +181,7 @@ def test_the_identity_depends_on_an_included_file(tmp_path: Path) -> None:
 
 def test_the_identity_depends_on_the_points_of_a_profile_in_a_csv_file(tmp_path: Path) -> None:
     path, points = tmp_path / "own.toml", tmp_path / "slope.csv"
-    path.write_text(f'{SHORT}\n[profile.road_slope_deg]\ncsv = "slope.csv"\n')
+    path.write_text(f'{SHORT}\n[[profile]]\nquantity = "road_slope_deg"\ncsv = "slope.csv"\n')
     identities = set()
     for last in (3.0, 3.0000001):
         points.write_text("time_s,road_slope_deg\n0,0\n" + "".join(f"{k},1\n" for k in range(1, 1500)) + f"1500,{last}\n")

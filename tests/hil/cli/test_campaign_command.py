@@ -1,0 +1,299 @@
+"""The command `campaign`: its messages, its files, and what is left of it when it is ended."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from liftgate_hil.cli.main import main
+
+SCENARIO = """
+duration = 1.0
+initial = "open"
+
+[parameters]
+angle = 75
+rod = 10_000
+
+[[request]]
+time = 0.1
+action = "close"
+
+[[obstacle]]
+angle_deg = "$angle"
+stiffness = "$rod"
+
+[[expect]]
+name = "stays open"
+always = "gate_angle_deg > $angle"
+"""
+PATIENCE = 300.0  # s; nothing is judged by it
+
+
+@pytest.fixture
+def scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.chdir(tmp_path)
+    Path("short.toml").write_text(SCENARIO)
+    return "short.toml"
+
+
+def rows_in(folder: str | Path) -> list[dict]:
+    """The rows without the time that they took, which differs."""
+    return pq.read_table(Path(folder) / "results.parquet").drop_columns(["wall_s"]).to_pylist()
+
+
+def manifest_in(folder: str | Path) -> dict:
+    return json.loads((Path(folder) / "campaign.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--vary", "rood=1"], "--vary rood: allowed: angle, rod, seed, draw, or a key of the vehicle file"),
+        (["--vary", "angle"], "--vary angle: allowed: NAME=VALUE,VALUE,…, NAME=FIRST:LAST:COUNT"),
+        (["--vary", "angle=1:2"], "--vary angle=1:2: allowed: numbers as VALUE,VALUE,… or FIRST:LAST:COUNT"),
+        (
+            ["--vary", "angle~uniform(2,1)"],
+            "--vary angle: uniform(2,1): allowed: uniform(low, high) with low < high",
+        ),
+        (["--vary", "angle~gauss(2,1)"], "--vary angle: gauss(2,1): allowed: uniform(low, high)"),
+        (["--vary", "angle~uniform(60,70)"], "--samples: missing"),
+        (["--vary", "angle=60,70", "--samples", "3"], "--samples 3: allowed: with a distribution"),
+        (["--vary", "seed=1.5"], "--vary seed=1.5: allowed: whole numbers from 0"),
+        (["--vary", "supply.voltage=-1"], "--vary supply.voltage=-1: -1: allowed: 0 to 60 V"),
+        (["--vary", "angle=60", "--vary", "angle=70"], "angle: varied twice"),
+        (["--vary", "vehicle"], "--vary vehicle: allowed: a vehicle file with [identification]"),
+        (["--worst", "stays shut", "--vary", "angle=60,70"], "--worst stays shut: allowed: stays open"),
+        (["--worst", "stays open"], "--worst stays open: allowed: together with --vary"),
+        (
+            ["--probability", "stays open", "--vary", "angle=1,2", "--evaluations", "100"],
+            "--evaluations 100: allowed",
+        ),
+        (["--worst", "stays open", "--probability", "stays open"], "--worst: allowed without --probability"),
+        (["--evaluations", "50", "--vary", "angle=60"], "--evaluations 50: allowed with --worst or --probability"),
+        (["--vary", "angle=60", "--record", "a.csv"], "--record: allowed together with --replay"),
+        (["--vary", "angle=60", "--ecu", "nowhere.so"], "--ecu nowhere.so: no such file"),
+        (["--vary", "angle=60", "--ecu", "mutant:none"], "--ecu mutant:none: allowed: mutant: and one of"),
+        (["--vary", "angle=60", "--against", "nowhere.so"], "--against nowhere.so: no such file"),
+        (["--vary", "angle=60", "--scheduler", "nowhere"], "--scheduler nowhere"),
+    ],
+)
+def test_wrong_flags_are_one_clear_line(
+    scenario: str, flags: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["campaign", scenario, *flags]) == 2
+    out, err = capsys.readouterr()
+    assert message in err
+    assert len(err.splitlines()) == 1
+    assert out == ""
+    assert not Path("campaign").exists()
+
+
+def test_all_combinations_have_a_row_and_the_files_say_what_they_are(
+    scenario: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = ["--vary", "angle=60,75", "--vary", "supply.voltage=9.5,12,15", "--output", "out", "--jobs", "1"]
+    assert main(["campaign", scenario, *flags]) == 0
+    rows = rows_in("out")
+    assert [(row["supply.voltage"], row["angle"]) for row in rows] == [
+        (voltage, angle) for voltage in (9.5, 12.0, 15.0) for angle in (60.0, 75.0)
+    ]
+    assert list(rows[0])[:4] == ["variant", "angle", "supply.voltage", "verdict"]
+    assert {"margin.stays open", "peak_pinch_force_n", "reversal_time_s", "peak_current_a", "error"} <= set(
+        rows[0]
+    )
+    found = manifest_in("out")
+    assert found["is_complete"] is True
+    assert found["variants"] == 6
+    assert sum(found["verdicts"].values()) == 6
+    assert found["request"]["vary"] == ["angle=60,75", "supply.voltage=9.5,12,15"]
+    assert "6 variants" in capsys.readouterr().out
+    assert "</html>" in Path("out/report.html").read_text()
+    for name in rows[0]:
+        assert f"`{name}`" in Path("out/DATA.md").read_text()
+
+
+def test_any_row_is_replayed_bit_by_bit(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ["--vary", "angle~uniform(60,79)", "--vary", "draw~integer(0,999)", "--samples", "5", "--jobs", "1"]
+    assert main(["campaign", scenario, *flags]) == 0
+    for row in rows_in("campaign"):
+        assert main(["campaign", "campaign", "--replay", row["variant"][:16]]) == 0
+        assert "equal to the bit" in capsys.readouterr().out
+    assert main(["campaign", "campaign", "--replay", row["variant"], "--record", "run.csv"]) == 0
+    assert Path("run.csv").stat().st_size > 10_000
+
+
+def test_a_replay_says_what_the_campaign_saw_otherwise(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["campaign", scenario, "--vary", "angle=60,75", "--jobs", "1", "--quiet"]) == 0
+    path = Path("campaign/results.parquet")
+    table = pq.read_table(path)
+    rows = table.to_pylist()
+    rows[0]["margin.stays open"] += 1e-12
+    pq.write_table(table.from_pylist(rows, schema=table.schema), path)
+    assert main(["campaign", "campaign", "--replay", rows[0]["variant"]]) == 1
+    assert "not as the campaign saw it" in capsys.readouterr().out
+    assert main(["campaign", "campaign", "--replay", "zz"]) == 2
+    assert "--replay zz: no such variant" in capsys.readouterr().err
+
+
+def test_a_folder_with_another_campaign_is_not_overwritten(
+    scenario: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = ["--vary", "angle=60,75", "--jobs", "1", "--quiet"]
+    assert main(["campaign", scenario, *flags]) == 0
+    assert main(["campaign", scenario, *flags]) == 2
+    assert "has a campaign; allowed: another folder, or --resume" in capsys.readouterr().err
+    before = rows_in("campaign")
+    assert main(["campaign", scenario, *flags, "--resume"]) == 0
+    assert manifest_in("campaign")["evaluated_now"] == 0
+    assert rows_in("campaign") == before
+    for more, what in (
+        (["--vary", "rod=1,2"], "vary"),
+        (["--seed", "3"], "seed"),
+        (["--set", "gate.mass=31"], "settings"),
+    ):
+        assert main(["campaign", scenario, *flags, *more, "--resume"]) == 2
+        assert f"{what}: not as the campaign began" in capsys.readouterr().err
+    Path(scenario).write_text(SCENARIO + "# changed\n")
+    assert main(["campaign", scenario, *flags, "--resume"]) == 2
+    assert "scenario: not as the campaign began" in capsys.readouterr().err
+
+
+def test_the_worst_is_a_scenario_of_its_own_with_the_same_margin(
+    scenario: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = [
+        "--vary",
+        "angle~uniform(70,79)",
+        "--vary",
+        "seed~integer(0,99)",
+        "--evaluations",
+        "30",
+        "--jobs",
+        "1",
+    ]
+    assert main(["campaign", scenario, *flags, "--worst", "stays open", "--quiet"]) == 0
+    found = manifest_in("campaign")["analysis"]
+    assert found["evaluations"] == 30
+    assert found["random"]["evaluations"] == 30
+    assert found["margin"] == min(row["margin.stays open"] for row in rows_in("campaign")[:30])
+    assert main(["test", "campaign/worst.toml", "--json", "verdicts.json"]) == 1
+    (verdict,) = json.loads(Path("verdicts.json").read_text())["scenarios"][0]["expectations"]
+    assert verdict["margin"] == found["margin"]
+
+
+def test_two_ecus_are_compared_variant_by_variant(scenario: str) -> None:
+    flags = ["--vary", "angle=60,75", "--jobs", "1", "--quiet", "--duration", "3"]
+    assert main(["campaign", scenario, *flags, "--against", "mutant:closing_unwatched"]) == 0
+    found = manifest_in("campaign")["analysis"]["against"]
+    assert found["variants"] == 2
+    assert found["differing"] >= 1
+    table = pq.read_table("campaign/differences.parquet")
+    assert table.num_rows == found["differing"]
+    assert table["largest_difference"].to_pylist() == sorted(table["largest_difference"].to_pylist(), reverse=True)
+    assert "Two ECUs" in Path("campaign/report.html").read_text()
+
+
+def started(*flags: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "liftgate_hil", "campaign", "short.toml", *flags]
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+
+
+MANY = ("--vary", "angle=60:79:40", "--vary", "supply.voltage=9.5,12,15", "--jobs", "2")
+
+
+def wait_for_batches(count: int) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while len(list(Path("campaign/batches").glob("*.parquet"))) < count:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_a_killed_campaign_is_resumed_to_the_same_results(scenario: str) -> None:
+    assert main(["campaign", scenario, *MANY, "--output", "whole", "--quiet"]) == 0
+    random.seed(5)
+    for _ in range(3):
+        process = started(*MANY, *(["--resume"] if Path("campaign/campaign.json").exists() else []))
+        wait_for_batches(len(list(Path("campaign/batches").glob("*.parquet"))) + random.randrange(1, 12))
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+    assert main(["campaign", scenario, *MANY, "--resume", "--quiet"]) == 0
+    assert manifest_in("campaign")["is_complete"] is True
+    assert rows_in("campaign") == rows_in("whole")
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stopped_campaign_keeps_what_it_has_and_says_that_it_is_incomplete(
+    scenario: str, number: int, code: int
+) -> None:
+    process = started(*MANY)
+    wait_for_batches(2)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == code
+    assert b"Traceback" not in err
+    rows, found = rows_in("campaign"), manifest_in("campaign")
+    unfinished = [row for row in rows if row["error"] == "stopped before it was evaluated"]
+    assert len(rows) == 120
+    assert 0 < len(unfinished) < 120
+    assert {row["verdict"] for row in unfinished} == {"error"}
+    assert found["is_complete"] is False
+    assert "Incomplete" in Path("campaign/report.html").read_text()
+    assert main(["campaign", scenario, *MANY, "--resume", "--quiet"]) == 0
+    assert not any(row["error"] for row in rows_in("campaign"))
+
+
+def test_a_damaged_batch_is_evaluated_again(scenario: str) -> None:
+    flags = ["--vary", "angle=60:79:8", "--jobs", "1", "--quiet"]
+    assert main(["campaign", scenario, *flags]) == 0
+    before = rows_in("campaign")
+    batches = sorted(Path("campaign/batches").glob("*.parquet"))
+    batches[0].write_bytes(batches[0].read_bytes()[:100])
+    batches[1].write_bytes(b"")
+    assert main(["campaign", scenario, *flags, "--resume"]) == 0
+    assert rows_in("campaign") == before
+
+
+def test_a_store_that_vanishes_is_told_and_nothing_is_lost(scenario: str) -> None:
+    process = started(*MANY, "--store", "elsewhere")
+    deadline = time.monotonic() + PATIENCE
+    while len(list(Path("elsewhere").glob("*.parquet"))) < 3:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    Path("elsewhere").rename("aside")
+    _, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+    assert b"elsewhere" in err
+    assert b"Traceback" not in err
+    if Path("elsewhere").exists():
+        Path("elsewhere").rmdir()
+    Path("aside").rename("elsewhere")
+    assert main(["campaign", scenario, *MANY, "--store", "elsewhere", "--resume", "--quiet"]) == 0
+    assert manifest_in("campaign")["evaluated_now"] < 120
+
+
+def test_a_shipped_campaign_runs_in_parts_with_one_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    flags = ["--vary", "rod=10000", "--vary", "angle=60,70", "--vary", "seed=1", "--samples", "2"]
+    flags += ["--vary", "environment.ambient_temperature_degc=20", "--vary", "environment.road_slope_deg=0"]
+    assert main(["campaign", "pack:trap-matrix", *flags, "--vary", "supply.voltage=12", "--quiet"]) == 0
+    assert len(rows_in("campaign/rods")) == 2
+    assert len(rows_in("campaign/undisturbed")) == 2
+    page = Path("campaign/report.html").read_text()
+    assert page.index("Closing onto a rod") < page.index("Nothing in its way") < page.index("expectations")
+    assert main(["campaign", "pack:nothing"]) == 2
