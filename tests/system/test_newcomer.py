@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import can
+import pyarrow.parquet as pq
 import pytest
 import readme
 from c_ecu import needs_compiler, serial_line
@@ -32,6 +33,10 @@ ELSEWHERE = {
     "liftgate-hil --bus slcan": "tests/system/test_interfaces.py",
     "candump can0": "tests/vcan/test_commands.py",
     "cantools monitor": "tests/system/test_clients.py",
+    "python -m distributed.cli.dask_scheduler": "tests/hil/campaign/test_executors.py",
+    "python -m distributed.cli.dask_worker": "tests/hil/campaign/test_executors.py",
+    "liftgate-hil campaign docs/examples/trap.toml --vary angle=20:60:9": "tests/hil/campaign/test_executors.py",
+    "liftgate-hil campaign pack:trap-matrix": "tests/hil/cli/test_campaign_command.py",
 }
 HERE = (
     "liftgate-hil init",
@@ -69,6 +74,12 @@ HERE = (
     "liftgate-hil test scenarios",
     "liftgate-hil judge out/",
     "liftgate-hil judge docs/",
+    "liftgate-hil campaign docs/examples/trap.toml --vary rod",
+    "liftgate-hil campaign docs/examples/trap.toml --samples",
+    "liftgate-hil campaign samples --replay",
+    "liftgate-hil campaign docs/examples/trap.toml --worst",
+    "liftgate-hil campaign docs/examples/trap.toml --probability",
+    "liftgate-hil campaign docs/examples/trap.toml --ecu",
     "liftgate-hil simulate --vehicle suv",
     "liftgate-hil simulate --input",
     "liftgate-hil simulate --voltage -12",
@@ -184,7 +195,27 @@ def test_a_recording_of_somebody_elses_car_is_judged(folder: Path) -> None:
 # Closed loop, and a folder to start from.
 
 
+def test_campaigns_run_and_their_rows_are_replayed(folder: Path) -> None:
+    campaign = "liftgate-hil campaign docs/examples/trap.toml"
+    assert "15 variants" in run(command(f"{campaign} --vary rod"), folder)
+    assert "200 variants" in run(command(f"{campaign} --samples"), folder)
+    variant = pq.read_table(folder / "samples" / "results.parquet")["variant"][7].as_py()
+    out = run(command("liftgate-hil campaign samples --replay"), folder, {"VARIANT": variant[:12]})
+    assert "equal to the bit" in out
+    assert (folder / "worst.mf4").is_file()
+    run(command(f"{campaign} --worst"), folder)
+    assert (folder / "worst" / "worst.toml").is_file()
+    run(command(f"{campaign} --probability"), folder)
+    assert "Probability of failure" in (folder / "probability" / "report.html").read_text(encoding="utf-8")
+
+
 @needs_compiler
+def test_two_ecus_go_through_the_same_variants(folder: Path) -> None:
+    run(command("make -C tools/ecu build/liftgate-ecu.so"), folder)
+    run(command("liftgate-hil campaign docs/examples/trap.toml --ecu"), folder)
+    assert pq.read_table(folder / "two" / "differences.parquet").num_rows == 5
+
+
 def test_what_init_prints_runs_as_it_stands(folder: Path) -> None:
     out = run(command("liftgate-hil init"), folder)
     steps = [re.split(r" {2,}#", line)[0].strip() for line in out.split("next:")[1].splitlines()]

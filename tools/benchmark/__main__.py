@@ -13,7 +13,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from liftgate_hil.loop.statistics import in_words
-from tools.benchmark import costs, episodes, identification, inactive, lateness, parts, processes, replays, tables
+from tools.benchmark import (
+    campaigns,
+    costs,
+    episodes,
+    identification,
+    inactive,
+    lateness,
+    parts,
+    processes,
+    replays,
+    tables,
+)
 from tools.benchmark.checkouts import HERE, name_of
 from tools.benchmark.effort import SHORT, WHOLE, Effort
 from tools.benchmark.lateness import Pairs
@@ -148,6 +159,23 @@ def inactive_section(effort: Effort = WHOLE) -> list[str]:
         ),
         "",
         *inactive.table(inactive.measure(effort.of(inactive.ROUNDS), effort.ticks)),
+        "",
+    ]
+
+
+def campaign_section(effort: Effort = WHOLE) -> list[str]:
+    """Return the section about campaigns."""
+    return [
+        "## Campaigns",
+        "",
+        paragraph(
+            """Variants of a trapping scenario of 10 s with the reference ECU, a rod and a temperature drawn. The
+            bare episode is the closed loop in machine code alone, of the very same variants, in turns. Then
+            `liftgate-hil campaign` as a command; memory is that of all of its processes, shared pages counted
+            once."""
+        ),
+        "",
+        *campaigns.lines(effort.variants, effort.many_variants, effort.of(campaigns.ROUNDS)),
         "",
     ]
 
@@ -316,6 +344,7 @@ def main() -> None:
         "--against", type=Path, metavar="CHECKOUT", help="another one, for starts, files and identify"
     )
     parser.add_argument("--only-replays", action="store_true", help="print these two sections, and no more")
+    parser.add_argument("--only-campaigns", action="store_true", help="print this section, and no more")
     parser.add_argument("--only-files", action="store_true", help="print these three, and no more")
     parser.add_argument(
         "--short",
@@ -329,12 +358,16 @@ def main() -> None:
     if args.only_replays:
         print("\n".join(inactive_section(effort) + replay_section(effort)))
         return
+    if args.only_campaigns:
+        print("\n".join(campaign_section(effort)))
+        return
     if args.only_files:
         print("\n".join(_files(roots, against, effort)))
         return
     args.output.mkdir(parents=True, exist_ok=True)
     text = ["# Benchmark", "", "Made by `make bench` on", "", *machine_lines(), load_line(), ""]
-    text += episode_section(effort) + inactive_section(effort) + step_section(effort)
+    text += episode_section(effort) + inactive_section(effort) + campaign_section(effort)
+    text += step_section(effort)
     text += cost_section(effort) + parts_section(effort) + _files(roots, against, effort)
     text += replay_section(effort)
     if lateness.available():

@@ -15,6 +15,8 @@ class Effort(NamedTuple):
     cold_rounds: int = 3  # starts with an empty cache of machine code; 0: none, which costs nothing
     table_seconds: float = 3600.0  # s, model time of `simulate`
     identify_rows: tuple[tuple[int, int], ...] = ((10_000, 3), (100_000, 1), (1_000_000, 1))
+    variants: int = 10_000  # of a campaign
+    many_variants: int = 100_000  # of the one whose memory is watched
     replay_seconds: float = 10.0  # s, length of the log
     lateness_seconds: float = 0.0  # s, length of each run; 0: that of the flag --seconds
     conditions: int | None = None  # number of conditions of the lateness; None: all
@@ -34,6 +36,8 @@ SHORT = Effort(
     cold_rounds=0,
     table_seconds=1.0,
     identify_rows=((1000, 1),),
+    variants=40,
+    many_variants=40,
     replay_seconds=0.3,
     lateness_seconds=0.2,
     conditions=2,

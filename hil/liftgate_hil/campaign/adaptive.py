@@ -30,7 +30,7 @@ MOST_POCKETS = 6
 _APART = math.radians(40.0)  # angle between two pockets, seen from the middle, at least: else they are one
 
 
-class Found(NamedTuple):
+class Evaluated(NamedTuple):
     """A variant with its margin."""
 
     values: tuple[float, ...]
@@ -44,7 +44,7 @@ class Evaluations:
     def __init__(self, campaign: Campaign, expectation: str) -> None:
         self._campaign, self._column = campaign, f"{MARGIN}{expectation}"
         self._known: dict[str, float] = {}
-        self.history: list[Found] = []
+        self.history: list[Evaluated] = []
 
     @property
     def _base(self) -> Base:
@@ -67,7 +67,7 @@ class Evaluations:
     def _note(self, values: Floats, margins: Floats) -> None:
         for row, margin in zip(values.tolist(), margins.tolist(), strict=True):
             self._known[self._base.variant(row)] = margin
-            self.history.append(Found(tuple(row), margin, len(self.history) + 1))
+            self.history.append(Evaluated(tuple(row), margin, len(self.history) + 1))
 
 
 def drive(
@@ -87,8 +87,8 @@ class Worst(NamedTuple):
     """Result of a search for the worst, and of as many random draws."""
 
     end: SearchEnd
-    search: list[Found]
-    random: list[Found]
+    search: list[Evaluated]
+    random: list[Evaluated]
 
 
 def search_worst(campaign: Campaign, space: Space, expectation: str, budget: int, seed: int) -> Worst:

@@ -152,7 +152,7 @@ class Evaluator:
         try:
             trial.plan = plan = self.plan(values)
             trial.judge = judge_of(plan, self._work)
-            trial.adapter = adapter = self._adapter_of(plan, trial.stack)
+            trial.adapter = adapter = self.adapter_of(plan, trial.stack)
             execution = Execution(plan, adapter, (), stopped, self.memory, self._starts)
             trial.stimuli = plan.stimuli  # this plan is run once
             trial.loop = execution.started(trial.stimuli)
@@ -206,7 +206,7 @@ class Evaluator:
         verdict, figures = worst(each.verdict for each in verdicts), trial.figures.figures()
         return Row(verdict, margins, figures, trial.spent + time.perf_counter() - began, "")
 
-    def _adapter_of(self, plan: Plan, stack: contextlib.ExitStack) -> Adapter:
+    def adapter_of(self, plan: Plan, stack: contextlib.ExitStack) -> Adapter:
         """Return the adapter of the ECU as it is switched on; that of our own ECU is kept for the next variant."""
         coding = plan.setup.vehicle.coding
         if self._ecu is None or self._ecu.coding != coding:

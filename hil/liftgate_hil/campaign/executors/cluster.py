@@ -113,7 +113,7 @@ class Cluster:
         return {name: count for name, count in threads.items() if name not in self._refused}
 
     def run(
-        self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], told: Callable[[int], None]
+        self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], count: Callable[[int], None]
     ) -> Iterator[Done]:
         """Yield the batches as they are done; see `Executor.run`. Raises GoneError, LiftgateError, StoreError."""
         waiting, again = iter(batches), list[Batch]()
@@ -140,7 +140,7 @@ class Cluster:
                         continue
                     if answer.table:
                         store.put(batch.name, _unpacked(answer.table))
-                    told(len(batch.values))
+                    count(len(batch.values))
                     yield Done(batch, answer.retried)
         finally:
             store.unmark(mark)

@@ -39,11 +39,11 @@ class Executor(Protocol):
         """Number of workers that evaluate at a time."""
 
     def run(
-        self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], told: Callable[[int], None]
+        self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], count: Callable[[int], None]
     ) -> Iterator[Done]:
         """Yield the batches as they are done, in any order; few are in flight at a time.
 
-        `told` is called with the number of variants that have been evaluated since its last call. Returns early
+        `count` is called with the number of variants that have been evaluated since its last call. Returns early
         once `stopped`. Raises StoreError where results cannot be stored, LiftgateError where no worker can run.
         """
 

@@ -27,7 +27,7 @@ class Serial:
         self._evaluator = Evaluator(base)
 
     def run(
-        self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], told: Callable[[int], None]
+        self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], count: Callable[[int], None]
     ) -> Iterator[Done]:
         """Yield the batches as they are done; see `Executor.run`."""
         for batch in batches:
@@ -37,7 +37,7 @@ class Serial:
                 rows += self._evaluator.rows(group, stopped)
                 if stopped():
                     return
-                told(len(group))
+                count(len(group))
             store.put(batch.name, table_of(self._base, batch.values, rows))
             yield Done(batch, 0)
 
@@ -55,11 +55,11 @@ class Processes:
         self._slots = [Slot(base, content) for _ in range(workers)]
 
     def run(
-        self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], told: Callable[[int], None]
+        self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], count: Callable[[int], None]
     ) -> Iterator[Done]:
         """Yield the batches as they are done; see `Executor.run`. Raises LiftgateError, StoreError."""
         waiting = iter(batches)
-        busy: dict[int, tuple[Batch, int]] = {}  # by slot: its batch, and the rows that were told
+        busy: dict[int, tuple[Batch, int]] = {}  # by slot: its batch, and how many were tried again before
         try:
             while not stopped():
                 for place, slot in enumerate(self._slots):
@@ -74,7 +74,7 @@ class Processes:
                     slot, (batch, retried) = self._slots[place], busy[place]
                     before = len(slot.rows)
                     is_done = slot.look()
-                    told(len(slot.rows) - before)
+                    count(len(slot.rows) - before)
                     if is_done:
                         del busy[place]
                         store.put(batch.name, table_of(self._base, batch.values, slot.rows))

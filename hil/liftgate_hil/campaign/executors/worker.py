@@ -39,35 +39,35 @@ def main() -> int:
         return 0
     # Appended last, so that a module of an ECU does not hide one that this program needs.
     sys.path += [each for each in (*path, str(Path.cwd())) if each and each not in sys.path]
-    mouth = _Mouth(connection)
+    messenger = _Messenger(connection)
     try:
-        with mouth.beating():
+        with messenger.beating():
             runner = _runner_of(pickle.loads(content))
-        mouth.say(READY)
+        messenger.send(READY)
         gc.collect()
         gc.freeze()  # the plan's objects live as long as this process
-        _serve(connection, mouth, runner)
+        _serve(connection, messenger, runner)
     except (EOFError, OSError):  # nobody is left to answer to
         return 0
     except BaseException as error:
         from liftgate_hil.errors import LiftgateError, text_of
 
         is_ours = isinstance(error, LiftgateError)
-        mouth.say(FAILED, text_of(error) if is_ours else f"{type(error).__name__}: {text_of(error)}")
+        messenger.send(FAILED, text_of(error) if is_ours else f"{type(error).__name__}: {text_of(error)}")
         return 1
     return 0
 
 
-def _serve(connection: Connection, mouth: _Mouth, runner: Any) -> None:
+def _serve(connection: Connection, messenger: _Messenger, runner: Any) -> None:
     while True:
         variants, size = connection.recv()
         for first in range(0, len(variants), size):
-            with mouth.beating(runner.evaluator):
+            with messenger.beating(runner.evaluator):
                 for row in runner.rows(variants[first : first + size].tolist()):
-                    mouth.say(ROW, tuple(row))
+                    messenger.send(ROW, tuple(row))
 
 
-class _Mouth:
+class _Messenger:
     """Sends messages to the caller, and signs of life while something takes its time."""
 
     def __init__(self, connection: Connection) -> None:
@@ -76,7 +76,7 @@ class _Mouth:
         self._is_busy = threading.Event()
         threading.Thread(target=self._beat, daemon=True).start()
 
-    def say(self, *message: Any) -> None:
+    def send(self, *message: Any) -> None:
         """Send a message."""
         with self._lock:
             self._connection.send(message)
@@ -102,7 +102,7 @@ class _Mouth:
                 control = evaluator.memory.shared.control[0]
                 ticks, foreign = int(control.tick), int(control.foreign)
             try:
-                self.say(BEAT, ticks, foreign)
+                self.send(BEAT, ticks, foreign)
             except OSError:  # the caller has died: what this process does is of no use
                 os._exit(0)
 

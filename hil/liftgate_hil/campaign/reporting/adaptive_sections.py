@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.campaign.adaptive import Found, Probability, Worst
+from liftgate_hil.campaign.adaptive import Evaluated, Probability, Worst
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
 from liftgate_hil.report.numbers import significant
 from liftgate_hil.report.page import figure, pairs, section, table, text
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def least_of(history: Sequence[Found]) -> Found | None:
+def least_of(history: Sequence[Evaluated]) -> Evaluated | None:
     """Return the variant with the smallest margin; None: no variant has one."""
     known = [each for each in history if not math.isnan(each.margin)]
     return min(known, key=lambda each: each.margin, default=None)
 
 
-def first_failure(history: Sequence[Found]) -> int | None:
+def first_failure(history: Sequence[Evaluated]) -> int | None:
     """Return the number of evaluations up to the first negative margin; None: there is none."""
     return next((each.number for each in history if each.margin < 0.0), None)
 
@@ -47,7 +47,7 @@ def worst_as_dict(found: Worst, expectation: str, variant: str, names: Sequence[
     }
 
 
-def _random_as_dict(history: Sequence[Found]) -> dict[str, Any]:
+def _random_as_dict(history: Sequence[Evaluated]) -> dict[str, Any]:
     best = least_of(history)
     return {
         "evaluations": len(history),
@@ -81,7 +81,7 @@ def worst_section(found: Worst, expectation: str, names: Sequence[str], line: st
     )
 
 
-def _row(name: str, history: Sequence[Found]) -> tuple[str, ...]:
+def _row(name: str, history: Sequence[Evaluated]) -> tuple[str, ...]:
     best, first = least_of(history), first_failure(history)
     return (
         name,

@@ -73,10 +73,10 @@ def comparison_section(found: Comparison, varied: Sequence[str]) -> str:
     """Return the report's section on a comparison."""
     one, other = found.names
     if not found.differing.num_rows:
-        said = f"{one} and {other} have the same verdicts and margins in all {found.variants:,} variants."
-        return section("Two ECUs", f"<p>{text(said)}</p>")
+        story = f"{one} and {other} have the same verdicts and margins in all {found.variants:,} variants."
+        return section("Two ECUs", f"<p>{text(story)}</p>")
     changed = sum(number for (a, b), number in found.pairs.items() if a != b)
-    said = f"Of {found.variants:,} variants {found.differing.num_rows:,} differ, {changed:,} in the verdict."
+    story = f"Of {found.variants:,} variants {found.differing.num_rows:,} differ, {changed:,} in the verdict."
     pairs = [
         (a, b, f"{number:,}" if a == b else Markup(f"<b>{number:,}</b>"))
         for (a, b), number in sorted(found.pairs.items())
@@ -84,7 +84,7 @@ def comparison_section(found: Comparison, varied: Sequence[str]) -> str:
     rows = [_row(each, varied) for each in found.differing.slice(0, _SHOWN).to_pylist()]
     return section(
         "Two ECUs",
-        f"<p>{text(said)}</p>",
+        f"<p>{text(story)}</p>",
         table((one, other, "variants"), pairs, ("", "", "r")),
         "<h3>The most different</h3>",
         table(
