@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from liftgate_hil.campaign.base import Base, batch_name
+from liftgate_hil.campaign.design import Design
 from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.campaign.executors.executor import Batch, Executor
 from liftgate_hil.campaign.store import Store, StoreError
@@ -74,7 +74,7 @@ class Campaign:
         """
         there = self.store.names()
         missing = [each for each in batches if each.name not in there]
-        before = sum(len(each.values) for each in batches) - sum(len(each.values) for each in missing)
+        before = sum(each.count for each in batches) - sum(each.count for each in missing)
         self.progress.done += before
         self.progress.found += before
         left = len(missing)
@@ -91,7 +91,7 @@ class Campaign:
         """
         for batch in batches:
             table = self.store.get(batch.name)
-            if table is None or table.num_rows != len(batch.values):
+            if table is None or table.num_rows != batch.count:
                 for done in self.executor.run([batch], self.store, self.stopped, self._note):
                     self.progress.retried += done.retried
                 table = self.store.get(batch.name)
@@ -108,5 +108,16 @@ class Campaign:
 
 def batches_of(base: Base, values: Floats, size: int) -> list[Batch]:
     """Return variants (n, d) in batches of a size."""
-    parts = [np.ascontiguousarray(values[k : k + size]) for k in range(0, len(values), size)]
-    return [Batch(batch_name(base, each), each) for each in parts]
+    return _batches(base, lambda first: values[first : first + size], len(values), size)
+
+
+def batches_in(base: Base, design: Design, size: int) -> list[Batch]:
+    """Return the variants of a design in batches of a size."""
+    return _batches(base, lambda first: design.values(first, size), design.count, size)
+
+
+def _batches(base: Base, values: Callable[[int], Floats], count: int, size: int) -> list[Batch]:
+    return [
+        Batch(batch_name(base, values(first)), min(size, count - first), partial(values, first))
+        for first in range(0, count, size)
+    ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from liftgate_hil.campaign import adaptive
 from liftgate_hil.campaign.base import Base
-from liftgate_hil.campaign.campaign import Campaign, StoppedError, batch_size, batches_of
+from liftgate_hil.campaign.campaign import Campaign, StoppedError, batch_size, batches_in, batches_of
 from liftgate_hil.campaign.evaluation import error_row
 from liftgate_hil.campaign.executors.executor import Batch, Executor
 from liftgate_hil.campaign.folder import AGAINST, DIFFERENCES, RESULTS, WORST_FILE, Folder
@@ -46,8 +46,7 @@ def evaluate(found: Prepared, campaign: Campaign, folder: Folder, pace: Pace) ->
     assert design is not None
     size = batch_size(design.count, pace.workers, pace.seconds_each)
     campaign.progress.count = design.count
-    for first in range(0, design.count, size):
-        campaign.asked += batches_of(found.base, design.values(first, size), size)
+    campaign.asked += batches_in(found.base, design, size)
     campaign.evaluate(campaign.asked)
     return NOTHING
 
@@ -89,7 +88,7 @@ def tables(campaign: Campaign, is_complete: bool) -> Iterator[pa.Table]:
     for batch in campaign.asked:
         table = campaign.store.get(batch.name)
         if table is None:
-            rows = [error_row(campaign.base, _UNFINISHED)] * len(batch.values)
+            rows = [error_row(campaign.base, _UNFINISHED)] * batch.count
             table = table_of(campaign.base, batch.values, rows)
         yield table
 
@@ -104,7 +103,7 @@ def evaluate_against(
     campaign.progress.count *= 2
     batches: list[Batch] = []
     for own in campaign.asked:
-        batches += batches_of(base, own.values, len(own.values))
+        batches += batches_of(base, own.values, own.count)
     other = replace(campaign, base=base, executor=executor, asked=batches)
     try:
         other.evaluate(batches)

@@ -97,7 +97,9 @@ def test_only_keys_of_the_vehicle_are_settings() -> None:
 
 
 def test_values_go_where_their_names_stand_for(short: str) -> None:
-    base = base_with(short, "rod=1,2", "seed=5,6", "draw=7,8", "supply.voltage=9,12", "gate.gravity_point[0]=0.4,0.5")
+    base = base_with(
+        short, "rod=1,2", "seed=5,6", "draw=7,8", "supply.voltage=9,12", "gate.gravity_point[0]=0.4,0.5"
+    )
     job = base.job_of([2.0, 6.0, 8.0, 9.5, 0.45])
     assert job.parameters == {"rod": 2.0}
     assert job.seed == 6
@@ -174,7 +176,7 @@ def test_the_identity_depends_on_an_included_file(tmp_path: Path) -> None:
     part.write_text(SHORT)
     path.write_text('include = ["part.toml"]\n')
     first = base_with(str(path), "rod=1,2").identity
-    part.write_text(SHORT.replace("always = \"left_current_a < 50\"", "always = \"left_current_a < 49\""))
+    part.write_text(SHORT.replace('always = "left_current_a < 50"', 'always = "left_current_a < 49"'))
     assert isinstance(base_with(str(path), "rod=1,2").job.vehicle, VehicleFile)
     assert base_with(str(path), "rod=1,2").identity != first
 
@@ -184,7 +186,9 @@ def test_the_identity_depends_on_the_points_of_a_profile_in_a_csv_file(tmp_path:
     path.write_text(f'{SHORT}\n[[profile]]\nquantity = "road_slope_deg"\ncsv = "slope.csv"\n')
     identities = set()
     for last in (3.0, 3.0000001):
-        points.write_text("time_s,road_slope_deg\n0,0\n" + "".join(f"{k},1\n" for k in range(1, 1500)) + f"1500,{last}\n")
+        points.write_text(
+            "time_s,road_slope_deg\n0,0\n" + "".join(f"{k},1\n" for k in range(1, 1500)) + f"1500,{last}\n"
+        )
         identities.add(base_with(str(path), "rod=1,2").identity)
     assert len(identities) == 2
 

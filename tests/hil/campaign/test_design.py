@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from liftgate_hil.campaign.design import METHODS, Design, shares_of
@@ -15,6 +15,8 @@ from liftgate_hil.campaign.space import Space, space_of
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle
+
+CALM = settings(deadline=None, derandomize=True, database=None, max_examples=60)
 
 PARAMETERS = {"rod": 10000.0, "angle": 40.0, "limit": 100.0}
 
@@ -25,7 +27,11 @@ def suv() -> Vehicle:
 
 
 def space(*texts: str) -> Space:
-    own = {"parameters": ["gate.mass", "motor.resistance"], "values": [30.0, 0.3], "covariance": [[1, 0.01], [0.01, 1e-3]]}
+    own = {
+        "parameters": ["gate.mass", "motor.resistance"],
+        "values": [30.0, 0.3],
+        "covariance": [[1, 0.01], [0.01, 1e-3]],
+    }
     return space_of(texts, PARAMETERS, suv(), {"identification": own})  # fmt: skip
 
 
@@ -64,6 +70,7 @@ def test_without_a_vary_there_is_one_variant() -> None:
 MIXED = ("rod=1,2,3", "supply.voltage=9,12", "angle~uniform(0,1)", "vehicle")
 
 
+@CALM
 @given(st.integers(0, 80), st.integers(0, 90))
 def test_any_part_of_a_design_is_that_of_the_whole(first: int, count: int) -> None:
     made = mixed()
@@ -78,7 +85,9 @@ def mixed() -> Design:
 def test_each_combination_gets_the_same_samples() -> None:
     found = whole(mixed())
     assert len(found) == 3 * 2 * 11
-    groups = {key: found[(found[:, :2] == key).all(axis=1)] for key in itertools.product((1.0, 2.0, 3.0), (9.0, 12.0))}
+    groups = {
+        key: found[(found[:, :2] == key).all(axis=1)] for key in itertools.product((1.0, 2.0, 3.0), (9.0, 12.0))
+    }
     samples = [each[np.argsort(each[:, 2])][:, 2:] for each in groups.values()]
     for each in samples:
         np.testing.assert_array_equal(each, samples[0])

@@ -39,7 +39,8 @@ def scenario(folder: Path, precondition: str = "[]", initial: str = '"open"') ->
 
 
 def base_and_space(path: str, *vary: str, **more: object) -> tuple[Base, Space]:
-    found = prepared(Request(path, vary, **more))  # type: ignore[arg-type]
+    samples = int(any("~" in each for each in vary))
+    found = prepared(Request(path, vary, samples=samples, **more))  # type: ignore[arg-type]
     return found.base, found.space
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from liftgate_hil.campaign.base import Base
@@ -28,6 +28,8 @@ from liftgate_hil.campaign.results import check_columns, columns_of, description
 from liftgate_hil.campaign.store import Store, StoreError
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.verdict import VERDICTS
+
+CALM = settings(deadline=None, derandomize=True, database=None, max_examples=60)
 
 
 @cache
@@ -54,12 +56,15 @@ rows = st.builds(
     Row,
     st.sampled_from(VERDICTS),
     st.lists(numbers, min_size=len(base().expectations), max_size=len(base().expectations)).map(tuple),
-    st.lists(numbers, min_size=len(Figures._fields), max_size=len(Figures._fields)).map(lambda each: Figures(*each)),
+    st.lists(numbers, min_size=len(Figures._fields), max_size=len(Figures._fields)).map(
+        lambda each: Figures(*each)
+    ),
     numbers,
     st.text(st.characters(exclude_categories=["Cs"])),
 )
 
 
+@CALM
 @given(st.lists(rows, min_size=1, max_size=5))
 def test_rows_come_back_from_their_table_to_the_bit(given_rows: list[Row]) -> None:
     values = np.arange(2.0 * len(given_rows)).reshape(-1, 2)
@@ -70,8 +75,15 @@ def test_a_table_has_the_columns_in_their_order() -> None:
     table = table_with()
     margins = [f"margin.{each}" for each in base().expectations]
     assert table.column_names == [
-        "variant", "supply.voltage", "gate.gravity_point[0]", "verdict", *margins, *Figures._fields, "wall_s", "error"
-    ]  # fmt: skip
+        "variant",
+        "supply.voltage",
+        "gate.gravity_point[0]",
+        "verdict",
+        *margins,
+        *Figures._fields,
+        "wall_s",
+        "error",
+    ]
     assert table.column_names == list(columns_of(base())) == list(description_of(base()))
 
 
@@ -265,7 +277,9 @@ except StoreError as error:
 def test_a_put_that_the_system_cuts_off_in_the_middle_leaves_no_rest(folder: Path) -> None:
     assert resource.RLIMIT_FSIZE is not None
     content = pickle.dumps((Store(str(folder)), table_with(), 1000))
-    done = subprocess.run([sys.executable, "-c", LIMITED], input=content, capture_output=True, check=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED], input=content, capture_output=True, check=True, timeout=60
+    )
     assert os.strerror(errno.EFBIG) in done.stdout.decode()
     assert str(folder) in done.stdout.decode()
     assert list(folder.iterdir()) == []

@@ -140,7 +140,7 @@ class Cluster:
                         continue
                     if answer.table:
                         store.put(batch.name, _unpacked(answer.table))
-                    count(len(batch.values))
+                    count(batch.count)
                     yield Done(batch, answer.retried)
         finally:
             store.unmark(mark)

@@ -11,17 +11,28 @@ twice gives the same rows.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.campaign.store import Store
 
 
-class Batch(NamedTuple):
-    """Variants that one worker evaluates, one after the other."""
+@dataclass(frozen=True)
+class Batch:
+    """Variants that one worker evaluates, one after the other.
+
+    Their values are made when they are needed: those of a million variants would be most of a campaign's memory.
+    """
 
     name: str  # hash of all that goes into their results
-    values: Floats  # (n, d)
+    count: int
+    make: Callable[[], Floats]
+
+    @property
+    def values(self) -> Floats:
+        """The values (n, d) of the variants."""
+        return self.make()
 
 
 class Done(NamedTuple):

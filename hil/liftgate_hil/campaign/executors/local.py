@@ -32,13 +32,14 @@ class Serial:
         """Yield the batches as they are done; see `Executor.run`."""
         for batch in batches:
             rows: list[Row] = []
-            for first in range(0, len(batch.values), GROUP):
-                group = batch.values[first : first + GROUP].tolist()
+            variants = batch.values
+            for first in range(0, batch.count, GROUP):
+                group = variants[first : first + GROUP].tolist()
                 rows += self._evaluator.rows(group, stopped)
                 if stopped():
                     return
                 count(len(group))
-            store.put(batch.name, table_of(self._base, batch.values, rows))
+            store.put(batch.name, table_of(self._base, variants, rows))
             yield Done(batch, 0)
 
     def close(self) -> None:

@@ -246,6 +246,8 @@ def distributions(summary: Summary, name: str = "") -> list[str]:
     """Return the histograms; `name` makes their identifiers unique on a page with several."""
     prefix = "".join(each for each in name.lower() if each.isalnum())
     parts = []
+    if summary.every > 1:
+        parts.append(f'<p class="soft">Of each {summary.every}th variant, as are heat maps and indices.</p>')
     force = summary.force[np.isfinite(summary.force)]
     if len(force) > 1 and force.max() > 0.0:
         parts.append(

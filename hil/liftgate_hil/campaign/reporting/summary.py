@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,8 @@ from liftgate_hil.campaign.results import ERROR, MARGIN, VARIANT, VERDICT
 from liftgate_hil.judging.verdict import VERDICTS
 
 FORCE = "peak_pinch_force_n"
+MOST_ROWS = 250_000  # variants of which sensitivity, heat maps and distributions are made, at most
+_PART = 65_536  # rows that are read at a time
 _WORST = 10  # variants that are listed
 _ERRORS = 5  # kinds of errors that are listed
 
@@ -51,6 +54,7 @@ class Summary:
     driver: str  # column of the result that cases and sensitivity are about
     worst: Sequence[Case]
     errors: Sequence[tuple[str, int]]  # most frequent ones, with their numbers
+    every: int  # of so many variants one is in the following
     values: dict[str, Floats]  # (n,) by varied name
     result: Floats  # (n,) the column `driver`
     force: Floats  # (n,) N
@@ -59,54 +63,82 @@ class Summary:
 
 
 def summary_of(path: Path, varied: Sequence[str], expectations: Sequence[str], preferred: str = "") -> Summary:
-    """Return the summary of a file of results.
+    """Return the summary of a file of results, which is read in parts.
 
-    `preferred` is the expectation that the campaign is about; "": the one that fails most, else the closest one.
+    `preferred` is the expectation that the campaign is about; "": the one that fails most, else the largest force.
+    Of a large file, sensitivity, heat maps and distributions are those of each n-th variant (`every`).
     """
     import pyarrow.parquet as pq
 
-    table = pq.read_table(path)
-    column = {
-        name: _floats(table, name) for name in (*varied, *(f"{MARGIN}{each}" for each in expectations), FORCE)
-    }
-    variants = table[VARIANT]
-    judged = [_expected(name, column[f"{MARGIN}{name}"], variants) for name in expectations]
-    driver = f"{MARGIN}{preferred}" if preferred else _driver_of(judged)
-    result = column[driver]
-    verdicts = {each["values"]: each["counts"] for each in table[VERDICT].value_counts().to_pylist()}
-    errors = table[ERROR].drop_null().value_counts().to_pylist()
-    values = {name: column[name] for name in varied}
-    return Summary(
-        count=table.num_rows,
-        counts={name: verdicts[name] for name in VERDICTS if name in verdicts},
-        expectations=judged,
-        driver=driver,
-        worst=_worst(table, varied, driver, result, column[FORCE]),
-        errors=sorted(((e["values"], e["counts"]) for e in errors), key=lambda pair: -pair[1])[:_ERRORS],
-        values=values,
-        result=result,
-        force=column[FORCE],
-        indices=first_order(values, result),
-        force_indices=first_order(values, column[FORCE]),
-    )
+    with pq.ParquetFile(path) as file:
+        judged = [_Judged(name) for name in expectations]
+        verdicts, errors = Counter[str](), Counter[str]()
+        for part in file.iter_batches(_PART, columns=[VARIANT, VERDICT, ERROR, *(each.column for each in judged)]):
+            verdicts.update(part[VERDICT].to_pylist())
+            errors.update(each for each in part[ERROR].to_pylist() if each is not None)
+            for each in judged:
+                each.take(part)
+        results = [each.result() for each in judged]
+        driver = f"{MARGIN}{preferred}" if preferred else _driver_of(results)
+        every = -(-file.metadata.num_rows // MOST_ROWS)
+        columns = list(dict.fromkeys((*varied, driver, FORCE)))
+        kept = _kept(file, columns, every)
+        values = {name: kept[name] for name in varied}
+        return Summary(
+            count=file.metadata.num_rows,
+            counts={name: verdicts[name] for name in VERDICTS if name in verdicts},
+            expectations=results,
+            driver=driver,
+            worst=_worst(file, varied, driver),
+            errors=errors.most_common(_ERRORS),
+            every=every,
+            values=values,
+            result=kept[driver],
+            force=kept[FORCE],
+            indices=first_order(values, kept[driver]),
+            force_indices=first_order(values, kept[FORCE]),
+        )
 
 
-def _floats(table: Any, name: str) -> Floats:
-    found: Floats = table[name].to_numpy(zero_copy_only=False).astype(np.float64)
+def _kept(file: Any, columns: Sequence[str], every: int) -> dict[str, Floats]:
+    """Return columns (n,) of each `every`-th row."""
+    found: dict[str, list[Floats]] = {name: [] for name in columns}
+    first = 0
+    for part in file.iter_batches(_PART, columns=list(columns)):
+        for name in columns:
+            found[name].append(_floats(part[name])[-first % every :: every])
+        first += part.num_rows
+    return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def _floats(column: Any) -> Floats:
+    found: Floats = column.to_numpy(zero_copy_only=False).astype(np.float64)
     return found
 
 
-def _expected(name: str, margins: Floats, variants: Any) -> Expected:
-    known = np.isfinite(margins)
-    place = int(np.nanargmin(margins)) if known.any() else -1
-    return Expected(
-        name,
-        int((margins[known] >= 0.0).sum()),
-        int((margins[known] < 0.0).sum()),
-        int((~known).sum()),
-        float(margins[place]) if place >= 0 else math.nan,
-        variants[place].as_py() if place >= 0 else "",
-    )
+class _Judged:
+    """Counts the results of an expectation, part by part."""
+
+    def __init__(self, name: str) -> None:
+        self.column, self._name = f"{MARGIN}{name}", name
+        self._passed = self._failed = self._undecided = 0
+        self._least, self._variant = math.nan, ""
+
+    def take(self, part: Any) -> None:
+        """Count the rows of a part."""
+        margins = _floats(part[self.column])
+        known = np.isfinite(margins)
+        self._passed += int((margins[known] >= 0.0).sum())
+        self._failed += int((margins[known] < 0.0).sum())
+        self._undecided += int((~known).sum())
+        if known.any():
+            place = int(np.nanargmin(np.where(known, margins, np.nan)))
+            if not margins[place] >= self._least:
+                self._least, self._variant = float(margins[place]), part[VARIANT][place].as_py()
+
+    def result(self) -> Expected:
+        """Return the results."""
+        return Expected(self._name, self._passed, self._failed, self._undecided, self._least, self._variant)
 
 
 def _driver_of(judged: Sequence[Expected]) -> str:
@@ -117,18 +149,23 @@ def _driver_of(judged: Sequence[Expected]) -> str:
     return f"{MARGIN}{max(failing, key=lambda each: each.failed).name}"
 
 
-def _worst(table: Any, varied: Sequence[str], driver: str, result: Floats, force: Floats) -> list[Case]:
-    badness = -result if driver.startswith(MARGIN) else result
-    known = np.flatnonzero(np.isfinite(badness))
-    order = known[np.argsort(-badness[known], kind="stable")][:_WORST]
-    rows = table.take(order).to_pylist()
-    return [
-        Case(
-            row[VARIANT],
-            tuple(float(row[name]) for name in varied),
-            row[VERDICT],
-            float(result[place]),
-            float(force[place]),
-        )
-        for row, place in zip(rows, order.tolist(), strict=True)
-    ]
+def _worst(file: Any, varied: Sequence[str], driver: str) -> list[Case]:
+    """Return the variants with the smallest margins, or the largest forces."""
+    is_margin = driver.startswith(MARGIN)
+    columns = list(dict.fromkeys((VARIANT, *varied, VERDICT, driver, FORCE)))
+    found: list[tuple[float, int, Case]] = []
+    first = 0
+    for part in file.iter_batches(_PART, columns=columns):
+        result = _floats(part[driver])
+        badness = -result if is_margin else result
+        known = np.flatnonzero(np.isfinite(badness))
+        order = known[np.argsort(-badness[known], kind="stable")][:_WORST]
+        for place, row in zip(order.tolist(), part.take(order).to_pylist(), strict=True):
+            force = math.nan if row[FORCE] is None else float(row[FORCE])
+            case = Case(
+                row[VARIANT], tuple(float(row[name]) for name in varied), row[VERDICT], float(result[place]), force
+            )
+            found.append((-float(badness[place]), first + place, case))
+        found = sorted(found, key=lambda each: each[:2])[:_WORST]
+        first += part.num_rows
+    return [case for _, _, case in found]
