@@ -27,6 +27,7 @@ RUNS: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "tools.c_translator": ([], ()),
     "tools.docs": (["--output", "{out}"], ("demo.png", "vehicle.md", "rig.md", "scenario.md")),
     "tools.equations": (["--mutate", "3.26"], ()),
+    "tools.benchmark.campaigns": (["--json", "--rounds", "1"], ()),
     "tools.benchmark.replays": (["--rounds", "1", "--seconds", "0.2", "--json"], ()),
 }
 # What runs the others, all of it in CI.
@@ -34,6 +35,8 @@ ELSEWHERE = {
     "tools.anti_trap": "below",
     "tools.identification": "below",
     "tools.pack": "below",
+    "tools.campaign_study": "tests/tools/test_campaign_study.py",
+    "tools.scheduling": "tests/tools/test_scheduling.py",
     "tools.benchmark": "tests/tools/test_benchmark.py",
     "tools.benchmark.peer": "tests/tools/test_benchmark.py, as a process of the benchmark's",
     "tools.hostile": "tests/tools/test_hostile.py",

@@ -12,6 +12,7 @@ from liftgate_hil.campaign.base import Base, batch_name
 from liftgate_hil.campaign.design import Design
 from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.campaign.executors.executor import Batch, Executor
+from liftgate_hil.campaign.results import VARIANT, columns_of
 from liftgate_hil.campaign.store import Store, StoreError
 
 if TYPE_CHECKING:
@@ -90,16 +91,24 @@ class Campaign:
         Raises StoppedError, StoreError.
         """
         for batch in batches:
-            table = self.store.get(batch.name)
-            if table is None or table.num_rows != batch.count:
+            table = self.stored(batch)
+            if table is None:
                 for done in self.executor.run([batch], self.store, self.stopped, self._note):
                     self.progress.retried += done.retried
-                table = self.store.get(batch.name)
+                table = self.stored(batch)
             if table is None:
                 if self.stopped():
                     raise StoppedError
                 raise StoreError(f"{self.store.address}: {batch.name}: written, and not there")
             yield table
+
+    def stored(self, batch: Batch) -> pa.Table | None:
+        """Return the table of a batch; None: it is not there, or not of these variants. Raises StoreError."""
+        table = self.store.get(batch.name)
+        if table is None or tuple(table.column_names) != columns_of(self.base):
+            return None
+        names = [self.base.variant(each) for each in batch.values.tolist()]
+        return table if table[VARIANT].to_pylist() == names else None
 
     def _note(self, count: int) -> None:
         self.progress.done += count

@@ -13,6 +13,7 @@ from liftgate_hil.campaign.space import DRAW, KEY, SEED_OF_RUN, Axis, Space
 from liftgate_hil.errors import ConfigError
 
 METHODS = ("random", "lhs", "sobol")
+DEFAULT_METHOD = "sobol"
 MOST_VARIANTS = 1_000_000_000  # numbers of variants beyond are mistakes
 _SLOW = (KEY, SEED_OF_RUN, DRAW)  # what a precondition depends on
 
@@ -31,13 +32,13 @@ class Design:
             raise ConfigError(f"`samples`: missing; allowed: a number, as {sampled[0]} is a distribution")
         if samples and not sampled:
             raise ConfigError(f"`samples` {samples}: allowed: with a distribution or `vehicle` in `vary`")
+        self.count = math.prod(len(each.grid) for each in grids) * (samples or 1)
+        if self.count > MOST_VARIANTS:
+            raise ConfigError(f"`vary`: {self.count:.4g} variants; allowed: up to {MOST_VARIANTS:.0e}")
         self._space = space
         self._samples = self._sampled(sampled, samples, method, seed)
         self._slow = [each for each in grids if each.target.kind in _SLOW]
         self._fast = [each for each in grids if each.target.kind not in _SLOW]
-        self.count = math.prod(len(each.grid) for each in grids) * (samples or 1)
-        if self.count > MOST_VARIANTS:
-            raise ConfigError(f"`vary`: {self.count:.4g} variants; allowed: up to {MOST_VARIANTS:.0e}")
 
     @staticmethod
     def _sampled(factors: list[Any], samples: int, method: str, seed: int) -> dict[str, Floats]:

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 from liftgate_hil.campaign.design import METHODS
 from liftgate_hil.campaign.request import Request
+from liftgate_hil.campaign.space import COVARIANCE
 from liftgate_hil.config.kinds import Choice, Raw, Text, Texts, Whole
 from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.shipped import data_root, shipped_names
@@ -112,13 +113,14 @@ def _part_of(path: Path, issues: ConfigIssues, key: str, content: Any, template:
         issues.add(f"{key}.name", f"{show(part.name)}; allowed: a name of a folder")
     beside = path.parent / part.scenario
     vary = tuple(_replaced(each, template.vary) for each in part.vary)
-    samples = part.samples and (template.samples or part.samples)
+    has_samples = any("~" in each or each.strip() == COVARIANCE for each in vary)
+    samples = (template.samples or part.samples) if has_samples else 0
     request = replace(
         template,
         scenario=str(beside) if part.scenario and beside.is_file() else part.scenario,
         vary=vary,
         samples=samples,
-        method=part.method,
+        method=template.method or part.method,
     )
     return Part(part.name, part.title or part.name, request)
 

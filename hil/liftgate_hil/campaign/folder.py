@@ -51,7 +51,7 @@ class Folder:
             found = json.loads(path.read_text(encoding="utf-8"))
         except OSError as error:
             raise ConfigError(f"{path}: {error.strerror}; allowed: the folder of a campaign") from error
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise ConfigError(f"{path}: not JSON: {error}; allowed: as a campaign has written it") from error
         if not isinstance(found, dict) or found.get("format") != FORMAT:
             raise ConfigError(f"{path}: format: allowed: {FORMAT}, of a campaign of this version")
@@ -59,12 +59,7 @@ class Folder:
 
     def request(self) -> Request:
         """Return the request in campaign.json. Raises ConfigError."""
-        try:
-            return Request.from_dict(self.manifest()["request"])
-        except (KeyError, TypeError):
-            raise ConfigError(
-                f"{self.path / MANIFEST}: request: missing; allowed: as a campaign has written it"
-            ) from None
+        return Request.from_dict(self.manifest().get("request"))
 
     def write_manifest(self, content: dict[str, Any]) -> None:
         """Write campaign.json. Raises StoreError."""

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.campaign.base import Base, base_of
-from liftgate_hil.campaign.design import Design
+from liftgate_hil.campaign.design import DEFAULT_METHOD, Design
 from liftgate_hil.campaign.results import check_columns
-from liftgate_hil.campaign.space import Space, space_of
+from liftgate_hil.campaign.space import DRAW, Space, space_of
 from liftgate_hil.config.scenario import read_scenario
 from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle import read_vehicle
 from liftgate_hil.ecu.find import check_ecu
 from liftgate_hil.ecu.mutants import MUTANTS
@@ -47,7 +48,7 @@ class Request:
     kind: str = DESIGN
     expectation: str = ""  # of WORST and PROBABILITY
     samples: int = 0
-    method: str = "sobol"
+    method: str = ""  # of METHODS; "": DEFAULT_METHOD
     sampling_seed: int = 0
     evaluations: int = 0  # of WORST and PROBABILITY; 0: the default of each
 
@@ -56,17 +57,31 @@ class Request:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, given: Mapping[str, Any]) -> Request:
-        """Return the request of such a dictionary. Raises ConfigError where it has other keys."""
-        known = {each.name for each in fields(cls)}
-        if not isinstance(given, Mapping) or set(given) - known or "scenario" not in given:
-            raise ConfigError(
-                "campaign.json: request: not one of this version; allowed: a campaign of this version"
-            )
+    def from_dict(cls, given: Any) -> Request:
+        """Return the request of such a dictionary. Raises ConfigError where it is none."""
+        own = cls("", ())
+        if not isinstance(given, Mapping) or set(given) != {each.name for each in fields(cls)}:
+            raise ConfigError("campaign.json: request: not one; allowed: that of a campaign of this version")
+        for name, value in given.items():
+            if not _is_like(value, getattr(own, name)):
+                raise ConfigError(f"campaign.json: request.{name}: {show(value)}: allowed: as it was written")
         values: dict[str, Any] = {
             name: tuple(each) if isinstance(each, list) else each for name, each in given.items()
         }
         return cls(**values)
+
+
+def _is_like(value: Any, default: Any) -> bool:
+    """Whether a value of a request may stand in place of its default."""
+    if isinstance(default, tuple):
+        return isinstance(value, list | tuple) and all(isinstance(each, str) for each in value)
+    if isinstance(default, Mapping):
+        return isinstance(value, Mapping) and all(isinstance(each, int | float) for each in value.values())
+    if default is None:
+        return value is None or isinstance(value, str | int | float)
+    if isinstance(default, float):
+        return isinstance(value, int | float)
+    return type(value) is type(default)
 
 
 @dataclass(frozen=True)
@@ -89,11 +104,13 @@ def prepared(request: Request) -> Prepared:
         raise ConfigError(f"{request.scenario}: duration: missing; allowed: in the scenario, or `duration`")
     content = job.vehicle.raw if job.vehicle is not None else {}  # type: ignore[union-attr]
     space = space_of(request.vary, plan.setup.scenario.parameters, plan.setup.vehicle, content)
+    if request.ideal and any(each.kind == DRAW for each in space.targets):
+        raise ConfigError("`vary` draw: allowed without `ideal`, which has no spread")
     base = base_of(plan, space.targets)
     check_columns(base)
     design = None
     if request.kind == DESIGN:
-        design = Design(space, request.samples, request.method, request.sampling_seed)
+        design = Design(space, request.samples, request.method or DEFAULT_METHOD, request.sampling_seed)
     else:
         check_expectation(request, base)
     against = _against(request, base) if request.against else None

@@ -51,8 +51,10 @@ def arrow() -> Any:
 def table_of(base: Base, values: Floats, rows: Sequence[Row]) -> pa.Table:
     """Return the table of variants with values (n, d) and their rows (n,)."""
     pa = arrow()
-    margins = np.array([each.margins for each in rows], dtype=np.float64).reshape(len(rows), -1)
-    figures = np.array([each.figures for each in rows], dtype=np.float64).reshape(len(rows), -1)
+    margins = np.array([each.margins for each in rows], dtype=np.float64).reshape(
+        len(rows), len(base.expectations)
+    )
+    figures = np.array([each.figures for each in rows], dtype=np.float64).reshape(len(rows), len(Figures._fields))
     found: dict[str, Any] = {VARIANT: pa.array([base.variant(each) for each in values.tolist()], pa.string())}
     found |= {each.name: _numbers(values[:, k]) for k, each in enumerate(base.targets)}
     found[VERDICT] = pa.array([each.verdict for each in rows], pa.string())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 from liftgate_hil.campaign.folder import MANIFEST, Folder
@@ -32,23 +33,30 @@ def pace_before(folder: Folder, found: Prepared, is_resumed: bool) -> Pace | Non
             f"`resume` {folder.path}: {', '.join(wrong)}: not as the campaign began; allowed: the same files, "
             "versions and arguments"
         )
-    try:
-        return Pace(float(before["seconds_each"]), int(before["workers"]))
-    except (KeyError, TypeError, ValueError):
-        raise ConfigError(f"{folder.path / MANIFEST}: seconds_each, workers: missing") from None
+    seconds, workers = before.get("seconds_each"), before.get("workers")
+    is_pace = isinstance(seconds, float) and 0.0 < seconds < math.inf and type(workers) is int and workers > 0
+    if not is_pace:
+        raise ConfigError(
+            f"{folder.path / MANIFEST}: seconds_each, workers: allowed: as the campaign has written them"
+        )
+    return Pace(before["seconds_each"], before["workers"])
 
 
 def _differences(before: dict[str, Any], found: Prepared) -> list[str]:
     """Return the files, packages and arguments that differ; empty: it is the same campaign."""
-    files, known = before.get("files", {}), before.get("versions", {})
-    wrong = [name for name, each in found.plan.sources.items() if files.get(name, {}).get("sha256") != each.sha256]
+    files, known, theirs = (_table(before.get(name)) for name in ("files", "versions", "request"))
+    sources = found.plan.sources
+    wrong = [name for name, each in sources.items() if _table(files.get(name)).get("sha256") != each.sha256]
     wrong += [name for name, each in found.base.versions.items() if known.get(name) != each]
-    theirs = before.get("request", {})
     own = as_json(found.request)
     wrong += [name for name, each in own.items() if theirs.get(name) != each]
     if not wrong and before.get("identity") != found.base.identity:
-        wrong.append("an included file")
+        wrong.append("a file that the scenario names")
     return wrong
+
+
+def _table(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
 
 
 def as_json(request: Request) -> dict[str, Any]:

@@ -182,6 +182,8 @@ def _factor_of(text: str, parameters: Mapping[str, float], vehicle: Vehicle, con
     target = _target_of(name, parameters, vehicle)
     if text[place] == "~":
         made = Axis(target, distribution=distribution_of(given, f"`vary` {name}"))
+        if target.kind in (SEED_OF_RUN, DRAW) and not made.levels[0]:
+            raise ConfigError(f"`vary` {text}: allowed: integer(low, high), or a grid of whole numbers")
         _check(target, made.values(np.array([[0.0], [1.0]]))[:, 0], text)
         return made
     grid = _grid_of(given, text)
@@ -260,6 +262,10 @@ def _covariance_of(vehicle: Vehicle, content: Table) -> Covariance:
         ) from None
     count = len(names)
     is_square = matrix.shape == (count, count) and len(means) == count > 0
+    if len(set(names)) < count or not all(map(math.isfinite, means)):
+        raise ConfigError(
+            f"`vary` {COVARIANCE}: identification.parameters, values: allowed: each name once, finite numbers"
+        )
     if not is_square or not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-6, atol=0.0):
         raise ConfigError(
             f"`vary` {COVARIANCE}: identification.covariance: allowed: a symmetric {count} × {count} matrix"
@@ -271,8 +277,10 @@ def _covariance_of(vehicle: Vehicle, content: Table) -> Covariance:
     if values.min() < -1e-6 * count:
         raise ConfigError(f"`vary` {COVARIANCE}: identification.covariance: allowed: no negative eigenvalue")
     root = safe[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    try:
-        targets = tuple(_key_target(each, vehicle) for each in names)
-    except ValueError as error:
-        raise ConfigError(f"`vary` {COVARIANCE}: identification.parameters: {error}") from None
-    return Covariance(targets, tuple(means), tuple(tuple(row) for row in root.tolist()))
+    targets = []
+    for each in names:
+        try:
+            targets.append(_key_target(each, vehicle))
+        except ValueError as error:
+            raise ConfigError(f"`vary` {COVARIANCE}: identification.parameters: {each}: {error}") from None
+    return Covariance(tuple(targets), tuple(means), tuple(tuple(row) for row in root.tolist()))

@@ -86,7 +86,7 @@ def tables(campaign: Campaign, is_complete: bool) -> Iterator[pa.Table]:
         yield from campaign.tables(campaign.asked)
         return
     for batch in campaign.asked:
-        table = campaign.store.get(batch.name)
+        table = campaign.stored(batch)
         if table is None:
             rows = [error_row(campaign.base, _UNFINISHED)] * batch.count
             table = table_of(campaign.base, batch.values, rows)

@@ -13,7 +13,6 @@ import uuid
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from liftgate_hil.campaign.results import arrow
 from liftgate_hil.errors import ConfigError, LiftgateError, words_of
 
 if TYPE_CHECKING:
@@ -76,22 +75,23 @@ class Store:
         import pyarrow.parquet as pq
 
         buffer = io.BytesIO()
-        pq.write_table(table, buffer, compression="zstd")
+        pq.write_table(table, buffer, compression="zstd", write_page_checksum=True)
         self._write(name + SUFFIX, buffer.getvalue())
 
     def get(self, name: str) -> pa.Table | None:
         """Return the table of a batch; None: it is not there, or its file is damaged. Raises StoreError."""
-        pa = arrow()
         import pyarrow.parquet as pq
 
         try:
-            return pq.read_table(io.BytesIO(self._read(name + SUFFIX)))
+            content = self._read(name + SUFFIX)
         except FileNotFoundError:
-            return None
-        except (pa.ArrowInvalid, pa.ArrowIOError):
             return None
         except Exception as error:
             raise StoreError(f"{self.address}: {words_of(error)}") from error
+        try:
+            return pq.read_table(io.BytesIO(content), page_checksum_verification=True)
+        except Exception:  # whatever a damaged file makes of the reader
+            return None
 
     def names(self) -> set[str]:
         """Return the names of the batches that are there. Raises StoreError."""

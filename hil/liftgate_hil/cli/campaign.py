@@ -51,9 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--samples", type=options.whole(1, 10**9), default=0, metavar="N", help="samples of the distributions"
     )
-    parser.add_argument(
-        "--method", choices=_METHODS, default="sobol", help="how samples are drawn; default: sobol"
-    )
+    parser.add_argument("--method", choices=_METHODS, default="", help="how samples are drawn; default: sobol")
     parser.add_argument(
         "--sampling-seed", type=options.of_kind(SEED), default=0, help="seed of samples and searches; default: 0"
     )

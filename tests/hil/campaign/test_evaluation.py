@@ -151,8 +151,9 @@ def test_the_name_of_a_variant_changes_with_everything_that_its_result_depends_o
     path = scenario(tmp_path)
     base, _ = base_and_space(path, "rod=10000,20000")
     names = {base.variant([1e4]), base.variant([2e4]), base.variant([np.nextafter(1e4, 2e4)])}
-    for more in ({"seed": 7}, {"vehicle": "compact"}, {"settings": ("gate.mass=31",)}, {"rate": 2000.0},
-                 {"ecu": "mutant:threshold_doubled"}, {"parameters": {"limit": 90.0}}, {"duration": 5.0}):  # fmt: skip
+    others = [{"seed": 7}, {"vehicle": "compact"}, {"settings": ("gate.mass=31",)}, {"rate": 2000.0}]
+    others += [{"ecu": "mutant:threshold_doubled"}, {"parameters": {"limit": 90.0}}, {"duration": 5.0}]
+    for more in others:
         names.add(base_and_space(path, "rod=10000,20000", **more)[0].variant([1e4]))
     Path(path).write_text(Path(path).read_text() + "\n# the file has another content\n")
     names.add(base_and_space(path, "rod=10000,20000")[0].variant([1e4]))

@@ -55,7 +55,7 @@ def test_a_file_has_the_requests_of_its_parts(tmp_path: Path) -> None:
     assert first == Request(
         str(tmp_path / "own.toml"), ("rod=1,2", "angle~uniform(20,60)"), samples=30, method="lhs"
     )
-    assert second == Request("demo", ("angle=20:60:5", "seed=1,2"))
+    assert second == Request("demo", ("angle=20:60:5", "seed=1,2"), method="sobol")
 
 
 def test_a_part_without_a_title_is_called_by_its_name(tmp_path: Path) -> None:

@@ -102,7 +102,7 @@ def test_a_grid_has_the_values_of_its_text_in_their_order(text: str, values: tup
         ("draw=1:2:3", f"`vary` draw=1:2:3: allowed: {SEEDS}"),
         ("draw=4294967296", f"`vary` draw=4294967296: allowed: {SEEDS}"),
         ("seed~integer(-1,5)", f"`vary` seed~integer(-1,5): allowed: {SEEDS}"),
-        ("seed~normal(5,1)", f"`vary` seed~normal(5,1): allowed: {SEEDS}"),
+        ("seed~normal(5,1)", "`vary` seed~normal(5,1): allowed: integer(low, high), or a grid of whole numbers"),
         ("supply.voltage=12,500", "`vary` supply.voltage=12,500: 500: allowed: 0 to 60 V"),
         ("friction.cycles=-5", "`vary` friction.cycles=-5: -5: allowed: 0 to 1e+07"),
         ("gate.gravity_point[0]=0.3,99", "`vary` gate.gravity_point[0]=0.3,99: 99: allowed: -10 to 10 m"),

@@ -38,7 +38,7 @@ def combined_report(
         [
             single.incomplete(is_complete),
             *(_first(each) for each in parts),
-            *(_evidence(each) for each in parts),
+            *(_evidence(each, number) for number, each in enumerate(parts)),
             section("Provenance", pairs(provenance.rows())),
         ],
         single.STYLE,
@@ -57,14 +57,14 @@ def _first(part: PartResult) -> str:
     )
 
 
-def _evidence(part: PartResult) -> str:
+def _evidence(part: PartResult, number: int) -> str:
     summary = part.summary
     name = part.title
     return "\n".join(
         [
             section(f"{name}: expectations", single.requirements(summary)),
             section(f"{name}: what drives it", *single.drivers(summary)),
-            section(f"{name}: distributions", *single.distributions(summary, name)),
+            section(f"{name}: distributions", *single.distributions(summary, f"part{number}-")),
             section(f"{name}: worst variants", single.worst(summary, part.folder)),
         ]
     )

@@ -58,7 +58,7 @@ def comparison_of(
     for name in margins:
         a, b = numbers_in(one, name), numbers_in(two, name)
         apart = np.where(np.isnan(a) & np.isnan(b), 0.0, np.abs(a - b))
-        largest = np.fmax(largest, np.where(np.isnan(apart), 0.0, apart))
+        largest = np.fmax(largest, np.where(np.isnan(apart), np.inf, apart))  # only one of them has a margin
     is_other = verdicts[0] != verdicts[1]
     order = np.lexsort((np.arange(len(largest)), -largest, ~is_other))
     kept = order[(is_other | (largest > 0.0))[order]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -47,12 +48,20 @@ def cells_of(across: Floats, down: Floats, results: Floats, is_low_worst: bool) 
 def _classes(values: Floats, most: int) -> tuple[tuple[str, ...], np.ndarray]:
     distinct = np.unique(values)
     if len(distinct) <= 3 * most // 2:
-        return tuple(f"{each:g}" for each in distinct.tolist()), np.searchsorted(distinct, values)
+        return tuple(f"{each:.12g}" for each in distinct.tolist()), np.searchsorted(distinct, values)
     edges = np.linspace(distinct[0], distinct[-1], most + 1)
-    if distinct[0] > 0.0 and distinct[-1] / distinct[0] > 20.0:
+    if _is_logarithmic(values):
         edges = np.geomspace(distinct[0], distinct[-1], most + 1)
     names = tuple(f"{0.5 * (low + high):.3g}" for low, high in pairwise(edges.tolist()))
     return names, np.clip(np.searchsorted(edges, values, side="right") - 1, 0, most - 1)
+
+
+def _is_logarithmic(values: Floats) -> bool:
+    """Whether the middle of values is nearer to the geometric than to the arithmetic mean of their ends."""
+    low, middle, high = (float(each) for each in np.quantile(values, (0.02, 0.5, 0.98)))
+    if low <= 0.0 or values.min() <= 0.0:
+        return False
+    return abs(middle - math.sqrt(low * high)) < abs(middle - 0.5 * (low + high))
 
 
 def heat_map(cells: Cells, across: str, down: str, good: float, bad: float, digits: int = 0) -> str:

@@ -242,9 +242,8 @@ def _bar(share: float) -> Markup:
     return Markup(f'<span class="bar" style="width:{12.0 * share:.2f}rem"></span> {100.0 * share:.0f} %')
 
 
-def distributions(summary: Summary, name: str = "") -> list[str]:
-    """Return the histograms; `name` makes their identifiers unique on a page with several."""
-    prefix = "".join(each for each in name.lower() if each.isalnum())
+def distributions(summary: Summary, prefix: str = "") -> list[str]:
+    """Return the histograms; `prefix` makes their identifiers unique on a page with several."""
     parts = []
     if summary.every > 1:
         parts.append(f'<p class="soft">Of each {summary.every}th variant, as are heat maps and indices.</p>')

@@ -17,6 +17,7 @@ from liftgate_hil.campaign.distributions import Floats
 
 _CLASSES = 24  # of a continuous value, at most
 _MEMBERS = 8  # of a class, at least, so that its mean says something
+_ROUNDING = 1e-12  # scatter over size up to which results are equal but for rounding
 _LEAST = 20  # results below which nothing is said
 
 
@@ -38,7 +39,7 @@ def first_order(values: Mapping[str, Floats], results: Floats) -> list[Index]:
     known = np.isfinite(results)
     own = results[known]
     total = float(own.var()) if len(own) else 0.0
-    if len(own) < _LEAST or total <= 0.0:
+    if len(own) < _LEAST or math.sqrt(total) <= _ROUNDING * float(np.abs(own).max()):
         return []
     found = []
     for name, each in values.items():
