@@ -19,7 +19,7 @@ VCAN_TESTS ?= tests/vcan
 # The compiled model: kept on the host, as all else that a machine writes is lost.
 MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 
-.PHONY: campaign demo docs test last-bits test-package test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile study coverage clean
+.PHONY: campaign demo docs test last-bits test-package test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile scheduling campaign-study study coverage clean
 
 setup: $(VENV)/.ready
 
@@ -111,6 +111,16 @@ pack-realtime: setup
 # Thousands of mangled files and hundreds of signals against every command; what it finds stays in $(OUT)/hostile.
 hostile: setup
 	$(BIN)/python -m tools.hostile --work $(OUT)/hostile
+
+# A campaign's scheduling on 2,000 workers, simulated from what is measured here; writes docs/campaigns-at-scale.md.
+# Some two minutes with nothing else running.
+scheduling: setup
+	$(BIN)/python -m tools.scheduling --output docs
+
+# Search for the worst and probability: planted weaknesses, pockets and failures of known truth; writes
+# docs/campaign-study.md. Some 25 minutes.
+campaign-study: setup
+	$(BIN)/python -m tools.campaign_study --output docs
 
 # Many seeds: do the intervals cover the truth? And what identification finds from data of known truth, and its
 # speed: docs/identification.md. Some ten minutes.

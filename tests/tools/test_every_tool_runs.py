@@ -27,6 +27,7 @@ RUNS: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "tools.c_translator": ([], ()),
     "tools.docs": (["--output", "{out}"], ("demo.png", "vehicle.md", "rig.md", "scenario.md")),
     "tools.equations": (["--mutate", "3.26"], ()),
+    "tools.scheduling": (["--short", "--output", "{out}"], ("campaigns-at-scale.md",)),
     "tools.benchmark.campaigns": (["--json", "--rounds", "1"], ()),
     "tools.benchmark.replays": (["--rounds", "1", "--seconds", "0.2", "--json"], ()),
 }
@@ -36,7 +37,6 @@ ELSEWHERE = {
     "tools.identification": "below",
     "tools.pack": "below",
     "tools.campaign_study": "tests/tools/test_campaign_study.py",
-    "tools.scheduling": "tests/tools/test_scheduling.py",
     "tools.benchmark": "tests/tools/test_benchmark.py",
     "tools.benchmark.peer": "tests/tools/test_benchmark.py, as a process of the benchmark's",
     "tools.hostile": "tests/tools/test_hostile.py",

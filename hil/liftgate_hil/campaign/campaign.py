@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
 
 LONGEST_BATCH_S = 10.0  # s that a batch takes at most: what a stop or a death of a worker may lose
 _SHARES = 40  # batches for each worker at least, so that the last ones do not keep a part of them waiting
-MOST_FILES = 20_000  # batches of a campaign: a folder of many more files is slow to list
+PASSING_S = 0.003  # s that who schedules takes for a batch, from its submission to its results; measured
+MOST_FILES = 50_000  # batches of a campaign: each is a file, to be listed, and to be read for the results
 
 
 class StoppedError(Exception):
@@ -53,7 +55,9 @@ def batch_size(count: int, workers: int, seconds: float) -> int:
     """Return the variants of a batch, of `count` that take some `seconds` each on so many workers."""
     longest = max(1, int(LONGEST_BATCH_S / max(seconds, 1e-6)))
     fair = max(1, -(-count // (workers * _SHARES)))
-    return max(min(longest, fair), -(-count // MOST_FILES))
+    # A worker is to be busy until all others have been given a batch, or they wait for who schedules.
+    least = min(-(-count // workers), math.ceil(workers * PASSING_S / max(seconds, 1e-6)))
+    return max(min(longest, fair), least, -(-count // MOST_FILES))
 
 
 @dataclass
@@ -73,15 +77,39 @@ class Campaign:
 
         Raises StoppedError, StoreError, LiftgateError.
         """
+        for _ in self._evaluating(batches):
+            pass
+
+    def evaluated(self, batches: list[Batch]) -> Iterator[pa.Table]:
+        """Evaluate batches, and yield their tables in their order, each as soon as all before it are there.
+
+        So results are brought together while others are evaluated. Raises StoppedError, StoreError, LiftgateError.
+        """
+        missing, place = {each.name for each in batches}, 0
+        for names in self._evaluating(batches):
+            missing -= names
+            while place < len(batches) and batches[place].name not in missing:
+                table = self.stored(batches[place])
+                if table is None:
+                    missing.add(batches[place].name)  # a damaged file, evaluated again once the executor is free
+                    break
+                yield table
+                place += 1
+        yield from self.tables(batches[place:])
+
+    def _evaluating(self, batches: list[Batch]) -> Iterator[set[str]]:
+        """Evaluate what is missing, and yield the names that are in the store: at first, then as they come."""
         there = self.store.names()
         missing = [each for each in batches if each.name not in there]
         before = sum(each.count for each in batches) - sum(each.count for each in missing)
         self.progress.done += before
         self.progress.found += before
+        yield there
         left = len(missing)
         for done in self.executor.run(missing, self.store, self.stopped, self._note):
             self.progress.retried += done.retried
             left -= 1
+            yield {done.batch.name}
         if left:
             raise StoppedError
 

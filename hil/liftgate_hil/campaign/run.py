@@ -91,9 +91,11 @@ def run_campaign(request: Request, places: Places, provenance: Provenance, watch
     try:
         try:
             analysis = stages.evaluate(found, campaign, folder, pace)
+            folder.write_results(_counted(stages.tables(found, campaign), counts), RESULTS)
         except StoppedError:
             is_complete = False
-        folder.write_results(_counted(stages.tables(campaign, is_complete), counts), RESULTS)
+            counts.clear()
+            folder.write_results(_counted(stages.unfinished(campaign), counts), RESULTS)
         if is_complete and found.request.against:
             try:
                 more = stages.evaluate_against(

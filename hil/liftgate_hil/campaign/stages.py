@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from liftgate_hil.campaign import adaptive
 from liftgate_hil.campaign.base import Base
-from liftgate_hil.campaign.campaign import Campaign, StoppedError, batch_size, batches_in, batches_of
+from liftgate_hil.campaign.campaign import Campaign, batch_size, batches_in, batches_of
 from liftgate_hil.campaign.evaluation import error_row
 from liftgate_hil.campaign.executors.executor import Batch, Executor
 from liftgate_hil.campaign.folder import AGAINST, DIFFERENCES, RESULTS, WORST_FILE, Folder
@@ -37,7 +37,10 @@ NOTHING = Analysis({}, ())
 
 
 def evaluate(found: Prepared, campaign: Campaign, folder: Folder, pace: Pace) -> Analysis:
-    """Evaluate all variants of a request. Raises StoppedError, StoreError, LiftgateError."""
+    """Evaluate all variants of a request, but those of a design: `tables` does, as its results are written.
+
+    Raises StoppedError, StoreError, LiftgateError.
+    """
     if found.request.kind == WORST:
         return _search(found, campaign, folder)
     if found.request.kind == PROBABILITY:
@@ -47,7 +50,6 @@ def evaluate(found: Prepared, campaign: Campaign, folder: Folder, pace: Pace) ->
     size = batch_size(design.count, pace.workers, pace.seconds_each)
     campaign.progress.count = design.count
     campaign.asked += batches_in(found.base, design, size)
-    campaign.evaluate(campaign.asked)
     return NOTHING
 
 
@@ -80,11 +82,13 @@ def _estimate(found: Prepared, campaign: Campaign) -> Analysis:
     )
 
 
-def tables(campaign: Campaign, is_complete: bool) -> Iterator[pa.Table]:
+def tables(found: Prepared, campaign: Campaign) -> Iterator[pa.Table]:
+    """Return the tables of all batches, those of a design as they are evaluated. Raises as `evaluate`."""
+    return campaign.tables(campaign.asked) if found.design is None else campaign.evaluated(campaign.asked)
+
+
+def unfinished(campaign: Campaign) -> Iterator[pa.Table]:
     """Yield the tables of all batches; variants that were not evaluated are errors."""
-    if is_complete:
-        yield from campaign.tables(campaign.asked)
-        return
     for batch in campaign.asked:
         table = campaign.stored(batch)
         if table is None:
@@ -106,14 +110,10 @@ def evaluate_against(
         batches += batches_of(base, own.values, own.count)
     other = replace(campaign, base=base, executor=executor, asked=batches)
     try:
-        other.evaluate(batches)
-        folder.write_results(other.tables(batches), AGAINST)
+        folder.write_results(other.evaluated(batches), AGAINST)
     finally:
         executor.close()
     ecus, names = (found.request.ecu, found.request.against), found.space.names
     comparison = comparison_of(folder.path / RESULTS, folder.path / AGAINST, names, base.expectations, ecus)
     folder.write_results([comparison.differing], DIFFERENCES)
     return Analysis({"against": comparison.as_dict()}, [comparison_section(comparison, names)])
-
-
-__all__ = ["Analysis", "StoppedError", "evaluate", "evaluate_against", "tables"]

@@ -143,8 +143,8 @@ def test_another_version_is_told_by_its_package(folder: Folder, scenario: Path) 
 def test_a_campaign_without_its_pace_is_refused(pace: dict[str, Any], folder: Folder, scenario: Path) -> None:
     found = campaign_of(scenario)
     begun(folder, found, **pace)
-    assert refusal(folder, found) == f"{folder.path / MANIFEST}: seconds_each, workers: allowed: as the campaign "
-        "has written them"
+    told = f"{folder.path / MANIFEST}: seconds_each, workers: allowed: as the campaign has written them"
+    assert refusal(folder, found) == told
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"format": 0}', "\x00"])

@@ -38,6 +38,7 @@ _ANSWER_S = 10.0  # s that the scheduler may take for an answer
 _ASK_S = 1.0  # s from one question for its workers to the next
 _LOOK_S, _POLL_S = 0.5, 0.02
 _IN_FLIGHT = 2  # batches for each thread of a worker: one at work, one that waits
+_TOGETHER = 256  # answers that are fetched with one question
 _DEATHS = 100  # of workers while they have a task in hand, until Dask gives the task up
 _COMPARED = ("liftgate-hil", "python", "numba", "llvmlite", "numpy")  # packages that results depend on
 
@@ -132,9 +133,8 @@ class Cluster:
                 if is_empty and not (busy or again):
                     return
                 time.sleep(_POLL_S)
-                for future in [each for each in busy if each.done()]:
+                for future, answer in self._answers([each for each in busy if each.done()]):
                     batch = busy.pop(future)
-                    answer = self._answer(future)
                     if answer is None:
                         again.append(batch)
                         continue
@@ -155,10 +155,22 @@ class Cluster:
             pure=False, retries=0, workers=allowed,
         )  # fmt: skip
 
-    def _answer(self, future: Any) -> _Answer | None:
+    def _answers(self, futures: list[Any]) -> Iterator[tuple[Any, _Answer | None]]:
+        """Yield tasks that have ended, with their answers; see `_answer`. Those without a fault come at once."""
+        futures = futures[:_TOGETHER]
+        good = [each for each in futures if each.status == "finished"]
+        fetched: dict[Any, _Answer] = {}
+        with contextlib.suppress(Exception):  # they are fetched one by one then, which tells whose it is
+            answers = within(_CONNECT_S, partial(self._client.gather, good))
+            fetched = dict(zip(good, answers, strict=True))
+        for each in futures:
+            yield each, self._answer(each, fetched.get(each))
+
+    def _answer(self, future: Any, answer: _Answer | None = None) -> _Answer | None:
         """Return the answer of a task; None: its batch is to be submitted again. Raises LiftgateError."""
         try:
-            answer: _Answer = future.result(timeout=_CONNECT_S)
+            answer = answer or future.result(timeout=_CONNECT_S)
+            assert answer is not None
         except LiftgateError:
             raise
         except Exception as error:

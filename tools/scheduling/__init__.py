@@ -1,0 +1,1 @@
+"""Simulation of how campaigns are scheduled on more workers than this machine has, fed by measurements here."""
