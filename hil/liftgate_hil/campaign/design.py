@@ -31,7 +31,7 @@ class Design:
         if sampled and not samples:
             raise ConfigError(f"`samples`: missing; allowed: a number, as {sampled[0]} is a distribution")
         if samples and not sampled:
-            raise ConfigError(f"`samples` {samples}: allowed: with a distribution or `vehicle` in `vary`")
+            raise ConfigError(f"`samples` {samples}: allowed: with a distribution, or vehicle, in `vary`")
         self.count = math.prod(len(each.grid) for each in grids) * (samples or 1)
         if self.count > MOST_VARIANTS:
             raise ConfigError(f"`vary`: {self.count:.4g} variants; allowed: up to {MOST_VARIANTS:.0e}")

@@ -14,7 +14,7 @@ from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.request import Request
 from liftgate_hil.campaign.results import VARIANT, description_of
 from liftgate_hil.campaign.store import StoreError
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, words_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -113,15 +113,16 @@ class Folder:
 
         path = self.path / RESULTS
         try:
-            names = pq.read_table(path, columns=[VARIANT])[VARIANT].to_pylist()
-        except (OSError, ValueError) as error:
-            raise ConfigError(f"{path}: {error}; allowed: results of a campaign") from None
+            found_names = pq.read_table(path, columns=[VARIANT])[VARIANT].to_pylist()
+            names = [str(each) for each in found_names]
+        except FileNotFoundError:
+            raise ConfigError(f"{path}: no such file; allowed: results of a campaign") from None
+        except (OSError, ValueError, KeyError) as error:
+            raise ConfigError(f"{path}: {words_of(error)}; allowed: results of a campaign") from None
         places = [k for k, each in enumerate(names) if each.startswith(variant)]
         if not places or len({names[k] for k in places}) > 1:
             what = "no such variant" if not places else f"{len(places)} variants begin like that"
-            raise ConfigError(
-                f"`replay` {variant}: {what}; allowed: one of column `{VARIANT}`, or its first digits"
-            )
+            raise ConfigError(f"`replay` {variant}: {what}; allowed: one of the results, or its first digits")
         found: dict[str, Any] = pq.read_table(path).slice(places[0], 1).to_pylist()[0]
         return found
 

@@ -35,7 +35,10 @@ def replayed(path: Path, variant: str, record: Sequence[Path] = ()) -> Replayed:
     if before.get("identity") != found.base.identity:
         raise ConfigError(f"{path}: files or versions are not those of the campaign; allowed: the same ones")
     row = folder.find(variant)
-    values = [float(row[each.name]) for each in found.base.targets]
+    varied = [row.get(each.name) for each in found.base.targets]
+    if not all(isinstance(each, float) for each in varied):
+        raise ConfigError(f"{path}: variant {row[VARIANT]}: its values were changed")
+    values = [float(each) for each in varied if each is not None]
     if found.base.variant(values) != row[VARIANT]:
         raise ConfigError(f"{path}: variant {row[VARIANT]}: its values were changed")
     job = found.base.job_of(values)

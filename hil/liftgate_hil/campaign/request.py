@@ -19,6 +19,7 @@ from liftgate_hil.ecu.find import check_ecu
 from liftgate_hil.ecu.mutants import MUTANTS
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import Plan, plan_of
@@ -104,6 +105,7 @@ def prepared(request: Request) -> Prepared:
         raise ConfigError(f"{request.scenario}: duration: missing; allowed: in the scenario, or `duration`")
     content = job.vehicle.raw if job.vehicle is not None else {}  # type: ignore[union-attr]
     space = space_of(request.vary, plan.setup.scenario.parameters, plan.setup.vehicle, content)
+    _check_once(request, space)
     if request.ideal and any(each.kind == DRAW for each in space.targets):
         raise ConfigError("`vary` draw: allowed without `ideal`, which has no spread")
     base = base_of(plan, space.targets)
@@ -112,16 +114,30 @@ def prepared(request: Request) -> Prepared:
     if request.kind == DESIGN:
         design = Design(space, request.samples, request.method or DEFAULT_METHOD, request.sampling_seed)
     else:
-        check_expectation(request, base)
+        check_expectation(request, base, {each.name: each for each in plan.setup.scenario.expectations})
     against = _against(request, base) if request.against else None
     return Prepared(request, base, space, plan, design, against)
 
 
-def check_expectation(request: Request, base: Base) -> None:
+def _check_once(request: Request, space: Space) -> None:
+    """Raise ConfigError where something is both varied and given."""
+    given = {*request.parameters, *(each.partition("=")[0].strip() for each in request.settings)}
+    given |= {"seed"} if request.seed is not None else set()
+    given |= {"draw"} if request.draw is not None else set()
+    twice = [name for name in space.names if name in given]
+    if twice:
+        raise ConfigError(f"`vary` {', '.join(twice)}: varied and given; allowed: one of them")
+
+
+def check_expectation(request: Request, base: Base, expectations: Mapping[str, Expectation]) -> None:
     """Raise ConfigError where the scenario has no expectation of the name, or it has no margin."""
     if request.expectation not in base.expectations:
         known = ", ".join(base.expectations) or "none, the scenario has no [[expect]]"
         raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: {known}")
+    if expectations[request.expectation].kind == "dtc":
+        raise ConfigError(
+            f"`{request.kind}` {request.expectation}: a trouble code has no margin; allowed: one with it"
+        )
     if not base.targets:
         raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: together with `vary`")
     if request.kind == PROBABILITY and 0 < request.evaluations < LEAST_OF_A_PROBABILITY:

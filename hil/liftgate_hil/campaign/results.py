@@ -65,6 +65,21 @@ def table_of(base: Base, values: Floats, rows: Sequence[Row]) -> pa.Table:
     return pa.table(found)
 
 
+def without_results(base: Base, values: Floats, error: str) -> pa.Table:
+    """Return the table of variants with values (n, d) that were not evaluated, with the error that says so."""
+    pa = arrow()
+    none = table_of(base, values[:0], [])
+    count = len(values)
+    varied = {each.name: _numbers(values[:, k]) for k, each in enumerate(base.targets)}
+    known: dict[str, Any] = {
+        VARIANT: pa.array([base.variant(each) for each in values.tolist()], pa.string()),
+        **varied,
+        VERDICT: pa.repeat(pa.scalar("error"), count),
+        ERROR: pa.repeat(pa.scalar(error), count),
+    }
+    return pa.table({field.name: known.get(field.name, pa.nulls(count, field.type)) for field in none.schema})
+
+
 def _numbers(values: Floats) -> Any:
     """Return numbers (n,) as an Arrow array in which NaN is null."""
     return arrow().array(np.ascontiguousarray(values), from_pandas=True)

@@ -160,7 +160,8 @@ def _results_of(outcome: Outcome) -> dict[str, Any]:
     progress = outcome.progress
     return {
         "is_complete": outcome.is_complete,
-        "variants": sum(outcome.counts.values()),
+        "variants": outcome.progress.count if outcome.is_complete else sum(outcome.counts.values()),
+        "unfinished": max(outcome.progress.count - outcome.progress.done, 0),
         "verdicts": outcome.counts,
         "seconds": round(outcome.seconds, 3),
         "variants_per_second": round(progress.per_second, 3),

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from liftgate_hil.campaign import adaptive
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.campaign import Campaign, batch_size, batches_in, batches_of
-from liftgate_hil.campaign.evaluation import error_row
 from liftgate_hil.campaign.executors.executor import Batch, Executor
 from liftgate_hil.campaign.folder import AGAINST, DIFFERENCES, RESULTS, WORST_FILE, Folder
 from liftgate_hil.campaign.reporting import adaptive_sections
 from liftgate_hil.campaign.reporting.comparison import comparison_of, comparison_section
 from liftgate_hil.campaign.request import PROBABILITY, WORST, Prepared
-from liftgate_hil.campaign.results import table_of
+from liftgate_hil.campaign.results import without_results
 from liftgate_hil.campaign.resumption import Pace
 from liftgate_hil.campaign.scenario_file import scenario_text
 
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 WORST_EVALUATIONS, PROBABILITY_EVALUATIONS = 500, 5000  # by default
+MOST_UNFINISHED = 1_000_000  # variants that are listed as errors after a stop
 _UNFINISHED = "stopped before it was evaluated"
 
 
@@ -88,13 +88,19 @@ def tables(found: Prepared, campaign: Campaign) -> Iterator[pa.Table]:
 
 
 def unfinished(campaign: Campaign) -> Iterator[pa.Table]:
-    """Yield the tables of all batches; variants that were not evaluated are errors."""
+    """Yield the tables of all batches; variants that were not evaluated are errors.
+
+    Of very many, those beyond MOST_UNFINISHED are left out: their number is in campaign.json.
+    """
+    left = MOST_UNFINISHED
     for batch in campaign.asked:
         table = campaign.stored(batch)
-        if table is None:
-            rows = [error_row(campaign.base, _UNFINISHED)] * batch.count
-            table = table_of(campaign.base, batch.values, rows)
-        yield table
+        if table is not None:
+            yield table
+        elif left > 0:
+            values = batch.values[:left]
+            left -= len(values)
+            yield without_results(campaign.base, values, _UNFINISHED)
 
 
 def evaluate_against(

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from liftgate_hil.campaign.run import Outcome, Places
     from liftgate_hil.cli.teller import Teller
 
+_TEXTS = ("worst", "probability", "against", "output", "store", "scheduler", "replay")
 _METHODS = ("sobol", "lhs", "random")
 
 
@@ -162,7 +163,7 @@ def _request(args: argparse.Namespace) -> Request:
     """Return the request of the flags. Raises ConfigError."""
     from liftgate_hil.campaign.request import DESIGN, PROBABILITY, WORST, Request
 
-    issues = []
+    issues = [f"`{name}`: empty; allowed: a text" for name in _TEXTS if getattr(args, name) == ""]
     if args.worst and args.probability:
         issues.append("`worst`: allowed without --probability")
     if args.record:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -105,7 +106,8 @@ class LocalCluster:
 
     def kill_scheduler(self) -> None:
         """Kill the scheduler."""
-        os.killpg(self._scheduler.pid, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._scheduler.pid, signal.SIGKILL)
         self._scheduler.wait()
 
     def close(self) -> None:
@@ -310,6 +312,7 @@ def test_an_address_without_a_scheduler_is_one_clear_message(base: Base, monkeyp
 CRASHES = """
 #include <signal.h>
 #include <stdlib.h>
+#include <unistd.h>
 #include "liftgate_ecu.h"
 static int steps;
 void *liftgate_ecu_create(void) { return &steps; }
@@ -325,9 +328,27 @@ int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in
 """
 
 
+def processes_in(folder: Path) -> list[int]:
+    """Processes that have a file of a folder in their memory, as that of an ECU which was left behind."""
+    found = []
+    for each in Path("/proc").glob("[0-9]*/maps"):
+        with contextlib.suppress(OSError):
+            if str(folder) in each.read_text():
+                found.append(int(each.parent.name))
+    return [each for each in found if each != os.getpid()]
+
+
 @needs_compiler
 @pytest.mark.parametrize(
-    ("end", "cause"), [("raise(SIGSEGV)", "SIGSEGV"), ("exit(7)", "exit code 7"), ("steps = 0", "")]
+    ("end", "cause"),
+    [
+        ("raise(SIGSEGV)", "SIGSEGV"),
+        ("exit(7)", "exit code 7"),
+        ("_exit(0)", "exit code 0"),
+        ('for (int k = 3; k < 64; k++) if (write(k, "garbage!garbage!", 16) == 0) steps = 0', "its answer"),
+        ("steps = 0", ""),
+        ("{ if (fork() == 0) { setsid(); for (;;) pause(); } }", ""),
+    ],
 )
 def test_a_library_that_crashes_does_so_in_a_child_and_its_statics_are_fresh(
     end: str, cause: str, tmp_path: Path
@@ -338,9 +359,10 @@ def test_a_library_that_crashes_does_so_in_a_child_and_its_statics_are_fresh(
     found = evaluated(tmp_path / "store", own, Processes(own, 1), VALUES[:3])
     if cause:
         assert found["verdict"].to_pylist() == ["error"] * 3
-        assert all(cause in each and "the ECU at 0.29" in each for each in found["error"].to_pylist())
+        assert all(cause in each for each in found["error"].to_pylist())
     else:
         assert found["error"].to_pylist() == [None] * 3
+    assert not processes_in(tmp_path)
 
 
 def test_no_process_is_left_behind(base: Base, tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ import io
 import logging
 import math
 import pickle
+import re
+import socket
 import threading
 import time
 import zlib
@@ -31,6 +33,7 @@ from liftgate_hil.version import versions
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_ADDRESS = re.compile(r"(?:tcp|tls)://(\[[^\]]+\]|[^:/\[\]]+):(\d{1,5})")
 _CONNECT_S = 20.0  # s that a scheduler may take to answer
 _GONE_S = 30.0  # s without a connection to the scheduler until it is given up
 _NOBODY_S = 120.0  # s without any worker until the campaign is given up
@@ -61,6 +64,7 @@ class Cluster:
     def __init__(self, base: Base, address: str, tell: Callable[[str], None] = lambda text: None) -> None:
         self._base, self._address, self._tell = base, address, tell
         distributed = _distributed()
+        _check_address(address)
         # Its own log tells of lost connections with tracebacks; this class says what matters.
         for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -262,6 +266,20 @@ def within(seconds: float, ask: Callable[[], Any]) -> Any:
     if not found:
         raise TimeoutError(f"no answer within {seconds:g} s")
     return found[0]
+
+
+def _check_address(address: str) -> None:
+    """Raise ConfigError where nothing listens at an address: a client of Dask that fails is not rid of so soon."""
+    match = _ADDRESS.fullmatch(address)
+    if match is None:
+        raise ConfigError(f"`scheduler` {address}: allowed: tcp://HOST:PORT of a Dask scheduler")
+    host = match[1].removeprefix("[").removesuffix("]")
+    try:
+        socket.create_connection((host, int(match[2])), _CONNECT_S).close()
+    except (OSError, OverflowError) as error:
+        raise ConfigError(
+            f"`scheduler` {address}: {words_of(error)}; allowed: the address of a Dask scheduler"
+        ) from None
 
 
 def _distributed() -> Any:

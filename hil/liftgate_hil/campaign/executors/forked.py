@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import select
 import signal
+import struct
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from liftgate_hil.running.isolation import HANG_S
@@ -16,12 +19,15 @@ from liftgate_hil.running.processes.supervisor import dies_with_parent
 _LOOK_S = 0.25
 _SILENT_S = 120.0  # s without progress of our own code
 _MOST_BYTES = 1_000_000  # of an answer; foreign code may write into the pipe too
+_LENGTH = struct.Struct("<Q")  # before the answer
+_PR_SET_CHILD_SUBREAPER = 36  # linux/prctl.h
 
 
 def answer_of(function: Callable[[], bytes], control: Any) -> tuple[bytes | None, str]:
     """Return what a function returns in a child of this process; None, and why, where the child died or hung.
 
-    The child's progress is read from `control` of the memory that its loop shares with this process.
+    The child's progress is read from `control` of the memory that its loop shares with this process. What the
+    child has started ends with it, where this process is a reaper.
     """
     reading, writing = os.pipe()
     parent = os.getpid()
@@ -30,54 +36,86 @@ def answer_of(function: Callable[[], bytes], control: Any) -> tuple[bytes | None
         _answer(function, parent, writing)
     os.close(writing)
     try:
-        payload, cause = _awaited(reading, control)
-        if cause:  # it hangs
+        payload, cause = _awaited(reading, child, control)
+        if cause or payload is not None:  # it hangs, or has answered
             _kill(child)
         _, status = os.waitpid(child, 0)
     finally:
         os.close(reading)
-        with contextlib.suppress(ProcessLookupError, PermissionError):  # what foreign code has started
-            os.killpg(child, signal.SIGKILL)
+        end_children()
+    if cause or payload is not None:
+        return payload, cause
     code = os.waitstatus_to_exitcode(status)
-    if cause or code == 0:
-        return (None, cause) if cause else (payload, "")
-    if code > 0:
-        return None, f"its process ended (exit code {code})"
-    return None, f"its process ended ({signal.Signals(-code).name})"
+    return None, f"its process ended ({signal.Signals(-code).name if code < 0 else f'exit code {code}'})"
+
+
+def become_reaper() -> None:
+    """Become the parent of all orphans that children of this process leave behind (prctl(2))."""
+    ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def end_children() -> None:
+    """Kill all children of this process, also those that were orphans, until there is none."""
+    while True:
+        try:
+            found = Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii").split()
+        except OSError:
+            return
+        if not found:
+            return
+        for each in map(int, found):
+            _kill(each)
+            with contextlib.suppress(ChildProcessError):
+                os.waitpid(each, 0)
 
 
 def _answer(function: Callable[[], bytes], parent: int, writing: int) -> None:
     """Send the answer and end this process; nothing of the parent's is executed on the way."""
-    code = 1
     try:
         os.setsid()
         dies_with_parent(parent)
-        payload = memoryview(function())
-        while payload:
-            payload = payload[os.write(writing, payload) :]
-        code = 0
+        # Foreign code reaches no descriptor of this program but its standard streams and the answer's.
+        os.closerange(3, writing)
+        os.closerange(writing + 1, os.sysconf("SC_OPEN_MAX"))
+        payload = function()
+        content = memoryview(_LENGTH.pack(len(payload)) + payload)
+        while content:
+            content = content[os.write(writing, content) :]
     finally:
-        os._exit(code)
+        os._exit(1)  # it is killed before, where its answer was taken
 
 
-def _awaited(reading: int, control: Any) -> tuple[bytes, str]:
-    """Return the answer; with a cause, where none came in time."""
-    found = b""
+def _awaited(reading: int, child: int, control: Any) -> tuple[bytes | None, str]:
+    """Return the answer; with a cause, where none came in time; neither, where the child has ended."""
+    content = b""
     seen, since = None, time.monotonic()
-    while len(found) < _MOST_BYTES:
+    while True:
         if select.select([reading], [], [], _LOOK_S)[0]:
             part = os.read(reading, 65536)
             if not part:
-                return found, ""
-            found += part
+                return None, ""
+            content += part
+        elif _has_ended(child):
+            return None, ""
+        if len(content) >= _LENGTH.size:
+            (length,) = _LENGTH.unpack_from(content)
+            if length > _MOST_BYTES:
+                return None, "its answer is spoiled"
+            if len(content) >= _LENGTH.size + length:
+                return content[_LENGTH.size : _LENGTH.size + length], ""
         progress = (int(control.tick), int(control.foreign))
         now = time.monotonic()
         if progress != seen:
             seen, since = progress, now
         limit = HANG_S if progress[1] % 2 else _SILENT_S
         if now - since > limit:
-            return b"", f"no response for {limit:g} s"
-    return b"", "its answer has no end"
+            return None, f"no response for {limit:g} s"
+
+
+def _has_ended(child: int) -> bool:
+    """Whether a child has ended; it stays to be waited for."""
+    found = os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    return found is not None
 
 
 def _kill(child: int) -> None:

@@ -94,9 +94,9 @@ class Slot:
             self._connection.close()
             self._connection = None
         if process is not None:
+            end(process, _END_S)  # asked first: it ends what users' ECUs have started
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
-            end(process, _END_S)
         self._is_ready = False
 
     def _start(self) -> None:

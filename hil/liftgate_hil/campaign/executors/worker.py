@@ -19,6 +19,7 @@ import time
 from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -31,14 +32,20 @@ BEAT_S = 1.0  # from one sign of life to the next
 
 def main() -> int:
     """Evaluate what the caller sends until it closes the connection; return the exit code."""
+    from liftgate_hil.campaign.executors.forked import become_reaper
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
+    signal.signal(signal.SIGTERM, _end)
+    become_reaper()
     connection = Connection(int(sys.argv[1]))
     try:
         content, path = connection.recv()
     except (EOFError, OSError):
         return 0
     # Appended last, so that a module of an ECU does not hide one that this program needs.
-    sys.path += [each for each in (*path, str(Path.cwd())) if each and each not in sys.path]
+    with contextlib.suppress(OSError):  # the folder may be gone
+        path = [*path, str(Path.cwd())]
+    sys.path += [each for each in path if each and each not in sys.path]
     messenger = _Messenger(connection)
     try:
         with messenger.beating():
@@ -56,6 +63,14 @@ def main() -> int:
         messenger.send(FAILED, text_of(error) if is_ours else f"{type(error).__name__}: {text_of(error)}")
         return 1
     return 0
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    """End this process, and all that users' ECUs have started."""
+    from liftgate_hil.campaign.executors.forked import end_children
+
+    end_children()
+    os._exit(128 + number)
 
 
 def _serve(connection: Connection, messenger: _Messenger, runner: Any) -> None:
@@ -150,7 +165,10 @@ class _Forked:
         if payload is None:
             who = "the ECU" if int(control.foreign) % 2 else "the run"
             return None, f"{who} at {int(control.tick) * step:.3f} s: {cause}"
-        row: Row = pickle.loads(payload)
+        try:
+            row: Row = pickle.loads(payload)
+        except Exception as error:  # foreign code can write there too
+            return None, f"the ECU: the answer of its process cannot be read: {type(error).__name__}"
         return row, ""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from liftgate_hil.campaign.adaptive import Evaluated, Probability, Worst
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
 from liftgate_hil.report.numbers import significant
-from liftgate_hil.report.page import figure, pairs, section, table, text
+from liftgate_hil.report.page import alert, figure, pairs, section, table, text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -110,11 +110,12 @@ def _convergence(found: Worst) -> Figure:
 def probability_as_dict(found: Probability, expectation: str) -> dict[str, Any]:
     """Return a probability for JSON."""
     own = found.estimate
+    is_known = own.unknown < own.evaluations
     return {
         "expectation": expectation,
-        "probability": own.probability,
-        "low": own.low,
-        "high": own.high,
+        "probability": own.probability if is_known else None,
+        "low": own.low if is_known else None,
+        "high": own.high if is_known else None,
         "confidence": 0.95,
         "variation": own.variation if math.isfinite(own.variation) else None,
         "is_upper_bound": own.bounded,
@@ -129,6 +130,8 @@ def probability_as_dict(found: Probability, expectation: str) -> dict[str, Any]:
 def probability_section(found: Probability, expectation: str) -> str:
     """Return the report's section on a probability."""
     own = found.estimate
+    if own.unknown == own.evaluations:
+        return section("Probability of failure", f"<p>No variant has a margin of “{text(expectation)}”.</p>")
     if own.bounded and own.probability == 0.0:
         story = f"“{expectation}” did not fail: its probability of failure is below {own.high:.2g} (95 %)."
     else:
@@ -150,8 +153,10 @@ def probability_section(found: Probability, expectation: str) -> str:
         *([("compared", direct)] if direct else []),
     ]
     note = "A pocket that neither the search nor a slope of the margin leads to is not in the interval."
+    missing = f"{own.unknown:,} of {own.evaluations:,} evaluations have no verdict and count as passed."
     return section(
         "Probability of failure",
+        alert([missing] if own.unknown else []),
         f'<p class="lead">{text(story)}</p>',
         pairs(rows),
         f'<p class="soft">{text(note)}</p>',
