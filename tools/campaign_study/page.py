@@ -61,8 +61,8 @@ def _introduction(seconds: dict[str, float], jobs: int, short: bool) -> list[str
     return [
         "**A short run, for tests of the tool: its figures say nothing.**" if short else "",
         text(
-            """How soon does the [search for the worst](campaigns.md#the-worst) find a narrow pocket of
-            failures, and how good is the [probability](campaigns.md#the-probability-of-a-failure)? First
+            """How soon does the [search for the worst](campaigns.md) find a narrow pocket of
+            failures, and how good is the [probability](campaigns.md)? First
             with real runs of the product, then with analytic functions, of which there are more. All seeds
             are stated; other seeds give other figures."""
         ),

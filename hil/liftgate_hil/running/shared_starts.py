@@ -31,8 +31,8 @@ class _Kept:
 class SharedStarts:
     """The state after the last precondition, for runs in one process that differ only in what comes after it.
 
-    Obstacles, faults and requests of a scenario act from its time 0 on, so that a precondition depends on vehicle,
-    seed, rig, ECU and bus traffic alone. Only the reference ECU has a state that can be copied.
+    Obstacles, profiles, faults and requests of a scenario act from its time 0 on, so that a precondition depends
+    on vehicle, seed, rig, ECU and bus traffic alone. Only the reference ECU has a state that can be copied.
     """
 
     def __init__(self) -> None:
@@ -58,7 +58,10 @@ class SharedStarts:
     ) -> None:
         """Keep the state after a precondition, unless that has changed more of the stimuli than their origin."""
         origin = int(stimuli.origin[0])
-        is_shared = adapter.kind == REFERENCE and _are_equal(stimuli, before._replace(origin=stimuli.origin))
+        # When faults are looked at next is found anew at time 0, with the same result.
+        faults = before.faults._replace(next=stimuli.faults.next)
+        same = before._replace(origin=stimuli.origin, faults=faults)
+        is_shared = adapter.kind == REFERENCE and _are_equal(stimuli, same)
         node = reference_copied(adapter.state)
         self._kept = _Kept(_key_of(plan), copied(loop), node, origin) if is_shared else None
 
@@ -72,8 +75,7 @@ def _key_of(plan: Plan) -> tuple[Any, ...]:
     """Return what a precondition depends on, apart from rig, ECU and rate, which all runs here have in common."""
     setup = plan.setup
     scenario = setup.scenario
-    profiles = sorted(scenario.stimuli.profiles.items())
-    return setup.vehicle, setup.seed, setup.start_angle, scenario.precondition, scenario.signals, profiles
+    return setup.vehicle, setup.seed, setup.start_angle, scenario.precondition, scenario.signals
 
 
 def _are_equal(one: Any, other: Any) -> bool:

@@ -107,6 +107,54 @@ def test_a_shared_precondition_is_gone_through_once(tmp_path: Path, monkeypatch:
     assert len(calls) == 2
 
 
+PACK = sorted(find_config("scenarios", "pack/undisturbed").parent.glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", PACK, ids=lambda path: path.stem)
+def test_each_scenario_of_the_pack_is_the_same_after_a_shared_precondition(path: Path) -> None:
+    base, _ = base_and_space(str(path), "seed=0,1")
+    evaluator = Evaluator(base)
+    first = evaluator.row([0.0])
+    again = evaluator.row([0.0])
+    for row in (first, again):
+        np.testing.assert_array_equal(row.figures, first.figures)
+        np.testing.assert_array_equal(row.margins, first.margins)
+    assert_row_is_that_of_a_run(evaluator, [0.0])
+
+
+def test_variants_of_a_fault_and_a_profile_share_their_precondition(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from liftgate_hil.running import execution
+
+    calls = []
+    whole = execution.after_precondition
+    monkeypatch.setattr(execution, "after_precondition", lambda *args: calls.append(1) or whole(*args))
+    path = scenario(tmp_path, '["open"]', '"closed"')
+    more = """
+[parameters]
+slope = 3
+at = 1.5
+
+[[profile]]
+quantity = "road_slope_deg"
+points = [[0.5, 0], [1, "$slope"]]
+
+[[fault]]
+kind = "spring_lost"
+where = "left"
+start = "$at"
+"""
+    Path(path).write_text(Path(path).read_text() + more)
+    base, _ = base_and_space(path, "slope=0,5", "at=0,1.5,30")
+    evaluator = Evaluator(base)
+    for values in ([0.0, 0.0], [5.0, 1.5], [5.0, 0.0], [0.0, 30.0]):
+        evaluator.row(values)
+    assert len(calls) == 1
+    for values in ([5.0, 1.5], [5.0, 0.0], [0.0, 30.0]):
+        assert_row_is_that_of_a_run(evaluator, values)
+
+
 def test_a_variant_that_the_loader_refuses_is_an_error_row(tmp_path: Path) -> None:
     base, _ = base_and_space(scenario(tmp_path), "rod=10000,20000", "motor.torque_constant~uniform(0.01,0.2)")
     row = Evaluator(base).row([1e4, 0.19])

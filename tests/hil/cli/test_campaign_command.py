@@ -191,6 +191,16 @@ def test_the_worst_is_a_scenario_of_its_own_with_the_same_margin(
     assert verdict["margin"] == found["margin"]
 
 
+def test_a_probability_has_its_interval_and_its_report(scenario: str) -> None:
+    flags = ["--vary", "angle~normal(74,0.5)", "--evaluations", "1200", "--duration", "0.7", "--quiet"]
+    assert main(["campaign", scenario, *flags, "--probability", "stays open"]) == 0
+    found = manifest_in("campaign")["analysis"]
+    assert 0.0 <= found["low"] <= found["probability"] <= found["high"] <= 1.0
+    assert found["evaluations"] <= 1200
+    assert found["without_verdict"] == 0
+    assert "Probability of failure" in Path("campaign/report.html").read_text()
+
+
 def test_two_ecus_are_compared_variant_by_variant(scenario: str) -> None:
     flags = ["--vary", "angle=60,75", "--jobs", "1", "--quiet", "--duration", "3"]
     assert main(["campaign", scenario, *flags, "--against", "mutant:closing_unwatched"]) == 0
