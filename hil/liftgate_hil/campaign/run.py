@@ -108,6 +108,8 @@ def run_campaign(request: Request, places: Places, provenance: Provenance, watch
                 is_complete = False
     finally:
         executor.close()
+    if is_complete:
+        store.tidy()
     spent = time.monotonic() - began
     outcome = Outcome(
         found, folder, campaign.progress, spent, is_complete, counts, analysis, _summary(found, folder, counts)

@@ -105,6 +105,13 @@ class Store:
             raise StoreError(f"{self.address}: {words_of(error)}") from error
         return {each.removesuffix(SUFFIX) for each in found if each.endswith(SUFFIX) and not each.startswith(".")}
 
+    def tidy(self) -> None:
+        """Remove what killed processes have left of files that they were writing, in a folder of this machine."""
+        if not self._is_remote:
+            for each in Path(self.address).glob(f".*{SUFFIX}.*"):
+                with contextlib.suppress(OSError):
+                    each.unlink()
+
     def _remote(self) -> tuple[Any, str]:
         try:
             from fsspec.core import url_to_fs

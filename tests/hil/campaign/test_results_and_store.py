@@ -310,3 +310,11 @@ def test_files_of_others_in_the_folder_are_no_batches(folder: Path) -> None:
     for name in ("notes.txt", ".ab.parquet.0123", ".hidden.parquet", "sub"):
         (folder / name).write_text("")
     assert Store(str(folder)).names() == set()
+
+
+def test_what_a_killed_writer_has_left_is_removed_at_the_end(tmp_path: Path) -> None:
+    store = Store(str(tmp_path))
+    store.put("ab", pa.table({"x": [1.0]}))
+    (tmp_path / ".cd.parquet.0123").write_bytes(b"half a fi")
+    store.tidy()
+    assert [each.name for each in tmp_path.iterdir()] == ["ab.parquet"]
