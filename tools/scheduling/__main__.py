@@ -29,6 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     figures = check.figures_of(few, runs, through, files, end)
     checked = check.checked_runs(runs, figures), check.checked_passages(through, figures)
     text = page.page_of(figures, files, checked, load)
+    args.output.mkdir(parents=True, exist_ok=True)
     (args.output / "campaigns-at-scale.md").write_text(text, encoding="utf-8")
     return 0
 
