@@ -25,6 +25,7 @@ echo '{"thread": {"0": {"histogram": {"3": 90, "7": 9}, "cycles": 100, "max": 60
 SECTIONS = (
     "The closed loop in machine code",
     "Faults and expectations that do nothing",
+    "Campaigns",
     "The step against C",
     "Cost",
     "What each part costs",

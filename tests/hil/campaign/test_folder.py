@@ -186,9 +186,7 @@ def test_a_variant_that_is_not_one_is_refused(given: str, what: str, folder: Fol
     folder.write_results([table_of(*VARIANTS)])
     with pytest.raises(ConfigError) as caught:
         folder.find(given)
-    assert caught.value.issues == [
-        f"`replay` {given}: {what}; allowed: one of column `variant`, or its first digits"
-    ]
+    assert caught.value.issues == [f"`replay` {given}: {what}; allowed: one of the results, or its first digits"]
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no table"])

@@ -20,6 +20,7 @@ initial = "open"
 
 [parameters]
 rod = 10_000
+other = 1
 """
 
 
@@ -99,7 +100,7 @@ def test_the_same_campaign_goes_on_at_the_pace_it_began_with(folder: Folder, sce
         ({"ideal": True}, ("ideal",)),
         ({"rate": 2000.0, "duration": 0.5}, ("rate", "duration")),
         ({"settings": ("gate.mass=31",)}, ("settings",)),
-        ({"parameters": {"rod": 5.0}}, ("parameters",)),
+        ({"parameters": {"other": 2.0}}, ("parameters",)),
         ({"ecu": "mutant:threshold_doubled"}, ("ecu",)),
         ({"against": "mutant:threshold_doubled"}, ("against",)),
         ({"sampling_seed": 2}, ("sampling_seed",)),

@@ -149,7 +149,7 @@ def test_a_vehicle_without_a_number_of_samples_is_refused() -> None:
 
 
 def test_samples_of_grids_alone_are_refused() -> None:
-    message = "`samples` 20: allowed: with a distribution or `vehicle` in `vary`"
+    message = "`samples` 20: allowed: with a distribution, or vehicle, in `vary`"
     with pytest.raises(ConfigError, match=message):
         design("rod=1,2", samples=20)
 
