@@ -25,7 +25,7 @@ ID_DIGITS = 32  # of a variant's hash: 128 bits, no two of 10¹² variants alike
 
 @dataclass(frozen=True)
 class Base:
-    """What all variants of a campaign have in common."""
+    """Base of a campaign: the scenario, the vehicle, the ECU and the targets that all its variants share."""
 
     job: Job  # its scenario, vehicle and rig are loaded
     targets: tuple[Target, ...]

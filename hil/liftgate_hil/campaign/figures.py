@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,6 @@ class Figures(NamedTuple):
 
 
 NO_FIGURES = Figures(*(math.nan,) * len(Figures._fields))
-MEANINGS: Mapping[str, type] = get_type_hints(Figures)
 _KEPT = (
     "time_s",
     "gate_angle_deg",

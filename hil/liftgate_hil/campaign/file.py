@@ -45,7 +45,7 @@ class PartTable(Record):
 
 @dataclass(frozen=True)
 class Part:
-    """One campaign of a file."""
+    """Campaign of a campaign file: its name, title and request."""
 
     name: str
     title: str

@@ -25,6 +25,25 @@ class StoreError(LiftgateError):
     """Raised where results cannot be written or read: a full disk, a folder that vanished."""
 
 
+def packed(table: pa.Table) -> bytes:
+    """Return a batch's table as a Parquet file."""
+    import pyarrow.parquet as pq
+
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer, compression="zstd", write_page_checksum=True)
+    return buffer.getvalue()
+
+
+def unpacked(content: bytes) -> pa.Table | None:
+    """Return the table of a Parquet file; None: the file is damaged."""
+    import pyarrow.parquet as pq
+
+    try:
+        return pq.read_table(io.BytesIO(content), page_checksum_verification=True)
+    except Exception:  # whatever a damaged file makes of the reader
+        return None
+
+
 class Store:
     """Folder of batches, on this machine or at an address of fsspec. It is picklable."""
 
@@ -72,26 +91,17 @@ class Store:
 
     def put(self, name: str, table: pa.Table) -> None:
         """Write the table of a batch. Raises StoreError."""
-        import pyarrow.parquet as pq
-
-        buffer = io.BytesIO()
-        pq.write_table(table, buffer, compression="zstd", write_page_checksum=True)
-        self._write(name + SUFFIX, buffer.getvalue())
+        self._write(name + SUFFIX, packed(table))
 
     def get(self, name: str) -> pa.Table | None:
         """Return the table of a batch; None: it is not there, or its file is damaged. Raises StoreError."""
-        import pyarrow.parquet as pq
-
         try:
             content = self._read(name + SUFFIX)
         except FileNotFoundError:
             return None
         except Exception as error:
             raise StoreError(f"{self.address}: {words_of(error)}") from error
-        try:
-            return pq.read_table(io.BytesIO(content), page_checksum_verification=True)
-        except Exception:  # whatever a damaged file makes of the reader
-            return None
+        return unpacked(content)
 
     def names(self) -> set[str]:
         """Return the names of the batches that are there. Raises StoreError."""

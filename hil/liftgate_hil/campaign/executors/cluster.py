@@ -7,7 +7,6 @@ see the store, the task hands the table back, and this process stores it.
 from __future__ import annotations
 
 import contextlib
-import io
 import logging
 import math
 import pickle
@@ -26,12 +25,12 @@ from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.campaign.executors.executor import Batch, Done
 from liftgate_hil.campaign.executors.slot import Slot
 from liftgate_hil.campaign.results import table_of
-from liftgate_hil.campaign.store import Store, StoreError
+from liftgate_hil.campaign.store import Store, StoreError, packed, unpacked
 from liftgate_hil.errors import ConfigError, LiftgateError, words_of
 from liftgate_hil.version import versions
 
 if TYPE_CHECKING:
-    import pyarrow as pa
+    pass
 
 _ADDRESS = re.compile(r"(?:tcp|tls)://(\[[^\]]+\]|[^:/\[\]]+):(\d{1,5})")
 _CONNECT_S = 20.0  # s that a scheduler may take to answer
@@ -143,7 +142,7 @@ class Cluster:
                         again.append(batch)
                         continue
                     if answer.table:
-                        store.put(batch.name, _unpacked(answer.table))
+                        _keep(store, batch.name, answer.table)
                     count(batch.count)
                     yield Done(batch, answer.retried)
         finally:
@@ -350,21 +349,12 @@ def _evaluated(content: _Content, identity: str, values: Floats, name: str, stor
     if is_shared:
         store.put(name, table)
         return _Answer(slot.retried - before)
-    return _Answer(slot.retried - before, _packed(table))
+    return _Answer(slot.retried - before, packed(table))
 
 
-def _packed(table: pa.Table) -> bytes:
-    import pyarrow.parquet as pq
-
-    buffer = io.BytesIO()
-    pq.write_table(table, buffer, compression="zstd")
-    return buffer.getvalue()
-
-
-def _unpacked(content: bytes) -> pa.Table:
-    import pyarrow.parquet as pq
-
-    try:
-        return pq.read_table(io.BytesIO(content))
-    except Exception as error:
-        raise StoreError(f"a batch that a worker handed back cannot be read: {words_of(error)}") from error
+def _keep(store: Store, name: str, content: bytes) -> None:
+    """Write the batch that a worker has handed back. Raises StoreError."""
+    table = unpacked(content)
+    if table is None:
+        raise StoreError("a batch that a worker handed back cannot be read: its file is damaged")
+    store.put(name, table)

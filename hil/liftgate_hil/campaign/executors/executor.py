@@ -1,4 +1,4 @@
-"""What an executor is: it evaluates batches of variants and puts their results into a store.
+"""Interface of the executors, which evaluate batches of variants and put their results into a store.
 
       batches ─┐
                ├→ executor → workers → store: a Parquet file a batch

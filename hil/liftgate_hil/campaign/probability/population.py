@@ -1,4 +1,4 @@
-"""One run of subset simulation: a population that moves towards failure, level by level, in one cell of the space.
+"""Population of subset simulation: it moves towards failure, level by level, in one cell of the space.
 
 Au and Beck, Estimation of small failure probabilities in high dimensions by subset simulation, Probabilistic
 Engineering Mechanics 16, 2001. The moves are the conditional sampling, with an adapted length, of Papaioannou,
@@ -32,7 +32,7 @@ _LEAST_LENGTH = 0.02  # where nothing is accepted, for example on a thin plateau
 
 
 class Level(NamedTuple):
-    """One level of one run; the last one of a run is the failure."""
+    """Level of subset simulation: a threshold that a run has reached; the last one of a run is the failure."""
 
     cell: int
     run: int
@@ -68,7 +68,7 @@ class _State(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What a run is given."""
+    """Input of a run of subset simulation: its cell, the size of its population and its allowance."""
 
     cells: Cells
     cell: int

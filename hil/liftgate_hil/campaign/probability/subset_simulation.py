@@ -62,7 +62,7 @@ class Estimate:
 
 
 class _Coverage(NamedTuple):
-    """How well a mixture covers the failing points of the populations."""
+    """Share of the failing points of the populations that lie where a mixture draws."""
 
     share: float  # P(A | F)
     variance: float  # of `share`

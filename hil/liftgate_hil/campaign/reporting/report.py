@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -311,13 +310,3 @@ def incomplete(is_complete: bool) -> str:
     if is_complete:
         return ""
     return alert(["Incomplete: variants that were not evaluated stand as errors. Go on with --resume."])
-
-
-def finite(value: float) -> float | None:
-    """Return a number for JSON, None where it is not finite."""
-    return value if math.isfinite(value) else None
-
-
-def plain(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a mapping of numbers for JSON."""
-    return {name: finite(each) if isinstance(each, float) else each for name, each in content.items()}

@@ -35,7 +35,7 @@ class Expected(NamedTuple):
 
 
 class Case(NamedTuple):
-    """One variant of the list of the worst."""
+    """Variant in the list of the worst ones, with its values and its result."""
 
     variant: str
     values: tuple[float, ...]
