@@ -190,7 +190,7 @@ def test_a_search_finds_a_smaller_margin_than_the_random_draws(made: Callable) -
     campaign, _, space = made(bowl, *SEARCHED)
     worst = search_worst(campaign, space, "soft", 80, 1)
     least, drawn = (min(each.margin for each in history) for history in (worst.search, worst.random))
-    assert least < -0.009 < drawn
+    assert least < -0.008 < drawn  # the smallest is -0.01
     assert worst.end.worst_margin == least
 
 

@@ -51,8 +51,15 @@ class Surrogate:
         self._x = x / LENGTHS[self._scales]
         self._factor = self._decompose(self._x, NUGGETS[self._noise])
         self._weights = cho_solve((self._factor, True), y - self._mean, check_finite=False)
+        self._spread = float(y.var())
         self._variance = float((y - self._mean) @ self._weights) / len(y)
         self.fitted = True
+
+    def skill(self) -> float:
+        """Return the share of the margins' variance that a cross-validation predicts, each left out in turn."""
+        inverse = cho_solve((self._factor, True), np.eye(len(self._weights)), check_finite=False)
+        errors = self._weights / np.diag(inverse)
+        return float(1.0 - (errors**2).mean() / self._spread) if self._spread else 0.0
 
     def warp(self, margins: Any) -> Array:
         """Return margins in units of their lower spread from the median; logarithmic above, where none matters."""

@@ -29,7 +29,8 @@ SIGMA, DIP_SIGMA, LATE_SIGMA = 0.12, 0.1, 0.05  # first steps: of 0.1 to 0.3, of
 APART = 0.25  # largest coordinate difference below which two starts count as the same place
 DIP_APART = 0.08  # the same for dips, about half the side of a pocket of 0.4 % in three dimensions
 SKILLED = 0.5  # share of the variance predicted, from which the surrogate replaces most descents; 0.8 was slower
-EVERY, EVERY_SKILLED = 2, 8  # batches from one generation of a descent to the next
+CHECKS = 24  # points that the surrogate has predicted, from which its skill is theirs, not a cross-validation's
+EVERY, EVERY_SKILLED = 2, 16  # batches from one generation of a descent to the next; 8 needed more beside needles
 SHARE, SHARE_FREE = 0.1, 60  # descents before `LATE`: a share and a sum; a share of 0.25 lost needles
 DIP_SCORE, DIP_FLOOR = 6.0, 0.4  # a dip: so many robust deviations and so many spreads below the prediction
 POOL = 256  # candidates over the whole space and again around the worst points
@@ -91,7 +92,7 @@ class _Search:
         self._origins: list[Array] = []
         self._ends: list[Array] = []
         self._turn = self._restarts = self._descended = self._modelled = 0
-        self._polished = False
+        self._polished = self._is_late = self._is_skilled = False
 
     def propose(self) -> Array:
         """Return the next batch (n, d), at most what is left of the budget."""
@@ -100,6 +101,10 @@ class _Search:
         batch: list[Array] = []
         x, f = self._judged()
         if len(f) and np.ptp(f) > 0:  # equal margins give neither a slope nor a spread
+            if len(f) >= BATCH:
+                self._surrogate.fit(x, f)
+            self._is_skilled = self._skill() > SKILLED
+            self._is_late = len(self.margins) > LATE * self.budget
             batch = [p for p in self._generation(x, f) if self._reserve(p)][:room]
             self._descended += len(batch)
             extra = [
@@ -181,13 +186,15 @@ class _Search:
         judged = ~np.isnan(f)
         return np.array(self.points).reshape(-1, len(self._levels))[judged], self._finite(f[judged])
 
-    def _late(self) -> bool:
-        return len(self.margins) > LATE * self.budget
-
     def _skill(self) -> float:
-        """Return the share of the variance of the last exploring points that the surrogate had predicted."""
+        """Return the share of the variance of the last exploring points that the surrogate had predicted.
+
+        As long as there are few of them, that of all points of which each is left out in turn.
+        """
         recent = np.array([c[:2] for c in self._checks[-40:]])  # 40: follows the growth of the model
-        if len(recent) < 8 or recent[:, 1].var() == 0.0:
+        if len(recent) < CHECKS:
+            return self._surrogate.skill() if self._surrogate.fitted else 0.0
+        if recent[:, 1].var() == 0.0:
             return 0.0
         return float(1.0 - ((recent[:, 0] - recent[:, 1]) ** 2).mean() / recent[:, 1].var())
 
@@ -210,14 +217,14 @@ class _Search:
         best, dip = float(f.min()), self._dip()
         d = self._descent
         if d is not None:
-            polish = self._late() and not self._polished and d.best > best
+            polish = self._is_late and not self._polished and d.best > best
             if d.over or polish or (dip is not None and not d.dip):
                 self._origins.append(d.place)
                 self._ends.append(d.place)
                 d = self._descent = None
-        every = EVERY_SKILLED if self._skill() > SKILLED else EVERY
+        every = EVERY_SKILLED if self._is_skilled else EVERY
         # Once the worst point is exact, more descents would only end there again.
-        polishing = self._late() and (not self._polished or (d is not None and d.urgent and not d.dip))
+        polishing = self._is_late and (not self._polished or (d is not None and d.urgent and not d.dip))
         if dip is not None or (d is not None and d.dip) or polishing:
             every = 1
         spent = self._descended >= SHARE * len(f) + SHARE_FREE and best >= 0.0 and not polishing
@@ -236,7 +243,7 @@ class _Search:
         order = np.argsort(f, kind="stable")
         if dip is not None:
             known, sigma, start = self._known[dip.tobytes()], DIP_SIGMA, dip
-        elif self._late() and not self._polished:
+        elif self._is_late and not self._polished:
             self._polished, sigma, start = True, LATE_SIGMA, x[order[0]]
         else:
             for i in order[: max(1, len(f) // 4)]:  # a start among the better three quarters is no start
@@ -253,14 +260,13 @@ class _Search:
 
     def _modelled_points(self, x: Array, f: Array, n: int) -> list[Array]:
         """Return at most n points likely to fail, or to be below the worst point, in the surrogate's eyes."""
-        if len(f) < BATCH:
+        if not self._surrogate.fitted:
             return []
-        self._surrogate.fit(x, f)
         pool = self._pool(x[np.argsort(f, kind="stable")[:6]])
         if not len(pool):
             return []
         best = float(self._surrogate.warp(f.min()))
-        below = best * (1.0 + (LATE_GAIN if self._late() else GAIN))  # the warped median is 0, so best < 0
+        below = best * (1.0 + (LATE_GAIN if self._is_late else GAIN))  # the warped median is 0, so best < 0
         zero = float(self._surrogate.warp(0.0)) if f.min() > 0.0 else below
         return self._surrogate.choose(pool, [(below, zero)[j % 2] for j in range(n)])
 
