@@ -6,7 +6,8 @@ Tables of faults work on the row; compiled code converts it to `Constants` with 
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+import operator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
@@ -34,18 +35,24 @@ def constants_of(vehicle: Vehicle) -> Constants:
 
 def numbers_of(constants: Constants) -> dict[str, float]:
     """Return every number by its path (`plant.left.spring.health`), in the order of the row."""
-    return dict(zip(_names(), _numbers(constants), strict=True))
+    return dict(zip(_names(), row_of(constants).tolist(), strict=True))
 
 
 def row_of(constants: Constants) -> NDArray[np.float64]:
     """Return the numbers as a row (n,)."""
-    return np.array(_numbers(constants))
+    return np.array(_reader()(constants), dtype=np.float64)
 
 
 @functools.cache
 def _names() -> tuple[str, ...]:
     """Return the paths of all numbers."""
     return tuple(_paths("", Constants))
+
+
+@functools.cache
+def _reader() -> Callable[[Constants], tuple[float, ...]]:
+    """Return the function that reads all numbers of constants."""
+    return operator.attrgetter(*_names())
 
 
 def _paths(name: str, kind: Any) -> Iterator[str]:
@@ -55,13 +62,3 @@ def _paths(name: str, kind: Any) -> Iterator[str]:
             yield from _paths(path, hint)
         else:
             yield path
-
-
-def _numbers(part: tuple[Any, ...]) -> list[float]:
-    found: list[float] = []
-    for each in part:
-        if isinstance(each, tuple):
-            found += _numbers(each)
-        else:
-            found.append(float(each))
-    return found

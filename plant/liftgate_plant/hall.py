@@ -372,13 +372,13 @@ def initial_halls(encoder: Encoder, left: Shaft, right: Shaft) -> Any:
 
     A count is that of a decoder that was 0 at position 0.
     """
-    halls = np.zeros(2, dtype=HALL).view(np.recarray)
+    halls = np.zeros(2, dtype=HALL)
     for drive, (hall, shaft) in enumerate(zip(halls, (left, right), strict=True)):
         count = _first_step(encoder, shaft.position, drive)
-        hall.step = hall.count = hall.sampled = count
-        hall.a, hall.b = hall_levels(count)
-        hall.position, hall.motor_speed = shaft.position, shaft.speed
-    return halls
+        hall["step"] = hall["count"] = hall["sampled"] = count
+        hall["a"], hall["b"] = hall_levels(count)
+        hall["position"], hall["motor_speed"] = shaft.position, shaft.speed
+    return halls.view(np.recarray)
 
 
 def _first_step(encoder: Encoder, position: float, drive: int) -> int:

@@ -76,7 +76,7 @@ class _Trial:
     stimuli: StimulusPlan | None = None  # at time 0, as are the states of loop and ECU
     loop: LoopState | None = None
     node: NodeState | None = None
-    figures: FigureSink = field(default_factory=FigureSink)
+    figures: Figures = NO_FIGURES
     stack: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)  # closes a user's ECU
     given_up: str = ""
     error: str = ""
@@ -97,6 +97,7 @@ class Evaluator:
         assert isinstance(base.job.vehicle, VehicleFile)
         self._vehicles = Vehicles(base.job.vehicle, base.targets)
         self._settings = settings_of(base.job.settings)
+        self._figures = FigureSink()
         self._ecu: _Ecu | None = None
 
     def load(self) -> None:
@@ -174,7 +175,8 @@ class Evaluator:
         assert trial.loop is not None
         assert trial.node is not None
         assert plan.ticks is not None
-        sinks: list[Sink] = [trial.figures] if judge is None else [trial.figures, judge]
+        sinks: list[Sink] = [self._figures] if judge is None else [self._figures, judge]
+        self._figures.begins_anew()
         self.reset()
         adapter.state = trial.node
         is_recorded = judge is not None and judge.reads_the_bus
@@ -183,12 +185,12 @@ class Evaluator:
                 if adapter.kind == PORT:
                     trial.stack.enter_context(foreign_code(self.memory))
                 episode = Episode(plan.config, trial.loop, trial.stimuli, adapter, sinks, is_recorded, self.memory)
-                episode.run(plan.ticks, stopped)
-                episode.finish()
+                episode.complete(plan.ticks, stopped)
         except LiftgateError as failure:
             trial.error = "; ".join(causes(failure))
         if stopped():
             trial.error = "stopped"
+        trial.figures = self._figures.figures()
         trial.spent += time.perf_counter() - began
 
     def _judged(self, trial: _Trial) -> Row:
@@ -203,8 +205,8 @@ class Evaluator:
             return error_row(self.base, trial.error, trial.spent)
         found = {each.name: each for each in verdicts}
         margins = tuple(_margin(found.get(name)) for name in self.base.expectations)
-        verdict, figures = worst(each.verdict for each in verdicts), trial.figures.figures()
-        return Row(verdict, margins, figures, trial.spent + time.perf_counter() - began, "")
+        wall_s = trial.spent + time.perf_counter() - began
+        return Row(worst(each.verdict for each in verdicts), margins, trial.figures, wall_s, "")
 
     def adapter_of(self, plan: Plan, stack: contextlib.ExitStack) -> Adapter:
         """Return the adapter of the ECU as it is switched on; that of our own ECU is kept for the next variant."""

@@ -40,24 +40,34 @@ _KEPT = (
     "pinch_impulse_ns",
     "pinch_over_limit_s",
 )
-_PLACES = np.array([COLUMN_PLACE[name] for name in _KEPT])
+_PLACES = [COLUMN_PLACE[name] for name in _KEPT]
 
 
 class FigureSink:
-    """Sink that keeps the columns which the figures need."""
+    """Sink that keeps the columns which the figures need, in memory that serves one run after the other."""
 
     def __init__(self) -> None:
-        self._parts: list[NDArray[np.float64]] = []
+        self._columns = np.empty((len(_KEPT), 0))
+        self._count = 0  # of the rows so far
+
+    def begins_anew(self) -> None:
+        """Forget all rows, before the next run."""
+        self._count = 0
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
         """Keep the columns of rows (n, ROW_WIDTH)."""
-        self._parts.append(rows[:, _PLACES].T)
+        first, last = self._count, self._count + len(rows)
+        if last > self._columns.shape[1]:
+            larger = np.empty((len(_KEPT), 2 * last))
+            larger[:, :first] = self._columns[:, :first]
+            self._columns = larger
+        for column, place in zip(self._columns, _PLACES, strict=True):
+            column[first:last] = rows[:, place]
+        self._count = last
 
     def figures(self) -> Figures:
         """Return the figures of all rows so far."""
-        if not self._parts:
-            return NO_FIGURES
-        return figures_of(dict(zip(_KEPT, np.concatenate(self._parts, axis=1), strict=True)))
+        return figures_of(dict(zip(_KEPT, self._columns[:, : self._count], strict=True)))
 
 
 def figures_of(columns: Mapping[str, NDArray[np.float64]]) -> Figures:

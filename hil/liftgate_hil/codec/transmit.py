@@ -93,13 +93,13 @@ _NEVER = 2**62
 
 def first_transmission(bus: BusConfig, quantities: int) -> Transmission:
     """Return the state before time 0: each message is due after one cycle, one without a cycle never."""
-    cycles = [int(each["cycle_ns"]) or _NEVER for each in bus.messages]
+    cycles = [cycle or _NEVER for cycle in bus.messages["cycle_ns"].tolist()]
     return Transmission(
         np.zeros(len(cycles), dtype=np.int64),
         np.array(cycles, dtype=np.int64),
         np.array([min(cycles, default=_NEVER)], dtype=np.int64),
         np.full(quantities, np.nan),
-        empty_frames(sum(int(each["pages"]) for each in bus.messages)),
+        empty_frames(int(bus.messages["pages"].sum())),
     )
 
 

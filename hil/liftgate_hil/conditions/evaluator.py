@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -35,6 +36,7 @@ from liftgate_plant.compiler import compilable, outlined
 
 # Used in tables only: compares a column with a number in one pass over the rows; the comparison's code is added.
 _COMPARED_COLUMN = 32
+_KEPT = 128  # tables; runs that differ in other things have the same conditions
 
 OP = np.dtype([("code", "i8"), ("place", "i8"), ("value", "f8")])
 
@@ -55,7 +57,15 @@ class Work(NamedTuple):
 
 
 def table_of(conditions: Sequence[Condition], signals: Sequence[str]) -> Conditions:
-    """Return the table of conditions; `signals` are the bus signals in the order of the evaluator's columns."""
+    """Return the table of conditions, which nobody changes.
+
+    `signals` are the bus signals in the order of the evaluator's columns.
+    """
+    return _table_of(tuple(conditions), tuple(signals))
+
+
+@functools.lru_cache(_KEPT)
+def _table_of(conditions: tuple[Condition, ...], signals: tuple[str, ...]) -> Conditions:
     rows: list[tuple[int, int, float]] = []
     begins = [0]
     for condition in conditions:
@@ -64,7 +74,7 @@ def table_of(conditions: Sequence[Condition], signals: Sequence[str]) -> Conditi
             if code == COLUMN:
                 place = COLUMN_PLACE[str(what)]
             elif code == SIGNAL:
-                place = list(signals).index(str(what))
+                place = signals.index(str(what))
             else:
                 value = float(what)
             rows.append((code, place, value))

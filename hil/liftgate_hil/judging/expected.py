@@ -152,21 +152,22 @@ def tables_of(
     `work` is memory that other judges may use too, between their blocks.
     """
     count = len(expected.expectations)
-    rows = np.zeros(count, dtype=EXPECTATION).view(np.recarray)
-    progress = np.zeros(count, dtype=PROGRESS).view(np.recarray)
+    rows = np.zeros(count, dtype=EXPECTATION)
+    progress = np.zeros(count, dtype=PROGRESS)
     room = 0
     for place, (row, each) in enumerate(zip(rows, expected.expectations, strict=True)):
-        row.kind = ALWAYS if each.is_always else EVENTUALLY
-        row.condition, row.opener = place, expected.openers[place]
-        row.after = math.nan if isinstance(each.after, str) else each.after
-        row.within, row.hold = each.within, each.hold
-        row.stretch_first, row.stretch_count = room, math.ceil(min(each.hold, end) * rate) + 2
-        room += int(row.stretch_count) if each.hold else 0
+        stretches = math.ceil(min(each.hold, end) * rate) + 2
+        row["kind"] = ALWAYS if each.is_always else EVENTUALLY
+        row["condition"], row["opener"] = place, expected.openers[place]
+        row["after"] = math.nan if isinstance(each.after, str) else each.after
+        row["within"], row["hold"] = each.within, each.hold
+        row["stretch_first"], row["stretch_count"] = room, stretches
+        room += stretches if each.hold else 0
     for name in ("begin", "end", "decided_at", "margin", "margin_at", "since", "false_at", "late_at"):
         progress[name] = math.nan
     issues = ConfigIssues("")
     tables = Expectations(
-        rows,
+        rows.view(np.recarray),
         table_of(expected.conditions, (*expected.signals, *expected.codes)),
         watched(expected.messages, expected.signals, issues),
         len(expected.codes),
@@ -174,7 +175,7 @@ def tables_of(
     )
     signals = len(expected.signals) + len(expected.codes)
     judged = Judged(
-        progress,
+        progress.view(np.recarray),
         np.zeros(room, dtype=STRETCH).view(np.recarray),
         np.full(signals, math.nan),
         np.full((BLOCK, signals), math.nan),

@@ -26,6 +26,7 @@ from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_plant.compiler import compiled
 
 _NO_MARKS = np.zeros(0, dtype=np.int64)
+_TIME = COLUMN_PLACE["time_s"]
 
 
 @dataclass(frozen=True)
@@ -88,14 +89,16 @@ class Judge:
         if not len(rows):
             self._frames, self._marks = np.array(frames), marks
             return
-        if (np.diff(frames["time_ns"]) < 0).any():  # some came while the gate was sending
+        if len(frames) and (np.diff(frames["time_ns"]) < 0).any():  # some came while the gate was sending
             frames = frames[np.argsort(frames["time_ns"], kind="stable")]
         if self._timeliness is not None:
             self._timeliness.take(rows)
-        inside = int(np.searchsorted(rows[:, COLUMN_PLACE["time_s"]], self.end + SLACK, side="right"))
+        last, inside = float(rows[-1, _TIME]), len(rows)
+        if last > self.end + SLACK:
+            inside = int(np.searchsorted(rows[:, _TIME], self.end + SLACK, side="right"))
         if inside:
             self._not_made = float(rows[inside - 1, COLUMN_PLACE["stimuli_not_made"]])
-        self._last = max(self._last, min(float(rows[-1, COLUMN_PLACE["time_s"]]), self.end))
+        self._last = max(self._last, min(last, self.end))
         seen = self._judge(rows, frames, marks)
         self._frames = np.array(frames[seen:]) if seen < len(frames) else no_logged()
         self._marks = marks[seen:]

@@ -105,8 +105,12 @@ class Episode:
 
     def finish(self) -> None:
         """Run one more tick with the motors off, in which every message is sent."""
-        script = self._script._replace(ticks=self.state.tick, is_last=1)
-        self._stretches(script, lambda: False)
+        self._stretches(self._script._replace(ticks=self.state.tick, is_last=1), lambda: False)
+
+    def complete(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
+        """Run until `ticks` ticks are done, and finish. Raises PlantDivergedError, EcuError."""
+        last = self.state.tick + ticks - self.ticks
+        self._stretches(self._script._replace(ticks=last, is_last=1), stopped)
 
     def close(self) -> None:
         """Release the memory, unless the caller provided it."""

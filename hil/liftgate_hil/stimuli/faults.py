@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from liftgate_hil.stimuli.bus_fault_tables import BusFault
 from liftgate_hil.stimuli.moments import BY_TIME, NEVER, START, Instant, Moments, Sheet, time_of
 from liftgate_plant.compiler import compilable, outlined
-from liftgate_plant.constants import Constants, numbers_of
+from liftgate_plant.constants import Constants, numbers_of, row_of
 
 SET, SCALE, ADD = 0, 1, 2
 
@@ -73,8 +73,8 @@ class FaultTable(NamedTuple):
 
 def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Sheet, slots: int = 0) -> FaultTable:
     """Return the fault tables of a gate, with `slots` free rows at the end; their moments go to the sheet."""
-    numbers = numbers_of(constants)
-    places = {name: place for place, name in enumerate(numbers)} if injections else {}
+    sound = row_of(constants)
+    places = {name: place for place, name in enumerate(numbers_of(constants))} if injections else {}
     rows: list[tuple[float, ...]] = []
     edits: list[tuple[float, ...]] = []
     for each in injections:
@@ -87,8 +87,7 @@ def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Shee
     for _ in range(slots):  # each slot may change all constants
         never = (math.nan, BY_TIME, math.inf, BY_TIME)
         rows.append((*never, math.inf, 0.0, 1.0, 0.0, 0, len(edits), 0))
-        edits += [(0, SET, 0.0)] * len(numbers)
-    sound = np.array(list(numbers.values()))
+        edits += [(0, SET, 0.0)] * len(sound)
     return FaultTable(
         np.array(rows, dtype=FAULT).view(np.recarray),
         np.array(edits, dtype=EDIT).view(np.recarray),

@@ -122,7 +122,7 @@ def restbus_of(
     for change in changes:
         if change.when == START:
             transmission.values[names.index(change.signal)] = change.value
-    count = sum(int(each["pages"]) for each in everything.messages)
+    count = int(everything.messages["pages"].sum())
     return Restbus(
         bus,
         everything,
