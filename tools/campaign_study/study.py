@@ -22,7 +22,7 @@ class Size:
     """How much is measured."""
 
     budget: int = 500  # evaluations of a search
-    seeds: int = 10  # of a weakness
+    seeds: int = 30  # of a weakness
     volume: int = 6000  # random variants, for the volume of a pocket
     pocket_seeds: int = 20  # of a kind of analytic pocket
     pockets: int = len(POCKETS)  # of their kinds
