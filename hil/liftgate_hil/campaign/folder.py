@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import os
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 MANIFEST, RESULTS, REPORT, BATCHES = "campaign.json", "results.parquet", "report.html", "batches"
 AGAINST, DIFFERENCES = "against.parquet", "differences.parquet"  # of another ECU
 WORST_FILE, DATA = "worst.toml", "DATA.md"
+LOCK = ".lock"  # held by the process whose campaign runs in the folder
 FORMAT = 1  # of campaign.json
 _GROUP = 16_384  # rows of a row group at least
 
@@ -38,6 +40,29 @@ class Folder:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ConfigError(f"`output` {self.path}: {error.strerror}; allowed: a folder to write to") from error
+
+    @contextlib.contextmanager
+    def claimed(self) -> Iterator[None]:
+        """Context in which no other campaign runs in the folder. Raises ConfigError where one does.
+
+        The kernel ends the claim with the process that has made it, however that ends.
+        """
+        try:
+            descriptor = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        except OSError as error:
+            raise ConfigError(f"`output` {self.path}: {error.strerror}; allowed: a folder to write to") from error
+        try:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise ConfigError(
+                    f"`output` {self.path}: another campaign is running there; allowed: another folder"
+                ) from None
+            except OSError:  # a file system without locks: nobody can tell
+                pass
+            yield
+        finally:
+            os.close(descriptor)
 
     @property
     def has_campaign(self) -> bool:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from liftgate_hil.campaign.file import CampaignFile, Part
 from liftgate_hil.campaign.folder import REPORT, Folder
 from liftgate_hil.campaign.reporting.combined import PartResult, combined_report
+from liftgate_hil.campaign.request import prepared
 from liftgate_hil.campaign.run import NOBODY, Outcome, Places, Watcher, run_campaign, units_of
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.provenance import Provenance
@@ -31,21 +32,26 @@ def run_parts(
     folder = Folder(places.output)
     if folder.has_campaign:
         raise ConfigError(f"`output` {folder.path}: has a campaign; allowed: another folder")
+    for part in file.parts:  # all, before the first has run for hours
+        prepared(part.request)
+    folder.create()
     found: list[PartOutcome] = []
-    for part in file.parts:
-        own = Folder(places.output / part.name)
-        # A part that has not begun yet begins; the others go on.
-        is_resumed = places.is_resumed and own.has_campaign
-        there = replace(places, output=own.path, is_resumed=is_resumed)
-        if places.store:
-            there = replace(there, store=f"{places.store.rstrip('/')}/{part.name}")
-        found.append(PartOutcome(part, run_campaign(part.request, there, provenance, watcher)))
-        if not found[-1].outcome.is_complete:
-            break
-    results = [_result_of(each) for each in found if each.outcome.summary is not None]
-    if results:
-        html = combined_report(file.title, file.description, results, provenance, len(found) == len(file.parts))
-        folder.write(REPORT, html.encode())
+    with folder.claimed():
+        for part in file.parts:
+            own = Folder(places.output / part.name)
+            # A part that has not begun yet begins; the others go on.
+            is_resumed = places.is_resumed and own.has_campaign
+            there = replace(places, output=own.path, is_resumed=is_resumed)
+            if places.store:
+                there = replace(there, store=f"{places.store.rstrip('/')}/{part.name}")
+            found.append(PartOutcome(part, run_campaign(part.request, there, provenance, watcher)))
+            if not found[-1].outcome.is_complete:
+                break
+        results = [_result_of(each) for each in found if each.outcome.summary is not None]
+        if results:
+            is_whole = len(found) == len(file.parts)
+            html = combined_report(file.title, file.description, results, provenance, is_whole)
+            folder.write(REPORT, html.encode())
     return found
 
 

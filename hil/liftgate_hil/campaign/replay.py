@@ -12,6 +12,7 @@ from typing import Any
 from liftgate_hil.campaign.folder import Folder
 from liftgate_hil.campaign.request import prepared
 from liftgate_hil.campaign.results import MARGIN, VARIANT, VERDICT
+from liftgate_hil.campaign.resumption import differences
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE
 from liftgate_hil.running.plan import plan_of
@@ -31,9 +32,8 @@ def replayed(path: Path, variant: str, record: Sequence[Path] = ()) -> Replayed:
     """Run a variant of the campaign in a folder as a run of its own, and compare it. Raises ConfigError."""
     folder = Folder(path)
     found = prepared(folder.request())
-    before = folder.manifest()
-    if before.get("identity") != found.base.identity:
-        raise ConfigError(f"{path}: files or versions are not those of the campaign; allowed: the same ones")
+    if wrong := differences(folder.manifest(), found):
+        raise ConfigError(f"{path}: {', '.join(wrong)}: not as in the campaign; allowed: the same as there")
     row = folder.find(variant)
     varied = [row.get(each.name) for each in found.base.targets]
     if not all(isinstance(each, float) for each in varied):

@@ -27,7 +27,7 @@ def pace_before(folder: Folder, found: Prepared, is_resumed: bool) -> Pace | Non
     if not is_resumed:
         raise ConfigError(f"`output` {folder.path}: has a campaign; allowed: another folder, or `resume`")
     before = folder.manifest()
-    wrong = _differences(before, found)
+    wrong = differences(before, found)
     if wrong:
         raise ConfigError(
             f"`resume` {folder.path}: {', '.join(wrong)}: not as the campaign began; allowed: the same files, "
@@ -42,7 +42,7 @@ def pace_before(folder: Folder, found: Prepared, is_resumed: bool) -> Pace | Non
     return Pace(before["seconds_each"], before["workers"])
 
 
-def _differences(before: dict[str, Any], found: Prepared) -> list[str]:
+def differences(before: dict[str, Any], found: Prepared) -> list[str]:
     """Return the files, packages and arguments that differ; empty: it is the same campaign."""
     files, known, theirs = (_table(before.get(name)) for name in ("files", "versions", "request"))
     sources = found.plan.sources

@@ -9,12 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from liftgate_hil.campaign import stages
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.campaign import Campaign, Progress, StoppedError
-from liftgate_hil.campaign.evaluation import Evaluator
 from liftgate_hil.campaign.executors.executor import Executor
 from liftgate_hil.campaign.executors.local import local_executor
 from liftgate_hil.campaign.folder import BATCHES, DATA, REPORT, RESULTS, Folder, data_text
@@ -24,13 +21,12 @@ from liftgate_hil.campaign.request import Prepared, Request, absolute, prepared
 from liftgate_hil.campaign.results import VERDICT
 from liftgate_hil.campaign.resumption import Pace, as_json, pace_before
 from liftgate_hil.campaign.store import Store
-from liftgate_hil.ecu.find import is_foreign
+from liftgate_hil.campaign.trial import tried
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.provenance import Provenance
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-_FOREIGN_S = 0.05  # s that a variant with a user's ECU is assumed to take
 
 
 @dataclass(frozen=True)
@@ -75,39 +71,54 @@ def run_campaign(request: Request, places: Places, provenance: Provenance, watch
 
     Raises ConfigError, StoreError, LiftgateError where no worker can run. After a stop it is not complete.
     """
+    if places.store.startswith("memory:"):
+        raise ConfigError(f"`store` {places.store}: ends with this process; allowed: a folder, or another address")
     found = prepared(absolute(request))
     folder = Folder(places.output)
     before = pace_before(folder, found, places.is_resumed)
-    seconds = before.seconds_each if before else _tried(found)
+    seconds = before.seconds_each if before else tried(found)
     executor = executor_for(found.base, places, watcher.say)
-    folder.create()
+    try:
+        folder.create()
+        with folder.claimed():
+            # Looked at again, as another campaign may have begun there since.
+            pace = pace_before(folder, found, places.is_resumed) or Pace(seconds, executor.workers)
+            return _run(found, folder, places, pace, executor, provenance, watcher)
+    finally:
+        executor.close()
+
+
+def _run(
+    found: Prepared,
+    folder: Folder,
+    places: Places,
+    pace: Pace,
+    executor: Executor,
+    provenance: Provenance,
+    watcher: Watcher,
+) -> Outcome:
+    """Run a campaign in a folder that is claimed for it."""
     store = Store(places.store or str(folder.path / BATCHES))
     store.create()
-    pace = before or Pace(seconds, executor.workers)
     began = time.monotonic()
     campaign = Campaign(found.base, executor, store, watcher.stopped, Progress(0), watcher.tell)
     _note(folder, found, pace, provenance, {"is_complete": False})
     analysis, is_complete, counts = stages.NOTHING, True, dict[str, int]()
     try:
+        analysis = stages.evaluate(found, campaign, folder, pace)
+        folder.write_results(_counted(stages.tables(found, campaign), counts), RESULTS)
+    except StoppedError:
+        is_complete = False
+        counts.clear()
+        folder.write_results(_counted(stages.unfinished(campaign), counts), RESULTS)
+    if is_complete and found.request.against:
         try:
-            analysis = stages.evaluate(found, campaign, folder, pace)
-            folder.write_results(_counted(stages.tables(found, campaign), counts), RESULTS)
+            more = stages.evaluate_against(
+                found, campaign, folder, lambda base: executor_for(base, places, watcher.say)
+            )
+            analysis = stages.Analysis({**analysis.content, **more.content}, [*analysis.sections, *more.sections])
         except StoppedError:
             is_complete = False
-            counts.clear()
-            folder.write_results(_counted(stages.unfinished(campaign), counts), RESULTS)
-        if is_complete and found.request.against:
-            try:
-                more = stages.evaluate_against(
-                    found, campaign, folder, lambda base: executor_for(base, places, watcher.say)
-                )
-                analysis = stages.Analysis(
-                    {**analysis.content, **more.content}, [*analysis.sections, *more.sections]
-                )
-            except StoppedError:
-                is_complete = False
-    finally:
-        executor.close()
     if is_complete:
         store.tidy()
     spent = time.monotonic() - began
@@ -127,19 +138,6 @@ def executor_for(base: Base, places: Places, say: Callable[[str], None]) -> Exec
 
         return Cluster(base, places.scheduler, say)
     return local_executor(base, places.jobs or len(os.sched_getaffinity(0)))
-
-
-def _tried(found: Prepared) -> float:
-    """Return how long a variant takes [s], by one of them; a user's ECU is not loaded into this process."""
-    if is_foreign(found.base.job.ecu):
-        return _FOREIGN_S
-    evaluator = Evaluator(found.base)
-    try:
-        values = found.space.values(np.full((1, len(found.base.targets)), 0.5))[0].tolist()
-        evaluator.row(values)  # loads the machine code
-        return max(evaluator.row(values).wall_s, 1e-4)
-    finally:
-        evaluator.close()
 
 
 def _counted(tables: Iterator[pa.Table], counts: dict[str, int]) -> Iterator[pa.Table]:

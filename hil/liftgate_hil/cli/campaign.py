@@ -145,11 +145,15 @@ def _run_file(args: argparse.Namespace, request: Request, teller: Teller) -> int
 @contextlib.contextmanager
 def _ended_in_order(teller: Teller, stop: StopSignals) -> Iterator[None]:
     """Context that clears the progress line, and gives a failure after a stop the exit code of the stop."""
+    from liftgate_hil.campaign.store import StoreError
+
     try:
         with naming_the_flag():
             yield
     except ConfigError:
         raise
+    except StoreError as error:
+        raise stop.failure(f"{error}; what is in the store is kept: go on with --resume") from error
     except LiftgateError as error:
         raise stop.failure(str(error)) from error
     finally:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from c_library import build, needs_compiler
+from campaign_support import silent_ecu
 
 from liftgate_hil.campaign.base import Base, base_of, batch_name, settings_of
 from liftgate_hil.campaign.request import Request, prepared
@@ -41,18 +42,6 @@ always = "left_current_a < 50"
 """
 WHOLE = Quantity("", "", 0.0, 100.0, "", is_whole=True)
 REAL = Quantity("", "m", -10.0, 10.0, "")
-ECU = """
-#include "liftgate_ecu.h"
-static int nothing;
-void *liftgate_ecu_create(void) { return &nothing; }
-void liftgate_ecu_destroy(void *ecu) { (void)ecu; }
-int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in, int count,
-                      struct liftgate_frame *out, int capacity)
-{
-    (void)ecu; (void)now_ns; (void)in; (void)count; (void)out; (void)capacity;
-    return 0;
-}
-"""
 
 
 @pytest.fixture
@@ -155,11 +144,11 @@ def test_the_identity_does_not_depend_on_the_values_but_on_their_names(short: st
 
 @needs_compiler
 def test_the_identity_depends_on_the_content_of_a_library_and_not_on_its_path(short: str, tmp_path: Path) -> None:
-    library = build(tmp_path, ECU)
+    library = build(tmp_path, silent_ecu())
     moved = tmp_path / "elsewhere" / "renamed.so"
     moved.parent.mkdir()
     shutil.copy(library, moved)
-    other = build(tmp_path, ECU.replace("return 0", "return (int)now_ns * 0"), "other.so")
+    other = build(tmp_path, silent_ecu("steps *= 2;"), "other.so")
     identities = [base_with(short, "rod=1,2", ecu=str(each)).identity for each in (library, moved, other)]
     assert identities[0] == identities[1]
     assert identities[0] != identities[2]
@@ -167,7 +156,7 @@ def test_the_identity_depends_on_the_content_of_a_library_and_not_on_its_path(sh
 
 @needs_compiler
 def test_the_ecu_of_a_base_is_known_without_its_path(short: str, tmp_path: Path) -> None:
-    library = build(tmp_path, ECU)
+    library = build(tmp_path, silent_ecu())
     assert str(tmp_path) not in repr(base_with(short, "rod=1,2", ecu=str(library)).ecu)
 
 

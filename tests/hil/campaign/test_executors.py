@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from c_library import build, needs_compiler
+from campaign_support import SHORT, silent_ecu
 
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.campaign import Campaign, Progress, StoppedError, batches_of
@@ -25,26 +26,6 @@ from liftgate_hil.campaign.request import Request, prepared
 from liftgate_hil.campaign.store import Store
 from liftgate_hil.errors import ConfigError, LiftgateError
 
-SHORT = """
-duration = 1.0
-initial = "open"
-
-[parameters]
-angle = 75
-rod = 10_000
-
-[[request]]
-time = 0.1
-action = "close"
-
-[[obstacle]]
-angle_deg = "$angle"
-stiffness = "$rod"
-
-[[expect]]
-name = "stays open"
-always = "gate_angle_deg > $angle"
-"""
 VALUES = np.column_stack([np.linspace(60.0, 80.0, 24), np.linspace(9.5, 15.0, 24)])
 KINDS = ("serial", "processes", "cluster")
 PATIENCE = 120.0  # s until something must have happened; nothing is judged by it
@@ -192,8 +173,10 @@ def test_a_stop_ends_it_and_keeps_whole_batches(
     done = []
     campaign = campaign_in(tmp_path, base, executor_of(kind, base, cluster), lambda: len(done) > 0)
     campaign.tell = lambda progress: done.append(progress.done)
+    # So many batches that they are not all with the workers when the first is done.
+    values = np.column_stack([np.linspace(60.0, 80.0, 240), np.linspace(9.5, 15.0, 240)])
     with pytest.raises(StoppedError):
-        campaign.evaluate(batches_of(base, VALUES, 2))
+        campaign.evaluate(batches_of(base, values, 2))
     campaign.executor.close()
     for each in tmp_path.glob("*.parquet"):
         assert pa.parquet.read_table(each).num_rows == 2
@@ -309,25 +292,6 @@ def test_an_address_without_a_scheduler_is_one_clear_message(base: Base, monkeyp
         Cluster(base, "tcp://127.0.0.1:9")
 
 
-CRASHES = """
-#include <signal.h>
-#include <stdlib.h>
-#include <unistd.h>
-#include "liftgate_ecu.h"
-static int steps;
-void *liftgate_ecu_create(void) { return &steps; }
-void liftgate_ecu_destroy(void *ecu) { (void)ecu; }
-int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in, int count,
-                      struct liftgate_frame *out, int capacity)
-{
-    (void)ecu; (void)now_ns; (void)in; (void)count; (void)out; (void)capacity;
-    if (++steps == 300)
-        END;
-    return 0;
-}
-"""
-
-
 def processes_in(folder: Path) -> list[int]:
     """Processes that have a file of a folder in their memory, as that of an ECU which was left behind."""
     found = []
@@ -353,7 +317,7 @@ def processes_in(folder: Path) -> list[int]:
 def test_a_library_that_crashes_does_so_in_a_child_and_its_statics_are_fresh(
     end: str, cause: str, tmp_path: Path
 ) -> None:
-    library = build(tmp_path, CRASHES.replace("END", end))
+    library = build(tmp_path, silent_ecu(f"if (steps == 300) {end};"))
     (tmp_path / "short.toml").write_text(SHORT)
     own = base_with(tmp_path / "short.toml", str(library))
     found = evaluated(tmp_path / "store", own, Processes(own, 1), VALUES[:3])

@@ -13,36 +13,18 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from campaign_support import SHORT
 
+from liftgate_hil.campaign.folder import Folder
 from liftgate_hil.cli.main import main
 
-SCENARIO = """
-duration = 1.0
-initial = "open"
-
-[parameters]
-angle = 75
-rod = 10_000
-
-[[request]]
-time = 0.1
-action = "close"
-
-[[obstacle]]
-angle_deg = "$angle"
-stiffness = "$rod"
-
-[[expect]]
-name = "stays open"
-always = "gate_angle_deg > $angle"
-"""
 PATIENCE = 300.0  # s; nothing is judged by it
 
 
 @pytest.fixture
 def scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
-    Path("short.toml").write_text(SCENARIO)
+    Path("short.toml").write_text(SHORT)
     return "short.toml"
 
 
@@ -85,6 +67,15 @@ def manifest_in(folder: str | Path) -> dict:
         (["--vary", "angle=60", "--ecu", "mutant:none"], "--ecu mutant:none: allowed: mutant: and one of"),
         (["--vary", "angle=60", "--against", "nowhere.so"], "--against nowhere.so: no such file"),
         (["--vary", "angle=60", "--scheduler", "nowhere"], "--scheduler nowhere"),
+        (["--vary", "angle=60", "--store", "memory://x"], "--store memory://x: ends with this process"),
+        (
+            ["--vary", "angle=60,200", "--vary", "rod=1,2"],
+            "short.toml: obstacle[0].angle_deg: 200.0 is out of range; allowed: -10 to 180 deg",
+        ),
+        (
+            ["--vary", "angle~uniform(190,200)", "--samples", "2"],
+            "short.toml: obstacle[0].angle_deg: 195.0 is out of range; allowed: -10 to 180 deg",
+        ),
     ],
 )
 def test_wrong_flags_are_one_clear_line(
@@ -163,9 +154,28 @@ def test_a_folder_with_another_campaign_is_not_overwritten(
     ):
         assert main(["campaign", scenario, *flags, *more, "--resume"]) == 2
         assert f"{what}: not as the campaign began" in capsys.readouterr().err
-    Path(scenario).write_text(SCENARIO + "# changed\n")
+    Path(scenario).write_text(SHORT + "# changed\n")
     assert main(["campaign", scenario, *flags, "--resume"]) == 2
     assert "scenario: not as the campaign began" in capsys.readouterr().err
+    assert main(["campaign", "campaign", "--replay", before[0]["variant"]]) == 2
+    assert "campaign: scenario: not as in the campaign; allowed: the same as there" in capsys.readouterr().err
+
+
+def test_values_that_differ_in_their_last_bit_are_two_variants(scenario: str) -> None:
+    assert main(["campaign", scenario, "--vary", "rod=10000,10000.000000000002", "--jobs", "1", "--quiet"]) == 0
+    rows = rows_in("campaign")
+    assert [row["rod"] for row in rows] == [10000.0, 10000.000000000002]
+    assert rows[0]["variant"] != rows[1]["variant"]
+
+
+def test_two_campaigns_do_not_run_in_one_folder(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ["--vary", "angle=60,75", "--jobs", "1", "--quiet"]
+    folder = Folder(Path("campaign"))
+    folder.create()
+    with folder.claimed():
+        assert main(["campaign", scenario, *flags]) == 2
+    assert "--output campaign: another campaign is running there; allowed: another" in capsys.readouterr().err
+    assert main(["campaign", scenario, *flags]) == 0
 
 
 def test_the_worst_is_a_scenario_of_its_own_with_the_same_margin(

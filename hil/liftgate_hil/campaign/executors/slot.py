@@ -120,7 +120,7 @@ class Slot:
 
     def _send(self) -> None:
         assert self._connection is not None
-        self._moved = time.monotonic()
+        self._heard = self._moved = time.monotonic()  # without a batch it has been silent
         with contextlib.suppress(OSError):
             size = 1 if self._is_single else GROUP
             self._connection.send((self._values[len(self.rows) :], size))
