@@ -10,14 +10,13 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from liftgate_hil.campaign.base import Base, ecu_of
 from liftgate_hil.campaign.figures import NO_FIGURES, Figures, FigureSink
 from liftgate_hil.campaign.vehicles import Vehicles
 from liftgate_hil.conditions.evaluator import work_for
-from liftgate_hil.config.arguments import seed_of
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.vehicle import VehicleFile
 from liftgate_hil.ecu.adapter import Adapter
@@ -33,7 +32,7 @@ from liftgate_hil.loop.tick import LoopState
 from liftgate_hil.running.execution import Execution
 from liftgate_hil.running.plan import Plan, plan_of
 from liftgate_hil.running.run_plan import adapter_of, judge_of
-from liftgate_hil.running.setup import angle_from, scenario_of
+from liftgate_hil.running.setup import scenario_of
 from liftgate_hil.running.shared_starts import SharedStarts, reference_copied
 from liftgate_hil.running.signs_of_life import foreign_code
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
@@ -136,14 +135,7 @@ class Evaluator:
         scenario = scenario_of(job.scenario, job.parameters)
         fixed = [*scenario.settings, *self._settings]
         vehicle = self._vehicles.vehicle(fixed, settings_of(job.settings[len(self._settings) :]), job.variant)
-        initial = scenario.initial if job.initial is None else job.initial
-        setup = replace(
-            self._plan.setup,
-            scenario=scenario,
-            vehicle=vehicle,
-            seed=seed_of(scenario.seed if job.seed is None else job.seed),
-            start_angle=angle_from(initial, vehicle.gate.open_angle),
-        )
+        setup = self._plan.setup.varied(scenario, vehicle, initial=job.initial, seed=job.seed)
         self._plan = self._plan.varied(job, setup)
         return self._plan
 

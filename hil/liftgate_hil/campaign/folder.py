@@ -6,7 +6,6 @@ import contextlib
 import fcntl
 import json
 import os
-import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.request import Request
 from liftgate_hil.campaign.results import VARIANT, description_of
-from liftgate_hil.campaign.store import StoreError
+from liftgate_hil.campaign.store import StoreError, write_whole
 from liftgate_hil.errors import ConfigError, words_of
 
 if TYPE_CHECKING:
@@ -93,14 +92,8 @@ class Folder:
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file beside its place, and rename it. Raises StoreError."""
-        beside = self.path / f".{name}.{uuid.uuid4().hex}"
         try:
-            try:
-                beside.write_bytes(content)
-                beside.replace(self.path / name)
-            finally:
-                with contextlib.suppress(OSError):
-                    beside.unlink()
+            write_whole(self.path / name, content)
         except OSError as error:
             raise StoreError(f"{self.path / name}: {error.strerror}") from error
 

@@ -44,6 +44,25 @@ def unpacked(content: bytes) -> pa.Table | None:
         return None
 
 
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file beside its place and rename it: it is there whole, or as it was before. Raises OSError."""
+    beside = path.with_name(_beside(path.name))
+    try:
+        with beside.open("wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())  # else a power cut may leave a renamed file that is empty
+        beside.replace(path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            beside.unlink()
+        raise
+
+
+def _beside(name: str) -> str:
+    return f".{name}.{uuid.uuid4().hex}"
+
+
 class Store:
     """Folder of batches, on this machine or at an address of fsspec. It is picklable."""
 
@@ -139,23 +158,12 @@ class Store:
 
     def _write(self, name: str, content: bytes) -> None:
         """Write a file beside its place, and rename it. Raises StoreError."""
-        beside = f".{name}.{uuid.uuid4().hex}"
         try:
             if self._is_remote:
-                fs, path = self._remote()
+                (fs, path), beside = self._remote(), _beside(name)
                 fs.pipe_file(f"{path}/{beside}", content)
                 fs.mv(f"{path}/{beside}", f"{path}/{name}")
-                return
-            folder = Path(self.address)
-            try:
-                with (folder / beside).open("wb") as stream:
-                    stream.write(content)
-                    stream.flush()
-                    os.fsync(stream.fileno())  # else a power cut may leave a renamed file that is empty
-                (folder / beside).replace(folder / name)
-            except BaseException:
-                with contextlib.suppress(OSError):
-                    (folder / beside).unlink()
-                raise
+            else:
+                write_whole(Path(self.address) / name, content)
         except Exception as error:
             raise StoreError(f"{self.address}: {words_of(error)}") from error

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from liftgate_hil.config.arguments import numbers_of, seed_of
@@ -152,6 +152,21 @@ class Setup:
             found |= {f"included {k}": Path(name) for k, name in enumerate(self.scenario.included, 1)}
         return found
 
+    def varied(
+        self, scenario: Scenario, vehicle: Vehicle, *, initial: float | str | None = None, seed: int | None = None
+    ) -> Setup:
+        """Return the setup with another scenario and vehicle of the same files; None: the scenario's value.
+
+        Raises ConfigError.
+        """
+        return replace(
+            self,
+            scenario=scenario,
+            vehicle=vehicle,
+            seed=seed_of(scenario.seed if seed is None else seed),
+            start_angle=angle_from(scenario.initial if initial is None else initial, vehicle.gate.open_angle),
+        )
+
 
 def setup_of(
     scenario: str | Path | ScenarioFile | Scenario | None = None,
@@ -185,12 +200,6 @@ def setup_of(
                 "by its name or file"
             )
         built, file, name = vehicle_of(vehicle, settings, variant), None, "a vehicle"
-    return Setup(
-        scenario=scenario,
-        vehicle=built,
-        vehicle_name=name,
-        vehicle_file=file,
-        scenario_file=Path(scenario.source) if is_a_file else None,
-        seed=seed_of(seed if seed is not None else scenario.seed),
-        start_angle=angle_from(scenario.initial if initial is None else initial, built.gate.open_angle),
-    )
+    own = Path(scenario.source) if is_a_file else None
+    made = Setup(scenario, built, vehicle_name=name, vehicle_file=file, scenario_file=own, seed=0, start_angle=0.0)
+    return made.varied(scenario, built, initial=initial, seed=seed)
