@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import random
@@ -166,6 +167,16 @@ def test_values_that_differ_in_their_last_bit_are_two_variants(scenario: str) ->
     rows = rows_in("campaign")
     assert [row["rod"] for row in rows] == [10000.0, 10000.000000000002]
     assert rows[0]["variant"] != rows[1]["variant"]
+
+
+def test_a_clock_that_steps_changes_nothing(scenario: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    flags = ["--vary", "angle=60:79:40", "--jobs", "1", "--quiet"]
+    assert main(["campaign", scenario, *flags]) == 0
+    real, steps = time.time, itertools.cycle([0.0, 1e6, -1e6, 3600.0])
+    monkeypatch.setattr(time, "time", lambda: real() + next(steps))
+    assert main(["campaign", scenario, *flags, "--output", "stepped"]) == 0
+    assert rows_in("stepped") == rows_in("campaign")
+    assert 0.0 < manifest_in("stepped")["seconds"] < PATIENCE
 
 
 def test_two_campaigns_do_not_run_in_one_folder(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
