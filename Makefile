@@ -19,7 +19,7 @@ VCAN_TESTS ?= tests/vcan
 # The compiled model: kept on the host, as all else that a machine writes is lost.
 MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 
-.PHONY: campaign demo docs test last-bits test-package test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile scheduling campaign-study study coverage clean
+.PHONY: campaign demo docs manual test last-bits test-package test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile scheduling campaign-study study coverage clean
 
 setup: $(VENV)/.ready
 
@@ -33,9 +33,15 @@ demo: setup
 	mkdir -p $(OUT)
 	$(BIN)/liftgate-hil demo --output $(OUT)
 
-# Documents that are generated: the demo's picture, and every key of vehicle, rig and scenario files.
+# Documents that are generated: the demo's picture, and the reference pages (files, signals, command line).
 docs: setup
 	$(BIN)/python -m tools.docs
+
+# The manual, from docs/ and docstrings, as HTML and as a man page: every warning, such as a link that leads nowhere, is
+# an error.
+manual: setup
+	$(BIN)/python -m sphinx -W --keep-going -E -q -b html docs $(OUT)/manual
+	$(BIN)/python -m sphinx -W --keep-going -E -q -b man docs $(OUT)/man
 
 # Tests in real time, which wait most of the time, run last, one on each CPU. All others have a lower priority than the
 # tests on a vcan0, which run in parallel and whose output is printed at the end.

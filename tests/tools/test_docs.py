@@ -28,11 +28,10 @@ def test_a_committed_page_is_what_is_written_now(name: str) -> None:
 
 
 def test_every_link_of_the_pages_leads_somewhere() -> None:
-    for name in PAGES:
-        parts = (DOCS / name).read_text(encoding="utf-8").split("](")[1:]
-        assert parts
-        for part in parts:
-            assert (DOCS / part.split(")")[0]).is_file(), part
+    parts = [part for name in PAGES for part in (DOCS / name).read_text(encoding="utf-8").split("](")[1:]]
+    assert parts
+    for part in parts:
+        assert (DOCS / part.split(")")[0]).is_file(), part
 
 
 def lines(record: type, *names: str) -> str:

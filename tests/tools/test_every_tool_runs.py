@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 RUNS: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "tools.accuracy": (["--cases", "2", "--jobs", "1", "--output", "{out}"], ("accuracy.md",)),
     "tools.c_translator": ([], ()),
-    "tools.docs": (["--output", "{out}"], ("demo.png", "vehicle.md", "rig.md", "scenario.md")),
+    "tools.docs": (["--output", "{out}"], ("demo.png", "scenario.md", "command-line.md")),
     "tools.equations": (["--mutate", "3.26"], ()),
     "tools.scheduling": (["--short", "--output", "{out}"], ("campaigns-at-scale.md",)),
     "tools.benchmark.campaigns": (["--json", "--rounds", "1"], ()),

@@ -1,10 +1,18 @@
-"""Generated documentation: the reference pages of vehicle, rig and scenario files."""
+"""Generated documentation: the reference pages of the manual."""
 
 from pathlib import Path
 
+from tools.docs.command_line import command_line_page
 from tools.docs.rig import rig_page
 from tools.docs.scenario import scenario_page
+from tools.docs.signals import signals_page
 from tools.docs.vehicle import vehicle_page
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PAGES = {"vehicle.md": vehicle_page, "rig.md": rig_page, "scenario.md": scenario_page}
+PAGES = {
+    "vehicle.md": vehicle_page,
+    "rig.md": rig_page,
+    "scenario.md": scenario_page,
+    "signals.md": signals_page,
+    "command-line.md": command_line_page,
+}

@@ -277,7 +277,7 @@ class Gate:
         UDS ReadDTCInformation, reportDTCByStatusMask with `status_mask`.
 
         `cycle` runs once through the caller's loop: the gate steps, the ECU gets what gate and tester have sent,
-        and what it sends goes to the gate. It is called, without arguments, until the ECU has answered.
+        and what it sends goes to the gate. It is called, without arguments, until the ECU has answered::
 
             def cycle():
                 for message in ecu.step(gate.time, gate.step(0.010)):
