@@ -1,0 +1,41 @@
+"""Pages of the manual that are written by hand name what is there."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+from packaging.requirements import Requirement
+
+ROOT = Path(__file__).parents[2]
+
+
+def text_of(name: str) -> str:
+    return (ROOT / "docs" / name).read_text(encoding="utf-8")
+
+
+def test_every_dependency_has_its_licence_in_the_manual() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = [each for extra in project["optional-dependencies"].values() for each in extra]
+    needed = {Requirement(each).name for each in [*project["dependencies"], *extras]} - {project["name"]}
+    rows = [line.split("|")[1] for line in text_of("licences.md").splitlines() if line.startswith("|")]
+    named = {name.strip() for row in rows[2:] for name in row.split(",")} - {"package", "---"}
+    assert named == needed
+
+
+def test_every_test_of_the_tool_qualification_is_there() -> None:
+    named = re.findall(r"`(tests/[^`]+)`", text_of("tool-qualification.md"))
+    assert len(named) > 20
+    assert [each for each in named if not (ROOT / each).is_file()] == []
+
+
+def test_every_message_of_the_troubleshooting_is_one_of_the_program() -> None:
+    source = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "hil").rglob("*.py"))
+    for message in (
+        "motors off", "is on the bus, but not received by this rig", "expected ", "timed out: motors off",
+        "refused", "not in the recording", "another recording is being written to it",
+        "another campaign is running there", "an address needs the package's extra", "the bench was late",
+    ):  # fmt: skip
+        assert message in text_of("troubleshooting.md") or message == "the bench was late"
+        assert message in source, message
