@@ -10,16 +10,25 @@ _MOST = 6  # expectations that are named
 
 
 def mutants_section(matrix: Matrix) -> str:
-    """Return the section: defects of the reference ECU, and the expectations that find them."""
-    killed = len(matrix.killed)
-    rows = [(each.name, each.meaning, _killers(matrix.kills(each.name))) for each in MUTANTS.values()]
-    idle = matrix.prove_nothing
-    nothing = [f"{file}: {name}" for file, name in idle]
-    parts = [
-        f"<p>{killed} of {len(MUTANTS)} mutants of the reference ECU, each with one defect, fail an expectation "
-        "that the ECU without a defect passes.</p>",
-        table(("mutant", "defect", "found by"), rows, ("", "", "")),
+    """Return the section: the defects of the reference ECU that no expectation finds, then all others."""
+    alive = [(each.name, each.meaning) for each in MUTANTS.values() if each.name in matrix.alive]
+    rows = [
+        (each.name, each.meaning, _killers(matrix.kills(each.name)))
+        for each in MUTANTS.values()
+        if each.name in matrix.killed
     ]
+    nothing = [f"{file}: {name}" for file, name in matrix.prove_nothing]
+    parts = [
+        "<p>Each mutant of the reference ECU has one defect. It is found if an expectation fails that the ECU "
+        "without a defect passes.</p>"
+    ]
+    if alive:
+        parts += [
+            "<p>Not found: no expectation tells these from the ECU without a defect.</p>",
+            table(("mutant", "defect"), alive, ("", "")),
+        ]
+    if rows:
+        parts += ["<p>Found:</p>", table(("mutant", "defect", "found by"), rows, ("", "", ""))]
     if nothing:
         items = "".join(f"<li>{text(each)}</li>" for each in nothing)
         parts.append(
@@ -29,10 +38,13 @@ def mutants_section(matrix: Matrix) -> str:
     return section("Mutants", *parts)
 
 
+def score_of(matrix: Matrix) -> str:
+    """Return how many mutants are found, in words."""
+    return f"{len(matrix.killed)} of {len(MUTANTS)} mutants found, {len(matrix.alive)} not."
+
+
 def _killers(found: list[tuple[str, str]]) -> Markup:
     """Return the first of the expectations that find a defect."""
-    if not found:
-        return Markup("<strong>none</strong>")
     named = "; ".join(f"{file}: {name}" for file, name in found[:_MOST])
     more = f"; and {len(found) - _MOST} more" if len(found) > _MOST else ""
     return Markup(text(named + more))
