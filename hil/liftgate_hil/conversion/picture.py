@@ -52,13 +52,19 @@ _LOOKS: Sequence[tuple[str, Any, float]] = (
 )
 _DIFFERENCE = "#a8246e"
 # What distinguishes the columns of a panel: the drive, and whether it is a sensor's value.
+_PROTECTION = re.compile(r"crc|check_?sum|alive|rolling|(msg|message)_?(cnt|counter)", re.IGNORECASE)
 _SIDES = re.compile(r"^sensed_|left_?|right_?", re.IGNORECASE)
 
 
 def usual_columns(table: Recording) -> list[str]:
-    """Return the columns that are plotted by default: those that matter for a gate, or the first few."""
+    """Return the columns that are plotted by default: those that matter for a gate, or the first few.
+
+    Counters and checksums of messages are not among these, unless there is nothing else.
+    """
     names = [name for name in _USUAL if name in table.signals]
-    return names or [name for name in table.signals if name != "time_s"][:MOST]
+    others = [name for name in table.signals if name != "time_s"]
+    telling = [name for name in others if not _PROTECTION.search(name.rpartition(".")[2])]
+    return names or (telling or others)[:MOST]
 
 
 def panels_of(names: Sequence[str], table: Recording) -> list[list[str]]:

@@ -52,6 +52,13 @@ def test_without_columns_it_shows_what_matters_or_the_first_ones(tmp_path: Path)
     assert picture.usual_columns(theirs) == ["Iq", "phi"]
 
 
+def test_counters_and_checksums_are_left_out_where_there_is_something_else(tmp_path: Path) -> None:
+    heads = ("time_s,AliveCounter,Checksum,Crc8,MsgCnt,HallCount,Angle\n", "time_s,AliveCounter\n")
+    rows = [tuple(float(k + each) for k in range(7)) for each in range(3)], [(0.0, 1.0), (1.0, 2.0)]
+    found = [open_table(table(tmp_path / f"{k}.csv", rows[k], heads[k])) for k in (0, 1)]
+    assert [picture.usual_columns(each) for each in found] == [["HallCount", "Angle"], ["AliveCounter"]]
+
+
 def test_more_panels_than_can_be_seen_are_refused(tmp_path: Path) -> None:
     names = [f"c{k}" for k in range(9)]
     path = table(tmp_path / "a.csv", [tuple(range(10))], ",".join(["time_s", *names]) + "\n")
