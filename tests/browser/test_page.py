@@ -2,94 +2,34 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from dashboard_support import Client, address_in, process
-
-import liftgate_hil as lh
-
-CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-pytestmark = pytest.mark.skipif(CHROMIUM is None or DRIVER is None, reason="no Chromium with its driver")
-WAIT_S = 30
+from browser_support import clear_all, errors_in, found, press, text_of, until
+from dashboard_support import Client
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = str(CHROMIUM)
-    profile = tmp_path_factory.mktemp("profile")
-    for each in (
-        "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-        "--disable-background-networking", "--disable-component-update", "--disable-sync",
-        "--disable-dev-shm-usage", "--window-size=1500,1400", f"--user-data-dir={profile}",
-    ):  # fmt: skip
-        options.add_argument(each)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    service = webdriver.ChromeService(executable_path=str(DRIVER))
-    driver = webdriver.Chrome(options=options, service=service)
-    yield driver
-    driver.quit()
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    found = tmp_path_factory.mktemp("page")
-    text = 'duration = 1e6\n[[request]]\ntime = 0.5\naction = "open"\n'
-    (found / "s.toml").write_text(text, encoding="utf-8")
-    return found
-
-
-@pytest.fixture(scope="module")
-def address(folder: Path) -> Iterator[str]:
-    bench = ("--bus", "virtual:page", "--ecu", "reference", "--overrun-limit", "3600")
-    with process(*bench, "--scenario", "s.toml", folder=folder) as run:
-        arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
-        with process("dashboard", *arguments, folder=folder) as child:
-            yield address_in(child)
-
-
-def until(browser: Any, is_so: Any) -> Any:
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    return WebDriverWait(browser, WAIT_S, poll_frequency=0.05).until(is_so)
-
-
-def found(browser: Any, selector: str) -> Any:
-    return browser.find_element("css selector", selector)
-
-
-def text_of(browser: Any, selector: str) -> str:
-    return str(found(browser, selector).text)
-
-
-def errors_in(browser: Any) -> list[str]:
-    return [each["message"] for each in browser.get_log("browser") if each["level"] != "INFO"]
-
-
-@pytest.fixture
-def page(browser: Any, address: str) -> Any:
-    browser.get(address)
-    until(browser, lambda _: text_of(browser, "#state") == "running")
-    return browser
-
-
-def test_the_page_shows_current_values_and_updates(page: Any, address: str) -> None:
+def test_the_page_shows_current_values_and_updates(page: Any) -> None:
     assert len(page.find_elements("css selector", "#plots canvas")) == 4
     first = float(text_of(page, "#time"))
     until(page, lambda _: float(text_of(page, "#time")) > first)
-    until(page, lambda _: "LeftDrive" in text_of(page, "#messages"))
-    assert "gate_angle_deg" in text_of(page, "#columns")
     assert "suv" in text_of(page, "#title")
     assert text_of(page, "#stimuli") == "request open, 0.5 s"
-    whole = "panels[1].plot.data.every((each) => each.length === times.length)"
-    drawn = f"return panels[0].plot.data[0].length > 3 && {whole}"
-    until(page, lambda _: page.execute_script(drawn))
+    whole = "charts.charts[1].plot.data.every((each) => each.length === charts.times.length)"
+    until(page, lambda _: page.execute_script(f"return charts.times.length > 3 && {whole}"))
+    until(page, lambda _: "left direction" in text_of(page, "#command"))
+    assert errors_in(page) == []
+
+
+def test_tables_are_shown_on_request_and_a_column_is_drawn(page: Any) -> None:
+    found(page, "#bus-view summary").click()
+    until(page, lambda _: "LeftDrive" in text_of(page, "#messages"))
+    found(page, "#values summary").click()
+    until(page, lambda _: "gate_angle_deg" in text_of(page, "#columns"))
+    found(page, "button[aria-label='draw left_winding_temperature_degc']").click()
+    until(page, lambda _: len(page.find_elements("css selector", "#plots canvas")) == 5)
+    assert page.execute_script("return charts.low.left_winding_temperature_degc.length === charts.times.length")
     assert errors_in(page) == []
 
 
@@ -97,12 +37,18 @@ def test_a_fault_is_injected_shown_and_cleared(page: Any, address: str) -> None:
     from selenium.webdriver.support.ui import Select
 
     client = Client(address)
-    Select(found(page, "#fault-kind")).select_by_visible_text("spring_weak")
+    kinds = Select(found(page, "#fault-kind"))
+    groups = page.execute_script(
+        "return [...document.querySelectorAll('#fault-kind optgroup')].map((g) => g.label)"
+    )
+    assert groups[:2] == ["Supply, motors and bridges", "Hall sensors"]
+    kinds.select_by_visible_text("Spring weak")
+    assert text_of(page, "#fault-meaning") == "The drive's spring has less force."
     Select(found(page, "#fault-keys select")).select_by_visible_text("right")
     found(page, "#fault-keys input").send_keys("0.5")
     found(page, "#fault button").click()
     until(page, lambda _: "fault kind spring_weak" in text_of(page, "#answer"))
-    until(page, lambda _: "spring_weak right factor 0.5" in text_of(page, "#fault-on"))
+    until(page, lambda _: "Spring weak right factor 0.5" in text_of(page, "#fault-on"))
     force = client.ask("/api/state")[1]["in_force"]
     assert force["faults"] == [{"kind": "spring_weak", "where": "right", "factor": 0.5}]
     found(page, "#fault-on button").click()
@@ -111,7 +57,8 @@ def test_a_fault_is_injected_shown_and_cleared(page: Any, address: str) -> None:
     assert errors_in(page) == []
 
 
-def test_a_signal_of_the_restbus_is_set_by_value_and_by_label(page: Any, address: str) -> None:
+def test_a_signal_of_the_restbus_is_set_by_value_and_by_label(page: Any) -> None:
+    found(page, "#bus-view summary").click()
     for name, value in (("Body.VehicleSpeed", "12.5"), ("Body.Ignition", "on")):
         box = found(page, "#signal-name")
         box.clear()
@@ -126,27 +73,29 @@ def test_a_signal_of_the_restbus_is_set_by_value_and_by_label(page: Any, address
     assert errors_in(page) == []
 
 
-def test_obstacle_surroundings_and_driver_are_commanded(page: Any, address: str) -> None:
-    from selenium.webdriver.support.ui import Select
+def test_surroundings_and_driver_are_commanded_in_words(page: Any, address: str) -> None:
+    from selenium.webdriver import Keys
 
     client = Client(address)
-    found(page, "#obstacle button").click()
-    until(page, lambda _: "obstacle angle_deg 35" in text_of(page, "#answer"))
-    Select(found(page, "#set-name")).select_by_visible_text("road_slope_deg")
-    found(page, "#set-value input").send_keys("8")
-    found(page, "#set button").click()
-    until(page, lambda _: "road_slope_deg 8" in text_of(page, "#set-on"))
-    page.find_element("xpath", "//div[@id='requests']/button[text()='stop']").click()
-    until(page, lambda _: "request stop" in text_of(page, "#answer"))
-    state = client.ask("/api/state")[1]
-    assert state["in_force"]["obstacle"]["angle_deg"] == 35
-    found(page, "#clear").click()
-    until(page, lambda _: not text_of(page, "#set-on"))
-    assert client.ask("/api/state")[1]["in_force"]["obstacle"] is None
+    assert "Supply voltage" in text_of(page, "#set")
+    assert "supply_voltage_v" not in found(page, "body").text
+    number = found(page, "#set input[type=number][aria-label='Road slope']")
+    number.clear()
+    number.send_keys("8", Keys.ENTER)
+    until(page, lambda _: client.ask("/api/state")[1]["in_force"]["set"] == {"road_slope_deg": 8})
+    slider = found(page, "#set input[aria-label='Supply voltage, slider']")
+    slider.send_keys(Keys.HOME)
+    until(page, lambda _: client.ask("/api/state")[1]["in_force"]["set"].get("supply_voltage_v") == 6.0)
+    found(page, "#set button[aria-label='clear Supply voltage']").click()
+    until(page, lambda _: "supply_voltage_v" not in client.ask("/api/state")[1]["in_force"]["set"])
+    found(page, "#switch-handle_pulled").click()
+    until(page, lambda _: client.ask("/api/state")[1]["truth"]["handle_pulled"] == 1.0)
+    press(page, "stop")
+    clear_all(page)
     assert errors_in(page) == []
 
 
-def test_what_is_refused_is_reported_with_what_is_allowed(page: Any, address: str) -> None:
+def test_what_is_refused_is_reported_with_what_is_allowed(page: Any) -> None:
     box = found(page, "#signal-name")
     box.clear()
     box.send_keys("Body.VehicleSpeed")
@@ -166,35 +115,101 @@ def test_what_is_refused_is_reported_with_what_is_allowed(page: Any, address: st
 
 def test_labels_of_a_database_are_shown_as_text(page: Any) -> None:
     page.execute_script(
-        "showLog([[1e9, 0, '<img src=x onerror=document.title=1>']]);"
+        "showLog([[1e9, 0, 'ecu <img src=x onerror=document.title=1>']]);"
         "showMessages([{id: '1', name: '<b>x</b>', direction: 'sent', count: 1, cycle_ms: 1, data: '', "
-        "signals: {'<i>': '<i>'}}])"
+        "signals: {'<i>': '<i>'}}]); showCommand({'<u>': {value: '<u>', unit: ''}});"
+        "showVerdicts([{name: '<s>', verdict: 'pass', margin: 1, margin_unit: '<s>', time_s: 1}])"
     )
-    assert not page.find_elements("css selector", "#log img, #messages b, #messages i")
+    assert not page.find_elements("css selector", "#log img, #events img, #messages b, #messages i, u, s")
     assert "liftgate-hil" in page.title
 
 
-def test_a_recording_is_drawn_whole_and_played(browser: Any, tmp_path: Path) -> None:
-    lh.run("demo", duration=3.0, record=tmp_path / "run.csv")
-    arguments = ("dashboard", "--recording", "run.csv", "--listen", "127.0.0.1:0")
-    with process(*arguments, folder=tmp_path) as child:
-        browser.get(address_in(child))
-        until(browser, lambda _: text_of(browser, "#state") == "recorded")
-        assert float(text_of(browser, "#time")) == pytest.approx(3.0, abs=0.01)
-        assert not found(browser, "#commands").is_displayed()
-        found(browser, "#play").click()
-        until(browser, lambda _: float(text_of(browser, "#time")) < 1.0)
-        until(browser, lambda _: text_of(browser, "#play") == "Play")
-        assert float(text_of(browser, "#time")) == pytest.approx(3.0, abs=0.01)
-        assert errors_in(browser) == []
+def test_a_recording_is_started_marked_and_stopped(page: Any, folder: Path) -> None:
+    from asammdf import MDF
+
+    name = found(page, "#record-name")
+    name.clear()
+    name.send_keys("browser.mf4")
+    found(page, "#record-button").click()
+    until(page, lambda _: text_of(page, "#record-button") == "Stop browser.mf4")
+    found(page, "#mark-text").send_keys("a squeak")
+    found(page, "#mark button").click()
+    until(page, lambda _: "mark a squeak" in text_of(page, "#answer"))
+    found(page, "#record-button").click()
+    until(page, lambda _: text_of(page, "#record-button") == "Record")
+    with MDF(folder / "browser.mf4") as measured:
+        assert [each.name for each in measured.events] == ["a squeak"]
+    assert errors_in(page) == []
 
 
-def test_a_run_that_has_ended_is_reported(browser: Any, tmp_path: Path) -> None:
-    with process("--bus", "virtual:end", "--overrun-limit", "3600", folder=tmp_path) as run:
-        arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
-        with process("dashboard", *arguments, folder=tmp_path) as child:
-            browser.get(address_in(child))
-            until(browser, lambda _: text_of(browser, "#state") == "running")
-            run.terminate()
-            assert run.wait(30) == 0
-            until(browser, lambda _: text_of(browser, "#state") == "ended")
+def test_zoom_agrees_over_all_charts_to_the_bit(page: Any) -> None:
+    until(page, lambda _: page.execute_script("return charts.times.length > 60"))
+    from selenium.webdriver import ActionChains
+
+    over = page.find_elements("css selector", "#plots .u-over")[1]
+    width = over.size["width"]
+    actions = ActionChains(page, duration=20).move_to_element_with_offset(over, -width // 5, 0).click_and_hold()
+    actions.move_by_offset(width // 10, 3).release().perform()
+    ranges = "return charts.charts.map(({ plot }) => [plot.scales.x.min, plot.scales.x.max])"
+    until(page, lambda _: text_of(page, "#hold") == "Go on")
+    first, *others = page.execute_script(ranges)
+    assert others == [first] * 3
+    lefts = page.execute_script("return charts.charts.map(({ plot }) => [plot.bbox.left, plot.bbox.width])")
+    assert lefts == [lefts[0]] * 4
+    ActionChains(page).move_to_element_with_offset(over, 20, 0).perform()
+    at = "return charts.charts.map(({ plot }) => [plot.cursor.idx, plot.cursor.left])"
+    until(page, lambda _: page.execute_script("return charts.charts[0].plot.cursor.idx !== null"))
+    pointed = page.execute_script(at)
+    assert [row for row, _ in pointed] == [pointed[0][0]] * 4
+    assert [left for _, left in pointed] == pytest.approx([pointed[0][1]] * 4)
+    found(page, "#zoom-in").click()
+    narrower = page.execute_script(ranges)
+    assert narrower == [narrower[0]] * 4
+    assert narrower[0][1] - narrower[0][0] == pytest.approx((first[1] - first[0]) / 2)
+    found(page, "#hold").click()
+    until(page, lambda _: page.execute_script(ranges)[0] != narrower[0])
+    assert errors_in(page) == []
+
+
+def test_a_fault_shows_in_the_right_charts_only(page: Any) -> None:
+    """An offset of the left current sensor parts its curve from the truth, and no other."""
+    from selenium.webdriver.support.ui import Select
+
+    names = "['gate_angle_deg', 'left_current_a', 'right_current_a', 'terminal_voltage_v']"
+    apart = f"return {names}.map((n) => Math.abs(last.truth[n] - last.sensed[n]))"
+    before = page.execute_script(apart)
+    Select(found(page, "#fault-kind")).select_by_visible_text("Current offset")
+    Select(found(page, "#fault-keys select")).select_by_visible_text("left")
+    found(page, "#fault-keys input").send_keys("5")
+    found(page, "#fault button").click()
+    until(page, lambda _: page.execute_script(apart)[1] > 4.0)
+    angle, left, right, voltage = page.execute_script(apart)
+    assert left == pytest.approx(5.0, abs=1.0)
+    assert max(angle, right, voltage) < 1.0
+    assert before[1] < 1.0
+    drawn = "return charts.high.sensed_left_current_a.at(-1) - charts.low.left_current_a.at(-1)"
+    until(page, lambda _: page.execute_script(drawn) > 4.0)
+    panels = page.execute_script("return charts.charts.map(({ names }) => names.join().includes('sensed_left'))")
+    assert panels == [False, True, False, False]
+    clear_all(page)
+
+
+def test_a_second_tab_shows_the_same(page: Any, address: str) -> None:
+    first = page.current_window_handle
+    page.switch_to.new_window("tab")
+    try:
+        page.get(address)
+        until(page, lambda _: found(page, "body").get_attribute("data-ready"))
+        number = found(page, "#set input[type=number][aria-label='Snow mass']")
+        number.clear()
+        number.send_keys("7\n")
+        until(page, lambda _: page.execute_script("return last.in_force.set.snow_mass_kg === 7"))
+        page.switch_to.window(first)
+        until(page, lambda _: page.execute_script("return last.in_force.set.snow_mass_kg === 7"))
+        box = found(page, "#set input[type=number][aria-label='Snow mass']")
+        until(page, lambda _: box.get_attribute("value") == "7")
+        clear_all(page)
+    finally:
+        page.switch_to.window(next(each for each in page.window_handles if each != first))
+        page.close()
+        page.switch_to.window(first)

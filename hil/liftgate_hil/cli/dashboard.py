@@ -1,9 +1,10 @@
 """The operator's page of a running emulator, or of a recording: a web page of this machine, for those who have its
-address with the token. Runs until it is stopped.
+address with the token. Runs until it is stopped; a run that has ended is followed by the next one on its bus.
 
   liftgate-hil dashboard                       of the emulator that runs here
   liftgate-hil dashboard --attach 4711         of one of several
   liftgate-hil dashboard --recording run.mf4
+  liftgate-hil dashboard --scenarios FOLDER    of the scenarios that the page starts, with the reference ECU
   liftgate-hil --bus socketcan:vcan0 --dashboard      both in one
 
 Scripts ask the same server: GET /api/state, GET /api/about (what can be commanded, with ranges), POST
@@ -14,9 +15,11 @@ environment.
 from __future__ import annotations
 
 import argparse
+import os
 import socket
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
@@ -26,7 +29,15 @@ from liftgate_hil.errors import ConfigError, printable
 if TYPE_CHECKING:
     from liftgate_hil.dashboard.live import Live
     from liftgate_hil.dashboard.recorded import RecordingSource
+    from liftgate_hil.dashboard.source import NoSource
+    from liftgate_hil.dashboard.starting import Starter
 
+_NICE = 5  # of the page's process
+# What each flag goes with.
+_GOES_WITH = {
+    "rig": ("recording", "scenarios"), "vehicle": ("recording", "scenarios"), "bus": ("scenarios",),
+    "ecu": ("scenarios",),
+}  # fmt: skip
 _MISSING = "not installed; allowed: with pip install 'liftgate-hil[dashboard]'"
 
 
@@ -35,7 +46,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--attach", type=options.whole(1, 2**31), metavar="PID", help="process id of a run")
     source.add_argument("--recording", metavar="FILE", help="a recording, or a bus log with --rig")
-    parser.add_argument("--rig", metavar="NAME|FILE", help="with --recording: the rig that decodes its frames")
+    source.add_argument("--scenarios", metavar="FOLDER", help="start scenarios of this folder from the page")
+    parser.add_argument(
+        "--rig",
+        metavar="NAME|FILE",
+        help="with --recording: the rig that decodes its frames; with --scenarios: its rig",
+    )
+    parser.add_argument(
+        "--vehicle",
+        metavar="NAME|FILE",
+        help="with --recording: the vehicle to draw, if the file does not name it; with --scenarios: its vehicle",
+    )
+    parser.add_argument(
+        "--bus",
+        metavar="INTERFACE:CHANNEL",
+        help="with --scenarios: the bus of the runs; default: one inside the run",
+    )
+    parser.add_argument(
+        "--ecu", metavar="ECU", help="with --scenarios: what closes the loop, as of a run; default: reference"
+    )
     options.add_listen(parser)
     # Set by a run with --dashboard: how long it may take to begin [s], and the socket to listen on.
     parser.add_argument("--patience", type=float, default=0.0, help=argparse.SUPPRESS)
@@ -55,10 +84,14 @@ def run(args: argparse.Namespace) -> int:
     with wire:
         if is_of_a_run:  # the run is about to begin, and handles signals itself
             put_line(address, sys.stdout)
+        _check(args)
+        starter = _starter(args)
         source = _source(args)
-        from liftgate_hil.dashboard.server import Page, serve
+        from liftgate_hil.dashboard.server import Page
+        from liftgate_hil.dashboard.serving import serve
 
-        page = Page(source, args.read_only)
+        os.nice(_NICE)  # the loop goes first
+        page = Page(source, args.read_only, starter)
         serve(page, wire, host, token, lambda: None if is_of_a_run else put_line(address, sys.stdout))
     return 0
 
@@ -70,21 +103,42 @@ def check_installed() -> None:
         raise ConfigError(f"dashboard: {', '.join(missing)}: {_MISSING}")
 
 
-def _source(args: argparse.Namespace) -> Live | RecordingSource:
-    """Return the source of the page: a recording, or a client of a run. Raises ConfigError."""
-    from pathlib import Path
+def _check(args: argparse.Namespace) -> None:
+    """Raise ConfigError for a flag that does not go with the source of the page."""
+    for name, goes_with in _GOES_WITH.items():
+        given = getattr(args, name)
+        if given is not None and all(getattr(args, each) is None for each in goes_with):
+            raise ConfigError(f"`{name}` {given}: allowed with {' or '.join(f'`{each}`' for each in goes_with)}")
 
+
+def _source(args: argparse.Namespace) -> Live | RecordingSource | NoSource:
+    """Return the source of the page: a recording, a client of a run, or none yet. Raises ConfigError."""
+    if args.scenarios is not None:
+        from liftgate_hil.dashboard.source import NoSource
+
+        return NoSource()
     if args.recording is not None:
         from liftgate_hil.dashboard.recorded import RecordingSource
 
-        return RecordingSource(Path(args.recording), args.rig)
-    if args.rig is not None:
-        raise ConfigError(f"`rig` {args.rig}: allowed with `recording`")
+        return RecordingSource(Path(args.recording), args.rig, args.vehicle)
     from liftgate_hil.dashboard.live import Live
-    from liftgate_hil.dashboard.recorded import RecordingSource
     from liftgate_hil.running.attachment.client import Client
 
     return Live(Client(_chosen() if args.attach is None else args.attach, args.patience))
+
+
+def _starter(args: argparse.Namespace) -> Starter | None:
+    """Return what starts the scenarios of `--scenarios`; None: the page starts none. Raises ConfigError."""
+    if args.scenarios is None:
+        return None
+    from liftgate_hil.dashboard.starting import Starter
+
+    on_its_own = args.bus is None
+    flags = ["--bus", f"virtual:page-{os.getpid()}" if on_its_own else args.bus]
+    flags += ["--ecu", args.ecu or "reference"]
+    for name in ("rig", "vehicle"):
+        flags += [] if getattr(args, name) is None else [f"--{name}", getattr(args, name)]
+    return Starter(Path(args.scenarios), flags)
 
 
 def _chosen() -> int:

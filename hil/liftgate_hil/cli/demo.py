@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
-from liftgate_hil.cli.exit_codes import EXIT_CODES
+from liftgate_hil.cli.exit_codes import DEMO_EXIT_CODES
 from liftgate_hil.cli.run import given_up, report
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import run_loop
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"liftgate-hil demo: stopped at {time:.3f} s of {whole:g} s", file=sys.stderr)
         return stopped.exit_code
     if busy and args.ecu == ON_A_BUS:
-        return EXIT_CODES[INCONCLUSIVE]
+        return DEMO_EXIT_CODES[INCONCLUSIVE]
     for reason in reasons:
         print(f"liftgate-hil demo: failed: {reason}", file=sys.stderr)
     return 1 if reasons else given_up(shown)
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _shown(args: argparse.Namespace, stopped: StopSignals, has_wire: bool) -> Result:
     """Run the demo and return its result. Raises LiftgateError."""
-    return run_loop(args, stopped, has_wire, trace=_every(args, options.setup_of(args)))
+    return run_loop(args, stopped, DEMO_EXIT_CODES, has_wire, _every(args, options.setup_of(args)))
 
 
 def _present(args: argparse.Namespace, shown: Result, stopped: StopSignals, folder: Path, mark: str) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.cli import options
-from liftgate_hil.cli.exit_codes import EXIT_CODES
+from liftgate_hil.cli.exit_codes import RUN_EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import run_loop
 from liftgate_hil.ecu.names import ON_A_BUS
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()
-    result = run_loop(args, stopped)
+    result = run_loop(args, stopped, RUN_EXIT_CODES)
     report(args, result, stopped)
     return given_up(result)
 
@@ -45,7 +45,7 @@ def given_up(result: Result) -> int:
     if result.verdict != INCONCLUSIVE or not result.reason:
         return 0
     print(f"liftgate-hil: {options.as_flags(result.reason)}", file=sys.stderr)
-    return EXIT_CODES[INCONCLUSIVE]
+    return RUN_EXIT_CODES[INCONCLUSIVE]
 
 
 def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **more: object) -> None:

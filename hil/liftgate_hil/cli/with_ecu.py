@@ -10,7 +10,7 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import IO, TYPE_CHECKING
 
@@ -37,8 +37,14 @@ _LEAVE_S = 5.0  # s, time for the ECU's process to end
 _BEGIN_S = 600.0  # s until a run begins, which may have to be compiled before
 
 
-def run_loop(args: argparse.Namespace, stopped: StopSignals, has_wire: bool = True, trace: int = 0) -> Result:
-    """Run the gate with its ECU and return the result.
+def run_loop(
+    args: argparse.Namespace,
+    stopped: StopSignals,
+    exit_codes: Mapping[str, int],
+    has_wire: bool = True,
+    trace: int = 0,
+) -> Result:
+    """Run the gate with its ECU and return the result; `exit_codes` of the command are told on the page.
 
     Without a wire and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus it
     is a second process there. Raises LiftgateError, also for what went wrong in the run.
@@ -47,7 +53,7 @@ def run_loop(args: argparse.Namespace, stopped: StopSignals, has_wire: bool = Tr
     from liftgate_hil.running.run import execute
 
     teller = Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}")
-    job = _job_of(args, has_wire, trace, teller)
+    job = _job_of(args, exit_codes, has_wire, trace, teller)
     plan = plan_of(job)
     page = _page_process(args, teller)
     is_here = plan.way is None or plan.way.is_interface("virtual")
@@ -81,7 +87,9 @@ def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) ->
     return result if result.verdict == ERROR else replace(result, events=events)
 
 
-def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller) -> Job:
+def _job_of(
+    args: argparse.Namespace, exit_codes: Mapping[str, int], has_wire: bool, trace: int, teller: Teller
+) -> Job:
     from liftgate_hil.ecu.find import is_foreign
     from liftgate_hil.running.job import Job
     from liftgate_hil.running.setup import variant_of
@@ -100,6 +108,7 @@ def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller
         trace=trace,
         is_isolated=is_foreign(args.ecu),
         attachable_as=os.getpid(),
+        exit_codes=exit_codes,
         listener=teller,
     )
 

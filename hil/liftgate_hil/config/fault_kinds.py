@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from liftgate_hil.config.kinds import Choice, Kind, Level, Number, Text, Whole
@@ -38,6 +38,7 @@ class FaultKind:
     edits: Callable[[Values, str], Sequence[Edit]]
     keys: tuple[Key, ...] = ()
     of: str = DRIVE
+    group: str = ""  # of the part that it is a fault of, in words
 
     @property
     def has_place(self) -> bool:
@@ -111,7 +112,8 @@ def _key(name: str, kind: Kind, meaning: str, default: object = REQUIRED) -> tup
 
 _DIRECTION = _key("direction", Choice(list(bus_fault_tables.DIRECTIONS)), "as seen from the gate")
 _LEVEL = _key("value", Level(), "level at which it is stuck")
-_KINDS = (
+_GROUPS = {
+"Supply, motors and bridges": (
     FaultKind("supply_open", "no current can be drawn from or fed into the supply; braking still works",
               _gate("plant.source_open", SET), of=GATE),
     FaultKind("motor_open", "the line between bridge and motor is open: no current from that tick on",
@@ -122,6 +124,8 @@ _KINDS = (
               _bridge, _key("state", Choice(DIRECTIONS), "state of the bridge")),
     FaultKind("contact_resistance", "there is a resistance in series with the motor", _line("resistance", ADD),
               _key("ohm", Number(0.0, 1e6, "Ω"), "additional resistance")),
+),
+"Hall sensors": (
     FaultKind("hall_a_stuck", "Hall A is stuck at a level", _hall("level_a", "value"), _LEVEL),
     FaultKind("hall_b_stuck", "Hall B is stuck at a level", _hall("level_b", "value"), _LEVEL),
     FaultKind("hall_missing", "decoder and timer miss edges; at the edge after a missed one both levels have "
@@ -132,6 +136,8 @@ _KINDS = (
               _hall("extra", "rate"),
               _key("rate", Number(0.0, 1e5, "1/s"), "mean rate of these edges")),
     FaultKind("hall_swapped", "Hall A and B are exchanged: the count runs backwards", _hall("swapped")),
+),
+"Current and angle readings": (
     FaultKind("current_offset", "an offset is added to the current reading, after the offsets and gains that "
               "precede it in the file",
               _current("offset", ADD, "value"),
@@ -146,9 +152,8 @@ _KINDS = (
               _key("value", Number(-360.0, 360.0, "deg", math.radians(1.0)), "offset of the reading"), of=GATE),
     FaultKind("angle_frozen", "the angle reading keeps its last value, offset included",
               _gate("faults.angle_frozen", SET), of=GATE),
-    FaultKind("latch_stuck", "the latch switch keeps one reading, whatever the latch does",
-              _gate("faults.latch_reading", SET, "value"),
-              _key("value", Level(("open", "latched")), "the reading"), of=GATE),
+),
+"Springs and drives": (
     FaultKind("spring_lost", "the drive's spring has no force left", _spring),
     FaultKind("spring_weak", "the drive's spring has less force", _spring,
               _key("factor", Number(0.0, 10.0), "factor on its force")),
@@ -157,13 +162,22 @@ _KINDS = (
     FaultKind("spindle_jammed", "the drive is blocked: neither its motor nor the gate can turn it", _jammed),
     FaultKind("friction", "the drive's friction is multiplied by a factor: dry, viscous and load-dependent",
               _friction, _key("factor", Number(0.0, 1e4), "factor on the friction")),
+),
+"Latch": (
+    FaultKind("latch_stuck", "the latch switch keeps one reading, whatever the latch does",
+              _gate("faults.latch_reading", SET, "value"),
+              _key("value", Level(("open", "latched")), "the reading"), of=GATE),
     FaultKind("latch_not_releasing", "the latch does not release, whatever drives it",
               _gate("faults.latch_held", SET), of=GATE),
+),
+"Vehicle parameters": (
     FaultKind("parameter", "a number of the vehicle file gets another value", _none, (
         *_key("key", Text("a key of the vehicle file"), "for example `gate.mass` or `left.motor.resistance`"),
         *_key("value", Number(-1e15, 1e15), "new value, in the file's unit"),
         *_key("ramp_s", Number(0.0, 1e6, "s"), "duration of the linear transition to it", 0.0),
     ), of=GATE),
+),
+"Frames": (
     FaultKind("frame_lost", "frames do not arrive", _none, (
         *_DIRECTION, *_key("probability", Number(0.0, 1.0), "probability that a frame is lost", 1.0)), of=MESSAGE),
     FaultKind("frame_delayed", "frames arrive later", _none, (
@@ -179,6 +193,8 @@ _KINDS = (
     FaultKind("wrong_length", "the frame has the next shorter valid length", _none, _DIRECTION, of=MESSAGE),
     FaultKind("frame_frozen", "the data remain those of the last frame before the fault, counter and checksum "
               "included", _none, _DIRECTION, of=MESSAGE),
+),
+"Bus": (
     FaultKind("babbling", "a node keeps sending frames of eight zero bytes", _none, (
         *_DIRECTION,
         *_key("id", Whole(0, 0x1FFFFFFF), "identifier; above 0x7FF an extended one"),
@@ -186,6 +202,9 @@ _KINDS = (
     ), of=BUS),
     FaultKind("bus_off", "the gate neither sends nor receives. A real CAN controller cannot be taken off its bus: "
               "there the gate only stops sending and receiving, and the scenario is inconclusive", _none, of=BUS),
-)  # fmt: skip
+),
+}  # fmt: skip
 
-FAULT_KINDS: Mapping[str, FaultKind] = {kind.name: kind for kind in _KINDS}
+FAULT_KINDS: Mapping[str, FaultKind] = {
+    kind.name: replace(kind, group=group) for group, kinds in _GROUPS.items() for kind in kinds
+}

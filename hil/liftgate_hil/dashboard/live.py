@@ -4,41 +4,33 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import EXTENDED, FD
-from liftgate_hil.config.rig import load_rig
-from liftgate_hil.dashboard.source import JsonObject, split, times_of, units_of
-from liftgate_hil.errors import ConfigError, RunGoneError
+from liftgate_hil.dashboard.controls import controls_of
+from liftgate_hil.dashboard.heard import BusView
+from liftgate_hil.dashboard.source import JsonObject, check_columns, in_stretches, split, times_of, units_of
+from liftgate_hil.errors import RunGoneError
 from liftgate_hil.loop.datagrams import CAPACITY
-from liftgate_hil.loop.histogram import distribution
+from liftgate_hil.loop.histogram import bars, distribution
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, RingReader
 from liftgate_hil.running.attachment.client import Client
+from liftgate_hil.running.attachment.phase import COMPILING, ENDED, LATE
 from liftgate_hil.signals import COLUMN_PLACE, Bench
-
-if TYPE_CHECKING:
-    from cantools.database.can import Message
 
 _HISTORY_S = 60.0  # s of history that a page opened later is shown
 _LINES = 200
-_MOST_HEARD = 500  # messages on the bus that are shown
 _ASK_S = 0.1  # s between two queries of the run's progress
 _LOAD_S = 1.0  # s over which the bus load is taken
-
-
-@dataclass
-class Heard:
-    """The last frame of a message on the bus."""
-
-    is_sent: bool
-    count: int
-    time_ns: int
-    cycle_ms: float  # between the last two frames
-    payload: bytes
+_UNKNOWN_END: JsonObject = {
+    "verdict": "error",
+    "reason": "the run's process ended without reporting a result",
+    "expectations": [],
+    "exit_code": None,
+}
 
 
 class Live:
@@ -56,25 +48,40 @@ class Live:
         self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
         self._row = np.full(len(self._names), np.nan)
         self._history: deque[tuple[float, Any, Any]] = deque()
-        self._heard: dict[tuple[int, bool], Heard] = {}
-        self._not_shown = 0  # frames of messages beyond _MOST_HEARD, not shown
-        self._messages = _messages(Path(self._description["rig"]))
-        self._news: JsonObject = {"state": "waiting", "status": None, "in_force": {}}
+        self._bus = BusView(Path(self._description["rig"]))
+        self._news: JsonObject = {"phase": COMPILING, "status": None, "in_force": {}, "verdicts": []}
+        self._end: JsonObject | None = None
         self._lines: deque[list[Any]] = deque(maxlen=_LINES)
         self._asked = -1.0
         self._bits: deque[tuple[float, int]] = deque()
         self.has_ended = False
 
+    @property
+    def pid(self) -> int:
+        """Process id of the run."""
+        return self._client.pid
+
+    @property
+    def channel(self) -> str:
+        """Name of the run's bus."""
+        return str(self._description["channel"])
+
     def about(self) -> JsonObject:
-        """Return the run's description, its process, its columns and their units."""
-        description = {name: each for name, each in self._description.items() if name not in ("rows", "frames")}
+        """Return the run's description, its process, its columns, their units, and its controls."""
+        left_out = ("rows", "frames", "commands", "geometry")
+        description = {name: each for name, each in self._description.items() if name not in left_out}
         return {
             **description,
             "kind": "run",
-            "pid": self._client.pid,
+            "pid": self.pid,
             "columns": self._names,
             "units": units_of(self._names),
+            "commands": controls_of(self._description["commands"]),
         }
+
+    def geometry(self) -> JsonObject:
+        """Return the geometry of the run's vehicle."""
+        return dict(self._description["geometry"])
 
     def update(self, now: float) -> JsonObject:
         """Read all that is new at a time [s]; return `low` and `high` of each column in it.
@@ -87,11 +94,11 @@ class Live:
     def _update(self, now: float) -> JsonObject:
         rows, frames = self._rows.take(), self._frames.take()
         for frame in frames:
-            self._hear(frame)
+            self._bus.hear(frame)
         self._bits.append((now, int(self._control["bits"][0])))
         while self._bits[0][0] < now - _LOAD_S and len(self._bits) > 2:
             self._bits.popleft()
-        if now >= self._asked + _ASK_S:
+        if now >= self._asked + _ASK_S or self._client.has_closed():
             self._asked = now
             self._ask()
         if not len(rows):
@@ -106,47 +113,34 @@ class Live:
             self._history.popleft()
         return {"low": low.tolist(), "high": high.tolist()}
 
-    def _hear(self, frame: Any) -> None:
-        identifier, is_sent = int(frame["identifier"]) & ~FD, bool(frame["is_sent"])
-        before = self._heard.get((identifier, is_sent))
-        if before is None and len(self._heard) >= _MOST_HEARD:
-            self._not_shown += 1
-            return
-        time_ns, length = int(frame["time_ns"]), int(frame["length"])
-        self._heard[identifier, is_sent] = Heard(
-            is_sent,
-            before.count + 1 if before else 1,
-            time_ns,
-            (time_ns - before.time_ns) * 1e-6 if before else np.nan,
-            frame["payload"][:length].tobytes(),
-        )
-
     def _ask(self) -> None:
         if self.has_ended or not self._lock.acquire(blocking=False):
             return
         try:
             news = self._client.news(self.last_line)
-            self._lines.extend(news.pop("lines", ()))
-            self._news = news or {**self._news, "state": "silent"}
+            self._take(news or {**self._news, "phase": LATE})
         except RunGoneError:
             self.has_ended = True
-            self._news = {**self._news, "state": "ended"}
+            self._end = self._client.end or _UNKNOWN_END
+            self._news = {**self._news, "phase": ENDED}
         finally:
             self._lock.release()
+
+    def _take(self, news: JsonObject) -> None:
+        self._lines.extend(news.pop("lines", ()))
+        self._news = news
 
     def command(self, command: object) -> JsonObject:
         """Send a command to the run, and return its reply. Raises ConfigError, RunGoneError."""
         with self._lock:
             done = self._client.command(command)
             if done:  # so that the next page's update shows it
-                news = self._client.news(self.last_line)
-                self._lines.extend(news.pop("lines", ()))
-                self._news = news or self._news
+                self._take(self._client.news(self.last_line) or self._news)
             return done
 
     def state(self, time: float | None = None) -> JsonObject:
-        """Return the latest state, with the log and the messages on the bus."""
-        return {**self.moment(), "log": list(self._lines), "messages": self.messages()}
+        """Return the latest state, with the log, the messages on the bus and the histograms."""
+        return {**self.moment(), **self.now_and_then(), "log": list(self._lines)}
 
     @property
     def last_line(self) -> int:
@@ -166,10 +160,12 @@ class Live:
         histograms = self._shared.histograms
         late, took, delay = (times_of(distribution(histograms[each])) for each in (LATENESS, EXECUTION, DELAY))
         return {
-            "state": self._news["state"],
+            "phase": self._news["phase"],
+            "end": self._end,
             "time_s": truth.get("time_s"),
             "truth": truth,
             "sensed": sensed,
+            "command": self._bus.command(),
             "loop": {
                 "clock": self._description["clock"],
                 "rate_hz": self._description["rate_hz"],
@@ -180,7 +176,7 @@ class Live:
                 "command_delay_us": delay,
             },
             "bus": {
-                "channel": self._description["channel"],
+                "channel": self.channel,
                 "bitrate": self._description["bitrate"],
                 "load_percent": self._load(),
                 "sent": int(control["sent"][0]),
@@ -188,11 +184,21 @@ class Live:
                 "unsent": int(control["unsent"][0]),
                 "dropped": int(control["dropped"][0]),
                 "bus_offs": int(control["bus_offs"][0]),
-                "not_shown": self._not_shown,
+                "not_shown": self._bus.not_kept,
                 "overwritten": self._rows.lost + self._frames.lost,
                 **{name: status.get(name) for name in ("command_age_s", "accepted", "rejected", "foreign")},
             },
             "in_force": self._news["in_force"],
+            "verdicts": self._news["verdicts"],
+        }
+
+    def now_and_then(self) -> JsonObject:
+        """Return what is sent less often: the messages on the bus, and the histograms [µs from, µs to, count]."""
+        histograms = self._shared.histograms
+        names = {"lateness_us": LATENESS, "execution_us": EXECUTION, "command_delay_us": DELAY}
+        return {
+            "messages": self._bus.messages(),
+            "histograms": {name: bars(histograms[place]) for name, place in names.items()},
         }
 
     def _load(self) -> float | None:
@@ -203,54 +209,21 @@ class Live:
         (begin, before), (end, now) = self._bits[0], self._bits[-1]
         return float(100.0 * (now - before) / (bitrate * (end - begin)))
 
-    def messages(self) -> list[JsonObject]:
-        """Return the last frame of each message on the bus, by identifier."""
-        return [
-            {
-                "id": f"{identifier & ~EXTENDED:X}{'x' if identifier & EXTENDED else ''}",
-                "name": self._messages[identifier].name if identifier in self._messages else "",
-                "direction": "sent" if each.is_sent else "received",
-                "count": each.count,
-                "cycle_ms": each.cycle_ms,
-                "time_s": each.time_ns * 1e-9,
-                "data": each.payload.hex(" "),
-                "signals": _decoded(self._messages.get(identifier), each.payload),
-            }
-            for (identifier, _), each in sorted(self._heard.items())
-        ]
-
-    def plot(self) -> JsonObject:
-        """Return `time_s`, `low` and `high` over the history that is kept."""
-        history = list(self._history)
-        low = np.array([each for _, each, _ in history]).T
-        high = np.array([each for _, _, each in history]).T
+    def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> JsonObject:
+        """Return curves over the history that is kept, see `Source.plot`."""
+        check_columns(columns, self._names)
+        places = [self._names.index(name) for name in columns]
+        history = [each for each in list(self._history) if begin <= each[0] <= end]
+        times = np.array([time for time, _, _ in history])
+        low = np.array([each[places] for _, each, _ in history]).reshape(len(history), len(places))
+        high = np.array([each[places] for _, _, each in history]).reshape(len(history), len(places))
+        ends, low, high = in_stretches(times, low, high, points)
         return {
-            "time_s": [end for end, _, _ in history],
-            "low": dict(zip(self._names, low.tolist(), strict=False)),
-            "high": dict(zip(self._names, high.tolist(), strict=False)),
+            "time_s": ends.tolist(),
+            "low": dict(zip(columns, low.T.tolist(), strict=True)),
+            "high": dict(zip(columns, high.T.tolist(), strict=True)),
         }
 
-
-def _messages(rig: Path) -> dict[int, Message]:
-    """Return the messages of a rig's database by identifier, with SocketCAN's flag if it is extended.
-
-    The result is empty if the rig file cannot be read any more.
-    """
-    try:
-        found = load_rig(rig)
-    except ConfigError:
-        return {}
-    return {found.identifier(name): each for name, each in found.messages.items()}
-
-
-def _decoded(message: Message | None, payload: bytes) -> JsonObject:
-    """Return a frame's signals, by their labels where they have some; none where it does not fit."""
-    if message is None:
-        return {}
-    import cantools
-
-    try:
-        found: Any = message.decode(payload, decode_choices=True, allow_truncated=True)
-    except (cantools.database.DecodeError, ValueError, OverflowError):
-        return {}
-    return {name: value if isinstance(value, int | float) else str(value) for name, value in found.items()}
+    def close(self) -> None:
+        """Close the connection to the run."""
+        self._client.close()

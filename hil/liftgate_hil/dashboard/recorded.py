@@ -1,55 +1,68 @@
-"""A recording as a page's source: its columns, decimated, with the lowest and highest values in between."""
+"""Data source of a page for a recording: its rows, or lowest and highest values of each few if it is long."""
 
 from __future__ import annotations
 
+import json
+import math
+from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from liftgate_hil.conversion.table import open_table
-from liftgate_hil.dashboard.source import JsonObject, split
+from liftgate_hil.dashboard.source import JsonObject, check_columns, in_stretches, split
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording
-from liftgate_hil.running.setup import rig_from
+from liftgate_hil.running.attachment.geometry import geometry_of
+from liftgate_hil.running.setup import rig_from, vehicle_from
 from liftgate_hil.signals import OUTPUT_COLUMNS, Bench
 
-_MOST_ROWS = 20_000  # rows that are kept
+_MOST_VALUES = 30_000_000  # that are kept, 240 MB
+_TOUCH_N = 1.0  # N of pinch force above which there is a contact
+_APART_S = 0.5  # s without contact between two of them
+_MOST_CONTACTS = 100
 
 
 class RecordingSource:
-    """Data source of a page for a recording.
+    """Data source of a page for a recording; `vehicle` is the one to draw where the file does not name it.
 
     Raises ConfigError where the file cannot be read, or holds no rows.
     """
 
-    def __init__(self, path: Path, rig: str | None = None) -> None:
+    def __init__(self, path: Path, rig: str | None = None, vehicle: str | None = None) -> None:
         table = open_table(path, rig)
         self._path = path
         self._names = ["time_s", *(each for each in table.signals if each != "time_s")]
         self._units = {name: table.signals[name].unit for name in self._names}
         self._ours = {} if rig is None else _ours_in(rig, self._names)
-        self._every = max(1, -(-_count(table) // _MOST_ROWS))
+        self._every = max(1, -(-_count(table) * len(self._names) // _MOST_VALUES))
         self._last, self._low, self._high = self._thinned(table)
         if not len(self._last):
             raise ConfigError(f"{path}: no rows; allowed: a recording with rows")
         if not (np.diff(self._last[:, 0]) >= 0.0).all() or not np.isfinite(self._last[:, 0]).all():
             raise ConfigError(f"{path}: time_s: falls or is not finite; allowed: finite times in order")
+        self._geometry = _geometry_in(table.about) if vehicle is None else geometry_of(vehicle_from(vehicle))
 
     def _thinned(self, table: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the last row of each `every` rows, and the lowest and highest values in these."""
+        if self._every == 1:
+            whole = np.concatenate([np.zeros((0, len(self._names))), *table.rows(self._names)])
+            return whole, whole, whole
         rest = np.zeros((0, len(self._names)))
         kept: list[list[np.ndarray]] = [[], [], []]
         for block in table.rows(self._names):
             rows = np.concatenate([rest, block])
-            whole = len(rows) // self._every * self._every
-            rest = rows[whole:]
-            _keep(kept, rows[:whole], self._every)
+            count = len(rows) // self._every * self._every
+            rest = rows[count:]
+            _keep(kept, rows[:count], self._every)
         _keep(kept, rest, max(1, len(rest)))
         last, low, high = (np.concatenate([rest[:0], *each]) for each in kept)
         return last, low, high
 
     def about(self) -> JsonObject:
-        """Return the file, its columns and their units, the decimation, and its first and last time."""
+        """Return the file, its columns with their units, the decimation, first and last time, and the contacts."""
         return {
             "kind": "recording",
             "file": str(self._path),
@@ -59,7 +72,32 @@ class RecordingSource:
             "ours": self._ours,
             "begin_s": float(self._last[0, 0]),
             "end_s": float(self._last[-1, 0]),
+            "contacts": self._contacts(),
         }
+
+    def geometry(self) -> JsonObject:
+        """Return the geometry of the vehicle, from the file's provenance or as given; empty: it is not known."""
+        return self._geometry
+
+    def _contacts(self) -> list[JsonObject]:
+        """Return the contacts with an obstacle: begin and end [s], largest pinch force [N] and its time [s]."""
+        name = next(
+            (each for each in self._names if self._ours.get("pinch_force_n", "pinch_force_n") == each), None
+        )
+        if name is None:
+            return []
+        force, times = self._high[:, self._names.index(name)], self._last[:, 0]
+        touched = np.flatnonzero(force > _TOUCH_N)
+        parts = np.split(touched, np.flatnonzero(np.diff(times[touched]) > _APART_S) + 1) if len(touched) else []
+        return [
+            {
+                "begin_s": float(times[rows[0]]),
+                "end_s": float(times[rows[-1]]),
+                "peak_n": float(force[rows].max()),
+                "peak_s": float(times[rows[int(force[rows].argmax())]]),
+            }
+            for rows in parts[:_MOST_CONTACTS]
+        ]
 
     def state(self, time: float | None = None) -> JsonObject:
         """Return the state at a time [s]; None: at the end."""
@@ -71,7 +109,7 @@ class RecordingSource:
         truth, sensed = split(self._names, row)
         own = dict(zip(self._names, row, strict=True))
         return {
-            "state": "recorded",
+            "phase": "recorded",
             "time_s": row[0],
             "truth": truth,
             "sensed": sensed,
@@ -82,13 +120,20 @@ class RecordingSource:
             "messages": [],
         }
 
-    def plot(self) -> JsonObject:
-        """Return `time_s`, `low` and `high` of the whole recording."""
-        low, high = self._low.T.tolist(), self._high.T.tolist()
+    def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> JsonObject:
+        """Return curves between two times [s], see `Source.plot`; one row more on either side is taken in."""
+        check_columns(columns, self._names)
+        times = self._last[:, 0]
+        first, last = int(np.searchsorted(times, begin)), int(np.searchsorted(times, end, side="right"))
+        rows = slice(max(0, first - 1), last + 1)
+        places = [self._names.index(name) for name in columns]
+        ends, low, high = in_stretches(
+            times[rows], self._low[rows][:, places], self._high[rows][:, places], points
+        )
         return {
-            "time_s": self._last[:, 0].tolist(),
-            "low": dict(zip(self._names, low, strict=True)),
-            "high": dict(zip(self._names, high, strict=True)),
+            "time_s": ends.tolist(),
+            "low": dict(zip(columns, low.T.tolist(), strict=True)),
+            "high": dict(zip(columns, high.T.tolist(), strict=True)),
         }
 
 
@@ -100,6 +145,19 @@ def _ours_in(rig: str, names: list[str]) -> dict[str, str]:
         return {}
     wired = {f"{each.message}.{each.signal}": OUTPUT_COLUMNS.get(each.quantity) for each in outputs}
     return {ours: name for name in names if (ours := wired.get(name))}
+
+
+def _geometry_in(about: str) -> JsonObject:
+    """Return the geometry of the vehicle in a recording's provenance; empty where it has none."""
+    if not about:
+        return {}
+    try:
+        vehicle: Any = json.loads(about, object_hook=lambda table: SimpleNamespace(**table)).vehicle
+        found = geometry_of(vehicle)
+    except (ValueError, AttributeError, TypeError):  # of a version with other keys
+        return {}
+    numbers = [found["length_m"], found["open_angle_deg"], *found["hinge"]]
+    return found if all(isinstance(each, int | float) and math.isfinite(each) for each in numbers) else {}
 
 
 def _count(table: Recording) -> int:

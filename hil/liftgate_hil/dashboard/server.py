@@ -2,10 +2,13 @@
 
 GET /                 the page
 GET /api/about        what it shows, and what can be commanded
+GET /api/geometry     the vehicle's geometry, for drawings: see `geometry_of`
 GET /api/state        the latest state; of a recording `?time=12.5`
-GET /api/plot         the curves so far
+GET /api/plot         the curves so far: `?columns=gate_angle_deg,left_current_a&from=1&to=2&points=1000`
 WS  /api/stream       the latest state, 30 times a second; a recording is played
 POST /api/command     see `running.commands.operator`
+GET /api/run          the scenarios that can be started, of `--scenarios`
+POST /api/run         {"scenario": "reverses.toml"} starts one of them, {"scenario": null} stops it
 """
 
 from __future__ import annotations
@@ -15,7 +18,6 @@ import contextlib
 import math
 import secrets
 import signal
-import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -23,40 +25,55 @@ from pathlib import Path
 from typing import Any
 
 import orjson
-import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from liftgate_hil.dashboard.guard import POLICY, Guard, hosts_of
+from liftgate_hil.dashboard.following import next_run
+from liftgate_hil.dashboard.guard import POLICY
 from liftgate_hil.dashboard.live import Live
 from liftgate_hil.dashboard.recorded import RecordingSource
+from liftgate_hil.dashboard.source import MOST_POINTS, NoSource
+from liftgate_hil.dashboard.starting import Starter
+from liftgate_hil.dashboard.streaming import PERIOD_S, Viewers, play
 from liftgate_hil.errors import ConfigError, RunGoneError
+from liftgate_hil.running.attachment.client import Client
 
-PERIOD_S = 1.0 / 30.0
 _IDLE_S = 0.25  # s between two reads where nobody has the page open
-_MESSAGES_EVERY = 6  # periods between two lists of the messages on the bus
+_NOW_AND_THEN = 6  # periods between two lists of the messages on the bus
+_NEXT_S = 1.0  # s between two looks for the next run
 _LARGEST = 65_536  # bytes of a command
+_BODY_S = 10.0  # s for a command to come
 _PAGE = Path(__file__).parent / "page"
+_PARTS = ("uPlot.min.css", "page.css", "uPlot.iife.min.js", "drawing.js", "charts.js", "controls.js", "page.js")
 
 
 class Page:
-    """Web application for a run or a recording."""
+    """Web application for a run, a recording, or the runs that a `starter` starts.
 
-    def __init__(self, source: Live | RecordingSource, is_read_only: bool) -> None:
-        self._source, self._is_read_only = source, is_read_only
-        self._viewers: set[asyncio.Queue[bytes]] = set()
+    A page whose run has ended goes on with the next one on the same bus.
+    """
+
+    def __init__(
+        self, source: Live | RecordingSource | NoSource, is_read_only: bool, starter: Starter | None = None
+    ) -> None:
+        self._source, self._is_read_only, self._starter = source, is_read_only, starter
+        self._number = 1  # of the source, counted from 1
+        self._viewers = Viewers()
         # A thread each: a run that stands still keeps commands waiting, but not the view of it.
-        self._looks, self._commands = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        self._looks, self._commands, self._starts = (ThreadPoolExecutor(1) for _ in range(3))
         self._failure: BaseException | None = None
         routes = [
             Route("/", self._page),
             Route("/api/about", self._about),
+            Route("/api/geometry", self._geometry),
             Route("/api/state", self._state),
             Route("/api/plot", self._plot),
             Route("/api/command", self._command, methods=["POST"]),
+            Route("/api/run", self._runs, methods=["GET"]),
+            Route("/api/run", self._run, methods=["POST"]),
             WebSocketRoute("/api/stream", self._stream),
         ]
         self.app = Starlette(routes=routes, lifespan=self._lifespan)
@@ -67,6 +84,8 @@ class Page:
         task.add_done_callback(self._followed)
         yield
         task.cancel()
+        if self._starter is not None:
+            await asyncio.to_thread(self._starter.stop)
 
     def _followed(self, task: asyncio.Task[None]) -> None:
         """End the server where the task has failed; a task that was cancelled ended with the server."""
@@ -79,34 +98,64 @@ class Page:
         if self._failure is not None:
             raise self._failure
 
-    async def _look(self) -> dict[str, Any]:
-        """Read what is new in the run; return `low` and `high` of each column in it."""
-        assert isinstance(self._source, Live)
-        running = asyncio.get_running_loop()
-        return await running.run_in_executor(self._looks, self._source.update, time.monotonic())
+    async def _look(self, live: Live) -> dict[str, Any]:
+        """Read what is new in a run; return `low` and `high` of each column in it."""
+        found: dict[str, Any] = await self._in(self._looks, live.update, time.monotonic())
+        return found
 
     async def _follow(self) -> None:
-        """Read what is new in the run regularly, and send it to all viewers."""
-        source, count, line = self._source, 0, 0
-        if not isinstance(source, Live):
+        """Read what is new in the run regularly, and send it to all viewers; go on with the next run."""
+        if isinstance(self._source, RecordingSource):
             return
-        due = time.monotonic()
+        count, line, number = 0, 0, self._number
+        due = looked = time.monotonic()
         while True:
-            span = await self._look()
-            if self._viewers:
-                state = {**source.moment(), "span": span, "log": source.lines(line)}
-                if count % _MESSAGES_EVERY == 0:
-                    state["messages"] = source.messages()
-                self._publish(orjson.dumps(state))
-            line, count = source.last_line, count + 1
+            source = self._source
+            line, number = (line, number) if number == self._number else (0, self._number)
+            if isinstance(source, Live):
+                span = await self._look(source)
+                if source.has_ended and time.monotonic() > looked + _NEXT_S:
+                    looked = time.monotonic()
+                    await self._go_on(source)
+                if self._viewers:
+                    state = {**source.moment(), "span": span, "log": source.lines(line)}
+                    if count % _NOW_AND_THEN == 0:
+                        state |= source.now_and_then()
+                    self._viewers.publish(self._stated(state))
+                line = source.last_line
+            elif self._viewers and count % _NOW_AND_THEN == 0:
+                self._viewers.publish(self._stated(source.state()))
+            count += 1
             due = max(due + (PERIOD_S if self._viewers else _IDLE_S), time.monotonic())
             await asyncio.sleep(due - time.monotonic())
 
-    def _publish(self, message: bytes) -> None:
-        for viewer in self._viewers:
-            if viewer.full():  # a slow viewer gets the latest only
-                viewer.get_nowait()
-            viewer.put_nowait(message)
+    async def farewell(self) -> None:
+        """Send viewers the last state, which says how a run has ended that ends with this server."""
+        source = self._source
+        if not isinstance(source, Live) or not self._viewers:
+            return
+        span = await self._look(source)
+        self._viewers.publish(self._stated({**source.moment(), "span": span}))
+        await self._viewers.have_taken()
+
+    async def _go_on(self, ended: Live) -> None:
+        """Show the next run on the bus of the one that has ended, where it has begun."""
+        client = await self._in(self._looks, next_run, ended.channel, ended.pid)
+        if client is not None and self._source is ended:
+            self._show(client)
+
+    def _show(self, client: Client) -> None:
+        before, self._source = self._source, Live(client)
+        self._number += 1
+        if isinstance(before, Live):
+            self._looks.submit(before.close)
+
+    def _stated(self, state: dict[str, Any]) -> bytes:
+        """Return a state as JSON, with the source's number, by which a viewer sees that it is another one."""
+        state["number"] = self._number
+        if self._starter is not None:
+            state["started"] = self._starter.state()["running"]
+        return orjson.dumps(state)
 
     async def _page(self, request: Request) -> Response:
         nonce = secrets.token_urlsafe(16)
@@ -121,42 +170,44 @@ class Page:
         )
 
     async def _about(self, request: Request) -> Response:
-        return _json({**self._source.about(), "read_only": self._is_read_only})
+        more = {"read_only": self._is_read_only, "number": self._number, "starts": self._starter is not None}
+        return _json({**self._source.about(), **more})
+
+    async def _geometry(self, request: Request) -> Response:
+        return _json(self._source.geometry())
 
     async def _state(self, request: Request) -> Response:
-        given = request.query_params.get("time")
-        try:
-            when = None if given is None else float(given)
-        except ValueError:
-            when = math.nan
+        source, given = self._source, request.query_params.get("time")
+        when = None if given is None else _number(given)
         if when is not None and not math.isfinite(when):
-            return _refused(422, [f"time {given!r}; allowed: a number [s]"])
-        if when is not None and isinstance(self._source, Live):
+            return _refused(422, [f"time {str(given)[:80]!r}; allowed: a number [s]"])
+        if when is not None and not isinstance(source, RecordingSource):
             return _refused(422, ["time: allowed only with a recording"])
-        if isinstance(self._source, Live) and not self._viewers:  # else it is 33 ms old at most
-            await self._look()
-        return _json(self._source.state(when))
+        if isinstance(source, Live) and not self._viewers:  # else it is 33 ms old at most
+            await self._look(source)
+        return Response(self._stated(source.state(when)), 200, _HEADERS, "application/json")
 
     async def _plot(self, request: Request) -> Response:
-        return _json(await asyncio.to_thread(self._source.plot))
+        source, asked = self._source, request.query_params
+        names = asked["columns"].split(",") if asked.get("columns") else source.about()["columns"]
+        begin, end = _number(asked.get("from", "-inf")), _number(asked.get("to", "inf"))
+        points = _number(asked.get("points", "2000"))
+        if math.isnan(begin) or math.isnan(end) or not 1 <= points <= MOST_POINTS:
+            return _refused(422, [f"from, to, points; allowed: times [s], 1 to {MOST_POINTS} points"])
+        try:
+            return _json(await asyncio.to_thread(source.plot, names, begin, end, int(points)))
+        except ConfigError as error:
+            return _refused(422, error.issues)
 
     async def _command(self, request: Request) -> Response:
-        if not isinstance(self._source, Live):
-            return _refused(403, ["this page shows a recording; allowed: commands to a run"])
-        if self._is_read_only:
-            return _refused(403, ["this page is read-only; allowed without --read-only"])
-        body = b""
-        async for part in request.stream():
-            body += part
-            if len(body) > _LARGEST:
-                return _refused(413, [f"command too long; allowed: up to {_LARGEST} bytes"])
+        source = self._source
+        if not isinstance(source, Live):
+            return _refused(403, ["this page does not show a run; allowed: commands to a run"])
+        command = await self._posted(request)
+        if isinstance(command, Response):
+            return command
         try:
-            command = orjson.loads(body)
-        except orjson.JSONDecodeError as error:
-            return _refused(422, [f"not JSON: {error}; allowed: a command as JSON"])
-        try:
-            running = asyncio.get_running_loop()
-            done = await running.run_in_executor(self._commands, self._source.command, command)
+            done = await self._in(self._commands, source.command, command)
         except ConfigError as error:
             return _refused(422, error.issues)
         except RunGoneError as error:
@@ -166,112 +217,88 @@ class Page:
             return _json({"waits": said_so}, 202)
         return _json(done)
 
+    async def _runs(self, request: Request) -> Response:
+        if self._starter is None:
+            return _refused(403, [_NO_STARTER])
+        return _json(self._starter.state())
+
+    async def _run(self, request: Request) -> Response:
+        starter = self._starter
+        if starter is None:
+            return _refused(403, [_NO_STARTER])
+        asked = await self._posted(request)
+        if isinstance(asked, Response):
+            return asked
+        if not isinstance(asked, dict) or set(asked) != {"scenario"}:
+            return _refused(
+                422, ['a run: allowed: {"scenario": NAME} to start one, {"scenario": null} to stop it']
+            )
+        try:
+            if asked["scenario"] is None:
+                await asyncio.to_thread(starter.stop)
+            else:
+                self._show(await self._in(self._starts, starter.start, asked["scenario"]))
+        except ConfigError as error:
+            return _refused(422, error.issues)
+        except RunGoneError as error:
+            return _refused(410, [str(error)])
+        return _json(starter.state())
+
+    async def _posted(self, request: Request) -> Any:
+        """Return the JSON that was posted, or the response that refuses it."""
+        if self._is_read_only:
+            return _refused(403, ["this page is read-only; allowed without --read-only"])
+        body = b""
+        try:
+            async with asyncio.timeout(_BODY_S):
+                async for part in request.stream():
+                    body += part
+                    if len(body) > _LARGEST:
+                        return _refused(413, [f"command too long; allowed: up to {_LARGEST} bytes"])
+        except TimeoutError:
+            return _refused(408, [f"the command did not come; allowed: within {_BODY_S:g} s"])
+        try:
+            return orjson.loads(body)
+        except orjson.JSONDecodeError as error:
+            return _refused(422, [f"not JSON: {error}; allowed: a command as JSON"])
+
+    @staticmethod
+    async def _in(threads: ThreadPoolExecutor, action: Callable[..., Any], *arguments: object) -> Any:
+        return await asyncio.get_running_loop().run_in_executor(threads, action, *arguments)
+
     async def _stream(self, wire: WebSocket) -> None:
         await wire.accept()
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-            if isinstance(self._source, Live):
-                await self._watch(wire)
+            if isinstance(self._source, RecordingSource):
+                await play(wire, self._source)
             else:
-                await _play(wire, self._source)
-
-    async def _watch(self, wire: WebSocket) -> None:
-        viewer: asyncio.Queue[bytes] = asyncio.Queue(maxsize=1)
-        self._viewers.add(viewer)
-        leaves = asyncio.create_task(_left(wire))
-        try:
-            while not leaves.done():
-                news = asyncio.create_task(viewer.get())
-                await asyncio.wait({news, leaves}, return_when=asyncio.FIRST_COMPLETED)
-                if not news.done():
-                    news.cancel()
-                    return
-                await wire.send_text(news.result().decode())
-        finally:
-            self._viewers.discard(viewer)
-            leaves.cancel()
+                await self._viewers.serve(wire)
 
 
-async def _left(wire: WebSocket) -> None:
-    """Wait until the viewer has left."""
-    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-        while True:
-            await wire.receive_text()
-
-
-async def _play(wire: WebSocket, source: RecordingSource) -> None:
-    """Play a recording at the pace it was recorded with; a viewer sends {"time_s": 12.5} to go on from there."""
-    about = source.about()
-    offset, began = float(about["begin_s"]), time.monotonic()
-    hears = asyncio.create_task(wire.receive_json())
-    try:
-        while True:
-            now = offset + time.monotonic() - began
-            state = source.state(min(now, about["end_s"]))
-            await wire.send_text(orjson.dumps({**state, "is_over": now >= about["end_s"]}).decode())
-            pause = PERIOD_S if now < about["end_s"] else None
-            await asyncio.wait({hears}, timeout=pause)
-            if not hears.done():
-                continue
-            request = hears.result()
-            hears = asyncio.create_task(wire.receive_json())
-            wanted = request.get("time_s") if isinstance(request, dict) else None
-            if isinstance(wanted, int | float) and not isinstance(wanted, bool):
-                offset, began = float(wanted), time.monotonic()
-    except ValueError:  # not JSON
-        return
-    finally:
-        hears.cancel()
+_NO_STARTER = "this page starts no runs; allowed with: liftgate-hil dashboard --scenarios FOLDER"
+_HEADERS = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
 
 
 def _json(content: Any, status: int = 200) -> Response:
     """Return a JSON response, in which NaN is null."""
-    return Response(
-        orjson.dumps(content),
-        status,
-        {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"},
-        "application/json",
-    )
+    return Response(orjson.dumps(content), status, _HEADERS, "application/json")
 
 
 def _refused(status: int, issues: list[str]) -> Response:
     return _json({"issues": issues}, status)
 
 
+def _number(text: str) -> float:
+    """Return a number of a query; NaN: it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 def _page_with(nonce: str) -> str:
     """Return the whole page in one: no part of it is fetched without the token."""
     text = (_PAGE / "index.html").read_text(encoding="utf-8")
-    for name in ("uPlot.min.css", "page.css", "uPlot.iife.min.js", "page.js"):
+    for name in _PARTS:
         text = text.replace(f"/*{name}*/", (_PAGE / name).read_text(encoding="utf-8"), 1)
     return text.replace("{nonce}", nonce)
-
-
-class _Server(uvicorn.Server):
-    """Server without signal handlers of its own: a signal ends it in order, with exit code 0."""
-
-    @contextlib.contextmanager
-    def capture_signals(self) -> Any:
-        yield
-
-
-def serve(page: Page, wire: socket.socket, host: str, token: str, ready: Callable[[], None]) -> None:
-    """Serve on a socket that listens at a host, until Ctrl-C or SIGTERM.
-
-    `ready` is called as soon as these signals are handled.
-    """
-    app = Guard(page.app, token, hosts_of(host, wire.getsockname()[1]))
-    config = uvicorn.Config(
-        app, log_level="critical", access_log=False, timeout_graceful_shutdown=1, lifespan="on",
-        server_header=False, ws_max_size=_LARGEST,
-    )  # fmt: skip
-    server = _Server(config)
-
-    async def run() -> None:
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, setattr, server, "should_exit", True)
-        ready()
-        await server.serve(sockets=[wire])
-
-    with wire:
-        asyncio.run(run())
-    page.check()

@@ -2,25 +2,79 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.histogram import Distribution
 from liftgate_hil.signals import COLUMNS, SENSED_PREFIX, Bench
 
 JsonObject = dict[str, Any]  # a JSON object
+MOST_POINTS = 4000  # of a curve
 
 
 class Source(Protocol):
-    """Data source of a page: a run, or a recording."""
+    """Data source of a page: a run, a recording, or none."""
 
     def about(self) -> JsonObject:
         """Return what the source is, its columns with their units, and what can be commanded."""
 
+    def geometry(self) -> JsonObject:
+        """Return the vehicle's geometry, see `geometry_of`; empty where it is not known."""
+
     def state(self, time: float | None = None) -> JsonObject:
         """Return the latest state, or that at a time [s] of a recording: see `GET /api/state`."""
 
-    def plot(self) -> JsonObject:
-        """Return the curves so far: `time_s`, and by column `low` and `high` of the stretch that ends there."""
+    def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> JsonObject:
+        """Return curves of columns between two times [s], in at most that many stretches.
+
+        `time_s` holds the stretches' ends, `low` and `high` by column the lowest and highest value in each. Raises
+        ConfigError for a column that there is not.
+        """
+
+
+class NoSource:
+    """Data source of a page that shows nothing yet."""
+
+    def about(self) -> JsonObject:
+        """Return that there is neither a run nor a recording."""
+        return {"kind": "none", "columns": [], "units": {}}
+
+    def geometry(self) -> JsonObject:
+        """Return none."""
+        return {}
+
+    def state(self, time: float | None = None) -> JsonObject:
+        """Return the phase `idle`, and nothing else."""
+        nothing: JsonObject = {"truth": {}, "sensed": {}, "loop": {}, "bus": {}, "in_force": {}}
+        return {"phase": "idle", "time_s": None, **nothing, "log": [], "messages": []}
+
+    def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> JsonObject:
+        """Return no curves."""
+        return {"time_s": [], "low": {}, "high": {}}
+
+
+def check_columns(wanted: Sequence[str], known: Sequence[str]) -> None:
+    """Raise ConfigError unless all of these columns are known."""
+    unknown = [name[:80] for name in wanted if name not in known]
+    if unknown:
+        raise ConfigError(f"columns {', '.join(unknown)}: no such columns; allowed: those of /api/about")
+
+
+def in_stretches(
+    times: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64], most: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return at most so many stretches of rows: their ends (m,), lowest and highest values (m, columns)."""
+    every = max(1, -(-len(times) // most))
+    starts = np.arange(0, len(times), every)
+    if every == 1 or not len(times):
+        return times, low, high
+    ends = np.append(starts[1:] - 1, len(times) - 1)
+    with np.errstate(all="ignore"):
+        return times[ends], np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)
 
 
 def split(names: list[str], values: list[float]) -> tuple[JsonObject, JsonObject]:

@@ -50,6 +50,10 @@ class GuardedWriter:
         """Write frames (n,) LOGGED, unless an error came before."""
         self._try(self._parts.write_frames, frames)
 
+    def write_mark(self, time_s: float, text: str) -> None:
+        """Write a mark at a time [s], unless an error came before."""
+        self._try(self._parts.write_mark, time_s, text)
+
     def flush(self) -> None:
         """Flush the file, unless an error came before."""
         self._try(self._parts.flush)

@@ -40,8 +40,8 @@ class McapWriter(StreamWriter):
         super().__init__(stream, content)
         self._writer = ChunkWriter(stream, f"{content.title} {version()}")
         self._rows: RowMessages | None = None
-        self._row = self._frame = 0  # sequence numbers of the next ones
-        self._frames = 0  # id of the frames' channel; 0: none yet
+        self._row = self._frame = self._mark = 0  # sequence numbers of the next ones
+        self._frames = self._marks = 0  # ids of the channels of frames and of marks; 0: none yet
 
     @property
     def written(self) -> int:
@@ -84,6 +84,14 @@ class McapWriter(StreamWriter):
         texts = frame_texts(frames, self._content.channel)
         self._writer.add(_block_of(self._frames, times, texts, self._frame))
         self._frame += len(frames)
+
+    def write_mark(self, time_s: float, text: str) -> None:
+        """Write a mark at a time [s] as a message on `/marks`."""
+        if not self._marks:
+            self._marks = self._register(layout.MARKS_TOPIC, "mark", layout.marks_schema(), {}, layout.MARKS)
+        content = orjson.dumps({"time_s": time_s, "text": text})
+        self._writer.add(_block_of(self._marks, _nanoseconds(np.array([time_s])), [content], self._mark))
+        self._mark += 1
 
     def flush(self) -> None:
         """Write all chunks but the one that is being filled, and flush the stream."""

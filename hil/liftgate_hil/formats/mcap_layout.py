@@ -13,7 +13,7 @@ from typing import Any
 import orjson
 
 from liftgate_hil.signals import COLUMN_ROWS, COLUMNS, SENSED_PREFIX
-from liftgate_plant.signals import Signal
+from liftgate_plant.signals import TIME, Signal
 
 RECORD = "liftgate-hil"  # the metadata record that every recording has
 START = "start_ns"  # its key: wall clock at the start of the run [ns since 1970]; 0: none applies
@@ -29,9 +29,10 @@ FRAMES = "/can"
 ENCODING = "json"
 SCHEMA_ENCODING = "jsonschema"
 PREFIX = "prefix"  # key of a channel's metadata
-CONTENT = "content"  # key of a channel's metadata: ROWS or BUS
+CONTENT = "content"  # key of a channel's metadata: ROWS, BUS or MARKS
 BUS_NAME = "bus"  # key of a channel's metadata: name of the frames' bus
-ROWS, BUS = "rows", "frames"
+ROWS, BUS, MARKS = "rows", "frames", "marks"
+MARKS_TOPIC = "/marks"
 
 # Fields of a message on `/can`, with JSON type and meaning.
 FRAME_FIELDS: Mapping[str, tuple[str, str]] = {
@@ -75,6 +76,12 @@ def rows_schema(title: str, fields: Mapping[str, tuple[Signal, str]]) -> bytes:
         kind = "integer" if signal.is_whole else "number"
         properties[name] = {"type": kind, "description": words.strip(), "unit": unit}
     return _schema(title, properties)
+
+
+def marks_schema() -> bytes:
+    """Return the schema of an operator's marks."""
+    time = {"type": "number", "description": TIME.meaning, "unit": "s"}
+    return _schema("mark", {"time_s": time, "text": {"type": "string", "description": "what the operator notes"}})
 
 
 def frames_schema(title: str) -> bytes:

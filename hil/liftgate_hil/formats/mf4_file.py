@@ -71,6 +71,28 @@ class Mf4Writer(StreamWriter):
         """Write frames (n,) LOGGED once there are enough for a block."""
         self._extend_frames(self._frames.add(frames))
 
+    def write_mark(self, time_s: float, text: str) -> None:
+        """Keep a mark at a time [s]: a marker event of the file."""
+        from asammdf.blocks.v4_blocks import EventBlock
+        from asammdf.blocks.v4_constants import (
+            EVENT_CAUSE_USER,
+            EVENT_RANGE_TYPE_POINT,
+            EVENT_SYNC_TYPE_S,
+            EVENT_TYPE_MARKER,
+        )
+
+        event = EventBlock(
+            event_type=EVENT_TYPE_MARKER,
+            sync_type=EVENT_SYNC_TYPE_S,
+            range_type=EVENT_RANGE_TYPE_POINT,
+            cause=EVENT_CAUSE_USER,
+            flags=0,
+            sync_base=round(time_s * 1e9),
+            sync_factor=1e-9,
+        )
+        event.name = text
+        self._mdf.events.append(event)
+
     def close(self) -> None:
         """Write the remaining rows and frames, the remark and the provenance, and create the recording."""
         try:

@@ -32,6 +32,7 @@ class Format:
     has_rows: bool = False
     has_frames: bool = False
     holds_about: bool = False  # the provenance of the run, in full
+    holds_marks: bool = False  # events with a text
     is_text: bool = False  # written directly: a kill cannot corrupt it, and a pipe can take it
     module: str = ""  # Python module that it needs
     extra: str = ""  # extra of this package that installs the module
@@ -65,6 +66,7 @@ FORMATS: Mapping[str, Format] = {
         has_rows=True,
         has_frames=True,
         holds_about=True,
+        holds_marks=True,
         module="asammdf",
         extra="mf4",
     ),
@@ -74,18 +76,22 @@ FORMATS: Mapping[str, Format] = {
         has_rows=True,
         has_frames=True,
         holds_about=True,
+        holds_marks=True,
         module="mcap",
         extra="mcap",
     ),
     ".log": Format(_LOG, _lazily("candump_file", "CandumpWriter"), has_frames=True, is_text=True),
     **{
-        suffix: Format(_LOG, _lazily("python_can_file", "PythonCanWriter", suffix), has_frames=True)
+        suffix: Format(
+            _LOG, _lazily("python_can_file", "PythonCanWriter", suffix), has_frames=True, holds_marks=True
+        )
         for suffix in (".asc", ".blf", ".trc")
     },
 }
 RECORDED = tuple(suffix for suffix, each in FORMATS.items() if each.write)
 TABLES = tuple(suffix for suffix in RECORDED if FORMATS[suffix].has_rows)
 WITH_ROWS = tuple(suffix for suffix, each in FORMATS.items() if each.has_rows)
+WITH_MARKS = tuple(suffix for suffix, each in FORMATS.items() if each.holds_marks)
 BUS_LOGS = tuple(suffix for suffix in FORMATS if suffix not in WITH_ROWS)
 
 

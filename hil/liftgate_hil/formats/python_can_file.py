@@ -85,6 +85,16 @@ class PythonCanWriter(StreamWriter):
             message.is_rx = not sent[row]
             self._writer.on_message_received(message)
 
+    def write_mark(self, time_s: float, text: str) -> None:
+        """Write a mark at a time [s]: a global marker of BLF, a comment of the others."""
+        if self._suffix == ".blf":
+            plain = text.encode("ascii", "replace").decode()  # python-can encodes it so where it is not Windows
+            self._writer.log_event(plain, time_s + self._epoch_ns * 1e-9)
+        elif self._suffix == ".asc":
+            self._writer.log_event(f"// {text}", time_s)
+        else:
+            self._writer.file.write(f"{self._mark} {time_s:.6f} s: {text}\n")
+
     def close(self) -> None:
         """Complete the log and close the file."""
         self._writer.stop()

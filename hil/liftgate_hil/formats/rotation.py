@@ -68,6 +68,10 @@ class Parts:
         """Write frames (n,) LOGGED, in another file once the limit is reached."""
         self._write(Writer.write_frames.__name__, frames)
 
+    def write_mark(self, time_s: float, text: str) -> None:
+        """Write a mark at a time [s] to the open file."""
+        self._part.write_mark(time_s, text)
+
     def flush(self) -> None:
         """Flush the open file."""
         self._part.flush()

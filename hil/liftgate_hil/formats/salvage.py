@@ -45,6 +45,11 @@ class SalvagedWriter:
         for each in self._all:
             each.write_frames(frames)
 
+    def write_mark(self, time_s: float, text: str) -> None:
+        """Write a mark at a time [s] to all files."""
+        for each in self._all:
+            each.write_mark(time_s, text)
+
     def flush(self) -> None:
         """Flush all files."""
         for each in self._all:

@@ -26,6 +26,9 @@ class Writer(Protocol):
     def write_frames(self, frames: Any) -> None:
         """Write frames on the bus (n,) LOGGED, of both directions, in order of time."""
 
+    def write_mark(self, time_s: float, text: str) -> None:
+        """Write an operator's mark, an event with a text at a time [s] of the run."""
+
     def flush(self) -> None:
         """Pass what was written to the operating system, so that a kill loses none of it."""
 
@@ -34,7 +37,7 @@ class Writer(Protocol):
 
 
 class StreamWriter:
-    """Base class of the writers: by default rows and frames are ignored, and closing closes the stream."""
+    """Base class of the writers: by default rows, frames and marks are ignored, and closing closes the stream."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
         self._stream = stream
@@ -56,6 +59,9 @@ class StreamWriter:
 
     def write_frames(self, frames: Any) -> None:
         """Ignore frames."""
+
+    def write_mark(self, time_s: float, text: str) -> None:
+        """Ignore a mark."""
 
     def flush(self) -> None:
         """Flush the stream to the operating system."""

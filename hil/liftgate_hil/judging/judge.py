@@ -21,7 +21,7 @@ from liftgate_hil.judging.fault_times import brief_faults
 from liftgate_hil.judging.stepped_again import LONGEST, StepAgain, stepped_again
 from liftgate_hil.judging.table import SLACK, Progress, judge_block
 from liftgate_hil.judging.timeliness import Timeliness
-from liftgate_hil.judging.verdict import DIRECT, ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
+from liftgate_hil.judging.verdict import DIRECT, ERROR, FAIL, INCONCLUSIVE, PASS, PENDING, Verdict
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_plant.compiler import compiled
 
@@ -135,6 +135,20 @@ class Judge:
         found = [self._on_time(place, each, again) for place, each in enumerate(found)]
         found = self._hindered(found, late, gaps)
         return [replace(each, window_s=self.window(place)) for place, each in enumerate(found)]
+
+    def so_far(self) -> list[Verdict]:
+        """Return the verdicts that are decided so far, PENDING for the others, in the order of the file.
+
+        The bench's lateness, which is known only at the end, may still change them.
+        """
+        count = len(self.expected.expectations) - self.expected.awaited
+        found = []
+        for place in range(count):
+            progress = self._progress(place)
+            is_over = bool(progress.is_decided) or self._last >= min(progress.end, self.end) - SLACK
+            name = self.expected.expectations[place].name
+            found.append(self._verdict(place, "") if is_over else Verdict(name, PENDING))
+        return found
 
     def late(self) -> str:
         """Return when the bench was later than is tolerated, in all the run; "": it was not."""

@@ -1,4 +1,4 @@
-"""Verdicts: pass, inconclusive, fail, error; of several, the worst counts."""
+"""Verdicts: pass, inconclusive, fail, error; of several, the worst counts. During a run also pending."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 PASS, INCONCLUSIVE, FAIL, ERROR = "pass", "inconclusive", "fail", "error"
+STOPPED = "stopped"  # in place of a verdict: the run was stopped before its end
+PENDING = "pending"  # not decided yet, while the run goes on
 DIRECT, REPLAY = "direct", "replay"  # methods of reaching a verdict
 VERDICTS = (PASS, INCONCLUSIVE, FAIL, ERROR)  # the worst last
 

@@ -41,6 +41,28 @@ def upper_end(index: int) -> float:
     return float(((index - octave * _FINE + 1) << octave) - 1)
 
 
+_BARS = 4  # of an octave
+
+
+def bars(histogram: NDArray[np.int64]) -> list[tuple[float, float, int]]:
+    """Return a histogram as bars, four to an octave, without empty ones at the ends: from, to [µs], count."""
+    width = _FINE // _BARS
+    counts = histogram.reshape(-1, width).sum(axis=1)
+    filled = np.flatnonzero(counts)
+    if not len(filled):
+        return []
+    places = range(int(filled[0]), int(filled[-1]) + 1)
+    return [
+        (_lower_end(place * width) * 1e-3, (upper_end(place * width + width - 1) + 1.0) * 1e-3, int(counts[place]))
+        for place in places
+    ]
+
+
+def _lower_end(index: int) -> float:
+    """Return the smallest duration [ns] of a bin."""
+    return 0.0 if index == 0 else upper_end(index - 1) + 1.0
+
+
 class Distribution(NamedTuple):
     """Quantiles and maximum of a histogram [µs]; NaN where it is empty."""
 

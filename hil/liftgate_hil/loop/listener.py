@@ -32,6 +32,9 @@ class Listener:
     def starts(self, what: str) -> None:
         """Called with what is about to run."""
 
+    def ready(self) -> None:
+        """Called when all is compiled and open, before what precedes the scenario."""
+
     def happened(self, time_s: float, text: str) -> None:
         """Called with an event that the ECU reports."""
 

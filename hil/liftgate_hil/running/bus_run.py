@@ -15,6 +15,7 @@ from liftgate_hil.running.attachment.description import Description
 from liftgate_hil.running.attachment.server import Server
 from liftgate_hil.running.ecu_reset import restarts_of
 from liftgate_hil.running.execution import Execution
+from liftgate_hil.running.further_recording import FurtherRecording
 from liftgate_hil.running.job import PRIVATE_BUS
 from liftgate_hil.running.observers import Observers, observers_of
 from liftgate_hil.running.options import NS
@@ -32,8 +33,10 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.listener import Listener
     from liftgate_hil.loop.observers import Sink
     from liftgate_hil.loop.progress_monitor import ProgressMonitor
+    from liftgate_hil.loop.rings import Memory
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.running.ecu_reset import Restarts
+    from liftgate_hil.running.further_recording import Mark
     from liftgate_hil.running.precondition import Phase
     from liftgate_hil.transport.base import Line, Transport
     from liftgate_hil.transport.find import Way
@@ -84,10 +87,19 @@ class BusRun:
         """Return the name of the bus in recordings."""
         return wire.name if self.plan.way else PRIVATE_BUS
 
-    def description(self, channel: str) -> Description:
-        """Return the description of the run for clients that attach."""
-        plan, bitrate = self.plan, self.way.bitrate(self.plan.rig)
-        return Description(plan.setup, plan.rig, plan.options, channel, bitrate, bool(self.peers))
+    def let_in(
+        self, channel: str, memory: Memory, own_mark: Mark, stack: contextlib.ExitStack
+    ) -> FurtherRecording:
+        """Let clients attach to the loop's memory, where they may; return the recording that they may start.
+
+        `own_mark` writes a mark to the run's own recordings; the stack completes the recording.
+        """
+        plan, way = self.plan, self.way
+        further = FurtherRecording(plan, channel, way.interface, memory, self.listener.say, own_mark)
+        stack.callback(further.close)
+        about = Description(plan.setup, plan.rig, plan.options, channel, way.bitrate(plan.rig), bool(self.peers))
+        self.observers.let_in(about, memory, further)
+        return further
 
     def monitor(self) -> ProgressMonitor:
         """Return the monitor that reports the progress, once time 0 is known."""
@@ -141,7 +153,11 @@ def bus_run_of(execution: Execution, stack: contextlib.ExitStack) -> BusRun:
     """
     plan, memory, stopped = execution.plan, execution.memory, execution.stopped
     job, options, rig = plan.job, plan.options, plan.rig
-    server = None if job.attachable_as is None else Server(job.listener, job.attachable_as)
+    server = None
+    if job.attachable_as is not None:
+        judge = next((each for each in execution.sinks if isinstance(each, Judge)), None)
+        server = Server(job.listener, job.attachable_as, tuple if judge is None else judge.so_far)
+        stack.callback(server.close)
     listener = server or job.listener
     way = plan.way or find_way(WireChoice(bus=f"virtual:run-{id(plan):x}"), rig)
     stimuli, state = execution.start()

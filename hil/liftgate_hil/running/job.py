@@ -41,6 +41,7 @@ class Job:
     is_isolated: bool = False  # run in a process of its own, as C libraries always are
     listener: Listener = field(default_factory=Listener)
     attachable_as: int | None = None  # process that clients may attach to; None: they may not
+    exit_codes: Mapping[str, int] = field(default_factory=dict)  # of the command, by verdict; told to clients
     is_summarized: bool = False  # keep trace summaries for pictures of the expectations
 
     @property

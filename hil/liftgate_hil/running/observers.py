@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from liftgate_hil.running.attachment.description import Description
     from liftgate_hil.running.attachment.server import Server
     from liftgate_hil.running.ecu_reset import Restarts
+    from liftgate_hil.running.further_recording import FurtherRecording
     from liftgate_hil.running.plan import Plan
     from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 
@@ -43,16 +43,17 @@ class Observers:
         """Kinds of faults injected during the run by the test bench or an attached client."""
         return {kind for each in (self.orders, self.operator) if each for kind in each.kinds}
 
-    def let_in(self, about: Description, memory: Memory, stack: contextlib.ExitStack) -> None:
-        """Let clients attach, where they may, until the stack is left."""
-        if self.server is None or self.operator is None:
-            return
-        stack.callback(self.server.close)
-        self.server.open(about, memory, self.operator)
+    def let_in(self, about: Description, memory: Memory, recording: FurtherRecording) -> None:
+        """Let clients attach, where they may; `recording` is for what they start."""
+        if self.server is not None and self.operator is not None:
+            self.operator.recording = recording
+            self.server.open(about, memory, self.operator)
 
     def note(self, summary: Summary) -> None:
         """Enter what was commanded and injected in the figures of the run."""
         if self.operator is not None:
+            further = self.operator.recording
+            summary.recordings = [*summary.recordings, *([] if further is None else further.files)]
             summary.commands = self.operator.count
             summary.commanded = self.operator.done
         if self.orders is not None:

@@ -28,20 +28,28 @@ _MOST_TEXT = 4_000_000  # bytes of a file that is included; of a larger one only
 
 
 def content_of(plan: Plan, channel: str, bus: str = "") -> Content:
-    """Return the content of a run's recordings; `channel` names the bus in them, `bus` is its interface."""
+    """Return the content of a run's recordings; `channel` names the bus in them, `bus` is its interface.
+
+    It has no provenance where nothing is recorded.
+    """
+    if not plan.options.record:
+        return Content(columns_of(plan.setup.vehicle.drives), channel)
+    return whole_content_of(plan, channel, bus)
+
+
+def whole_content_of(plan: Plan, channel: str, bus: str) -> Content:
+    """Return the content of a recording, as `content_of`, with the provenance of the run in any case."""
     return Content(columns_of(plan.setup.vehicle.drives), channel, about=origin_of(plan, bus))
 
 
 def origin_of(plan: Plan, bus: str = "") -> str:
-    """Return the provenance of a run as JSON; empty where nothing is recorded.
+    """Return the provenance of a run as JSON.
 
     It holds versions and machine, seed, clock, rate, the files with their content and SHA-256, the vehicle as it
     was used, in SI units, the ECU (`ecu.identity`), the interface of a bus, and the recording trigger, where not
     all was recorded.
     """
     options = plan.options
-    if not options.record:
-        return ""
     more: dict[str, Any] = {"ecu": _plain(plan.ecu_identity)}
     if bus:
         more["bus"] = bus

@@ -67,6 +67,7 @@ class PythonDriver:
         )
         run.listener.starts(f"{plan.setup.vehicle_name} on {channel}")
         loop.begin(is_first=not has_run)
+        run.listener.ready()
         self._clock = self._pace()
         self.begun = Begun.at(plan.config, run.state, run.stimuli)
 
@@ -80,8 +81,9 @@ class PythonDriver:
             return []
         memory = memory_for(run.plan.options.rate)
         stack.callback(memory.close)
-        run.observers.let_in(run.description(channel), memory, stack)
-        return [RingSink(memory, server.is_attended)]
+        assert self._recordings is not None
+        further = run.let_in(channel, memory, self._recordings.mark, stack)
+        return [RingSink(memory, lambda: server.is_attended() or further.is_on)]
 
     def _pace(self) -> RealtimeClock:
         plan = self._run.plan

@@ -43,7 +43,7 @@ class RealtimeDriver:
         made = functools.partial(self._made, line, stack)
         self._loop = loop = made(run.stimuli)
         loop.peers, loop.sinks, loop.observers = run.peers, run.sinks, run.observers.in_order()
-        run.observers.let_in(run.description(channel), loop.memory, stack)
+        run.let_in(channel, loop.memory, self._mark, stack)
         if plan.options.record:
             self._recorder = RecorderProcess(
                 plan.options.record,
@@ -58,10 +58,15 @@ class RealtimeDriver:
         loop.begin()
         if self._recorder is not None:
             self._recorder.wait_until_ready()
+        run.listener.ready()
         has_run = run.prepare(functools.partial(self._phase_begun, made))
         loop.state, loop.monitor = run.state, run.monitor()
         loop.is_first = not has_run
         self.begun = Begun.at(plan.config, run.state, run.stimuli)
+
+    def _mark(self, time_s: float, text: str) -> None:
+        if self._recorder is not None:
+            self._recorder.mark(time_s, text)
 
     def _made(self, line: Line, stack: contextlib.ExitStack, stimuli: StimulusPlan) -> RealtimeRun:
         """A run on the line with these stimuli, with a memory of its own until the stack is left."""

@@ -1,8 +1,8 @@
 """Recording in a process of its own, so that neither formatting nor a slow disk ever holds up a tick.
 
-It reads the loop's rings. When its stdin ends, because the emulator ends or is killed, it writes what is left and
-completes the files. Its replies, a JSON object per line, go through a pipe of their own, as libraries print to
-stdout.
+It reads the loop's rings, and from its stdin the operator's marks, a JSON array per line. When its stdin ends,
+because the emulator ends or is killed, it writes what is left and completes the files. Its replies, a JSON object
+per line, go through a pipe of their own, as libraries print to stdout.
 
     python -m liftgate_hil.running.recorder_process ORDER ANSWERS MEMORY FILE…
 
@@ -23,9 +23,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,12 +49,22 @@ _EXIT_S = 5.0  # s that it may take to end after its last reply
 _LATE_NS = 100_000_000  # ns that a frame may be out of order: received ones are logged a tick late
 
 
-# What to record: files, content, limit of a file's size, sizes of the rings (rows, frames), and the trigger.
-Order = tuple[Sequence[Path], Content, Limit | None, tuple[int, int], Trigger | None]
+class Order(NamedTuple):
+    """Order to the recording process: what to record, and how."""
+
+    paths: Sequence[Path]
+    content: Content
+    limit: Limit | None  # of a file's size
+    sizes: tuple[int, int]  # of the rings: rows, frames
+    trigger: Trigger | None
+    begins_now: bool  # with the next row; False: with the first one
 
 
 class RecorderProcess:
-    """The recording process, seen from the emulator's side; `say` reports at once what fails."""
+    """The recording process, seen from the emulator's side; `say` reports at once what fails.
+
+    `begins_now`: the recording begins with the next row of a run that goes on, else with the run's first one.
+    """
 
     def __init__(
         self,
@@ -64,8 +74,9 @@ class RecorderProcess:
         memory: Memory,
         say: Say = silent,
         trigger: Trigger | None = None,
+        begins_now: bool = False,
     ) -> None:
-        order: Order = (paths, content, limit, memory.sizes, trigger)
+        order = Order(paths, content, limit, memory.sizes, trigger, begins_now)
         names = [str(path) for path in paths]
         self._names = ", ".join(names)
         self._say = say
@@ -104,6 +115,13 @@ class RecorderProcess:
                 answer.get("issues") or f"`record` {self._names}: the recording process could not be started"
             )
         self._is_ready = True
+
+    def mark(self, time_s: float, text: str) -> None:
+        """Have a mark written at a time [s] of the run; a process that has ended is reported elsewhere."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError, ValueError):
+            self._process.stdin.write(json.dumps([time_s, text]).encode() + b"\n")
+            self._process.stdin.flush()
 
     def close(self) -> None:
         """Have the files completed, which may take as long as the run has, and a minute. Raises RecordingError."""
@@ -184,11 +202,16 @@ def _decoded(line: str) -> dict[str, Any]:
 class RingRecorder:
     """Passes rows and frames from the rings to the writers."""
 
-    def __init__(self, memory: Memory, writers: Sequence[Writer], sieve: Sieve | None = None) -> None:
+    def __init__(
+        self, memory: Memory, writers: Sequence[Writer], sieve: Sieve | None = None, begins_now: bool = False
+    ) -> None:
         shared = memory.shared
         self._rows = RingReader(shared.rows, shared.control, "rows")
         self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
         self._control = shared.control
+        if begins_now:
+            self._rows.skip(int(self._control["rows"][0]))
+            self._frames.skip(int(self._control["frames"][0]))
         self._writers, self._sieve = writers, sieve
         self._waiting: Any = no_logged()
         self._has_begun = False
@@ -203,14 +226,25 @@ class RingRecorder:
         rows = self._rows.take()
         come = self._frames.take()
         frames = self._in_order(come, is_last)
-        if not self._has_begun and (len(rows) or len(frames)):
-            self._has_begun = True
-            epoch_ns = truncated_to_us(int(self._control["epoch_ns"][0]))
-            for writer in self._writers:
-                writer.begin(epoch_ns)
+        if len(rows) or len(frames):
+            self._begin()
         if self._sieve is not None:
             rows, frames = self._sieve.kept(rows, frames, come)
         write_block(self._writers, rows, frames)
+
+    def mark(self, time_s: float, text: str) -> None:
+        """Write a mark at a time [s] of the run."""
+        self._begin()
+        for writer in self._writers:
+            writer.write_mark(time_s, text)
+
+    def _begin(self) -> None:
+        if self._has_begun:
+            return
+        self._has_begun = True
+        epoch_ns = truncated_to_us(int(self._control["epoch_ns"][0]))
+        for writer in self._writers:
+            writer.begin(epoch_ns)
 
     def _in_order(self, come: Any, is_last: bool) -> Any:
         """Return, in the order of time, the frames before which none can come; the others wait."""
@@ -230,15 +264,15 @@ def main() -> int:
     given, reply_fd, memory_descriptor = (int(each) for each in sys.argv[1:4])
     with os.fdopen(given, "rb") as stream:
         order: Order = pickle.load(stream)
+    paths, content, limit = order.paths, order.content, order.limit
     replies = os.fdopen(reply_fd, "w", encoding="utf-8")
 
     def tell(**words: Any) -> None:
         with contextlib.suppress(OSError):  # the emulator may be gone
             print(json.dumps(words), file=replies, flush=True)
 
-    paths, content, limit, sizes, trigger = order
-    memory = Memory(*sizes, memory_descriptor)
-    triggered = None if trigger is None else Triggered(trigger)
+    memory = Memory(*order.sizes, memory_descriptor)
+    triggered = None if order.trigger is None else Triggered(order.trigger)
     writers: list[GuardedWriter] = []
     try:
         for path in paths:
@@ -248,10 +282,12 @@ def main() -> int:
             writer.close()
         tell(issues=error.issues)
         return 2
+    recorder = RingRecorder(memory, writers, triggered, order.begins_now)
     tell(ready=True)
-    recorder = RingRecorder(memory, writers, triggered)
-    while not select.select([0], [], [], _PAUSE)[0] or os.read(0, 4096):
+    for marks in _marks_until_the_end():
         recorder.take()
+        for time_s, text in marks:
+            recorder.mark(time_s, text)
     recorder.take(is_last=True)
     for writer in writers:
         writer.close()
@@ -261,6 +297,19 @@ def main() -> int:
     tell(failures=failures, files=files, lost=recorder.lost, windows=windows)
     # At a normal exit a file on a full disk would be written again, with a traceback.
     os._exit(1 if failures else 0)
+
+
+def _marks_until_the_end() -> Iterator[list[tuple[float, str]]]:
+    """Yield regularly the marks that have come on stdin, until it ends."""
+    rest = b""
+    while True:
+        come = b""
+        if select.select([0], [], [], _PAUSE)[0]:
+            come = os.read(0, 65_536)
+            if not come:
+                return
+        *lines, rest = (rest + come).split(b"\n")
+        yield [tuple(json.loads(line)) for line in lines]
 
 
 if __name__ == "__main__":

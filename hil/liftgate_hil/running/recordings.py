@@ -34,6 +34,11 @@ class Recordings:
         stack.callback(sink.flush)  # before the files are closed
         self.sinks: list[Sink] = [sink] if self._writers else []
 
+    def mark(self, time_s: float, text: str) -> None:
+        """Write an operator's mark at a time [s] of the run."""
+        for each in self._writers:
+            each.write_mark(time_s, text)
+
     def note(self, summary: Summary) -> None:
         """Enter files and windows in the figures of the run; they are whole once the stack is closed."""
         summary.recordings = [file for each in self._writers for file in each.files]

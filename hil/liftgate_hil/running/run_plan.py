@@ -16,6 +16,7 @@ from liftgate_hil.ecu.node import PORT
 from liftgate_hil.errors import ConfigError, LiftgateError, OverrunError, PreconditionError, causes
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.trace_summary import TraceSummarizer
+from liftgate_hil.judging.verdict import ERROR, PASS, STOPPED
 from liftgate_hil.loop.closed_loop import Extremes, Trace
 from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.statistics import Summary
@@ -31,6 +32,7 @@ from liftgate_plant.compiler import GivenUpError
 
 if TYPE_CHECKING:
     from liftgate_hil.conditions.evaluator import Work
+    from liftgate_hil.judging.verdict import Verdict
     from liftgate_hil.loop.observers import Sink
     from liftgate_hil.loop.rings import Memory
     from liftgate_hil.running.plan import Plan
@@ -112,7 +114,26 @@ class _Run:
         self._driver: Driver | None = None
 
     def result(self, stack: contextlib.ExitStack) -> Result:
-        """Run to the end, and return the result. Raises ConfigError."""
+        """Run to the end, tell attached clients how it ended, and return the result. Raises ConfigError."""
+        try:
+            result = self._result(stack)
+        except ConfigError as error:
+            self._tell_end(ERROR, "; ".join(error.issues), ())
+            raise
+        except GivenUpError:
+            self._tell_end(PASS, "stopped before it began", ())
+            raise
+        self._tell_end(result.verdict, result.reason, tuple(result.expectations.values()))
+        return result
+
+    def _tell_end(self, verdict: str, reason: str, expectations: Sequence[Verdict]) -> None:
+        server = None if self._on_bus is None else self._on_bus.observers.server
+        if server is not None:
+            is_stopped = self._execution.stopped() and verdict != ERROR
+            code = self._plan.job.exit_codes.get(STOPPED if is_stopped else verdict)
+            server.ends(verdict, reason, expectations, code)
+
+    def _result(self, stack: contextlib.ExitStack) -> Result:
         sinks, adapter = self._execution.sinks, self._execution.adapter
         reason = given_up = ""
         try:

@@ -1,17 +1,16 @@
 "use strict";
-// The page of a run or of a recording: draws what the server tells, and posts what is commanded.
+// The page of a run or of a recording: shows what the server sends, and posts what is commanded.
+
 const token = new URLSearchParams(location.search).get("token") || "";
 const find = (id) => document.getElementById(id);
 const path = (name) => `${name}${name.includes("?") ? "&" : "?"}token=${encodeURIComponent(token)}`;
 const HISTORY_S = 300; // of a run that is kept here
-const COLORS = ["#1f77c9", "#d1495b", "#2a9d6f", "#e08e1a"];
-const PANELS = [ // title, columns, the least that the axis shows
-  ["angle [deg]", ["gate_angle_deg"], 5],
-  ["motor current [A]", ["left_current_a", "right_current_a"], 2],
-  ["pinch force [N]", ["pinch_force_n"], 10],
-  ["terminal voltage [V]", ["terminal_voltage_v"], 1],
-];
-let about, panels = [], times = [], low = {}, high = {}, isHeld = false, chosen = [];
+const PROBE_MS = 2000; // between two looks for a server that has gone
+const POINTS = 2000;
+const PHASES = {
+  compiling: "compiling", ready: "ready: before the scenario", running: "running", late: "late", ended: "ended", recorded: "recording", idle: "no run", lost: "no connection",
+};
+let about, charts, drawing = null, controls = null, isHeld = false, wire = null, last = null, hasEnded = false, isGone = false, moved = { time_s: null, at: 0 };
 
 function text(value, digits = 4) {
   if (value === null || value === undefined) return "–";
@@ -29,136 +28,41 @@ function element(name, attributes = {}, ...children) {
   return made;
 }
 
-// Plots: of each column what was lowest and highest in each stretch, so that no peak is lost.
-
-function panelColumns() {
-  const theirs = about.ours || {}, known = new Set(about.columns);
-  const here = (name) => theirs[name] || name;
-  let found = PANELS.map(([title, names, least]) => [title, names.flatMap((name) => [name, "sensed_" + name]).map(here).filter((name) => known.has(name)), least])
-    .map(([title, names, least]) => [title, [...new Set(names)], least]).filter(([, names]) => names.length);
-  if (!found.length) found = about.columns.slice(1, 5).map((name) => [`${name} [${about.units[name]}]`, [name], 0]);
-  if (chosen.length) found.push(["chosen", chosen, 0]);
-  return found;
-}
-
-// From the lowest to the highest, but for as much as `least` at least.
-function rangeOf(least) {
-  return (plot, low_, high_) => {
-    if (low_ === null) return [0, least || 1];
-    const middle = (low_ + high_) / 2, half = Math.max(high_ - low_, least || 1e-9) / 2 * 1.05;
-    return [middle - half, middle + half];
-  };
-}
-
-function makePlots() {
-  const style = getComputedStyle(document.documentElement);
-  const dim = style.getPropertyValue("--dim").trim(), line = style.getPropertyValue("--line").trim();
-  const axis = { stroke: dim, grid: { stroke: line, width: 1 }, ticks: { stroke: line } };
-  for (const { plot } of panels) plot.destroy();
-  find("plots").replaceChildren();
-  panels = [];
-  for (const [title, names, least] of panelColumns()) {
-    const box = element("div");
-    find("plots").append(box);
-    const series = [{ label: "time [s]" }], bands = [];
-    const hasTruth = names.some((name) => !name.startsWith("sensed_"));
-    names.forEach((name, k) => {
-      const color = COLORS[k % COLORS.length], shown = !hasTruth || title === "chosen" || !name.startsWith("sensed_");
-      const dash = name.startsWith("right_") ? [6, 4] : undefined;
-      series.push({ label: name, stroke: color, width: 1, dash, show: shown, points: { show: false } });
-      series.push({ label: `${name} lowest`, stroke: color, width: 1, dash, show: shown, points: { show: false } });
-      bands.push({ series: [2 * k + 1, 2 * k + 2], fill: color + "40" });
-    });
-    const plot = new uPlot({
-      title, width: box.clientWidth - 20, height: 170, series, bands,
-      scales: { x: { time: false }, y: { range: rangeOf(least) } }, axes: [axis, { ...axis, size: 60 }],
-      cursor: { sync: { key: "time" } }, legend: { live: true },
-      hooks: { setSeries: [(drawn, k) => together(drawn, k)], setSelect: [() => hold(about.kind === "run")] },
-    }, [[]], box);
-    box.querySelectorAll(".u-legend tr").forEach((row, k) => { if (k > 1 && k % 2 === 0) row.classList.add("unseen"); });
-    if (about.kind === "recording") {
-      plot.over.addEventListener("click", () => { if (plot.cursor.left >= 0) seek(plot.posToVal(plot.cursor.left, "x")); });
-    }
-    panels.push({ plot, names, box });
-  }
-}
-
-function resize() {
-  for (const each of panels) each.plot.setSize({ width: each.box.clientWidth - 20, height: 170 });
-}
-
-// Of a run: the plots stand still, or go on.
-function hold(on) {
-  isHeld = on;
-  find("hold").textContent = on ? "Go on" : "Pause";
-}
-
-// A column is drawn, or not any more.
-function choose(name) {
-  chosen = chosen.includes(name) ? chosen.filter((each) => each !== name) : [...chosen, name].slice(-4);
-  makePlots();
-  draw();
-}
-
-// The two lines of a column's band are shown or hidden as one.
-function together(plot, k) {
-  if (!k) return;
-  const other = k % 2 ? k + 1 : k - 1, shown = plot.series[k].show;
-  if (plot.series[other].show !== shown) plot.setSeries(other, { show: shown });
-}
-
-function draw() {
-  const end = times.length ? times[times.length - 1] : 0;
-  for (const { plot, names } of panels) {
-    const data = [times];
-    for (const name of names) data.push(high[name], low[name]);
-    plot.setData(data, false);
-    if (!times.length) continue;
-    const first = about.kind === "run" ? Math.max(times[0], end - +find("window").value) : times[0];
-    plot.setScale("x", { min: first, max: end });
-  }
-}
-
-function takePlot(plot) {
-  times = plot.time_s;
-  for (const name of about.columns) { low[name] = plot.low[name] || []; high[name] = plot.high[name] || []; }
-}
-
-function append(told) {
-  const time = told.truth.time_s;
-  if (times.length && time < times[times.length - 1]) return;
-  times.push(time);
-  about.columns.forEach((name, k) => { low[name].push(told.span.low[k]); high[name].push(told.span.high[k]); });
-  const first = times.findIndex((each) => each >= time - HISTORY_S);
-  if (first > 600) {
-    times.splice(0, first);
-    for (const name of about.columns) { low[name].splice(0, first); high[name].splice(0, first); }
-  }
-}
-
 // What is so now.
 
-function badge(state) { find("state").textContent = state; find("state").className = `badge ${state}`; }
+function showPhase(phase, verdict = "") {
+  const words = verdict ? `${PHASES[phase]}: ${verdict}` : PHASES[phase] || phase;
+  if (find("phase").textContent !== words) find("phase").textContent = words;
+  find("phase").className = `badge ${verdict || phase}`;
+}
 
-function health(told) {
+function showHealth(told) {
   const loop = told.loop || {}, bus = told.bus || {}, said = [];
+  const now = performance.now();
+  if (told.time_s !== moved.time_s) moved = { time_s: told.time_s, at: now };
+  if (told.phase === "late" && now > moved.at + 1000) said.push("the run stands still, for example as it waits for the ECU: commands take effect when it continues");
   if (loop.ticks_missed) said.push(`${loop.ticks_missed} ticks missed`);
   if (loop.frames_dropped) said.push(`${loop.frames_dropped} frames dropped`);
   if (bus.rejected) said.push(`${bus.rejected} frames rejected`);
-  if (bus.overwritten) said.push(`${bus.overwritten} rows or frames came and went before this page saw them`);
+  if (bus.overwritten) said.push(`${bus.overwritten} rows or frames were overwritten before this page saw them`);
   if (loop.stimuli_not_made) said.push("the bench has not made all that it was asked for");
   if (bus.unsent) said.push(`${bus.unsent} frames not sent`);
-  if (told.state === "running" && bus.command_age_s === null) said.push("no command");
-  find("health").textContent = said.join(", ");
+  if (["running", "late"].includes(told.phase)) {
+    if (bus.command_age_s === null) said.push("no command of the ECU");
+    else if (bus.command_age_s > 0.5) said.push(`no command of the ECU for ${bus.command_age_s.toFixed(1)} s`);
+  }
+  const words = said.join(", ");
+  if (find("health").textContent !== words) find("health").textContent = words;
 }
 
-function rows(id, made) {
-  const body = find(id).tBodies[0];
+function rows(table, made) {
+  const body = table.tBodies[0];
   while (body.rows.length > made.length) body.deleteRow(-1);
   made.forEach((cells, r) => {
     const row = body.rows[r] || body.insertRow();
     cells.forEach((value, c) => {
       const cell = row.cells[c] || row.insertCell();
+      if (value instanceof Node) { if (cell.firstChild !== value) cell.replaceChildren(value); return; }
       const said = text(value);
       if (cell.textContent !== said) cell.textContent = said;
       if (c > 0) cell.className = "mono";
@@ -166,21 +70,42 @@ function rows(id, made) {
   });
 }
 
-function showTables(told) {
+// Buttons that put a column into the charts, made once each.
+const choosers = new Map();
+function chooser(name) {
+  if (!choosers.has(name)) {
+    const one = (column, word) => element("button", { type: "button", onclick: () => choose(column), title: `draw ${column}` }, word);
+    const both = ["", "sensed_"].map((prefix) => prefix + name).filter((column) => about.columns.includes(column));
+    choosers.set(name, element("span", {}, ...both.map((column) => one(column, column.startsWith("sensed_") ? "draw sensed" : "draw"))));
+    choosers.get(name).querySelectorAll("button").forEach((button) => button.setAttribute("aria-label", button.title));
+  }
+  return choosers.get(name);
+}
+
+async function choose(column) {
+  charts.more = charts.more.includes(column) ? charts.more.filter((each) => each !== column) : [...charts.more, column].slice(-4);
+  await load();
+  charts.make();
+  charts.draw();
+}
+
+function showValues(told) {
   const names = [...new Set([...Object.keys(told.truth), ...Object.keys(told.sensed)])];
-  rows("columns", names.map((name) => [name, told.truth[name], told.sensed[name], about.units[name] ?? about.units["sensed_" + name]]));
-  for (const row of find("columns").tBodies[0].rows) row.className = chosen.some((each) => each === row.cells[0].textContent || each === "sensed_" + row.cells[0].textContent) ? "chosen" : "";
-  const bus = told.bus || {}, loop = told.loop || {}, late = loop.lateness_us;
+  rows(find("columns"), names.map((name) => [name, told.truth[name], told.sensed[name], about.units[name] ?? about.units["sensed_" + name], chooser(name)]));
+}
+
+function showBus(told) {
+  const bus = told.bus || {}, loop = told.loop || {}, late = loop.lateness_us, spread = (of) => of && [of.p50_us, of.p99_us, of.max_us].map((each) => text(each, 1)).join(", ");
   const figures = [["channel", bus.channel], ["bus load [%]", bus.load_percent], ["frames sent", bus.sent], ["frames received", bus.received],
     ["commands accepted", bus.accepted], ["rejected", bus.rejected], ["foreign", bus.foreign], ["not sent", bus.unsent], ["dropped", bus.dropped],
     ["clock", loop.clock], ["rate [Hz]", loop.rate_hz], ["ticks missed", loop.ticks_missed],
-    ["lateness p50, p99, max [µs]", late && [late.p50_us, late.p99_us, late.max_us].map((each) => text(each, 1)).join(", ")]];
-  rows("bus", figures.filter(([, value]) => value !== undefined && value !== null));
+    ["lateness p50, p99, max [µs]", spread(late)], ["command to feedback p50, p99, max [µs]", spread(loop.command_delay_us)]];
+  rows(find("bus"), figures.filter(([, value]) => value !== undefined && value !== null));
 }
 
 function showMessages(messages, now) {
   const ages = messages.map((each) => now - each.time_s);
-  rows("messages", messages.map((each, k) => [each.id, each.name, each.direction, each.count, each.cycle_ms === null ? "" : `${text(each.cycle_ms, 1)} ms`,
+  rows(find("messages"), messages.map((each, k) => [each.id, each.name, each.direction, each.count, each.cycle_ms === null ? "" : `${text(each.cycle_ms, 1)} ms`,
     ages[k] < 1 ? "" : `${ages[k].toFixed(0)} s ago`, each.data,
     Object.entries(each.signals).map(([name, value]) => `${name} = ${text(value, 3)}`).join(",  ")]));
   [...find("messages").tBodies[0].rows].forEach((row, k) => {
@@ -189,206 +114,217 @@ function showMessages(messages, now) {
 }
 
 function showLog(lines) {
-  const list = find("log"), atEnd = list.scrollTop + list.clientHeight >= list.scrollHeight - 4;
-  for (const [number, when, said] of lines) {
-    if (list.lastElementChild && number <= +list.lastElementChild.dataset.number) continue;
-    const line = element("li", {}, `${new Date(when * 1000).toLocaleTimeString()}  ${said}`);
-    line.dataset.number = number;
-    list.append(line);
+  for (const [id, own, shorten] of [["log", lines, (said) => said], ["events", lines.filter(([, , said]) => said.startsWith("ecu ")), (said) => said.slice(4)]]) {
+    const list = find(id), atEnd = list.scrollTop + list.clientHeight >= list.scrollHeight - 4;
+    for (const [number, when, said] of own) {
+      if (list.lastElementChild && number <= +list.lastElementChild.dataset.number) continue;
+      const line = element("li", {}, id === "log" ? `${new Date(when * 1000).toLocaleTimeString()}  ${said}` : shorten(said));
+      line.dataset.number = number;
+      list.append(line);
+    }
+    while (list.children.length > 200) list.firstElementChild.remove();
+    if (atEnd) list.scrollTop = list.scrollHeight;
   }
-  while (list.children.length > 200) list.firstElementChild.remove();
-  if (atEnd) list.scrollTop = list.scrollHeight;
 }
 
-let shownForce = "";
-function showInForce(force) {
-  const said = JSON.stringify(force);
-  if (said === shownForce || find("commands").hidden) return;
-  shownForce = said;
-  chips("set-on", Object.entries(force.set || {}).map(([name, value]) => [`${name} ${text(value)}`, { clear: { set: name } }]));
-  const inWords = (each) => Object.entries(each).map(([name, value]) => ["kind", "where"].includes(name) ? value : `${name} ${text(value)}`).join(" ");
-  chips("fault-on", (force.faults || []).map((each) => [inWords(each), { clear: { fault: each } }]));
-  chips("obstacle-on", force.obstacle ? [[inWords(force.obstacle), { clear: "obstacle" }]] : []);
-  chips("signal-on", Object.entries(force.signals || {}).map(([name, value]) => [`${name} = ${text(value)}`, { clear: { signal: name } }]));
+function showCommand(command) {
+  const words = Object.entries(command || {}).map(([name, { value, unit }]) => [name.replaceAll("_", " "), `${text(value, 1)}${unit && typeof value === "number" ? ` ${unit}` : ""}`]);
+  const said = words.length ? words : [["ECU", "no command yet"]];
+  const list = find("command");
+  while (list.children.length > said.length) list.lastElementChild.remove();
+  said.forEach(([name, value], k) => {
+    const entry = list.children[k] || list.appendChild(element("div", {}, element("dt"), element("dd")));
+    if (entry.firstChild.textContent !== name) entry.firstChild.textContent = name;
+    if (entry.lastChild.textContent !== value) entry.lastChild.textContent = value;
+  });
 }
 
-function chips(id, each) {
-  find(id).replaceChildren(...each.map(([said, command]) => {
-    const chip = element("li", {}, said);
-    if (command) chip.append(element("button", { type: "button", title: `clear ${said}`, onclick: () => command_(command) }, "×"));
-    return chip;
-  }));
+function showGauge(now, peak, limit) {
+  const full = Math.max(2 * (limit || 100), peak || 0, now || 0), x = (force) => 1 + 198 * within((force || 0) / full, 0, 1);
+  find("gauge-now").setAttribute("width", x(now) - 1);
+  find("gauge-now").classList.toggle("over", Boolean(limit) && now > limit);
+  find("gauge-peak").setAttribute("d", peak > 0 ? `M${x(peak)} 2V16` : "");
+  find("gauge-limit").setAttribute("d", limit ? `M${x(limit)} 1V20` : "");
+  const words = `Pinch force ${text(now, 0)} N${limit ? `, limit ${text(limit, 0)} N` : ""}`;
+  if (find("gauge-text").textContent !== words) find("gauge-text").textContent = words;
+}
+
+function showVerdicts(verdicts) {
+  if (!verdicts || !verdicts.length) return;
+  find("verdicts").hidden = false;
+  const table = find("verdicts").querySelector("table");
+  rows(table, verdicts.map((each) => [each.name, each.verdict, each.margin === null ? "" : `${text(each.margin, 3)} ${each.margin_unit}`, each.time_s === null ? "" : `${text(each.time_s, 3)} s`]));
+  [...table.tBodies[0].rows].forEach((row, k) => { row.cells[1].className = verdicts[k].verdict; });
+}
+
+function showEnd(end) {
+  hasEnded = true;
+  find("commands").disabled = true;
+  showPhase("ended", end.verdict);
+  find("end").hidden = false;
+  find("end").className = end.verdict;
+  find("end-verdict").textContent = `The run has ended: ${end.verdict}${end.exit_code === null ? "" : ` (exit code ${end.exit_code})`}`;
+  const reasons = end.expectations.filter((each) => each.reason).map((each) => `${each.name}: ${each.reason}`);
+  find("end-reason").textContent = end.reason || reasons.join("; ");
+  find("end-next").textContent = about.starts ? "Start a scenario to go on." : "The next run on this bus is shown as soon as it begins.";
+  showVerdicts(end.expectations);
+}
+
+// The obstacles of the scenario that are there at a time: those of which the time is known.
+function rodsAt(time) {
+  return (about.obstacles || []).filter((each) => each.from_s !== null && each.from_s <= time && (each.to_s === null || time < each.to_s));
 }
 
 function show(told) {
-  badge(told.state);
+  last = told;
   const theirs = about.ours || {}, fixed = (value, digits) => typeof value === "number" ? value.toFixed(digits) : "–";
   const one = (name) => told.truth[name] ?? told.truth[theirs[name]] ?? told.truth[theirs["sensed_" + name]];
+  if (told.end) { if (!hasEnded) showEnd(told.end); } else showPhase(told.phase);
   find("time").textContent = fixed(told.time_s, 2);
   find("angle").textContent = fixed(one("gate_angle_deg"), 2);
   find("pinch").textContent = fixed(one("pinch_force_n"), 1);
   find("peak").textContent = fixed(told.truth.pinch_force_peak_n, 0);
-  health(told);
-  showTables(told);
-  showInForce(told.in_force || {});
+  showHealth(told);
+  showCommand(told.command);
+  showGauge(one("pinch_force_n"), told.truth.pinch_force_peak_n, about.geometry.pinch_limit_n);
+  if (drawing) {
+    const seen = ["gate_angle_deg", "road_slope_deg", "left_force_n", "right_force_n", "pinch_force_n", "hand_force_n", "latched", "latch_position"];
+    drawing.show(Object.fromEntries(seen.map((name) => [name, one(name)])), (told.in_force || {}).obstacle, rodsAt(told.time_s));
+  }
+  if (controls) controls.show(told.truth, told.in_force || {});
+  if (find("values").open) showValues(told);
+  if (find("bus-view").open) { showBus(told); if (told.messages) showMessages(told.messages, told.time_s); }
   if (told.log) showLog(told.log);
-  if (told.messages) showMessages(told.messages, told.time_s);
+  if (!told.end) showVerdicts(told.verdicts);
+  if (told.histograms) {
+    find("histograms").hidden = !told.histograms.lateness_us.length;
+    drawHistogram(find("lateness"), told.histograms.lateness_us);
+    drawHistogram(find("execution"), told.histograms.execution_us);
+  }
+  if (about.starts && told.started !== undefined) find("stop-run").disabled = told.started === null;
 }
 
 // Commands.
 
-async function command_(command) {
-  const answer = find("answer");
+function answer(words, isBad) { find("answer").className = isBad ? "bad" : ""; find("answer").textContent = words; }
+
+async function post(where, content) {
+  if (isGone) { answer("no connection to the server", true); return null; }
   try {
-    const response = await fetch(path("/api/command"), { method: "POST", body: JSON.stringify(command), headers: { "Content-Type": "application/json" } });
+    const response = await fetch(path(where), { method: "POST", body: JSON.stringify(content), headers: { "Content-Type": "application/json" }, keepalive: true });
     const said = await response.json();
-    answer.className = response.ok ? "" : "bad";
-    answer.textContent = response.ok ? said.waits || `${text(said.time_s, 3)} s: ${said.done}` : said.issues.map((each) => each.replaceAll("`", "")).join("\n");
-  } catch (error) {
-    answer.className = "bad";
-    answer.textContent = `no answer: ${error.message}`;
+    if (!response.ok) { answer(said.issues.map((each) => each.replaceAll("`", "")).join("\n"), true); return null; }
+    return said;
+  } catch {
+    answer("no connection to the server", true);
+    return null;
   }
 }
 
-// An input for a value: labels to choose from, else a number with its range, else a text.
-function input(key, spec) {
-  const labels = spec.labels || [], range = spec.low === undefined ? spec.allowed || "" : `${text(spec.low)} to ${text(spec.high)} ${spec.unit || ""}`;
-  let made;
-  if (labels.length && spec.isSignal) { // which may have other values, too
-    made = element("input", { type: "text", required: true });
-    made.setAttribute("list", "signal-labels");
-    find("signal-labels").replaceChildren(...labels.map((label) => element("option", { value: label })));
-  } else if (labels.length) {
-    made = element("select", {}, ...labels.map((label, k) => element("option", { value: spec.byPlace ? k : label }, label)));
-  } else if (spec.low !== undefined) {
-    made = element("input", { type: "number", step: "any", min: spec.low, max: spec.high, required: spec.default === null || spec.default === undefined });
-  } else {
-    made = element("input", { type: "text", required: spec.default === null });
-  }
-  if (spec.default !== null && spec.default !== undefined && made.tagName === "INPUT") made.value = spec.default;
-  made.name = key;
-  made.title = `${spec.meaning || key}; allowed: ${labels.length ? labels.join(", ") : range}`;
-  made.setAttribute("aria-label", key);
-  made.placeholder = key;
-  return made;
+async function command(content) {
+  const said = await post("/api/command", content);
+  if (said) answer(said.waits || `${text(said.time_s, 3)} s: ${said.done}`, false);
+  return said;
 }
 
-function valueOf(field, spec) {
-  if (field.value === "") return undefined;
-  if (spec.isSignal) return Number.isNaN(Number(field.value)) ? field.value : Number(field.value);
-  return spec.low !== undefined && (spec.byPlace || !(spec.labels || []).length) ? Number(field.value) : field.value;
+// The time axis of the charts.
+
+function follow() {
+  const end = charts.times.length ? charts.times[charts.times.length - 1] : 1, width = +find("window").value;
+  charts.zoom(Math.max(0, end - width), Math.max(end, width));
 }
 
-function makeCommands() {
-  const can = about.commands, withLabels = (each) => ({ ...each, byPlace: each.labels.length > 0 });
-  find("requests").append(...(can.request.length ? can.request.map((action) =>
-    element("button", { type: "button", onclick: () => command_({ request: action }) }, action)) : ["The rig has no [requests]."]));
+// Of a run: the charts stand still, or go on.
+function hold(on) {
+  isHeld = on;
+  find("hold").textContent = on ? "Go on" : "Pause";
+  if (!on && about.kind === "run") follow();
+}
 
-  const usual = { angle_deg: 35, stiffness: 10000 }, rod = find("obstacle"), rodFields = {};
-  for (const [name, spec] of Object.entries(can.obstacle)) {
-    rodFields[name] = input(name, { ...spec, default: usual[name] ?? "" });
-    rod.append(element("label", {}, labelled(name, spec.unit), rodFields[name]));
-  }
-  rodFields.meets = input("meets", { labels: ["closing", "opening"], meaning: "which way the gate meets it" });
-  rod.append(element("label", {}, "meets", rodFields.meets), element("div", { className: "row" }, element("button", {}, "Put")));
-  submit("obstacle", () => {
-    const said = {};
-    for (const [name, field] of Object.entries(rodFields)) {
-      const value = valueOf(field, can.obstacle[name] || { labels: ["closing"] });
-      if (value !== undefined) said[name] = value;
-    }
-    return { obstacle: said };
-  });
+async function load(low = -Infinity, high = Infinity) {
+  const asked = [`columns=${charts.drawn.join(",")}`, `points=${POINTS}`, ...(Number.isFinite(low) ? [`from=${low}`, `to=${high}`] : [])];
+  charts.take(await (await fetch(path(`/api/plot?${asked.join("&")}`))).json());
+}
 
-  chooser("set-name", "set-value", can.set, withLabels);
-  submit("set", () => one("set-name", "set-value", can.set, "set", withLabels));
+let loading = null;
+function zoomTo(low, high) {
+  if (about.kind === "recording") {
+    const least = (about.end_s - about.begin_s) * 1e-5, wide = within(high - low, least, about.end_s - about.begin_s);
+    low = within(low, about.begin_s, about.end_s - wide); high = low + wide;
+    clearTimeout(loading);
+    loading = setTimeout(async () => { await load(low, high); charts.draw(); }, 120);
+  } else hold(true);
+  charts.zoom(low, high);
+}
 
-  find("signal-names").append(...Object.keys(can.signal).map((name) => element("option", { value: name })));
-  const asLabels = (each) => ({ ...each, isSignal: true, default: each.start });
-  chooser("signal-name", "signal-value", can.signal, asLabels);
-  submit("signal", () => one("signal-name", "signal-value", can.signal, "signal", asLabels));
-
-  const kinds = find("fault-kind"), keys = find("fault-keys");
-  kinds.append(...Object.keys(can.fault).map((name) => element("option", {}, name)));
-  const change = () => {
-    const kind = can.fault[kinds.value], made = [];
-    if (kind.where.length) {
-      const all = kind.of === "a message" ? ["", ...kind.where] : kind.where;
-      made.push(element("select", { name: "where", title: kind.of }, ...all.map((name) => element("option", { value: name }, name || "all"))));
-    }
-    const labels = Object.entries(kind.keys).map(([name, spec]) => element("label", {}, labelled(name, spec.unit), input(name, spec)));
-    keys.replaceChildren(...made, ...labels);
-    find("fault-meaning").textContent = kind.meaning;
+function makeView() {
+  const about_ = (factor, shift = 0) => { const [low, high] = charts.range, half = (high - low) / 2, middle = (low + high) / 2 + shift * half; zoomTo(middle - factor * half, middle + factor * half); };
+  find("zoom-in").onclick = () => about_(0.5);
+  find("zoom-out").onclick = () => about_(2);
+  find("earlier").onclick = () => about_(1, -0.5);
+  find("later").onclick = () => about_(1, 0.5);
+  find("whole").onclick = () => {
+    if (about.kind === "recording") zoomTo(about.begin_s, about.end_s);
+    else if (charts.times.length) { hold(true); charts.zoom(charts.times[0], charts.times[charts.times.length - 1]); }
   };
-  kinds.onchange = change;
-  change();
-  submit("fault", () => {
-    const said = { kind: kinds.value }, specs = can.fault[kinds.value].keys;
-    for (const field of keys.querySelectorAll("input, select")) {
-      const value = valueOf(field, specs[field.name] || { labels: ["x"] });
-      if (value !== undefined) said[field.name] = value;
-    }
-    return { fault: said };
-  });
-  find("clear").onclick = () => command_({ clear: "all" });
-}
-
-function labelled(name, unit) {
-  const plain = name.replace(/_(deg|s|n|v|a)$/, "");
-  return unit ? `${plain} [${unit}]` : plain;
-}
-
-function submit(id, commandOf) {
-  find(id).addEventListener("submit", (event) => { event.preventDefault(); const said = commandOf(); if (said) command_(said); });
-}
-
-// A name to choose, and an input for its value beside it.
-function chooser(nameId, valueId, specs, shaped) {
-  const names = find(nameId);
-  if (names.tagName === "SELECT") names.append(...Object.keys(specs).map((name) => element("option", {}, name)));
-  const change = () => {
-    const spec = specs[names.value];
-    find(valueId).replaceChildren(...(spec ? [input(names.value, shaped(spec)), ` ${spec.unit}`] : []));
-    names.title = spec ? spec.meaning : "";
-  };
-  names.addEventListener(names.tagName === "SELECT" ? "change" : "input", change);
-  change();
-}
-
-function one(nameId, valueId, specs, kind, shaped) {
-  const name = find(nameId).value, field = find(valueId).querySelector("input,select");
-  if (!field) return { [kind]: { [name]: null } }; // which the server refuses, and says what is allowed
-  return { [kind]: { [name]: valueOf(field, shaped(specs[name])) } };
+  find("hold").onclick = () => hold(!isHeld);
+  find("window").onchange = () => { hold(false); follow(); };
 }
 
 // The wire.
 
-let wire = null;
 function connect() {
   wire = new WebSocket(path(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/stream`));
   wire.onmessage = (event) => {
     const told = JSON.parse(event.data);
-    if (about.kind === "run") {
-      if (told.span && told.span.low) { append(told); if (!isHeld) draw(); }
-    } else {
-      find("seek").value = told.time_s;
-      for (const { plot } of panels) plot.setCursor({ left: plot.valToPos(told.time_s, "x"), top: 10 }, false);
-      if (told.is_over) { find("play").textContent = "Play"; wire.close(); wire = null; }
+    if (told.number !== undefined && told.number !== about.number) { location.reload(); return; } // the next run
+    if (about.kind === "recording") {
+      point(told.time_s);
+      if (told.is_over) stop();
+    } else if (told.span && told.span.low) {
+      charts.append(told.time_s, told.span, HISTORY_S);
+      if (!isHeld) follow();
     }
     show(told);
   };
-  wire.onclose = (event) => {
-    if (about.kind !== "run") return;
-    if (event.code === 1012) { badge("ended"); return; } // the server says that it ends, as with its run
-    badge("lost");
-    setTimeout(connect, 1000);
+  wire.onclose = () => { wire = null; if (about.kind !== "recording") gone(); };
+}
+
+// The server is gone. A frame, unlike a request, fails without an entry in the browser's console.
+function gone() {
+  isGone = true;
+  find("commands").disabled = true;
+  if (!hasEnded) showPhase("lost");
+  const frame = element("iframe", { hidden: true, title: "connection" });
+  frame.onload = () => {
+    let answered = "";
+    try { answered = frame.contentDocument.body.textContent; } catch { /* nobody answers yet */ }
+    frame.remove();
+    if (answered.includes('"number"')) { location.reload(); return; }
+    if (answered.includes('"issues"')) { find("end-next").textContent = "Another server answers here now: open the address that it printed."; return; }
+    setTimeout(gone, PROBE_MS);
   };
+  frame.src = path("/api/about");
+  document.body.append(frame);
+}
+
+// A recording.
+
+function point(time) {
+  find("seek").value = time;
+  charts.now = time;
+  for (const { plot } of charts.charts) plot.redraw(false);
 }
 
 async function seek(time) {
   if (wire && wire.readyState === 1) { wire.send(JSON.stringify({ time_s: time })); return; }
-  find("seek").value = time;
+  point(time);
   show(await (await fetch(path(`/api/state?time=${time}`))).json());
+}
+
+function stop() {
+  find("play").textContent = "Play";
+  if (wire) { wire.onclose = null; wire.close(); wire = null; }
 }
 
 function makeReplay() {
@@ -396,45 +332,79 @@ function makeReplay() {
   find("replay").hidden = false;
   bar.min = about.begin_s; bar.max = about.end_s; bar.value = about.end_s;
   bar.addEventListener("input", () => seek(+bar.value));
+  const speed = () => ({ speed: +find("speed").value });
+  find("speed").onchange = () => { if (wire && wire.readyState === 1) wire.send(JSON.stringify(speed())); };
   play.onclick = () => {
-    if (wire) { wire.onclose = null; wire.close(); wire = null; play.textContent = "Play"; return; }
+    if (wire) { stop(); return; }
     const begin = +bar.value >= about.end_s - 1e-9 ? about.begin_s : +bar.value;
     connect();
-    wire.addEventListener("open", () => wire.send(JSON.stringify({ time_s: begin })));
+    wire.addEventListener("open", () => wire.send(JSON.stringify({ time_s: begin, ...speed() })));
     play.textContent = "Pause";
   };
+  const contacts = about.contacts.map((each) => element("button", { type: "button", onclick: () => {
+    stop();
+    const around = Math.max(0.3, each.end_s - each.begin_s);
+    zoomTo(each.begin_s - around, each.end_s + around);
+    seek(each.peak_s);
+  } }, `pinch ${text(each.peak_n, 0)} N at ${text(each.peak_s, 2)} s`));
+  find("contacts").append(...(contacts.length ? ["Contacts:", ...contacts] : ["No contact with an obstacle."]));
+}
+
+// The start.
+
+function makeStart() {
+  find("starting").hidden = false;
+  fetch(path("/api/run")).then((response) => response.json()).then(({ scenarios }) => find("start-name").append(...scenarios.map((name) => element("option", {}, name))));
+  submit(find("start"), async () => { answer("starting …", false); if (await post("/api/run", { scenario: find("start-name").value })) answer("", false); });
+  find("stop-run").onclick = () => post("/api/run", { scenario: null });
+}
+
+function makeTitle() {
+  const name = (file) => file.split("/").pop().replace(/\.[^.]*$/, "");
+  const titles = { run: () => [name(about.vehicle), about.scenario && name(about.scenario), about.channel].filter(Boolean).join(" · "), recording: () => about.file.split("/").pop(), none: () => "liftgate-hil" };
+  find("title").textContent = titles[about.kind]();
+  document.title = `${find("title").textContent} – liftgate-hil`;
 }
 
 async function start() {
-  const answer = await fetch(path("/api/about"));
-  about = await answer.json();
-  if (!answer.ok) { badge(about.issues.join("; ")); return; }
-  const isRun = about.kind === "run";
-  const name = (file) => file.split("/").pop().replace(/\.[^.]*$/, "");
-  find("title").textContent = isRun ? [name(about.vehicle), about.scenario && name(about.scenario), about.channel].filter(Boolean).join(" · ") : about.file;
-  document.title = `${find("title").textContent} – liftgate-hil`;
-  if (isRun) find("view").hidden = false;
-  find("hold").onclick = () => { hold(!isHeld); draw(); };
-  find("window").onchange = () => { hold(false); draw(); };
-  find("columns").addEventListener("click", (event) => {
-    const cell = event.target.closest("td");
-    if (!cell || cell.cellIndex > 2) return;
-    const name = cell.parentElement.cells[0].textContent, column = cell.cellIndex === 2 ? "sensed_" + name : name;
-    if (about.columns.includes(column)) choose(column);
+  const response = await fetch(path("/api/about"));
+  about = await response.json();
+  if (!response.ok) { find("phase").textContent = about.issues.join("; "); return; }
+  about.geometry = await (await fetch(path("/api/geometry"))).json();
+  const isRun = about.kind === "run", isOpen = isRun && !about.read_only;
+  makeTitle();
+  document.body.classList.toggle("recording", about.kind === "recording");
+  charts = new Charts(find("plots"), about, {
+    zoomed: ([low, high]) => zoomTo(low, high),
+    pointed: (time) => { find("cursor").textContent = time === null ? "" : `cursor at ${time.toFixed(3)} s`; },
+    seek: about.kind === "recording" ? seek : null,
   });
-  new ResizeObserver(resize).observe(find("plots"));
-  makePlots();
-  takePlot(await (await fetch(path("/api/plot"))).json());
-  draw();
-  if (isRun && !about.read_only) makeCommands(); else find("commands").hidden = true;
-  const stimuli = about.stimuli || [];
-  find("stimuli").append(...stimuli.map((each) => element("li", {}, each)));
-  find("scenario").hidden = !stimuli.length;
+  await load();
+  if (isOpen) controls = new Controls(about.commands, command); else find("commands").hidden = true;
+  const act = isOpen ? { hand: (newtons) => command({ set: { hand_force_n: newtons } }), put: (changed) => controls.put(changed), remove: () => command({ clear: "obstacle" }) } : null;
+  if (about.geometry.length_m) drawing = new Drawing(find("drawing"), about.geometry, act);
+  find("scene").hidden = !drawing;
+  find("scene-help").textContent = act ? "Drag the green hand to push or pull the gate, and the obstacle into its way; or focus one of them and use the arrow keys. Gate, drives and obstacle are to scale, the car is an outline." : "Gate and drives are to scale, the car is an outline.";
+  find("stimuli").append(...(about.stimuli || []).map((each) => element("li", {}, each)));
+  find("scenario").hidden = !(about.stimuli || []).length;
   find("readonly").hidden = !(isRun && about.read_only);
-  find("controls").hidden = find("messages").hidden = !isRun;
-  document.body.classList.toggle("recording", !isRun);
-  if (!isRun) makeReplay();
-  show(await (await fetch(path("/api/state"))).json());
-  if (isRun) connect();
+  find("hold").hidden = find("window").hidden = !isRun;
+  find("controls").hidden = about.kind === "recording";
+  find("reports").hidden = about.kind === "recording"; find("charts").hidden = about.kind === "none";
+  find("bus-view").hidden = !isRun; find("values").hidden = about.kind === "none";
+  for (const id of ["values", "bus-view"]) find(id).addEventListener("toggle", () => { if (last) show(last); });
+  makeView();
+  if (about.starts && !about.read_only) makeStart();
+  if (about.kind === "recording") {
+    makeReplay();
+    charts.zoom(about.begin_s, about.end_s);
+    const peak = about.contacts.reduce((most, each) => (most && most.peak_n > each.peak_n ? most : each), null);
+    await seek(peak ? peak.peak_s : about.end_s);
+  } else {
+    show(await (await fetch(path("/api/state"))).json());
+    hold(false);
+    connect();
+  }
+  document.body.dataset.ready = "yes";
 }
 start();

@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import contextlib
 import os
+import select
 import socket
 import time
 from collections.abc import Sequence
@@ -33,6 +34,7 @@ class Client:
 
     def __init__(self, pid: int, patience: float = 0.0) -> None:
         self.pid = pid
+        self.end: JsonObject | None = None  # how the run has ended; None: it has not, or has not told it
         self._wire = _reached(pid, patience)
         self._arrivals, self._answers = endpoint.Arrivals(), list[JsonObject]()
         self._count = 0
@@ -63,6 +65,12 @@ class Client:
                 text = f"runs liftgate-hil {description['version']}, this is {version()}"
                 raise ConfigError(f"`attach` {self.pid}: {text}; allowed: a run of the same version")
             return description, Memory(description["rows"], description["frames"], os.dup(memory))
+
+    def has_closed(self) -> bool:
+        """Whether the run has closed the connection, which it does at its end."""
+        poll = select.poll()
+        poll.register(self._wire, select.POLLRDHUP)
+        return bool(poll.poll(0))
 
     def news(self, lines: int) -> JsonObject:
         """Return the progress of the run and its log after the first `lines` lines; {}: no reply in time.
@@ -96,8 +104,24 @@ class Client:
         try:
             self._wire.sendall(packed)
         except OSError as error:
+            self._take_the_rest()
             raise RunGoneError(f"the run {self.pid} has ended") from error
         return self._count
+
+    def _take_the_rest(self) -> None:
+        """Take what a run that has ended had sent before."""
+        with contextlib.suppress(OSError, ValueError):
+            while come := self._wire.recv(65_536):
+                self._keep(come)
+
+    def _keep(self, come: bytes) -> None:
+        """Keep the replies in what has come, and how the run has ended. Raises ValueError."""
+        found = self._arrivals.take(come)
+        for each in found:
+            if "end" in each:
+                self.end = each["end"]
+        # Late replies are dropped, except those that may still be fetched.
+        self._answers = [*self._answers, *found][-_MOST_ANSWERS:]
 
     def _answer(self, number: int) -> JsonObject:
         """Return the reply to a question; {}: none in time. The latest replies to others are kept."""
@@ -109,15 +133,13 @@ class Client:
                     return each
             try:
                 come = self._wire.recv(65_536)
-                found = self._arrivals.take(come)
+                self._keep(come)
             except TimeoutError:
                 break
             except (OSError, ValueError) as error:
                 raise RunGoneError(f"the run {self.pid} has ended") from error
             if not come:
                 raise RunGoneError(f"the run {self.pid} has ended")
-            # Late replies are dropped, except those that may still be fetched.
-            self._answers = [*self._answers, *found][-_MOST_ANSWERS:]
         return {}
 
     def close(self) -> None:

@@ -16,7 +16,9 @@ from liftgate_hil.config.kinds import Choice, Level, Number, Whole
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.schema import Key
+from liftgate_hil.formats.open import RECORDED
 from liftgate_hil.loop.rings import Memory
+from liftgate_hil.running.attachment.geometry import geometry_of
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.setup import Setup
 from liftgate_hil.signals import OBSTACLE, PROFILES, columns_of
@@ -47,9 +49,11 @@ class Description:
             "frames": rows[1],
             "columns": columns_of(setup.vehicle.drives),
             "vehicle": setup.vehicle_name,
-            "open_angle_deg": math.degrees(setup.vehicle.gate.open_angle),
+            "geometry": geometry_of(setup.vehicle),
             "scenario": _whole(setup.scenario.source),
             "stimuli": stimuli_of(setup.scenario),
+            "obstacles": obstacles_of(setup.scenario),
+            "duration_s": setup.scenario.duration if self.options.duration is None else self.options.duration,
             "rig": _whole(self.rig.source),
             "database": _whole(str(self.rig.database)),
             "clock": self.options.clock,
@@ -84,6 +88,23 @@ def stimuli_of(scenario: Scenario) -> list[str]:
     return found
 
 
+def obstacles_of(scenario: Scenario) -> list[dict[str, Any]]:
+    """Return a scenario's obstacles for a drawing [deg, m, s]; None: a condition decides the time, or no end."""
+    found = []
+    for each in scenario.stimuli.obstacles:
+        rod, begin, end = each.obstacle, each.start, each.end
+        found.append(
+            {
+                "angle_deg": math.degrees(rod.angle),
+                "distance": rod.distance,
+                "meets": "closing" if rod.direction > 0.0 else "opening",
+                "from_s": None if begin.condition else begin.time,
+                "to_s": None if end.condition or not math.isfinite(end.time) else end.time,
+            }
+        )
+    return found
+
+
 def _short(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
@@ -114,6 +135,7 @@ def commands_of(setup: Setup, rig: Rig, has_ecu: bool) -> dict[str, Any]:
         "fault": {name: _kind(each, setup, rig) for name, each in FAULT_KINDS.items()},
         "signal": {name: _signal(rig, name) for name in rig.sendable},
         "request": requests,
+        "record": list(RECORDED),
     }
 
 
@@ -134,7 +156,7 @@ def _kind(kind: FaultKind, setup: Setup, rig: Rig) -> dict[str, Any]:
     elif kind.of == MESSAGE:
         places = list(dict.fromkeys([*rig.mapped, *(each.partition(".")[0] for each in rig.sendable)]))
     keys = {each.name: _key(each) for each in kind.keys}
-    return {"meaning": kind.meaning, "of": kind.of, "where": places, "keys": keys}
+    return {"meaning": kind.meaning, "group": kind.group, "of": kind.of, "where": places, "keys": keys}
 
 
 def _key(key: Key) -> dict[str, Any]:

@@ -15,14 +15,17 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from liftgate_hil.errors import ConfigError, printable
+from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.listener import Listener, Status
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.attachment import endpoint
 from liftgate_hil.running.attachment.description import Description
+from liftgate_hil.running.attachment.phase import PhaseTracker
 from liftgate_hil.running.commands.operator import Operator
 
 _LINES = 200  # lines of the log that are kept
@@ -31,17 +34,19 @@ _MOST_ISSUES = 20  # issues of a command
 _PATIENCE_S = 0.02  # s for a client to read a reply
 _MOST = 8  # clients at a time
 _WAITING = 1000  # commands that may wait
+_MOST_VERDICTS = 500  # expectations that clients are told about
 _AT_ONCE = 20  # commands executed between two turns of an ECU in this process
 
 
 class Server(Listener):
     """Server of a run: a listener that passes everything on to its own.
 
-    `pid` is the process that was started for the run.
+    `pid` is the process that was started for the run, `verdicts` returns those that are known so far.
     """
 
-    def __init__(self, listener: Listener, pid: int) -> None:
-        self._listener, self._pid = listener, pid
+    def __init__(self, listener: Listener, pid: int, verdicts: Callable[[], Sequence[Verdict]] = tuple) -> None:
+        self._listener, self._pid, self._verdicts = listener, pid, verdicts
+        self._phases = PhaseTracker()
         self._lines: deque[tuple[int, float, str]] = deque(maxlen=_LINES)  # number, Unix time, text
         self._count = 0
         self._status: Status | None = None
@@ -49,7 +54,7 @@ class Server(Listener):
         self._waiting: queue.SimpleQueue[tuple[_Connection, Any]] = queue.SimpleQueue()
         self._connections: list[_Connection] = []
         self._lock = threading.Lock()
-        self._state = "waiting"
+        self._end_report: dict[str, Any] | None = None
         self._thread: threading.Thread | None = None
 
     # Listener: what the run reports.
@@ -71,8 +76,14 @@ class Server(Listener):
 
     def status(self, status: Status) -> None:
         """Keep the latest status for clients, and pass it on."""
-        self._status, self._state = status, "running"
+        self._status = status
+        self._phases.runs(status.overruns)
         self._listener.status(status)
+
+    def ready(self) -> None:
+        """Note that the run is about to begin, and pass it on."""
+        self._phases.is_ready()
+        self._listener.ready()
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
         """Pass on that a compilation runs."""
@@ -103,7 +114,9 @@ class Server(Listener):
             stack.callback(os.close, about)
             with os.fdopen(os.dup(about), "wb") as stream:
                 stream.write(content)
-            self._descriptors = [memory.descriptor, about]
+            handed = os.dup(memory.descriptor)  # the memory may be closed before the last client has come
+            stack.callback(os.close, handed)
+            self._descriptors = [handed, about]
             selector = stack.enter_context(selectors.DefaultSelector())
             ended, self._end = os.pipe()
             stack.callback(os.close, ended)
@@ -118,15 +131,26 @@ class Server(Listener):
         """Whether any client is attached."""
         return bool(self._connections)
 
+    def ends(self, verdict: str, reason: str, expectations: Sequence[Verdict], exit_code: int | None) -> None:
+        """Keep how the run has ended, for the clients. `exit_code` is that of its process; None: unknown."""
+        self._phases.has_ended()
+        self._end_report = {
+            "verdict": verdict,
+            "reason": reason[:_LONGEST],
+            "expectations": [asdict(each) for each in expectations[:_MOST_VERDICTS]],
+            "exit_code": exit_code,
+        }
+
     def close(self) -> None:
-        """Close all connections at the end of the run, and accept no more."""
-        self._state = "ended"
+        """Tell the clients how the run has ended, close all connections, and accept no more."""
+        self._phases.has_ended()
         if self._thread is None:
             return
         os.write(self._end, b"x")
         self._thread.join()
         self._thread = None
         for each in self._connections:
+            each.answer({"end": self._end_report})
             each.close()
         self._opened.close()
 
@@ -191,8 +215,9 @@ class Server(Listener):
         status = None if self._status is None else self._status._asdict()
         operator = self._operator
         return {
-            "state": self._state,
+            "phase": self._phases.phase,
             "status": status,
+            "verdicts": [_in_short(each) for each in self._verdicts()[:_MOST_VERDICTS]],
             "lines": lines,
             "in_force": {} if operator is None else operator.in_force(),
         }
@@ -205,6 +230,7 @@ class Server(Listener):
         if operator is None:
             return
         operator.look(now)
+        self._phases.looked()
         for _ in range(_AT_ONCE):
             if self._waiting.empty():
                 return
@@ -226,6 +252,11 @@ class Server(Listener):
                 continue
             self.say(printable(f"{now:.3f} s: operator: {done[:_LONGEST]}"))
             connection.answer({"id": number, "done": done, "time_s": now})
+
+
+def _in_short(verdict: Verdict) -> dict[str, Any]:
+    """Return what clients are told of a verdict while the run goes on."""
+    return {name: getattr(verdict, name) for name in ("name", "verdict", "margin", "margin_unit", "time_s")}
 
 
 class _Connection:

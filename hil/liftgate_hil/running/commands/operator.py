@@ -6,8 +6,10 @@
 {"clear": "obstacle" | "set" | "faults" | "signals" | "all"}
 {"clear": {"set": "road_slope_deg"}}     {"clear": {"signal": "Body.VehicleSpeed"}}
 {"clear": {"fault": {"kind": "hall_a_stuck", "where": "left"}}}
+{"record": {"file": "run.mf4"}}     {"record": null}     {"mark": "text"}
 
-A command overrides the scenario and a test bench's messages, until it is cleared.
+A command overrides the scenario and a test bench's messages, until it is cleared; `record` and `mark` do not act
+on the gate.
 """
 
 from __future__ import annotations
@@ -26,11 +28,13 @@ from liftgate_hil.errors import ConfigError, ConfigIssues, printable
 from liftgate_hil.running.commands.buttons import Buttons
 from liftgate_hil.running.commands.by_hand import held_obstacle, obstacle_in, surroundings_in
 from liftgate_hil.running.commands.loop_target import Target
+from liftgate_hil.running.further_recording import FurtherRecording
 from liftgate_hil.stimuli.command_queue import LENGTH, SLOTS
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import REQUESTS
 
-COMMANDS = ("obstacle", "set", "fault", "signal", "request", "clear")
+COMMANDS = ("obstacle", "set", "fault", "signal", "request", "clear", "record", "mark")
+_BESIDE = ("record", "mark")  # commands that do not act on the gate
 # Signals that may be set: all of them and all faults are cleared at once.
 MOST_SIGNALS = LENGTH - 2 * SLOTS
 _MOST_LISTED = 1000  # commands of a run that are kept in `done`
@@ -63,8 +67,9 @@ class Operator:
         self._set: dict[str, float] = {}
         self._faults: dict[Which, Broken] = {}
         self._signals: dict[str, float | str] = {}
+        self.recording: FurtherRecording | None = None  # set once the run has a memory
         self.kinds: set[str] = set()  # of faults that were injected
-        self.count = 0  # commands executed
+        self.count = 0  # commands executed that act on the gate
         self.done: list[str] = []  # the first of these, in words, with their times
 
     def in_force(self) -> dict[str, Any]:
@@ -74,6 +79,7 @@ class Operator:
             "set": dict(self._set),
             "faults": [dict(each.content) for each in self._faults.values()],
             "signals": dict(self._signals),
+            "record": None if self.recording is None else self.recording.in_force(),
         }
 
     def look(self, now: float) -> None:
@@ -87,6 +93,8 @@ class Operator:
         room yet.
         """
         done = printable(self._obey(command, now))
+        if set(_BESIDE) & set(command):  # type: ignore[call-overload]  # it was obeyed, so it is a table
+            return done
         self.count += 1
         if self.count <= _MOST_LISTED:
             self.done.append(f"{now:.3f} s: {done}")
@@ -109,12 +117,29 @@ class Operator:
             return f"request {content}"
         if name == "clear":
             return self._clear(content)
+        if name in _BESIDE:
+            return self._beside(name, content, now)
         if not isinstance(content, dict) or not content:
             raise ConfigError(f"{name} {show(content)[:200]}; allowed: a table with its keys")
         do: dict[str, Callable[[dict[str, Any], float], str]] = {
             "obstacle": self._put, "set": self._surround, "fault": self._break, "signal": self._send,
         }  # fmt: skip
         return do[name](content, now)
+
+    def _beside(self, name: str, content: object, now: float) -> str:
+        """Record or mark, as `name` says."""
+        if self.recording is None:
+            raise ConfigError(f"{name}: this run cannot be recorded now; allowed: once it is ready")
+        if name == "mark":
+            self.recording.mark(now, content)
+            return f"mark {content}"
+        if content is None:
+            self.recording.stop()
+            return "record: stopped"
+        if not isinstance(content, dict) or set(content) != {"file"}:
+            raise ConfigError(f'record {show(content)[:80]}; allowed: {{"file": NAME}}, or null to stop')
+        self.recording.start(content["file"])
+        return f"record {content['file']}"
 
     def _put(self, content: dict[str, Any], now: float) -> str:
         self._target.hold(held_obstacle(obstacle_in(content, self._edge)))

@@ -79,7 +79,7 @@ def test_a_client_sees_the_runs_memory_as_it_is_written(server: tuple[Server, Me
     assert client.memory.shared.control["tick"][0] == 42
     assert client.memory.shared.rows[3, 5] == 2.5
     assert client.description["channel"] == "virtual"
-    assert set(client.description["commands"]) == {"obstacle", "set", "fault", "signal", "request"}
+    assert set(client.description["commands"]) == {"obstacle", "set", "fault", "signal", "request", "record"}
     assert "Body.VehicleSpeed" in client.description["commands"]["signal"]
     assert not [each for each in client.description["commands"]["signal"] if each.startswith("Gate.")]
     client.close()
@@ -122,7 +122,7 @@ def test_rubbish_ends_at_most_the_connection_that_it_comes_on(server: tuple[Serv
     wire.recv(65_536)  # an answer, or that it is over
     wire.close()
     client = Client(os.getpid())
-    assert client.news(0)["state"] == "waiting"
+    assert client.news(0)["phase"] == "compiling"
     client.close()
 
 
@@ -151,7 +151,7 @@ def test_half_a_message_is_waited_for_and_the_rest_read(server: tuple[Server, Me
     text = framed(b'{"id": 3, "lines": 0}') * 2
     wire.sendall(text[:7])
     client = Client(os.getpid())  # others are answered meanwhile
-    assert client.news(0)["state"] == "waiting"
+    assert client.news(0)["phase"] == "compiling"
     client.close()
     wire.sendall(text[7:])
     arrivals, answers = endpoint.Arrivals(), []
@@ -202,7 +202,7 @@ def test_a_run_that_does_not_answer_has_not_ended(
     with server[0]._lock:  # it tells nothing
         assert client.news(0) == {}
     client._wire.settimeout(10.0)
-    assert client.news(0)["state"] == "waiting"
+    assert client.news(0)["phase"] == "compiling"
     client.close()
 
 
@@ -216,7 +216,7 @@ def test_one_who_never_reads_holds_up_nobody(server: tuple[Server, Memory]) -> N
     except OSError:
         pass
     client = Client(os.getpid())
-    assert client.news(0)["state"] == "waiting"
+    assert client.news(0)["phase"] == "compiling"
     server[0].look(no_logged(), 0.0)
     deaf.close()
     client.close()

@@ -217,12 +217,13 @@ def test_in_force_is_reported_until_it_is_cleared(tmp_path: Path) -> None:
         "set": {"road_slope_deg": 5.0},
         "faults": [{**FAULT, "factor": 0.25}],
         "signals": {"Body.Ignition": "on"},
+        "record": None,
     }
     told = [text for _, _, text in ecu.news["lines"]]
     assert "0.101 s: operator: fault kind spring_weak, where left, factor 0.5" in told
     assert ecu.news["status"]["time_s"] > 0.0
     _, ecu, _ = ran(tmp_path, {**commands, 0.3: [{"clear": "all"}]})
-    assert ecu.news["in_force"] == {"obstacle": None, "set": {}, "faults": [], "signals": {}}
+    assert ecu.news["in_force"] == {"obstacle": None, "set": {}, "faults": [], "signals": {}, "record": None}
 
 
 def test_a_fault_of_a_message_is_the_same_by_its_name_and_by_a_quantity_in_it(tmp_path: Path) -> None:

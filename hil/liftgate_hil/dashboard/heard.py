@@ -1,0 +1,111 @@
+"""Messages on a run's bus, each as it was heard last, and the ECU's command in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from liftgate_hil.codec.frames import EXTENDED, FD
+from liftgate_hil.config.rig import load_rig
+from liftgate_hil.dashboard.source import JsonObject
+from liftgate_hil.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+    from liftgate_hil.codec.bus_config import SignalMapping
+
+_MOST = 500  # messages that are kept
+
+
+@dataclass
+class Heard:
+    """The last frame of a message on the bus."""
+
+    is_sent: bool
+    count: int
+    time_ns: int
+    cycle_ms: float  # between the last two frames
+    payload: bytes
+
+
+class BusView:
+    """Messages on the bus of a run, decoded by the database of its rig.
+
+    `not_kept` counts the frames of messages beyond the first 500.
+    """
+
+    def __init__(self, rig: Path) -> None:
+        self._messages: dict[int, Message] = {}
+        self._inputs: list[tuple[int, SignalMapping]] = []  # identifier of the message of each
+        self._heard: dict[tuple[int, bool], Heard] = {}
+        self.not_kept = 0
+        try:
+            found = load_rig(rig)
+        except ConfigError:  # it cannot be read any more: frames are shown without names
+            return
+        self._messages = {found.identifier(name): each for name, each in found.messages.items()}
+        self._inputs = [(found.identifier(each.message) & ~FD, each) for each in found.inputs]
+
+    def hear(self, frame: Any) -> None:
+        """Take a frame, a record of LOGGED."""
+        identifier, is_sent = int(frame["identifier"]) & ~FD, bool(frame["is_sent"])
+        before = self._heard.get((identifier, is_sent))
+        if before is None and len(self._heard) >= _MOST:
+            self.not_kept += 1
+            return
+        time_ns, length = int(frame["time_ns"]), int(frame["length"])
+        self._heard[identifier, is_sent] = Heard(
+            is_sent,
+            before.count + 1 if before else 1,
+            time_ns,
+            (time_ns - before.time_ns) * 1e-6 if before else np.nan,
+            frame["payload"][:length].tobytes(),
+        )
+
+    def command(self) -> JsonObject:
+        """Return the ECU's last command: the value (or its label), unit and signal of each quantity."""
+        found, decoded = {}, dict[int, JsonObject]()
+        for identifier, each in self._inputs:
+            heard = self._heard.get((identifier, False))
+            if heard is None:
+                continue
+            if identifier not in decoded:
+                decoded[identifier] = _decoded(self._messages.get(identifier), heard.payload)
+            if each.signal in decoded[identifier]:
+                unit = self._messages[identifier].get_signal_by_name(each.signal).unit or ""
+                value, name = decoded[identifier][each.signal], f"{each.message}.{each.signal}"
+                found[each.quantity] = {"value": value, "unit": unit, "signal": name}
+        return found
+
+    def messages(self) -> list[JsonObject]:
+        """Return the last frame of each message on the bus, by identifier."""
+        return [
+            {
+                "id": f"{identifier & ~EXTENDED:X}{'x' if identifier & EXTENDED else ''}",
+                "name": self._messages[identifier].name if identifier in self._messages else "",
+                "direction": "sent" if each.is_sent else "received",
+                "count": each.count,
+                "cycle_ms": each.cycle_ms,
+                "time_s": each.time_ns * 1e-9,
+                "data": each.payload.hex(" "),
+                "signals": _decoded(self._messages.get(identifier), each.payload),
+            }
+            for (identifier, _), each in sorted(self._heard.items())
+        ]
+
+
+def _decoded(message: Message | None, payload: bytes) -> JsonObject:
+    """Return a frame's signals, by their labels where they have some; none where it does not fit."""
+    if message is None:
+        return {}
+    import cantools
+
+    try:
+        found: Any = message.decode(payload, decode_choices=True, allow_truncated=True)
+    except (cantools.database.DecodeError, ValueError, OverflowError):
+        return {}
+    return {name: value if isinstance(value, int | float) else str(value) for name, value in found.items()}

@@ -1,0 +1,97 @@
+"""Runs that a page starts and stops: scenarios of one folder, each as a process of `liftgate-hil`."""
+
+from __future__ import annotations
+
+import collections
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from liftgate_hil.config.toml import show
+from liftgate_hil.dashboard.source import JsonObject
+from liftgate_hil.errors import ConfigError, RunGoneError
+from liftgate_hil.running.attachment.client import Client
+from liftgate_hil.running.processes.children import end
+from liftgate_hil.running.processes.supervisor import dies_with_parent
+
+_BEGIN_S = 600.0  # s until a run can be attached to: it may have to be compiled before
+_STOP_S = 30.0  # s to end in order, after which it is killed
+_RETRY_S = 0.1
+_LINES = 50  # of what the process prints that are kept
+
+
+class Starter:
+    """Starts scenarios of a folder, one at a time; `flags` are added to each command line."""
+
+    def __init__(self, folder: Path, flags: Sequence[str]) -> None:
+        self._folder, self._flags = folder, list(flags)
+        self._process: subprocess.Popen[str] | None = None
+        self._printed: collections.deque[str] = collections.deque(maxlen=_LINES)
+        self._name = ""
+        if not folder.is_dir():
+            raise ConfigError(f"`scenarios` {folder}: no such folder; allowed: a folder with scenario files")
+
+    def scenarios(self) -> list[str]:
+        """Return the names of the scenario files in the folder."""
+        return sorted(each.name for each in self._folder.glob("*.toml") if each.is_file())
+
+    def state(self) -> JsonObject:
+        """Return the scenarios, which of them runs, and the exit code of the last one; None: none yet."""
+        code = None if self._process is None else self._process.poll()
+        is_on = self._process is not None and code is None
+        return {"scenarios": self.scenarios(), "running": self._name if is_on else None, "exit_code": code}
+
+    def start(self, name: object) -> Client:
+        """Start a scenario and return a client of its run. Raises ConfigError, RunGoneError."""
+        if self.state()["running"] is not None:
+            raise ConfigError(f"scenario {show(name)[:80]}: {self._name} runs; allowed: after it was stopped")
+        if name not in self.scenarios():
+            allowed = ", ".join(self.scenarios()) or "a file in the folder, which has none"
+            raise ConfigError(f"scenario {show(name)[:80]}: no such file in {self._folder}; allowed: {allowed}")
+        self._name = str(name)
+        self._printed.clear()
+        path = str(self._folder / self._name)
+        command = [sys.executable, "-P", "-m", "liftgate_hil", *self._flags, "--scenario", path]
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            start_new_session=True,  # Ctrl-C is for the page, which ends the run itself
+            preexec_fn=dies_with_parent,  # noqa: PLW1509
+        )
+        reader = threading.Thread(target=self._read, args=(self._process,), daemon=True)
+        reader.start()
+        return self._client(self._process, reader)
+
+    def _read(self, process: subprocess.Popen[str]) -> None:
+        for line in process.stderr or ():
+            self._printed.append(line.strip())
+
+    def _client(self, process: subprocess.Popen[str], reader: threading.Thread) -> Client:
+        deadline = time.monotonic() + _BEGIN_S
+        while process.poll() is None and time.monotonic() < deadline:
+            try:
+                return Client(process.pid)
+            except ConfigError:  # it has not begun
+                time.sleep(_RETRY_S)
+        self.stop()
+        reader.join(1.0)
+        said = "; ".join(list(self._printed)[-5:]) or "it printed nothing"
+        raise RunGoneError(f"{self._name} did not begin (exit code {process.poll()}): {said}")
+
+    def stop(self) -> None:
+        """Stop the run in order; kill it where it does not end in time."""
+        if self._process is None or self._process.poll() is not None:
+            return
+        self._process.send_signal(signal.SIGINT)
+        try:
+            self._process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            end(self._process, 1.0)

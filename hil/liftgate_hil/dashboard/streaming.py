@@ -1,0 +1,115 @@
+"""Streams of a page on WebSockets: a run's state to all viewers, a recording that each viewer plays for itself."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from typing import Any
+
+import orjson
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from liftgate_hil.dashboard.recorded import RecordingSource
+
+PERIOD_S = 1.0 / 30.0
+_PATIENCE_S = 10.0  # s for a viewer to take a message, after which it is dropped
+
+
+class Viewers:
+    """Viewers of a run: each gets the latest state as soon as it has taken the last one."""
+
+    def __init__(self) -> None:
+        self._queues: set[asyncio.Queue[bytes]] = set()
+
+    def __bool__(self) -> bool:
+        return bool(self._queues)
+
+    def publish(self, message: bytes) -> None:
+        """Send a message to all viewers; a slow one gets the latest only."""
+        for queue in self._queues:
+            if queue.full():
+                queue.get_nowait()
+            queue.put_nowait(message)
+
+    async def have_taken(self) -> None:
+        """Wait until every viewer has taken what was published last."""
+        while any(queue.qsize() for queue in self._queues):
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(0.05)  # for the last one to be sent
+
+    async def serve(self, wire: WebSocket) -> None:
+        """Send all that is published on a WebSocket, until its viewer leaves, or takes nothing for ten seconds."""
+        queue: asyncio.Queue[bytes] = asyncio.Queue(maxsize=1)
+        self._queues.add(queue)
+        leaves = asyncio.create_task(_left(wire))
+        try:
+            while not leaves.done():
+                news = asyncio.create_task(queue.get())
+                await asyncio.wait({news, leaves}, return_when=asyncio.FIRST_COMPLETED)
+                if not news.done():
+                    news.cancel()
+                    return
+                await _send(wire, news.result())
+        finally:
+            self._queues.discard(queue)
+            leaves.cancel()
+
+
+async def _left(wire: WebSocket) -> None:
+    """Wait until the viewer has left."""
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        while True:
+            await wire.receive_text()
+
+
+async def _send(wire: WebSocket, message: bytes) -> None:
+    """Send a message. Raises WebSocketDisconnect where the viewer does not take it in time."""
+    try:
+        async with asyncio.timeout(_PATIENCE_S):
+            await wire.send_text(message.decode())
+    except TimeoutError as error:
+        raise WebSocketDisconnect(1008, "too slow") from error
+
+
+async def play(wire: WebSocket, source: RecordingSource) -> None:
+    """Play a recording at the pace it was recorded with.
+
+    A viewer sends {"time_s": 12.5} to go on from there, {"speed": 0.25} to play it slower or faster.
+    """
+    about = source.about()
+    player = _Player(float(about["begin_s"]), float(about["end_s"]))
+    hears = asyncio.create_task(wire.receive_json())
+    try:
+        while True:
+            now = player.now()
+            is_over = now >= player.end
+            await _send(wire, orjson.dumps({**source.state(now), "is_over": is_over}))
+            await asyncio.wait({hears}, timeout=None if is_over else PERIOD_S)
+            if hears.done():
+                player.take(hears.result())
+                hears = asyncio.create_task(wire.receive_json())
+    except ValueError:  # not JSON
+        return
+    finally:
+        hears.cancel()
+
+
+class _Player:
+    """Position in a recording that is played, from `begin` to `end` [s]."""
+
+    def __init__(self, begin: float, end: float) -> None:
+        self.end = end
+        self._offset, self._began, self._speed = begin, time.monotonic(), 1.0
+
+    def now(self) -> float:
+        return min(self._offset + self._speed * (time.monotonic() - self._began), self.end)
+
+    def take(self, request: Any) -> None:
+        """Take a viewer's request; an invalid one changes nothing."""
+        if not isinstance(request, dict):
+            return
+        place, speed = request.get("time_s", self.now()), request.get("speed", self._speed)
+        if all(isinstance(each, int | float) and not isinstance(each, bool) for each in (place, speed)):
+            self._offset, self._began = float(place), time.monotonic()
+            self._speed = min(max(float(speed), 0.01), 100.0)

@@ -1,0 +1,62 @@
+"""Geometry of a vehicle for drawings: where hinge, drives, edge and stops are over the gate's angle."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from liftgate_plant.gate import Point, linkage
+from liftgate_plant.vehicle import Vehicle
+
+_ANGLES = 41  # at which the moving points are given
+
+
+def geometry_of(vehicle: Vehicle) -> dict[str, Any]:
+    """Return the geometry of a vehicle [m, deg] in its plane, x rearward and y up, as `GET /api/geometry` does.
+
+    `angles_deg` (n,) are angles of the gate from closed to open; `edge`, and of each drive `gate_point` and
+    `length_m`, are given at each. `closed_deg` is the direction from the hinge to the edge of the closed gate:
+    a point of the gate turns about the hinge by the gate's angle, counterclockwise (3.15 to 3.23).
+    """
+    gate, place = vehicle.gate, vehicle.environment
+    hinge = np.array(gate.hinge)
+    centre = np.array(gate.gravity_point) - hinge
+    closed = math.atan2(centre[1], centre[0])
+    edge = hinge + gate.length * np.array([math.cos(closed), math.sin(closed)])
+    angles = np.linspace(0.0, gate.open_angle, _ANGLES)
+    ends, body = _turned(gate.gate_point, hinge, angles), np.array(gate.body_point)
+    drive = {
+        "body_point": body.tolist(),
+        "gate_point": ends.tolist(),
+        "length_m": np.hypot(*(ends - body).T).tolist(),
+    }
+    return {
+        "hinge": hinge.tolist(),
+        "closed_deg": math.degrees(closed),
+        "open_angle_deg": math.degrees(gate.open_angle),
+        "stops_deg": [0.0, math.degrees(gate.open_angle)],
+        "length_m": gate.length,
+        "thickness_m": gate.thickness,
+        "mass_kg": gate.mass,
+        "half_width_m": gate.half_width,
+        "angles_deg": np.degrees(angles).tolist(),
+        "edge": _turned((float(edge[0]), float(edge[1])), hinge, angles).tolist(),
+        "gravity_point": _turned(gate.gravity_point, hinge, angles).tolist(),
+        "drives": dict.fromkeys(("left", "right")[: vehicle.drives], drive),
+        "stroke_m": linkage(gate).stroke,
+        "hand_distance_m": place.hand_distance,
+        "snow_distance_m": place.snow_distance,
+        "latch_distance_m": vehicle.latch.distance,
+        "latch_has_positions": vehicle.latch.half > 0.0,
+        "seal_distance_m": vehicle.seal.arm,
+        "pinch_limit_n": gate.pinch_limit,
+    }
+
+
+def _turned(point: Point, hinge: Any, angles: Any) -> Any:
+    """Return a point of the closed gate at each angle (n,) [rad]: (n, 2) [m]."""
+    x, y = np.array(point) - hinge
+    cos, sin = np.cos(angles), np.sin(angles)
+    return hinge + np.column_stack([x * cos - y * sin, x * sin + y * cos])

@@ -1,0 +1,52 @@
+"""Phase of a run, as clients are told it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+COMPILING, READY, RUNNING, LATE, ENDED = "compiling", "ready", "running", "late", "ended"
+PHASES = (COMPILING, READY, RUNNING, LATE, ENDED)
+_LATE_S = 2.0  # s for which a missed tick is shown
+_STILL_S = 1.0  # s without a look of the thread that executes commands, after which the run stands still
+
+
+class PhaseTracker:
+    """Tracks the phase of a run from what its loop reports; `now` is a monotonic clock [s].
+
+    LATE while ticks were missed in the last two seconds, or while the run stands still, as one that waits for its
+    ECU does: commands are executed only when it continues.
+    """
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self._phase = COMPILING
+        self._overruns = 0
+        self._missed_at = self._looked_at = -1e9
+
+    def is_ready(self) -> None:
+        """Note that all is compiled and open."""
+        self._phase, self._looked_at = READY, self._now()
+
+    def runs(self, overruns: int) -> None:
+        """Note a report of the running loop, with the ticks that it has missed so far."""
+        if overruns > self._overruns:
+            self._overruns, self._missed_at = overruns, self._now()
+        self._phase = RUNNING
+
+    def looked(self) -> None:
+        """Note that the thread which executes commands has had a turn."""
+        self._looked_at = self._now()
+
+    def has_ended(self) -> None:
+        """Note the end of the run."""
+        self._phase = ENDED
+
+    @property
+    def phase(self) -> str:
+        """The phase now, one of PHASES."""
+        if self._phase != RUNNING:
+            return self._phase
+        now = self._now()
+        is_late = now < self._missed_at + _LATE_S or now > self._looked_at + _STILL_S
+        return LATE if is_late else RUNNING

@@ -1,0 +1,130 @@
+"""Recording that an operator starts and stops during a run, beside those of the run, and an operator's marks."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.config.toml import show
+from liftgate_hil.errors import ConfigError, RecordingError
+from liftgate_hil.formats.open import RECORDED, WITH_MARKS, check_file
+from liftgate_hil.running.provenance import whole_content_of
+from liftgate_hil.running.recorder_process import RecorderProcess
+
+if TYPE_CHECKING:
+    from liftgate_hil.loop.rings import Memory
+    from liftgate_hil.running.plan import Plan
+
+_LONGEST = 200  # characters of a name or a mark
+_CLOSE_S = 180.0  # s for the last one to be complete at the end of the run; its process has deadlines of its own
+STARTING, RECORDING, COMPLETING = "starting", "recording", "completing"
+
+Mark = Callable[[float, str], None]  # writes a mark at a time [s] of the run
+
+
+class FurtherRecording:
+    """Recording on an operator's request, one at a time, in the folder of the run's own recordings.
+
+    `memory` is that of the run's loop, `channel` names its bus, which has an `interface`; `say` reports what
+    becomes of the files; `own_mark` writes a mark to the run's own recordings, where these can hold one.
+    """
+
+    def __init__(
+        self, plan: Plan, channel: str, interface: str, memory: Memory, say: Callable[[str], None], own_mark: Mark
+    ) -> None:
+        self._plan, self._channel, self._interface = plan, channel, interface
+        self._memory, self._say, self._own_mark = memory, say, own_mark
+        own = plan.options.record
+        self._folder = own[0].parent if own else Path.cwd()
+        self._own_holds_marks = any(each.suffix in WITH_MARKS for each in own)
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._process: RecorderProcess | None = None  # while it records
+        self._path, self._phase = Path(), ""
+        self.files: list[str] = []  # that are complete
+
+    @property
+    def is_on(self) -> bool:
+        """Whether a recording is open, or being opened or completed."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def in_force(self) -> dict[str, Any] | None:
+        """Return the file's name and whether it is STARTING, RECORDING or COMPLETING; None: there is none."""
+        return {"file": self._path.name, "phase": self._phase} if self.is_on else None
+
+    def start(self, name: object) -> None:
+        """Start to record to a file of that name. Raises ConfigError, also while another recording is open."""
+        if self.is_on:
+            raise ConfigError(
+                f"record {show(name)[:80]}: {self._path.name} is open; allowed: after it was stopped"
+            )
+        path = self._path_of(name)
+        self._path, self._phase, self._stop = path, STARTING, threading.Event()
+        self._thread = threading.Thread(
+            target=self._record, args=(self._stop,), name="further recording", daemon=True
+        )
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop to record, and complete the file beside the run. Raises ConfigError where none is open."""
+        if not self.is_on or self._stop.is_set():
+            raise ConfigError("record null: no recording is open that was started by a command")
+        self._stop.set()
+
+    def mark(self, time_s: float, text: object) -> None:
+        """Write a mark to all recordings that can hold it. Raises ConfigError where there is none."""
+        if not isinstance(text, str) or not 0 < len(text) <= _LONGEST or not text.isprintable():
+            raise ConfigError(f"mark {show(text)[:80]}; allowed: 1 to {_LONGEST} printable characters")
+        process = self._process
+        holds = process is not None and self._path.suffix in WITH_MARKS
+        if not holds and not self._own_holds_marks:
+            raise ConfigError(f"mark: no recording is open that holds marks; allowed: in {', '.join(WITH_MARKS)}")
+        if process is not None:
+            process.mark(time_s, text)
+        if self._own_holds_marks:
+            self._own_mark(time_s, text)
+
+    def close(self) -> None:
+        """Complete the file at the end of the run."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(_CLOSE_S)
+
+    def _path_of(self, name: object) -> Path:
+        allowed = f"allowed: a new file's name with one of {', '.join(RECORDED)}"
+        plain = isinstance(name, str) and 0 < len(name) <= _LONGEST and name.isprintable()
+        if not isinstance(name, str) or not plain or name.startswith(".") or set(name) & {"/", "\\"}:
+            raise ConfigError(f"record {show(name)[:80]}: no file name; {allowed}")
+        path = self._folder / name
+        if path.exists():
+            raise ConfigError(f"record {name}: there is such a file; {allowed}")
+        try:
+            return check_file("record", str(path))
+        except ConfigError as error:
+            raise ConfigError(
+                [each.replace(f"`record` {path}", f"record {name}") for each in error.issues]
+            ) from error
+
+    def _record(self, stop: threading.Event) -> None:
+        """Record until `stop` is set; what goes wrong is reported, and ends this recording only."""
+        path, process = self._path, None
+        try:
+            content = whole_content_of(self._plan, self._channel, self._interface)
+            process = RecorderProcess([path], content, None, self._memory, self._say, begins_now=True)
+            process.wait_until_ready()
+            self._process, self._phase = process, RECORDING
+            stop.wait()
+        except (ConfigError, OSError) as error:
+            self._say(f"record {path.name}: {error}")
+        self._process, self._phase = None, COMPLETING
+        if process is None:
+            return
+        try:
+            process.close()
+            self.files += process.files
+            if process.files:
+                self._say(f"recorded: {', '.join(process.files)}")
+        except RecordingError as error:
+            self._say(str(error))

@@ -1,0 +1,74 @@
+"""What tests ask of a page in a browser."""
+
+from __future__ import annotations
+
+from typing import Any
+
+WAIT_S = 60
+GOING = ("running", "late")  # a busy machine is late now and then
+
+
+def until(browser: Any, is_so: Any) -> Any:
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    return WebDriverWait(browser, WAIT_S, poll_frequency=0.05).until(is_so)
+
+
+def found(browser: Any, selector: str) -> Any:
+    return browser.find_element("css selector", selector)
+
+
+def text_of(browser: Any, selector: str) -> str:
+    return str(found(browser, selector).text)
+
+
+def errors_in(browser: Any) -> list[str]:
+    return [each["message"] for each in browser.get_log("browser") if each["level"] != "INFO"]
+
+
+def opened(browser: Any, address: str, phases: tuple[str, ...] = GOING) -> Any:
+    """The page, once it shows one of these phases."""
+    browser.get(address)
+    until(browser, lambda _: text_of(browser, "#phase").split(":")[0] in phases)
+    until(browser, lambda _: found(browser, "body").get_attribute("data-ready"))
+    return browser
+
+
+def value_of(browser: Any, name: str) -> float:
+    """A true value in the last state."""
+    return float(browser.execute_script("return last.truth[arguments[0]]", name))
+
+
+def press(browser: Any, action: str) -> None:
+    """A button of the driver."""
+    browser.find_element("xpath", f"//div[@id='requests']/button[text()='{action}']").click()
+    until(browser, lambda _: f"request {action}" in text_of(browser, "#answer"))
+
+
+def clear_all(browser: Any) -> None:
+    found(browser, "#clear").click()
+    nothing = "return Object.keys(last.in_force.set).length + last.in_force.faults.length === 0"
+    until(browser, lambda _: browser.execute_script(nothing + " && !last.in_force.obstacle"))
+
+
+def drawn_angle(browser: Any) -> float:
+    """The angle at which the gate is drawn: from the corners of its plate, against the closed gate."""
+    d = found(browser, "#gate").get_attribute("d")
+    first, second = ([float(each) for each in part.split()] for part in d[1:].split("L")[:2])
+    return float(
+        browser.execute_script(
+            "return Math.atan2(-(arguments[1][1] - arguments[0][1]), arguments[1][0] - arguments[0][0])"
+            " * 180 / Math.PI - about.geometry.closed_deg",
+            first,
+            second,
+        )
+    )
+
+
+def drag(browser: Any, selector: str, right: int, down: int, hold_s: float = 0.0) -> Any:
+    """Drag with the mouse; the actions that let go."""
+    from selenium.webdriver import ActionChains
+
+    actions = ActionChains(browser, duration=50)
+    actions.click_and_hold(found(browser, selector)).move_by_offset(right, down).pause(hold_s).perform()
+    return ActionChains(browser).release()

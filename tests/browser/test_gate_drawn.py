@@ -1,0 +1,86 @@
+"""The gate that is drawn: it moves as the real one does, and can be moved by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from browser_support import clear_all, drag, drawn_angle, errors_in, found, opened, press, text_of, until, value_of
+
+pytestmark = pytest.mark.realtime  # the ECU takes a late bench for a drive without feedback
+
+
+@pytest.fixture
+def page(browser: Any, address: str) -> Any:
+    """The page with the gate open, and nobody moving it."""
+    opened(browser, address)
+    clear_all(browser)
+    if value_of(browser, "gate_angle_deg") < 75.0:
+        press(browser, "open")
+    until(browser, lambda _: value_of(browser, "gate_angle_deg") > 75.0)
+    until(browser, lambda _: abs(value_of(browser, "gate_rate_degps")) < 0.05)
+    return browser
+
+
+def test_the_gate_moves_as_the_ecu_moves_it(page: Any) -> None:
+    assert drawn_angle(page) == pytest.approx(value_of(page, "gate_angle_deg"), abs=1.0)
+    press(page, "close")
+    until(page, lambda _: value_of(page, "gate_angle_deg") < 60.0)
+    assert drawn_angle(page) < 65.0
+    until(page, lambda _: value_of(page, "latched") == 1.0)
+    until(page, lambda _: "latch closed" in text_of(page, "#drawing"))
+    assert drawn_angle(page) == pytest.approx(0.0, abs=1.0)
+    press(page, "open")
+    until(page, lambda _: drawn_angle(page) > 20.0)
+    assert errors_in(page) == []
+
+
+def test_a_hand_on_the_gate_is_a_force_in_data_and_drawing(page: Any) -> None:
+    release = drag(page, "#grip", 0, 80, 0.3)
+    until(page, lambda _: value_of(page, "hand_force_n") < -20.0)
+    until(page, lambda _: float(found(page, "#grip").get_attribute("aria-valuenow")) < -20.0)
+    until(page, lambda _: f"hand {round(value_of(page, 'hand_force_n'))} N" in text_of(page, "#drawing"))
+    low = "return Math.min(...charts.low.hand_force_n.slice(-30)) < -20"
+    until(page, lambda _: page.execute_script(low))
+    release.perform()
+    until(page, lambda _: value_of(page, "hand_force_n") == 0.0)
+    assert page.execute_script("return 'hand_force_n' in last.in_force.set") is False
+    assert errors_in(page) == []
+
+
+def test_a_hand_moves_the_gate(page: Any) -> None:
+    from selenium.webdriver import Keys
+
+    before = value_of(page, "gate_angle_deg")
+    found(page, "#grip").send_keys(Keys.PAGE_DOWN, Keys.PAGE_DOWN, Keys.PAGE_DOWN)
+    until(page, lambda _: value_of(page, "gate_angle_deg") < before - 1.0)
+    assert value_of(page, "hand_force_n") == -150.0
+    found(page, "#grip").send_keys(Keys.ESCAPE)
+    until(page, lambda _: value_of(page, "hand_force_n") == 0.0)
+
+
+def test_an_obstacle_placed_with_the_mouse_makes_the_ecu_reverse(page: Any) -> None:
+    drag(page, "#rod", -12, 10).perform()
+    until(page, lambda _: page.execute_script("return last.in_force.obstacle !== null"))
+    rod = page.execute_script("return last.in_force.obstacle")
+    assert 15.0 < rod["angle_deg"] < 60.0
+    assert "parked" not in found(page, "#rod").get_attribute("class")
+    press(page, "close")
+    until(page, lambda _: value_of(page, "pinch_force_peak_n") > 5.0)
+    assert value_of(page, "pinch_contact_deg") == pytest.approx(rod["angle_deg"], abs=1.0)
+    until(page, lambda _: "reversing" in text_of(page, "#events"))
+    until(page, lambda _: value_of(page, "gate_angle_deg") > rod["angle_deg"] + 3.0)
+    assert float(text_of(page, "#peak")) > 5.0
+    found(page, "#obstacle-on button").click()
+    until(page, lambda _: page.execute_script("return last.in_force.obstacle === null"))
+    assert errors_in(page) == []
+
+
+def test_the_drives_are_drawn_where_their_joints_are(page: Any) -> None:
+    """The shaft of the left drive ends at the gate's joint, beside which it is drawn by 7 units."""
+    ends = page.execute_script(
+        "const d = document.querySelector('.shaft.left').getAttribute('d').split('L')[1].split(' ');"
+        "return [d.map(Number), drawing.at(drawing.turned(about.geometry.drives.left.gate_point[0]))]"
+    )
+    apart = ((ends[0][0] - ends[1][0]) ** 2 + (ends[0][1] - ends[1][1]) ** 2) ** 0.5
+    assert apart == pytest.approx(7.0, abs=1.5)

@@ -1,0 +1,161 @@
+"""What a page does as runs end and begin, with recordings, without a mouse, and for a minute."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser_support import GOING, errors_in, found, opened, text_of, until
+from conftest import OPENS
+from dashboard_support import address_in, process
+
+import liftgate_hil as lh
+
+BENCH = ("--ecu", "reference", "--overrun-limit", "3600")
+ENDED = ("ended: fail", "ended: inconclusive")  # a busy machine cannot tell
+# Numbers all that takes the focus and is shown, and returns how many there are.
+NUMBERED = """
+const all = [...document.querySelectorAll('button, input, select, summary, [tabindex="0"]')];
+const shown = all.filter((each) => each.checkVisibility({ visibilityProperty: true }) && !each.disabled);
+shown.forEach((each, k) => { each.dataset.place = k; });
+document.activeElement.blur();
+return shown.length;
+"""
+AXE = Path(__file__).parent / "vendor" / "axe.min.js"
+
+
+def test_the_end_shows_the_verdict_and_the_next_run_is_picked_up(browser: Any, tmp_path: Path) -> None:
+    passes = 'duration = 0.6\n[[expect]]\nname = "stays shut"\nalways = "gate_angle_deg < 5"\n'
+    (tmp_path / "s.toml").write_text(passes, encoding="utf-8")
+    run = ("--bus", "virtual:next", *BENCH, "--scenario", "s.toml")
+    with process("--bus", "virtual:next", *BENCH, folder=tmp_path) as first:
+        arguments = ("dashboard", "--attach", str(first.pid), "--patience", "60", "--listen", "127.0.0.1:0")
+        with process(*arguments, folder=tmp_path) as child:
+            opened(browser, address_in(child))
+            first.terminate()
+            assert first.wait(30) == 0
+            until(browser, lambda _: text_of(browser, "#phase") == "ended: pass")
+            assert "exit code 0" in text_of(browser, "#end-verdict")
+            assert not found(browser, "#clear").is_enabled()
+            with process(*run, folder=tmp_path) as second:
+                until(browser, lambda _: "· s · next" in browser.title)
+                until(browser, lambda _: text_of(browser, "#phase") == "ended: pass")
+                assert "stays shut" in text_of(browser, "#verdicts")
+                assert second.wait(30) == 0
+        assert errors_in(browser) == []
+
+
+def test_a_run_with_its_own_page_shows_its_verdict_and_the_next_one(
+    browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The server ends with the run; the page waits for the next one, without errors in the console."""
+    monkeypatch.setenv("LIFTGATE_HIL_TOKEN", "a-token-that-stays-the-same")
+    fails = 'duration = 1.5\n[[expect]]\nname = "opens"\neventually = "gate_angle_deg > 70"\n'
+    (tmp_path / "fails.toml").write_text(fails, encoding="utf-8")
+    own = ("--bus", "virtual:own", *BENCH, "--dashboard")
+    with process(*own, "--scenario", "fails.toml", "--listen", "127.0.0.1:0", folder=tmp_path) as run:
+        address = address_in(run, is_error=True)
+        browser.get(address)
+        until(browser, lambda _: text_of(browser, "#phase") in ENDED)
+        assert "opens: " in text_of(browser, "#end-reason")
+        assert run.wait(30) == 0
+    time.sleep(2.5)
+    assert text_of(browser, "#phase") in ENDED
+    listen = address.removeprefix("http://").split("/")[0]
+    with process(*own, "--listen", listen, folder=tmp_path) as run:
+        address_in(run, is_error=True)
+        until(browser, lambda _: text_of(browser, "#phase") in GOING)
+    assert errors_in(browser) == []
+
+
+def test_a_recording_shows_its_pinch_and_is_played(browser: Any, tmp_path: Path) -> None:
+    result = lh.run("demo", record=tmp_path / "run.mf4")
+    arguments = ("dashboard", "--recording", "run.mf4", "--listen", "127.0.0.1:0")
+    with process(*arguments, folder=tmp_path) as child:
+        opened(browser, address_in(child), ("recording",))
+        peak = result.maxima["pinch_force_n"]
+        assert float(text_of(browser, "#pinch")) == pytest.approx(peak, abs=0.1)
+        assert float(text_of(browser, "#time")) == pytest.approx(result.pinch_time_s, abs=0.01)
+        drawn = "return Math.max(...charts.high.pinch_force_n)"
+        assert browser.execute_script(drawn) == pytest.approx(peak, rel=1e-9)
+        assert f"pinch {peak:.0f} N" in text_of(browser, "#drawing")  # the vehicle is in the file
+        found(browser, "#contacts button").click()
+        until(browser, lambda _: browser.execute_script("return charts.range[1] - charts.range[0] < 3"))
+        until(browser, lambda _: browser.execute_script(f"{drawn} && charts.times.length > 200"))
+        steps = "return charts.times[10] - charts.times[9] < 0.0025"
+        until(browser, lambda _: browser.execute_script(steps))  # every row, or every other
+        assert browser.execute_script(drawn) == pytest.approx(peak, rel=1e-9)
+        assert not found(browser, "#commands").is_displayed()
+        found(browser, "#whole").click()
+        browser.execute_script("return seek(about.end_s - 0.5)")
+        found(browser, "#play").click()
+        until(browser, lambda _: text_of(browser, "#play") == "Play")
+        assert float(text_of(browser, "#time")) == pytest.approx(42.0, abs=0.01)
+        assert errors_in(browser) == []
+
+
+def test_scenarios_are_chosen_started_and_stopped(browser: Any, tmp_path: Path) -> None:
+    from selenium.webdriver.support.ui import Select
+
+    (tmp_path / "opens.toml").write_text(OPENS, encoding="utf-8")
+    arguments = ("dashboard", "--scenarios", ".", "--listen", "127.0.0.1:0")
+    with process(*arguments, folder=tmp_path) as child:
+        opened(browser, address_in(child), ("no run",))
+        until(browser, lambda _: Select(found(browser, "#start-name")).options)
+        Select(found(browser, "#start-name")).select_by_visible_text("opens.toml")
+        found(browser, "#start button").click()
+        until(browser, lambda _: text_of(browser, "#phase") in GOING)
+        until(browser, lambda _: found(browser, "#stop-run").is_enabled())
+        found(browser, "#stop-run").click()
+        until(browser, lambda _: text_of(browser, "#phase").startswith("ended: pass"))
+        assert errors_in(browser) == []
+
+
+def test_the_keyboard_alone_reaches_everything(page: Any) -> None:
+    """Tab goes through every control that is shown, and each shows that it has the focus."""
+    from selenium.webdriver import ActionChains, Keys
+
+    wanted = page.execute_script(NUMBERED)
+    assert wanted > 60
+    reached = set()
+    for _ in range(wanted + 20):
+        ActionChains(page, duration=0).send_keys(Keys.TAB).perform()
+        place, outline = page.execute_script(
+            "const it = document.activeElement; return [it.dataset.place, getComputedStyle(it).outlineStyle]"
+        )
+        if place is not None:
+            reached.add(int(place))
+            assert outline != "none"
+    assert reached == set(range(wanted))
+
+
+@pytest.mark.parametrize("width", [1500, 420])
+def test_axe_finds_no_fault_in_contrast_labels_or_roles(page: Any, width: int) -> None:
+    for each in ("#bus-view", "#values"):
+        found(page, f"{each} summary").click()
+    page.set_window_size(width, 1400)
+    try:
+        page.execute_script(AXE.read_text(encoding="utf-8"))
+        said = page.execute_async_script("axe.run(document).then((found) => arguments[0](found.violations))")
+    finally:
+        page.set_window_size(1500, 1400)
+    assert [(each["id"], [node["target"] for node in each["nodes"]]) for each in said] == []
+
+
+def test_on_a_phone_the_controls_come_before_the_charts(page: Any) -> None:
+    page.set_window_size(420, 900)
+    try:
+        scene, controls, charts = (found(page, each).location["y"] for each in ("#scene", "#controls", "#charts"))
+        assert scene < controls < charts
+        assert page.execute_script("return document.documentElement.scrollWidth <= innerWidth")
+    finally:
+        page.set_window_size(1500, 1400)
+
+
+def test_there_is_no_error_in_the_console_for_a_minute(page: Any) -> None:
+    begin = float(text_of(page, "#time"))
+    time.sleep(60)
+    assert float(text_of(page, "#time")) > begin + 10
+    assert errors_in(page) == []

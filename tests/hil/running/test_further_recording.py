@@ -1,0 +1,166 @@
+"""A recording that is started and stopped while a run goes on: with its own process and real files."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from recording_support import rows_from, table_in
+
+from liftgate_hil.ecu.names import ON_A_BUS
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.loop.rings import Memory
+from liftgate_hil.running.further_recording import RECORDING, STARTING, FurtherRecording
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.plan import Plan, plan_of
+from liftgate_hil.transport.can_arguments import WireChoice
+
+EPOCH_NS = 1_700_000_000_000_000_000
+
+
+@pytest.fixture
+def memory() -> Iterator[Memory]:
+    found = Memory(4096, 4096)
+    found.shared.control.epoch_ns = EPOCH_NS
+    yield found
+    found.close()
+
+
+def plan(folder: Path, *record: str) -> Plan:
+    options = RunOptions(clock="realtime", record=tuple(folder / each for each in record))
+    return plan_of(Job("demo", ON_A_BUS, wire=WireChoice(bus="virtual:further"), options=options))
+
+
+def put(memory: Memory, first: int, count: int) -> None:
+    rows, control = rows_from(first, count), memory.shared.control
+    for row in rows:
+        memory.shared.rows[int(control.rows[0]) % len(memory.shared.rows)] = row
+        control.rows += 1
+
+
+def until(recording: FurtherRecording, phase: str | None) -> None:
+    deadline = time.monotonic() + 60
+    while (state := recording.in_force()) is not None or phase is not None:
+        if state is not None and state["phase"] == phase:
+            return
+        assert time.monotonic() < deadline, state
+        time.sleep(0.005)
+
+
+class Bench:
+    """A further recording, with what it says and the marks that it gives to the run's own recordings."""
+
+    def __init__(self, memory: Memory, folder: Path, *record: str) -> None:
+        self.said: list[str] = []
+        self.marks: list[tuple[float, str]] = []
+        own = plan(folder, *record)
+        self.recording = FurtherRecording(
+            own, "can0", "virtual", memory, self.said.append, lambda *mark: self.marks.append(mark)
+        )
+
+
+@pytest.fixture
+def bench(memory: Memory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    monkeypatch.chdir(tmp_path)
+    found = Bench(memory, tmp_path)
+    yield found
+    found.recording.close()
+
+
+def test_it_holds_what_came_between_start_and_stop_and_the_marks(
+    bench: Bench, memory: Memory, tmp_path: Path
+) -> None:
+    from asammdf import MDF
+
+    recording = bench.recording
+    put(memory, 0, 10)
+    recording.start("part.mf4")
+    assert recording.in_force() == {"file": "part.mf4", "phase": STARTING}
+    until(recording, RECORDING)
+    put(memory, 10, 5)
+    recording.mark(0.0125, "here")
+    recording.stop()
+    until(recording, None)
+    assert recording.files == [str(tmp_path / "part.mf4")]
+    assert table_in(tmp_path / "part.mf4")["time_s"] == pytest.approx(rows_from(10, 5)[:, 0])
+    with MDF(tmp_path / "part.mf4") as measured:
+        assert [(each.name, each.value) for each in measured.events] == [("here", pytest.approx(0.0125))]
+        assert b'"seed"' in measured.extract_attachment(0)[0]  # the provenance
+    assert bench.said == [f"recorded: {tmp_path / 'part.mf4'}"]
+    recording.start("next.csv")
+    until(recording, RECORDING)
+    put(memory, 15, 2)
+    recording.close()
+    assert len(table_in(tmp_path / "next.csv")["time_s"]) == 2
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", ".", "..", "../x.csv", "/tmp/x.csv", "a/b.csv", "x", "x.txt", "x.csv\n", ".x.csv", "a\\b.csv", 7, None],
+)
+def test_what_is_no_new_file_of_the_folder_is_refused(bench: Bench, name: object) -> None:
+    with pytest.raises(ConfigError, match="allowed: "):
+        bench.recording.start(name)
+    assert bench.recording.in_force() is None
+
+
+def test_no_file_is_replaced(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "x.csv").write_text("mine")
+    with pytest.raises(ConfigError, match=r"record x\.csv: there is such a file"):
+        bench.recording.start("x.csv")
+    assert (tmp_path / "x.csv").read_text() == "mine"
+
+
+def test_one_is_open_at_a_time_and_none_is_stopped_twice(bench: Bench) -> None:
+    with pytest.raises(ConfigError, match="no recording is open"):
+        bench.recording.stop()
+    bench.recording.start("x.csv")
+    with pytest.raises(ConfigError, match=r"x\.csv is open"):
+        bench.recording.start("y.csv")
+    until(bench.recording, RECORDING)
+    bench.recording.stop()
+    with pytest.raises(ConfigError, match="no recording is open"):
+        bench.recording.stop()
+
+
+@pytest.mark.parametrize("text", ["", "x" * 201, "two\nlines", None, 3])
+def test_a_mark_is_a_line(bench: Bench, text: object) -> None:
+    with pytest.raises(ConfigError, match="1 to 200 printable characters"):
+        bench.recording.mark(1.0, text)
+
+
+def test_a_mark_needs_a_recording_that_holds_it(bench: Bench) -> None:
+    with pytest.raises(ConfigError, match=r"no recording is open that holds marks; allowed: in \.mf4"):
+        bench.recording.mark(1.0, "x")
+    bench.recording.start("x.csv")
+    until(bench.recording, RECORDING)
+    with pytest.raises(ConfigError, match="no recording is open that holds marks"):
+        bench.recording.mark(1.0, "x")
+
+
+def test_the_runs_own_recordings_get_it_too_and_name_the_folder(memory: Memory, tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    bench = Bench(memory, tmp_path / "own", "run.mf4")
+    bench.recording.mark(1.0, "x")
+    assert bench.marks == [(1.0, "x")]
+    bench.recording.start("y.csv")
+    until(bench.recording, RECORDING)
+    bench.recording.close()
+    assert (tmp_path / "own" / "y.csv").is_file()
+    assert bench.recording.in_force() is None
+
+
+def test_a_file_that_cannot_be_opened_is_reported_and_ends_that_recording_only(
+    bench: Bench, memory: Memory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("liftgate_hil.running.recorder_process._READY_S", 0.0)
+    bench.recording.start("x.csv")
+    until(bench.recording, None)
+    assert "x.csv" in bench.said[0]
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    bench.recording.start("y.csv")
+    until(bench.recording, RECORDING)
