@@ -75,9 +75,11 @@ def _source(args: argparse.Namespace) -> Live | RecordingSource:
     from pathlib import Path
 
     if args.recording is not None:
+        from liftgate_hil.cli.teller import Teller
         from liftgate_hil.dashboard.recorded import RecordingSource
 
-        return RecordingSource(Path(args.recording), args.rig)
+        with Teller(is_quiet=False).progress(f"reading {printable(args.recording)}"):
+            return RecordingSource(Path(args.recording), args.rig)
     if args.rig is not None:
         raise ConfigError(f"`rig` {args.rig}: allowed with `recording`")
     from liftgate_hil.dashboard.live import Live
