@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _examined() -> list[Check]:
     """Return the checks of `doctor` on how well this machine keeps time."""
-    found = Examination(1000.0, _LOOK_S, True, None, lambda check: None, print)
+    found = Examination(1000.0, _LOOK_S, True, None, lambda check: None, lambda text, seconds: print(text))
     found.run()
     return [each for each in found.checks if each.check in _TIMING]
 

@@ -45,11 +45,6 @@ class Progress:
         elapsed = time.monotonic() - self.began
         return (self.done - self.found) / elapsed if elapsed > 0.0 else 0.0
 
-    @property
-    def left_s(self) -> float:
-        """Time left [s]; infinite: nothing is known yet."""
-        return (self.count - self.done) / self.per_second if self.per_second > 0.0 else float("inf")
-
 
 def batch_size(count: int, workers: int, seconds: float) -> int:
     """Return the variants of a batch, of `count` that take some `seconds` each on so many workers."""

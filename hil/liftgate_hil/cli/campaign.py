@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,9 +24,10 @@ from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError, LiftgateError, printable
 
 if TYPE_CHECKING:
-    from liftgate_hil.campaign.campaign import Progress
+    from liftgate_hil.campaign.campaign import Progress as State
     from liftgate_hil.campaign.request import Request
     from liftgate_hil.campaign.run import Outcome, Places
+    from liftgate_hil.cli.progress import Progress
     from liftgate_hil.cli.teller import Teller
 
 _TEXTS = ("worst", "probability", "against", "output", "store", "scheduler", "replay")
@@ -116,8 +117,8 @@ def run(args: argparse.Namespace) -> int:
     if is_campaign_file(request.scenario):
         return _run_file(args, request, teller)
     stop = StopSignals()
-    with _ended_in_order(teller, stop):
-        watcher = Watcher(stop, _Line(teller).show, teller.say)
+    with _ended_in_order(stop), teller.progress("campaign") as progress:
+        watcher = Watcher(stop, _shown_by(progress), teller.say)
         outcome = run_campaign(request, _places(args), provenance_of(args.command_line, {}), watcher)
     _summarise(outcome, args)
     return 0 if outcome.is_complete else stop.exit_code
@@ -132,8 +133,8 @@ def _run_file(args: argparse.Namespace, request: Request, teller: Teller) -> int
 
     file = read_campaign_file(request.scenario, request)
     stop = StopSignals()
-    with _ended_in_order(teller, stop):
-        watcher = Watcher(stop, _Line(teller).show, teller.say)
+    with _ended_in_order(stop), teller.progress("campaign") as progress:
+        watcher = Watcher(stop, _shown_by(progress), teller.say)
         found = run_parts(file, _places(args), provenance_of(args.command_line, {}), watcher)
     for each in found:
         _summarise(each.outcome, args)
@@ -143,8 +144,8 @@ def _run_file(args: argparse.Namespace, request: Request, teller: Teller) -> int
 
 
 @contextlib.contextmanager
-def _ended_in_order(teller: Teller, stop: StopSignals) -> Iterator[None]:
-    """Context that clears the progress line, and gives a failure after a stop the exit code of the stop."""
+def _ended_in_order(stop: StopSignals) -> Iterator[None]:
+    """Context that gives a failure after a stop the exit code of the stop."""
     from liftgate_hil.campaign.store import StoreError
 
     try:
@@ -156,8 +157,6 @@ def _ended_in_order(teller: Teller, stop: StopSignals) -> Iterator[None]:
         raise stop.failure(f"{error}; what is in the store is kept: go on with --resume") from error
     except LiftgateError as error:
         raise stop.failure(str(error)) from error
-    finally:
-        teller.clear()
 
 
 def _places(args: argparse.Namespace) -> Places:
@@ -205,34 +204,17 @@ def _request(args: argparse.Namespace) -> Request:
     )
 
 
-class _Line:
-    """Progress line of a campaign on the terminal."""
-
-    def __init__(self, teller: Teller) -> None:
-        self._teller = teller
-
-    def show(self, progress: Progress) -> None:
-        """Show how far it is, how fast, and how long it still takes."""
-        self._teller.progress(line_of(progress))
+def _shown_by(shown: Progress) -> Callable[[State], None]:
+    """Return what is called with the state of a campaign, and shows it."""
+    return lambda state: shown.update(state.done, state.count, line_of(state), before=state.found)
 
 
-def line_of(progress: Progress) -> str:
-    """Return a campaign's progress as a line."""
-    parts = [f"{progress.done}/{progress.count or '?'} variants", f"{progress.per_second:.1f} a second"]
-    if progress.count and progress.done < progress.count and progress.per_second > 0.0:
-        parts.append(f"{_time(progress.left_s)} left")
-    if progress.retried:
-        parts.append(f"{progress.retried} tried again")
+def line_of(state: State) -> str:
+    """Return the state of a campaign as a line."""
+    parts = [f"{state.done}/{state.count or '?'} variants", f"{state.per_second:.1f} a second"]
+    if state.retried:
+        parts.append(f"{state.retried} tried again")
     return "  ".join(parts)
-
-
-def _time(seconds: float) -> str:
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s"
-    return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
 def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:
@@ -249,9 +231,11 @@ def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:
 def _replay(args: argparse.Namespace) -> int:
     """Run a variant of a campaign again; exit code 0: it is as the campaign saw it, to the bit."""
     from liftgate_hil.campaign.replay import replayed
+    from liftgate_hil.cli.teller import Teller
 
     record = options.run_options(args).record
-    found = replayed(Path(args.scenario), args.replay, record)
+    with Teller(args.quiet).progress("replay"):
+        found = replayed(Path(args.scenario), args.replay, record)
     for line in found.lines:
         print(printable(line), flush=True)
     return 0 if found.is_equal else 1

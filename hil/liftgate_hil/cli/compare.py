@@ -21,6 +21,7 @@ from liftgate_hil.cli import recordings
 from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
+    from liftgate_hil.cli.progress import Progress
     from liftgate_hil.conversion.compare import Comparison
     from liftgate_hil.conversion.table import Window
     from liftgate_hil.formats.recording import Recording
@@ -47,41 +48,61 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
-    from dataclasses import replace
-
-    from liftgate_hil.conversion.compare import Comparison, compare_tables
-    from liftgate_hil.conversion.compare_frames import compare_frames
-    from liftgate_hil.conversion.table import open_table
-    from liftgate_hil.formats.open import open_recording
+    from liftgate_hil.cli.teller import Teller
 
     columns, window = recordings.columns_of(args), recordings.window_of(args)
-    tolerance, own = _tolerances(args.tolerance)
+    tolerances = _tolerances(args.tolerance)
     paths = (Path(args.first), Path(args.second))
     target = recordings.check_picture(args.output, [*map(str, paths)]) if args.output else None
-    sources = open_recording(paths[0]), open_recording(paths[1])
-    have_frames = all(each.channel is not None for each in sources)
-    have_rows = args.rig is not None or all(each.signals for each in sources)
-    if (not have_rows and not have_frames) or (columns and not have_rows):
-        raise ConfigError(
-            f"{paths[0]}, {paths[1]}: not both recordings hold rows; allowed: with --rig, which decodes frames"
-        )
-    found = Comparison((), 0, (0, 0), ((), ()))
-    if have_rows:
-        tables = open_table(paths[0], args.rig), open_table(paths[1], args.rig)
-        found = compare_tables(tables, columns, own, tolerance, window)
-        if target is not None:
-            _draw(target, tables, found, columns, window)
-    elif target is not None:
-        raise ConfigError(f"--output {target}: allowed with recordings that hold rows, or with --rig")
-    whole = not columns and args.from_s is None and args.to_s is None and args.rig is None
-    if have_frames and whole:
-        found = replace(found, frames=compare_frames(*sources))
+    with Teller(args.quiet, args.json).progress("compare") as progress:
+        found = _compared(paths, args.rig, columns, window, tolerances, target, progress)
     if args.json:
         print(json.dumps(_as_json(found), indent=2, allow_nan=False))
     elif not args.quiet:
         for line in [*_lines(found, (args.first, args.second)), *([f"written: {target}"] if target else [])]:
             print(printable(line))
     return 0 if found.is_equal else 1
+
+
+def _compared(
+    paths: tuple[Path, Path],
+    rig: str | None,
+    columns: Sequence[str],
+    window: Window,
+    tolerances: tuple[float, dict[str, float]],
+    target: Path | None,
+    progress: Progress,
+) -> Comparison:
+    """Return the comparison of two recordings, and draw it into the file `target`. Raises ConfigError."""
+    from dataclasses import replace
+
+    from liftgate_hil.conversion.compare import Comparison, compare_tables
+    from liftgate_hil.conversion.compare_frames import compare_frames
+    from liftgate_hil.conversion.table import Window, open_table
+    from liftgate_hil.formats.open import open_recording
+
+    sources = open_recording(paths[0]), open_recording(paths[1])
+    have_frames = all(each.channel is not None for each in sources)
+    have_rows = rig is not None or all(each.signals for each in sources)
+    if (not have_rows and not have_frames) or (columns and not have_rows):
+        raise ConfigError(
+            f"{paths[0]}, {paths[1]}: not both recordings hold rows; allowed: with --rig, which decodes frames"
+        )
+    found = Comparison((), 0, (0, 0), ((), ()))
+    if have_rows:
+        tables = open_table(paths[0], rig), open_table(paths[1], rig)
+        common, own = tolerances
+        found = compare_tables(
+            tables, columns, own, common, window, lambda rows: progress.update(text=f"{rows} rows")
+        )
+        if target is not None:
+            _draw(target, tables, found, columns, window)
+    elif target is not None:
+        raise ConfigError(f"--output {target}: allowed with recordings that hold rows, or with --rig")
+    if have_frames and not columns and window == Window() and rig is None:
+        frames = compare_frames(*sources, lambda count: progress.update(text=f"{count} frames"))
+        found = replace(found, frames=frames)
+    return found
 
 
 def _tolerances(given: Sequence[str]) -> tuple[float, dict[str, float]]:

@@ -32,9 +32,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()  # stops between two blocks; an unfinished file is removed
+    from liftgate_hil.cli.teller import Teller
     from liftgate_hil.conversion.convert import convert
 
-    done = convert(Path(args.source), Path(args.target), args.rig, stopped)
+    with Teller(args.quiet).progress("convert") as progress:
+
+        def tell(rows: int, frames: int) -> None:
+            progress.update(text=f"{rows} rows, {frames} frames")
+
+        done = convert(Path(args.source), Path(args.target), args.rig, stopped, tell)
     if not done.is_complete:
         print(f"liftgate-hil convert: {stopped.name}: {args.target} is not written", file=sys.stderr)
         return stopped.exit_code

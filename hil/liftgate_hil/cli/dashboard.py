@@ -118,9 +118,11 @@ def _source(args: argparse.Namespace) -> Live | RecordingSource | NoSource:
 
         return NoSource()
     if args.recording is not None:
+        from liftgate_hil.cli.teller import Teller
         from liftgate_hil.dashboard.recorded import RecordingSource
 
-        return RecordingSource(Path(args.recording), args.rig, args.vehicle)
+        with Teller(is_quiet=False).progress(f"reading {printable(args.recording)}"):
+            return RecordingSource(Path(args.recording), args.rig, args.vehicle)
     from liftgate_hil.dashboard.live import Live
     from liftgate_hil.running.attachment.client import Client
 

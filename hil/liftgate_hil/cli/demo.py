@@ -17,6 +17,7 @@ from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import DEMO_EXIT_CODES
 from liftgate_hil.cli.run import given_up, report
 from liftgate_hil.cli.stopping import StopSignals
+from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import run_loop
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError
@@ -116,7 +117,8 @@ def _present(args: argparse.Namespace, shown: Result, stopped: StopSignals, fold
     """
     event = event_of(shown)
     if not args.no_record and len(shown.trace["time_s"]) > 1:  # not stopped before it began
-        _draw(options.setup_of(args), shown, event, folder, mark)
+        with Teller(args.quiet, args.json).progress("picture"):
+            _draw(options.setup_of(args), shown, event, folder, mark)
     if not args.quiet and not args.json:
         _tell(args, shown, event, folder)
     report(args, shown, stopped, pinch=None if event is None else event.as_dict())

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
@@ -33,18 +32,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
+    from liftgate_hil.cli.teller import Teller
     from liftgate_hil.doctor.examination import Examination
+
+    teller = Teller(args.quiet, args.json)
 
     def tell(check: Check) -> None:
         if not args.json and (check.level != "ok" or not args.quiet):
-            print("\n".join(check.lines()), flush=True)
+            with teller.aside():
+                print("\n".join(check.lines()), flush=True)
 
-    def say(text: str) -> None:
-        if not args.json and not args.quiet:
-            print(text, file=sys.stderr, flush=True)
+    def say(text: str, seconds: float) -> None:
+        if not args.json:
+            teller.say(text)
+        progress.lasts(seconds, "measuring")
 
-    found = Examination(args.rate, args.duration, args.realtime, args.cpu, tell, say)
-    found.run()
+    with teller.progress("doctor") as progress:
+        found = Examination(args.rate, args.duration, args.realtime, args.cpu, tell, say)
+        found.run()
     if args.json:
         checks = [check._asdict() for check in found.checks]
         answer = {"fit": not found.problems(), "checks": checks, "figures": found.figures}

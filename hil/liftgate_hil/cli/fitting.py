@@ -16,6 +16,7 @@ from liftgate_hil.cli import options
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
+    from liftgate_hil.cli.teller import Teller
     from liftgate_hil.identify.data import Data
     from liftgate_hil.identify.problem import Problem, Sought
     from liftgate_hil.measurement.measurement import Measurement
@@ -170,6 +171,7 @@ def origin_of(args: argparse.Namespace) -> Provenance:
 
 def deliver(
     args: argparse.Namespace,
+    teller: Teller,
     provenance: Provenance,
     content: Mapping[str, Any],
     text: Callable[[], str],
@@ -187,7 +189,8 @@ def deliver(
     if args.result:
         write_json(args.result, "--result", content)
     if args.html:
-        write_report(args.html, "--html", page())
+        with teller.progress("report"):
+            write_report(args.html, "--html", page())
 
 
 def data_of(measurement: Measurement, vehicle: Vehicle) -> Data:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -21,6 +20,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.identify.descent import Report
     from liftgate_hil.identify.problem import Sought
     from liftgate_hil.identify.result import Identification
     from liftgate_hil.report.provenance import Provenance
@@ -111,19 +112,28 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.running.compilation import reporting_compilation
 
-    with reporting_compilation(Teller(args.quiet)):
-        return _run(args)
+    teller = Teller(args.quiet)
+    with reporting_compilation(teller):
+        return _run(args, teller)
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run(args: argparse.Namespace, teller: Teller) -> int:
     from liftgate_hil.report.files import check_targets
+    from liftgate_hil.report.numbers import significant
 
     targets = {"--result": args.result, "--save-vehicle": args.save_vehicle, "--html": args.html}
     check_targets(targets, args.files)
     origin = fitting.origin_of(args)
     if args.plan:
-        return _plan(args, origin)
-    _deliver(args, origin, identified(args))
+        return _plan(args, teller, origin)
+    with teller.progress("identify") as progress:
+
+        def tell(iteration: int, loss: float, step: float) -> None:
+            numbers = f"loss {significant(loss, 6)}  step {significant(step, 3)}"
+            progress.update(text=f"iteration {iteration}  {numbers}")
+
+        result = identified(args, tell)
+    _deliver(args, teller, origin, result)
     return 0
 
 
@@ -190,10 +200,9 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
     return list(found.values())
 
 
-def identified(args: argparse.Namespace) -> Identification:
-    """Return the result of the identification of these flags. Raises ConfigError."""
+def identified(args: argparse.Namespace, report: Report | None = None) -> Identification:
+    """Return the result of the identification of these flags; `report` gets its iterations. Raises ConfigError."""
     from liftgate_hil.identify.identification import NothingToTellError, identify
-    from liftgate_hil.report.progress import Progress
 
     if not args.files:
         raise ConfigError("FILE: missing; allowed: one measurement or more, or --plan")
@@ -205,9 +214,7 @@ def identified(args: argparse.Namespace) -> Identification:
         raise ConfigError([f"--profile {each}: allowed: {', '.join(names)}" for each in unknown])
     problem, notes = fitting.problem_of(args, vehicle, model, sought, outputs)
     try:
-        with Progress(sys.stderr, args.quiet) as progress:
-            noise = _noise(args, problem.outputs)
-            result = identify(problem, progress.update, noise, profiles)
+        result = identify(problem, report, _noise(args, problem.outputs), profiles)
     except NothingToTellError as error:
         raise ConfigError(f"{', '.join(args.files)}: nothing to identify from: {error}") from error
     return dataclasses.replace(result, vehicle=args.vehicle, notes=notes)
@@ -237,7 +244,7 @@ def _noise(args: argparse.Namespace, columns: Sequence[str]) -> NDArray[np.float
     return np.array([given[name] for name in columns])
 
 
-def _deliver(args: argparse.Namespace, origin: Provenance, result: Identification) -> None:
+def _deliver(args: argparse.Namespace, teller: Teller, origin: Provenance, result: Identification) -> None:
     """Print and write the result."""
     from liftgate_hil.report.files import write_report
     from liftgate_hil.report.json_result import identification_json
@@ -252,7 +259,7 @@ def _deliver(args: argparse.Namespace, origin: Provenance, result: Identificatio
 
         return identification_html(result, origin)
 
-    fitting.deliver(args, origin, identification_json(result), text, page)
+    fitting.deliver(args, teller, origin, identification_json(result), text, page)
     if args.save_vehicle:
         write_report(args.save_vehicle, "--save-vehicle", _vehicle_text(args, result))
 
@@ -307,7 +314,7 @@ def _check_saved(text: str, target: str, sought: Sequence[str], identifiable: Ma
         ) from error
 
 
-def _plan(args: argparse.Namespace, origin: Provenance) -> int:
+def _plan(args: argparse.Namespace, teller: Teller, origin: Provenance) -> int:
     """Rank experiments and report the plan. Raises ConfigError."""
     from liftgate_hil.identify.design import candidates, plan
     from liftgate_hil.report.plan import plan_json, plan_text
@@ -324,7 +331,8 @@ def _plan(args: argparse.Namespace, origin: Provenance) -> int:
     if unknown:
         raise ConfigError([f"--outputs {each}: allowed: {', '.join(fitting.KINDS)}" for each in unknown])
     columns = [fitting.KINDS[kind][0] for kind in kinds]
-    result = plan(vehicle, model, sought, columns, candidates(vehicle, args.duration, 1000.0))
+    with teller.progress("plan"):
+        result = plan(vehicle, model, sought, columns, candidates(vehicle, args.duration, 1000.0))
     # No page: --html is refused above.
-    fitting.deliver(args, origin, plan_json(result), lambda: plan_text(result), str)
+    fitting.deliver(args, teller, origin, plan_json(result), lambda: plan_text(result), str)
     return 0

@@ -74,6 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stop = StopSignals()
+    from liftgate_hil.cli.teller import Teller
     from liftgate_hil.report.provenance import provenance_of
     from liftgate_hil.testing import judged_suite, suite
     from liftgate_hil.testing.html_report import SuiteReport
@@ -85,17 +86,22 @@ def run(args: argparse.Namespace) -> int:
     runs = judged_suite.runs_of(args.recordings, args.one_run)
     cases = judged_suite.cases_of(runs, about, is_reported=any(targets.values()))
     report, outcomes = SuiteReport(), []
-    for outcome, notes in judged_suite.judge_suite(cases, about, bool(targets["html"]), stop):
-        outcomes.append(report.take(outcome))
-        _tell(outcome, notes, len(runs) > 1, args)
+    teller = Teller(args.quiet, args.json == "-")
+    with teller.progress("judge", len(cases)) as progress:
+        for outcome, notes in judged_suite.judge_suite(cases, about, bool(targets["html"]), stop):
+            outcomes.append(report.take(outcome))
+            with teller.aside():
+                _tell(outcome, notes, len(runs) > 1, args)
+            progress.update(len(outcomes), text=f"{len(outcomes)}/{len(cases)} runs" if len(cases) > 1 else "")
     provenance = provenance_of(args.command_line, {})
     content = as_json(outcomes, provenance.as_dict())
     for target in targets["json"]:
         write(target, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).encode())
     for target in targets["junit"]:
         write(target, as_junit(outcomes))
-    for target in targets["html"]:
-        write(target, report.html(outcomes, provenance).encode())
+    with teller.progress("report"):
+        for target in targets["html"]:
+            write(target, report.html(outcomes, provenance).encode())
     summarise(outcomes, args, "recording" if len(runs) == 1 else "recordings")
     return stop.exit_code if stop.received else EXIT_CODES[suite.verdict_of(outcomes)]
 

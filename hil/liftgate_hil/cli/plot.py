@@ -9,9 +9,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import recordings
 from liftgate_hil.errors import printable
+
+if TYPE_CHECKING:
+    from liftgate_hil.conversion.table import Window
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,11 +28,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
-    from liftgate_hil.conversion import picture
-    from liftgate_hil.conversion.table import chosen, columns_in, open_table
+    from liftgate_hil.cli.teller import Teller
 
     window = recordings.window_of(args)
     target = recordings.check_picture(args.output or f"{args.recording}.png", [args.recording])
+    with Teller(args.quiet).progress("plot"):
+        _draw(args, window, target)
+    if not args.quiet:
+        print(printable(f"written: {target}"))
+    return 0
+
+
+def _draw(args: argparse.Namespace, window: Window, target: Path) -> None:
+    """Draw the recording into the file `target`. Raises ConfigError."""
+    from liftgate_hil.conversion import picture
+    from liftgate_hil.conversion.table import chosen, columns_in, open_table
+
     table = open_table(Path(args.recording), args.rig)
     names = chosen(table, recordings.columns_of(args)) or picture.usual_columns(table)
     panels = picture.panels_of(names, table)
@@ -37,6 +52,3 @@ def run(args: argparse.Namespace) -> int:
     units = {name: table.signals[name].unit for name in names}
     figure = picture.run_picture(title, columns, panels, units)
     picture.write_picture(target, figure, title, ", ".join(names))
-    if not args.quiet:
-        print(printable(f"written: {target}"))
-    return 0

@@ -109,18 +109,21 @@ def run(args: argparse.Namespace) -> int:
     )
     teller = Teller(args.quiet, args.json)
     way = find_way(options.wire_choice(args), rig)
-    player = Player(replay, way, teller, stopped, teller.progress)
+    shown = teller.progress("replay")
+
+    def tell(seconds: float, end: float, sent: int) -> None:
+        shown.update(seconds, end, f"{seconds:.1f} s  {sent} frames sent")
+
+    player = Player(replay, way, teller, stopped, tell)
     try:
-        with reporting_compilation(teller, stopped):
+        with shown, reporting_compilation(teller, stopped):
             player.run()
     except GivenUpError:  # stopped before it began
         return stopped.exit_code
     except LiftgateError:
-        teller.clear()
         if player.played.frames_due:
             _tell(args, player.played, stopped)
         raise
-    teller.clear()
     _tell(args, player.played, stopped)
     return _exit_code(args, player.played, stopped)
 

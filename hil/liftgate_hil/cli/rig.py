@@ -51,6 +51,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
+    from liftgate_hil.cli.teller import Teller
     from liftgate_hil.config.rig import read_rig
     from liftgate_hil.config.rig_fit import check_fit, notes_on_fit
     from liftgate_hil.config.rig_table import asked_by, injected_by, mapped_messages, protected_besides
@@ -58,7 +59,8 @@ def _check(args: argparse.Namespace) -> int:
 
     path = find_config("rigs", args.file, "FILE")
     vehicle = options.vehicle_of(args)
-    rig, issues = read_rig(path)
+    with Teller(is_quiet=False, is_json=args.json).progress(f"reading {printable(path.name)}"):
+        rig, issues = read_rig(path)
     notes = notes_on_fit(rig, vehicle, args.rate)
     try:
         check_fit(rig, vehicle, args.rate)
@@ -148,6 +150,7 @@ def _cells(signal: MappedSignal) -> tuple[str, ...]:
 
 
 def _draft(args: argparse.Namespace) -> int:
+    from liftgate_hil.cli.teller import Teller
     from liftgate_hil.config.drafting.draft import draft_rig
 
     database = Path(args.database)
@@ -156,7 +159,8 @@ def _draft(args: argparse.Namespace) -> int:
     target = Path(args.output) if is_file else beside
     if is_file and is_there(target):
         raise ConfigError(f"`output` {target}: already exists; allowed: a new file")
-    draft = draft_rig(database, target)
+    with Teller(is_quiet=False).progress(f"reading {printable(database.name)}"):
+        draft = draft_rig(database, target)
     if is_file:
         write_text(target, draft.text)
     else:

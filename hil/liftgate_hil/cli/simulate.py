@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from liftgate_hil.cli.progress import Progress
     from liftgate_hil.formats.content import Content
     from liftgate_hil.formats.edges import EdgeFile
     from liftgate_hil.loop.simulation import Block
@@ -78,6 +79,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()  # stops between two blocks; what has been simulated is written
+    from liftgate_hil.cli.progress import Progress
+    from liftgate_hil.cli.screen import Screen
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.formats.content import Content
     from liftgate_hil.formats.edges import EdgeFile
@@ -112,23 +115,27 @@ def run(args: argparse.Namespace) -> int:
     offline = offline_of(setup, args.step)
     state = initial_state(offline.constants.plant, setup.start_angle)
     blocks = simulate(offline, state, samples, round(duration / args.step), args.every)
-    progress = _Progress(round(duration / args.step) * args.step)
+    teller = Teller(is_quiet=False)
+    is_seen = output is None and sys.stdout.isatty()  # the table is, so that nothing else can be shown
+    progress = Progress(Screen(is_off=True), "") if is_seen else teller.progress("simulate")
+    course = _Course(round(duration / args.step) * args.step, progress)
     content = Content(
         columns_of(vehicle.drives, offline=True),
         title="liftgate-hil simulate",
-        remark=progress.remark,
+        remark=course.remark,
         about=_about(args, setup, output, duration),
     )
     with (
-        reporting_compilation(Teller(is_quiet=False), stopped),
+        progress,
+        reporting_compilation(teller, stopped),
         contextlib.suppress(GivenUpError),
         contextlib.nullcontext() if edges is None else contextlib.closing(EdgeFile("edges", edges)) as edge_file,
     ):
-        _write(output, content, _rows_of(progress.over(blocks, stopped), edge_file))
-    if progress.is_complete:
+        _write(output, content, _rows_of(course.over(blocks, stopped), edge_file))
+    if course.is_complete:
         return 0
     names = " and ".join(name for name in (args.output, args.edges) if name)
-    print(f"liftgate-hil simulate: {names} {progress.remark()}", file=sys.stderr)
+    print(f"liftgate-hil simulate: {names} {course.remark()}", file=sys.stderr)
     return stopped.exit_code
 
 
@@ -143,11 +150,12 @@ def _about(args: argparse.Namespace, setup: Setup, output: Path | None, duration
     return origin_offline(setup, args.step, duration, files)
 
 
-class _Progress:
-    """Progress of a simulation."""
+class _Course:
+    """How far a simulation is, and whether it came to its end."""
 
-    def __init__(self, duration: float) -> None:
+    def __init__(self, duration: float, progress: Progress) -> None:
         self._duration = duration
+        self._progress = progress
         self._time = 0.0
         self.is_complete = False
 
@@ -160,6 +168,7 @@ class _Progress:
                 return
             if len(block.rows):
                 self._time = float(block.rows[-1, COLUMN_PLACE["time_s"]])
+                self._progress.update(self._time, self._duration, f"{self._time:.1f} s of {self._duration:g} s")
             yield block
         self.is_complete = True
 

@@ -1,10 +1,8 @@
-"""The progress line of a suite of scenarios on the terminal."""
+"""Progress of a suite of scenarios: how many are done, which do not pass, which ones run."""
 
 from __future__ import annotations
 
-import contextlib
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +10,7 @@ from liftgate_hil.errors import printable
 from liftgate_hil.loop.listener import Listener
 
 if TYPE_CHECKING:
+    from liftgate_hil.cli.progress import Progress
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.testing.suite import Case, Outcome
 
@@ -32,10 +31,10 @@ class CompilingOnly(Listener):
 
 
 class SuiteLine:
-    """Progress line of a suite: counts scenarios that begin and end, and shows the numbers."""
+    """Counts scenarios that begin and end, and passes the numbers on to a progress."""
 
-    def __init__(self, teller: Teller, count: int) -> None:
-        self._teller = teller
+    def __init__(self, progress: Progress, count: int) -> None:
+        self._progress = progress
         self._count = count
         self._running: list[str] = []
         self._verdicts: list[str] = []
@@ -45,7 +44,7 @@ class SuiteLine:
         """Called from several threads when a scenario begins."""
         with self._lock:
             self._running.append(case.file)
-            self._show()
+        self._show()
 
     def ended(self, outcome: Outcome) -> None:
         """Called with the outcome of a scenario that has ended."""
@@ -53,14 +52,7 @@ class SuiteLine:
             self._verdicts.append(outcome.verdict)
             if outcome.case.file in self._running:
                 self._running.remove(outcome.case.file)
-            self._show()
-
-    @contextlib.contextmanager
-    def aside(self) -> Iterator[None]:
-        """Context for printing: the progress line is cleared, and no other thread draws it meanwhile."""
-        with self._lock:
-            self._teller.clear()
-            yield
+        self._show()
 
     def line(self) -> str:
         """Return the line: how many are done, how many do not pass so far, which ones run."""
@@ -77,4 +69,4 @@ class SuiteLine:
         return "  ".join(parts)
 
     def _show(self) -> None:
-        self._teller.progress(self.line())
+        self._progress.update(len(self._verdicts), self._count, self.line())

@@ -1,38 +1,53 @@
-"""Where progress, and what happens, is told: stderr; on a terminal with a line that says where the run is."""
+"""Where progress, and what happens, is told: stderr; on a terminal above a panel that says where the run is."""
 
 from __future__ import annotations
 
-import contextlib
-import os
-import sys
-import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from liftgate_hil.cli.options import as_flags
-from liftgate_hil.cli.streams import put_line
+from liftgate_hil.cli.panel import View, panel_of
+from liftgate_hil.cli.progress import Progress
+from liftgate_hil.cli.screen import Screen
 from liftgate_hil.loop.listener import Listener, Status
 
-_BAR = 20  # characters
+_EVERY_S = 0.2  # between two drawings of the panel
 
 
 class Teller(Listener):
     """Listener that prints to stderr unless quiet; with a summary as JSON it prints only what goes wrong."""
 
-    def __init__(self, is_quiet: bool, is_json: bool = False, how: str = "") -> None:
+    def __init__(
+        self,
+        is_quiet: bool,
+        is_json: bool = False,
+        how: str = "",
+        view: View = View(),  # noqa: B008  # a tuple
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._is_quiet = is_quiet
         self._is_json = is_json
         self._how = how  # rate and clock, as text
-        self._line = ""  # line that the terminal shows
-        self._compiling = False
-        self._lock = threading.RLock()  # reports of other processes arrive in threads
+        self._view = view
+        self._clock = clock
+        self._next = 0.0  # when the panel is drawn again
+        self._compilation: Progress | None = None
+        self._screen = Screen(is_off=is_quiet or is_json)
+
+    def sees(self, view: View) -> None:
+        """Set how the run is seen in the panel."""
+        self._view = view
 
     def say(self, text: str) -> None:
         """Print a message, with flags instead of the API's arguments."""
         if not self._is_quiet:
-            self._print(as_flags(text))
+            self._screen.say(as_flags(text))
 
     def starts(self, what: str) -> None:
         """Print what is about to run."""
+        self._screen.prepare()  # not later, when the run is in a hurry
         if not self._is_json:
             self.say(f"{what}, {self._how}" if self._how else what)
 
@@ -42,95 +57,48 @@ class Teller(Listener):
             self.say(f"ecu {time_s:7.3f} s  {text}")
 
     def status(self, status: Status) -> None:
-        """Show the run's status in the line on the terminal."""
-        self._draw(line_of(status, _columns()))
+        """Show the run's status in the panel on the terminal."""
+        now = self._clock()
+        if not self._next:
+            self._next = now + self._view.after_s
+        if now >= self._next:
+            self._next = now + _EVERY_S
+            self._screen.show(self, lambda width: panel_of(status, self._view, width))
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
         """Show a compilation, on a terminal with a bar if its previous duration is known."""
         if self._is_json or self._is_quiet:
             return
-        if self._on_terminal():
-            self._draw(compiling_line(name, seconds, expected))
-        elif not self._compiling:
-            about = "" if expected is None else f", about {expected:.0f} s"
-            self._print(f"{name}, once for this version and machine{about} …")
-        self._compiling = True
+        if self._compilation is None:
+            self._compilation = self.progress("")
+            if not self._screen.is_there:
+                about = "" if expected is None else f", about {expected:.0f} s"
+                self._screen.say(f"{name}, once for this version and machine{about} …")
+        self._compilation.update(seconds, expected or 0.0, "once for this version and machine", name)
 
     def compiled(self, name: str, seconds: float) -> None:
-        """Clear the line of a compilation; where there is no terminal, print its duration."""
-        self.clear()
-        if self._compiling and not self._on_terminal():
-            self._print(f"ready after {seconds:.1f} s")
-        self._compiling = False
+        """Take the progress of a compilation away; where there is no terminal, print its duration."""
+        if self._compilation is None:
+            return
+        self._compilation.close()
+        self._compilation = None
+        if not self._screen.is_there:
+            self._screen.say(f"ready after {seconds:.1f} s")
 
-    def progress(self, line: str) -> None:
-        """Show the progress of something with many parts, on a terminal only."""
-        self._draw(line)
+    def progress(self, what: str, total: float = 0.0) -> Progress:
+        """Return the progress of something that may take a while, shown on a terminal only."""
+        return Progress(self._screen, what, total, clock=self._clock)
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Context for printing results: above panel and progress, and no other thread draws meanwhile."""
+        with self._screen.aside():
+            yield
 
     def clear(self) -> None:
-        """Clear the line for what is printed next."""
-        self._draw("")
-
-    def _on_terminal(self) -> bool:
-        stream = sys.stderr
-        return stream is not None and not self._is_quiet and not self._is_json and stream.isatty()
-
-    def _draw(self, line: str) -> None:
-        """Rewrite the line, if there is a terminal for it."""
-        with self._lock:
-            if line == self._line or not self._on_terminal():
-                return
-            with contextlib.suppress(OSError):  # the terminal is gone, but the run goes on
-                width = _columns()
-                sys.stderr.write(f"\r{line[:width]}\x1b[K")
-                sys.stderr.flush()
-            self._line = line
-
-    def _print(self, text: str) -> None:
-        with self._lock:
-            line = self._line
-            self.clear()
-            with contextlib.suppress(OSError, AttributeError):  # stderr is closed, or None
-                put_line(text, sys.stderr)
-            self._draw(line)
+        """Take the panel away for what is printed next."""
+        self._screen.take(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Teller, (self._is_quiet, self._is_json, self._how)
-
-
-def compiling_line(name: str, seconds: float, expected: float | None) -> str:
-    """Return the line about a compilation that has taken `seconds` so far.
-
-    It has a bar where the previous duration, `expected` [s], is known.
-    """
-    if expected is None:
-        return f"{name}, once for this version and machine: {seconds:.0f} s so far"
-    done = min(_BAR, int(_BAR * seconds / expected))
-    bar = "#" * done + "." * (_BAR - done)
-    return f"{name} [{bar}] {seconds:.0f} s of about {expected:.0f} s"
-
-
-def line_of(status: Status, width: int) -> str:
-    """Return a status as a line of at most `width` characters; parts without room are left out, last first."""
-    age = status.command_age_s
-    parts = [
-        f"{status.time_s:8.1f} s",
-        f"{status.angle_deg:6.2f} deg",
-        f"{status.left_current_a:6.2f} A {status.right_current_a:6.2f} A",
-        "no command" if age is None else f"command {1e3 * age:.0f} ms",
-    ]
-    for name, count in (("overruns", status.overruns), ("rejected", status.rejected), ("foreign", status.foreign)):
-        if count:
-            parts.append(f"{name} {count}")
-    parts += [f"accepted {status.accepted}", f"sent {status.sent}"]
-    while len("  ".join(parts)) > width:
-        parts.pop()
-    return "  ".join(parts)
-
-
-def _columns() -> int:
-    """Return the columns of the terminal, less those of an echoed Ctrl-C: a wrapped line cannot be rewritten."""
-    with contextlib.suppress(OSError, ValueError):
-        columns = os.get_terminal_size(sys.stderr.fileno()).columns
-        return max(columns - 3, 1) if columns else 77  # 0 where the terminal does not know
-    return 77
+        self._screen.lend()
+        return Teller, (self._is_quiet, self._is_json, self._how, self._view)

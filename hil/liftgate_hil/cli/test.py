@@ -90,13 +90,13 @@ def run(args: argparse.Namespace) -> int:
     jobs = 1 if suite.is_alone(template) else args.jobs or len(os.sched_getaffinity(0))
     report = SuiteReport()
     outcomes = {}
-    line = SuiteLine(teller, len(cases))
-    for outcome in suite.run_suite(cases, jobs, stop, line.began, args.retry_inconclusive):
-        outcomes[outcome.case.file] = report.take(outcome)
-        with line.aside():
-            _tell(outcome, len(outcomes), len(cases), args)
+    with teller.progress("scenarios") as progress:
+        line = SuiteLine(progress, len(cases))
+        for outcome in suite.run_suite(cases, jobs, stop, line.began, args.retry_inconclusive):
+            outcomes[outcome.case.file] = report.take(outcome)
+            with teller.aside():
+                _tell(outcome, len(outcomes), len(cases), args)
             line.ended(outcome)
-    teller.clear()
     ordered = [outcomes[case.file] for case in cases]
     matrix = _mutated(args, ordered, jobs, stop, teller) if args.mutants else None
     provenance = provenance_of(args.command_line, {})
@@ -107,8 +107,9 @@ def run(args: argparse.Namespace) -> int:
         write(target, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).encode())
     for target in targets["junit"]:
         write(target, as_junit(ordered))
-    for target in targets["html"]:
-        write(target, report.html(ordered, provenance, matrix).encode())
+    with teller.progress("report"):
+        for target in targets["html"]:
+            write(target, report.html(ordered, provenance, matrix).encode())
     if matrix is not None and args.json != "-":
         print("\n".join(map(printable, matrix.lines())), flush=True)
     summarise(ordered, args, "scenarios")
@@ -121,8 +122,12 @@ def _mutated(
     """Run the scenarios against mutants; None: stopped before all were done."""
     from liftgate_hil.testing.mutation import mutate
 
-    matrix = mutate(sound, jobs, stop, lambda done, count: teller.progress(f"{done}/{count} runs with mutants"))
-    teller.clear()
+    with teller.progress("mutants") as progress:
+
+        def tell(done: int, count: int) -> None:
+            progress.update(done, count, f"{done}/{count} runs with mutants")
+
+        matrix = mutate(sound, jobs, stop, tell)
     return None if stop.received else matrix
 
 

@@ -15,6 +15,7 @@ from liftgate_hil.cli import fitting, options
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
+    from liftgate_hil.cli.teller import Teller
     from liftgate_plant.vehicle import Vehicle
 
 
@@ -36,22 +37,24 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.running.compilation import reporting_compilation
 
-    with reporting_compilation(Teller(args.quiet)):
-        return _run(args)
+    teller = Teller(args.quiet)
+    with reporting_compilation(teller):
+        return _run(args, teller)
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run(args: argparse.Namespace, teller: Teller) -> int:
     from liftgate_hil.identify.identification import validate
     from liftgate_hil.report.files import check_targets
     from liftgate_hil.report.json_result import validation_json
 
     check_targets({"--result": args.result, "--html": args.html}, args.files)
-    origin = fitting.origin_of(args)
-    vehicle = options.vehicle_of(args)
-    if args.parameters:
-        vehicle = _with_result(vehicle, Path(args.parameters))
-    problem, notes = fitting.problem_of(args, vehicle, args.model or "full", [], args.outputs)
-    result = dataclasses.replace(validate(problem), vehicle=args.vehicle, notes=notes)
+    with teller.progress("validate"):
+        origin = fitting.origin_of(args)
+        vehicle = options.vehicle_of(args)
+        if args.parameters:
+            vehicle = _with_result(vehicle, Path(args.parameters))
+        problem, notes = fitting.problem_of(args, vehicle, args.model or "full", [], args.outputs)
+        result = dataclasses.replace(validate(problem), vehicle=args.vehicle, notes=notes)
 
     def text() -> str:
         from liftgate_hil.report.text import validation_text
@@ -63,7 +66,7 @@ def _run(args: argparse.Namespace) -> int:
 
         return validation_html(result, origin)
 
-    fitting.deliver(args, origin, validation_json(result), text, page)
+    fitting.deliver(args, teller, origin, validation_json(result), text, page)
     return 0
 
 

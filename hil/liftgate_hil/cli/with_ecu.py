@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import collections
 import contextlib
+import math
 import os
 import re
 import subprocess
@@ -15,6 +16,8 @@ from dataclasses import replace
 from typing import IO, TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.panel import View
+from liftgate_hil.cli.progress import AFTER_S
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
@@ -54,7 +57,11 @@ def run_loop(
 
     teller = Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}")
     job = _job_of(args, exit_codes, has_wire, trace, teller)
-    plan = plan_of(job)
+    with teller.progress("preparing the run"):
+        plan = plan_of(job)
+    vehicle = plan.setup.vehicle
+    after_s = AFTER_S if args.clock == "free" else 0.0  # in real time the first seconds count, too
+    teller.sees(View(math.degrees(vehicle.gate.open_angle), plan.duration, vehicle.drives, after_s))
     page = _page_process(args, teller)
     is_here = plan.way is None or plan.way.is_interface("virtual")
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -68,12 +68,13 @@ def compare_tables(
     tolerances: Mapping[str, float] | None = None,
     tolerance: float = 0.0,
     window: Window = Window(),  # noqa: B008  # a tuple
+    report: Callable[[int], None] = lambda rows: None,
 ) -> Comparison:
     """Compare two recordings, row by row at the times that both have, within a time window.
 
     `columns` are compared, or all that both have. `tolerances` are those of single columns by name, `tolerance` is
-    that of all others. Raises ConfigError for an empty window, an unknown column, rows not in order of time, or
-    where no column or no time is common.
+    that of all others. `report` is called with the rows compared so far. Raises ConfigError for an empty window,
+    an unknown column, rows not in order of time, or where no column or no time is common.
     """
     window.check()
     first, second = tables
@@ -95,6 +96,7 @@ def compare_tables(
     wanted = ["time_s", *names]
     for pair in _pairs(tables, [window.of(each.rows(wanted)) for each in tables]):
         sums.add(pair)
+        report(sums.rows)
     if not sums.rows:
         raise ConfigError(
             f"{first.path}, {second.path}: no time in common; allowed: recordings with the same raster"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,10 +26,13 @@ class FramesCompared:
     what: str = ""  # fields that differ in that frame
 
 
-def compare_frames(first: Recording, second: Recording) -> FramesCompared:
+def compare_frames(
+    first: Recording, second: Recording, report: Callable[[int], None] = lambda frames: None
+) -> FramesCompared:
     """Compare the frames of two recordings, with their times to the microsecond.
 
-    Times count from the start of the run or, if one recording does not know it, by the wall clock.
+    Times count from the start of the run or, if one recording does not know it, by the wall clock. `report` is
+    called with the frames compared so far.
     """
     counts, unlike, time, offset, what = [0, 0], None, float("nan"), None, ""
     heads = [_Frames(first), _Frames(second)]
@@ -48,6 +52,7 @@ def compare_frames(first: Recording, second: Recording) -> FramesCompared:
             unlike, time = counts[0] + at, float(here["time_ns"][at] / 1e9)
             what = ", ".join(name for name, own in differs.items() if own[at])
         counts = [each + count for each in counts]
+        report(counts[0])
     for place, head in enumerate(heads):
         while head.fill():
             if unlike is None:

@@ -51,11 +51,21 @@ def _never() -> bool:
     return False
 
 
-def convert(source: Path, target: Path, rig: str | None = None, stopped: Callable[[], bool] = _never) -> Converted:
+def _nobody(rows: int, frames: int) -> None:
+    """Ignore how far a conversion is."""
+
+
+def convert(
+    source: Path,
+    target: Path,
+    rig: str | None = None,
+    stopped: Callable[[], bool] = _never,
+    report: Callable[[int, int], None] = _nobody,
+) -> Converted:
     """Write the recording in `source` to `target`, in the format of the target's suffix.
 
     `rig`, a rig or a database, decodes the frames into a table. A target that cannot hold the content unchanged is
-    not written. `stopped` returns whether to end early.
+    not written. `stopped` returns whether to end early. `report` is called with the rows and frames so far.
 
     Raises ConfigError, RecordingError.
     """
@@ -63,7 +73,7 @@ def convert(source: Path, target: Path, rig: str | None = None, stopped: Callabl
     if os.path.realpath(source) == os.path.realpath(target):
         raise ConfigError(f"{target}: is the input file; allowed: another file")
     plan = _plan(open_recording(source), target, rig)
-    return _written(plan, target, stopped)
+    return _written(plan, target, stopped, report)
 
 
 def _checked(target: Path) -> Path:
@@ -114,7 +124,9 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
     return _Plan(source, own, has_frames and form.has_frames, tuple(notes))
 
 
-def _written(plan: _Plan, target: Path, stopped: Callable[[], bool]) -> Converted:
+def _written(
+    plan: _Plan, target: Path, stopped: Callable[[], bool], report: Callable[[int, int], None]
+) -> Converted:
     """Write to a file beside the target, and replace the target once that file is complete."""
     path = target
     if not is_special(target):
@@ -131,7 +143,7 @@ def _written(plan: _Plan, target: Path, stopped: Callable[[], bool]) -> Converte
     try:
         try:
             recorder.begin(plan.source.start_ns)
-            copied = _Copied(plan, recorder, target, lambda: stopped() or bool(recorder.failure))
+            copied = _Copied(plan, recorder, target, lambda: stopped() or bool(recorder.failure), report)
             copied.all()
         finally:
             recorder.close()
@@ -151,7 +163,15 @@ def _written(plan: _Plan, target: Path, stopped: Callable[[], bool]) -> Converte
 class _Copied:
     """Copier of rows and frames to a writer, roughly in order of time."""
 
-    def __init__(self, plan: _Plan, recorder: Writer, target: Path, ended: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        plan: _Plan,
+        recorder: Writer,
+        target: Path,
+        ended: Callable[[], bool],
+        report: Callable[[int, int], None],
+    ) -> None:
+        self._report = report
         self._plan, self._recorder, self._target, self._ended = plan, recorder, target, ended
         self._blocks = _checked_frames(plan.source, target) if plan.has_frames else iter(())
         self._waiting = next(self._blocks, None)
@@ -168,6 +188,7 @@ class _Copied:
             _check_rows(self._plan.source, rows, whole, self._target)
             self._recorder.write_rows(rows)
             self.rows += len(rows)
+            self._report(self.rows, self.frames)
             self._frames_up_to(rows[-1, 0] * 1e9)
         self._frames_up_to(np.inf)
 
@@ -181,6 +202,7 @@ class _Copied:
                 return
             self._recorder.write_frames(self._waiting)
             self.frames += len(self._waiting)
+            self._report(self.rows, self.frames)
             self._waiting = next(self._blocks, None)
 
 

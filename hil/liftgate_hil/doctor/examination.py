@@ -25,7 +25,7 @@ class Examination:
     realtime: bool
     cpu: int | None
     tell: Callable[[Check], None]
-    say: Callable[[str], None]  # called with what takes a while
+    say: Callable[[str, float], None]  # called with what takes a while, and how long [s]
     checks: list[Check] = field(default_factory=list)
     figures: dict[str, Any] = field(default_factory=dict)
     _modes: dict[str, timing.Wakeups] = field(default_factory=dict)
@@ -82,8 +82,9 @@ class Examination:
 
     def _measure(self) -> None:
         may = limits.may_have_fifo(ROOT)
-        times = "twice" if may or self.realtime else "once"
-        self.say(f"measuring timer lateness, {times} {self.duration:g} s …")
+        times = 2 if may or self.realtime else 1
+        often = ("once", "twice")[times - 1]
+        self.say(f"measuring timer lateness, {often} {self.duration:g} s …", times * self.duration)
         before = timing.steal(ROOT)
         plain = timing.measure(self.rate, self.duration)
         self._modes["without --realtime"] = plain

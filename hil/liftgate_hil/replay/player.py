@@ -151,7 +151,11 @@ class NotedTransport:
 
 
 class Player:
-    """Player of one replay; `run` opens the wire, plays to the end, and closes it."""
+    """Player of one replay; `run` opens the wire, plays to the end, and closes it.
+
+    `progress` is called a few times a second with when the last frame that was played was due, when the last of
+    all will be (0: not known yet) [s since the beginning], and how many were sent.
+    """
 
     def __init__(
         self,
@@ -159,7 +163,7 @@ class Player:
         way: Way,
         listener: Listener,
         stopped: Callable[[], bool],
-        progress: Callable[[str], None],
+        progress: Callable[[float, float, int], None],
     ) -> None:
         replay.check()
         if not POSSIBLE:
@@ -303,12 +307,17 @@ class Player:
         if news:
             self._listener.say(f"{self._seconds():.3f} s: {line.name} {news}")
         position = self._schedule.position[0]
-        self._progress(f"{self._seconds():8.1f} s  {int(position.accepted)} frames sent")
+        end = self._due(int(position.written)) if position.is_whole else 0.0
+        self._progress(self._seconds(), end, int(position.accepted))
 
     def _seconds(self) -> float:
         """Return when the last frame that was played was due [s since the beginning]."""
-        schedule, position = self._schedule, self._schedule.position[0]
-        return float(schedule.due[(position.played - 1) % len(schedule.due)]) * 1e-9 if position.played else 0.0
+        return self._due(int(self._schedule.position[0].played))
+
+    def _due(self, count: int) -> float:
+        """Return when the last of so many frames is due [s since the beginning]; it must still be in the ring."""
+        due = self._schedule.due
+        return float(due[(count - 1) % len(due)]) * 1e-9 if count else 0.0
 
     def _sum_up(self, line: Line, memory: Memory, histogram: NDArray[np.int64] | None) -> None:
         """Sum up the result; the counts of a line are complete when it is closed."""

@@ -1,8 +1,7 @@
-"""The line that says how far a suite has come: on a terminal, and nowhere else."""
+"""How far a suite has come: seen on a terminal, and nowhere else."""
 
 from __future__ import annotations
 
-import io
 import pickle
 import threading
 from pathlib import Path
@@ -10,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from pseudo_terminal import as_stderr, at_once
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.cli.suite_line import CompilingOnly, SuiteLine
@@ -19,69 +19,76 @@ PASSES = 'duration = 0.05\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg 
 FAILS = PASSES.replace("< 1", "> 1")
 
 
-class Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
-class Pipe(io.StringIO):
-    pass
-
-
-def told(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO, *flags: str) -> list[str]:
-    """What a suite of three writes there, one state of the line after the other."""
-    monkeypatch.setattr("liftgate_hil.cli.teller.sys", SimpleNamespace(stderr=stream))
+def suite(*flags: str) -> int:
+    """Run a suite of three."""
     for name, content in (("a", PASSES), ("b", FAILS), ("c", PASSES)):
         Path(f"{name}.toml").write_text(content)
-    assert main(["test", "a.toml", "b.toml", "c.toml", "--jobs", "1", *flags]) == 1
-    states = [each.removesuffix("\x1b[K") for each in stream.getvalue().split("\r")[1:]]
-    return [each for each in states if "compil" not in each]  # where nothing is on the disk yet
+    return main(["test", "a.toml", "b.toml", "c.toml", "--jobs", "1", *flags])
 
 
-def test_a_terminal_sees_one_line_that_follows_the_suite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_terminal_sees_how_far_the_suite_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
-    states = told(monkeypatch, Terminal())
-    assert [each for each in states if each] == [
-        "0/3 done  1 running: a.toml",
-        "1/3 done",
-        "1/3 done  1 running: b.toml",
-        "2/3 done  1 failed",
-        "2/3 done  1 failed  1 running: c.toml",
-        "3/3 done  1 failed",
-    ]
-    assert states[-1] == ""  # nothing is left of it
-    assert "\n" not in "".join(states)
+    at_once(monkeypatch)
+    with as_stderr(monkeypatch) as terminal:
+        assert suite() == 1
+        states = [picture[-1] for picture in terminal.pictures() if picture[-2].startswith("scenarios")]
+        assert list(dict.fromkeys(states)) == [
+            "0/3 done  1 running: a.toml",
+            "1/3 done",
+            "1/3 done  1 running: b.toml",
+            "2/3 done  1 failed",
+            "2/3 done  1 failed  1 running: c.toml",
+            "3/3 done  1 failed",
+        ]
+        assert terminal.lines() == []  # nothing is left of it
+
+
+def test_what_ends_soon_is_not_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("liftgate_hil.cli.progress.AFTER_S", 1e9)
+    with as_stderr(monkeypatch) as terminal:
+        assert suite() == 1
+        assert terminal.raw() == ""
 
 
 @pytest.mark.parametrize("flags", [(), ("--quiet",), ("--json", "-")])
 def test_a_pipe_sees_nothing_of_it(
-    flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert told(monkeypatch, Pipe(), *flags) == []
+    at_once(monkeypatch)
+    assert suite(*flags) == 1
+    shown = capsys.readouterr()
+    assert [each for each in shown.err.splitlines() if not each.startswith(("compiling", "ready"))] == []
+    assert "\r" not in shown.out + shown.err
+    assert "\x1b" not in shown.out + shown.err
 
 
 @pytest.mark.parametrize("flags", [("--quiet",), ("--json", "-")])
-def test_who_wants_quiet_or_json_sees_no_line(
+def test_who_wants_quiet_or_json_sees_nothing(
     flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert told(monkeypatch, Terminal(), *flags) == []
+    at_once(monkeypatch)
+    with as_stderr(monkeypatch) as terminal:
+        assert suite(*flags) == 1
+        assert terminal.raw() == ""
 
 
 def test_what_begins_while_something_is_printed_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    stream = Terminal()
-    monkeypatch.setattr("liftgate_hil.cli.teller.sys", SimpleNamespace(stderr=stream))
-    line = SuiteLine(Teller(is_quiet=False), 2)
-    case: Any = SimpleNamespace(file="a.toml")
-    line.began(case)
-    with line.aside():
-        other = threading.Thread(target=line.began, args=(case,))
-        other.start()
-        other.join(0.05)
-        assert stream.getvalue().endswith("\r\x1b[K")  # the line is away
-    other.join()
-    assert stream.getvalue().endswith("2 running: a.toml, a.toml\x1b[K")
+    at_once(monkeypatch)
+    with as_stderr(monkeypatch) as terminal:
+        teller = Teller(is_quiet=False)
+        line = SuiteLine(teller.progress("scenarios"), 2)
+        case: Any = SimpleNamespace(file="a.toml")
+        line.began(case)
+        with teller.aside():
+            other = threading.Thread(target=line.began, args=(case,))
+            other.start()
+            other.join(0.05)
+            assert terminal.lines() == []  # the progress is away
+        other.join()
+        assert terminal.lines()[-1].endswith("2 running: a.toml, a.toml")
 
 
 def test_who_waits_for_machine_code_is_reported() -> None:
@@ -100,7 +107,7 @@ def test_who_waits_for_machine_code_is_reported() -> None:
 
 
 def test_the_line_counts_what_does_not_pass_and_names_what_runs() -> None:
-    line = SuiteLine(Teller(is_quiet=True), 5)
+    line = SuiteLine(Teller(is_quiet=True).progress("scenarios"), 5)
 
     def case(name: str) -> Any:
         return SimpleNamespace(file=f"suite/{name}.toml")

@@ -43,7 +43,7 @@ def play(path: Path, stopped: Any = lambda: False, **how: Any) -> tuple[Played, 
     channel = f"replay-{uuid.uuid4()}"
     with can.Bus(interface="virtual", channel=channel) as bus:
         way = Way({"interface": "virtual", "channel": channel}, None, how.pop("is_fd", False))
-        told = Player(Replay(path, **how), way, Listener(), stopped, lambda line: None)
+        told = Player(Replay(path, **how), way, Listener(), stopped, lambda seconds, end, sent: None)
         told.run()
         messages = []
         while (message := bus.recv(0.0)) is not None:
@@ -110,7 +110,7 @@ def test_what_cannot_be_played_is_reported_before_a_bus_is_opened(tmp_path: Path
         (Replay(tmp_path / "none.log"), "no such file"),
     ):
         with pytest.raises(ConfigError) as caught:
-            Player(replay, way, Listener(), lambda: False, lambda line: None).run()
+            Player(replay, way, Listener(), lambda: False, lambda seconds, end, sent: None).run()
         assert said in str(caught.value)
 
 
@@ -150,8 +150,12 @@ def test_a_bus_that_goes_and_comes_back_costs_what_was_due_meanwhile(
     monkeypatch.setattr(find, "open_transport", lambda way: wire)
     path = write(tmp_path / "run.log", FRAMES, [True] * 60)
     way = Way({"interface": "any", "channel": "x"}, None, False)
-    told = Player(Replay(path), way, Listener(), lambda: False, lambda line: None)
+    course: list[tuple[float, float, int]] = []
+    told = Player(Replay(path), way, Listener(), lambda: False, lambda *where: course.append(where))
     told.run()
+    ends = {end for _, end, _ in course}
+    assert ends == {told.played.played_s}  # all of it fits into the ring, so that its end is known at once
+    assert all(0.0 <= seconds <= end and sent <= 60 for seconds, end, sent in course)
     assert wire.seen == [*range(20), *range(30, 60)]
     played = told.played
     assert (played.frames_due, played.frames_sent, played.frames_not_sent) == (60, 50, 10)

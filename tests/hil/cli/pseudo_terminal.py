@@ -1,0 +1,115 @@
+"""A terminal for tests: a pseudo-terminal whose far end is emulated, so that one can ask what is on its screen."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import re
+import struct
+import termios
+import threading
+from typing import TextIO
+
+import pyte
+import pytest
+
+_DRAWN = re.compile(rb"\x1b\[\d+A\r")  # where a picture has been drawn: the cursor is above it again
+_PATIENCE_S = 60.0  # only a test that fails waits so long
+
+
+class PseudoTerminal:
+    """Whoever writes to `stream` is seen by `lines`."""
+
+    def __init__(self, columns: int = 80, rows: int = 24) -> None:
+        self._master, self.slave = os.openpty()
+        self.stream: TextIO = open(os.dup(self.slave), "w", encoding="utf-8")  # noqa: PTH123, SIM115
+        self._size = (columns, rows)
+        self._raw = b""
+        self._news = threading.Condition()
+        self._marks = 0
+        self.is_there = True
+        self.resize(columns, rows)
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def resize(self, columns: int, rows: int) -> None:
+        """Give the terminal another size; what is on the screen is cut, not wrapped."""
+        fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+
+    def types(self, keys: bytes) -> None:
+        """Press keys."""
+        os.write(self._master, keys)
+
+    def hang_up(self) -> None:
+        """Take the terminal away: from now on whoever writes to it gets an OSError."""
+        self._sync()
+        self.is_there = False
+        os.write(self.slave, b" ")  # ends the present read
+        self._reader.join(_PATIENCE_S)
+        os.close(self._master)
+
+    def raw(self) -> str:
+        """Everything that was written so far."""
+        self._sync()
+        return self._raw.decode()
+
+    def lines(self) -> list[str]:
+        """The lines on the screen, without empty ones at its end."""
+        self._sync()
+        return _seen(self._raw, self._size)
+
+    def pictures(self) -> list[list[str]]:
+        """What was on the screen each time something had been drawn, one after the other."""
+        self._sync()
+        return [_seen(self._raw[: found.end()], self._size) for found in _DRAWN.finditer(self._raw)]
+
+    def wait_for(self, text: str) -> None:
+        """Wait until a text has been written."""
+        with self._news:
+            assert self._news.wait_for(lambda: text.encode() in self._raw, _PATIENCE_S), (text, self._raw)
+
+    def _sync(self) -> None:
+        """Wait until everything that was written has been read: until a mark that is written last arrives."""
+        self.stream.flush()
+        if not self._reader.is_alive():
+            return
+        self._marks += 1
+        mark = f"\x1b]0;{self._marks}\x07".encode()  # a title
+        os.write(self.slave, mark)
+        with self._news:
+            assert self._news.wait_for(lambda: mark in self._raw, _PATIENCE_S)
+            self._raw = self._raw.replace(mark, b"")
+
+    def _read(self) -> None:
+        with contextlib.suppress(OSError):
+            while (block := os.read(self._master, 65536)) and self.is_there:
+                with self._news:
+                    self._raw += block
+                    self._news.notify_all()
+
+
+def _seen(raw: bytes, size: tuple[int, int]) -> list[str]:
+    screen = pyte.Screen(*size)
+    pyte.ByteStream(screen).feed(raw)
+    lines = [line.rstrip() for line in screen.display]
+    while lines and not lines[-1]:
+        lines.pop()
+    return lines
+
+
+@contextlib.contextmanager
+def as_stderr(monkeypatch: pytest.MonkeyPatch, columns: int = 80, rows: int = 24, term: str = "xterm-256color"):
+    """Context in which stderr is a terminal."""
+    terminal = PseudoTerminal(columns, rows)
+    with monkeypatch.context() as patch:
+        patch.setenv("TERM", term)
+        patch.delenv("NO_COLOR", raising=False)
+        patch.setattr("sys.stderr", terminal.stream)
+        yield terminal
+
+
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Show progress of whatever takes any time at all, at each of its reports."""
+    monkeypatch.setattr("liftgate_hil.cli.progress.AFTER_S", 0.0)
+    monkeypatch.setattr("liftgate_hil.cli.progress.EVERY_S", 0.0)

@@ -1,0 +1,118 @@
+"""Progress of what takes a while, on a clock of the test."""
+
+from __future__ import annotations
+
+from pseudo_terminal import as_stderr
+
+from liftgate_hil.cli.progress import Progress, duration_of
+from liftgate_hil.cli.screen import Screen
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_what_ends_within_two_seconds_is_not_shown(monkeypatch):
+    with as_stderr(monkeypatch) as terminal:
+        clock = Clock()
+        progress = Progress(Screen(), "convert", clock=clock)
+        for _ in range(20):
+            progress.update(text="rows")
+            clock.now += 0.0999
+        progress.close()
+        assert terminal.raw() == ""
+
+
+def test_what_takes_longer_says_how_long_it_takes_and_still_will(monkeypatch):
+    with as_stderr(monkeypatch) as terminal:
+        clock = Clock()
+        progress = Progress(Screen(), "scenarios", 8, clock=clock)
+        clock.now += 3.0
+        progress.update(2, text="2/8 done")
+        line, text = terminal.lines()[1:]
+        assert line.startswith("scenarios  ━")
+        assert line.endswith("  3 s, 9 s left")
+        assert text == "2/8 done"
+        clock.now += 1.0
+        progress.update(8)
+        assert terminal.lines()[1:] == [line.partition(" ")[0] + "  " + "━" * 63 + "  4 s"]
+        progress.close()
+        assert terminal.lines() == []
+
+
+def test_it_is_drawn_now_and_then_only(monkeypatch):
+    with as_stderr(monkeypatch) as terminal:
+        clock = Clock()
+        progress = Progress(Screen(), "convert", clock=clock)
+        clock.now += 2.0
+        for k in range(10):
+            progress.update(text=f"{k} rows")
+            clock.now += 0.1
+        assert [picture[-1] for picture in terminal.pictures()] == ["0 rows", "3 rows", "6 rows", "9 rows"]
+
+
+def test_what_was_done_before_does_not_count_as_fast(monkeypatch):
+    with as_stderr(monkeypatch) as terminal:
+        clock = Clock()
+        progress = Progress(Screen(), "campaign", clock=clock)
+        clock.now += 10.0
+        progress.update(60, 100, before=50)
+        assert terminal.lines()[1].endswith("10 s, 40 s left")
+
+
+def test_what_takes_a_known_time_needs_no_reports(monkeypatch):
+    with as_stderr(monkeypatch) as terminal:
+        clock = Clock()
+        progress = Progress(Screen(), "doctor", clock=clock)
+        clock.now += 5.0
+        progress.lasts(60.0, "measuring")
+        clock.now += 20.0
+        progress.draw()
+        assert terminal.lines()[1].startswith("measuring  ━")
+        assert terminal.lines()[1].endswith("20 s, 40 s left")
+
+
+def test_it_has_room_in_forty_columns(monkeypatch):
+    with as_stderr(monkeypatch, columns=40) as terminal:
+        clock = Clock()
+        progress = Progress(Screen(), "compiling the real-time loop", clock=clock)
+        clock.now += 7.0
+        progress.update(7.0, 30.0, "once for this version and machine, which is long")
+        line, text = terminal.lines()[1:]
+        assert line.endswith("7 s, 23 s left")
+        assert line.startswith("compiling")
+        assert text.endswith("…")
+
+
+def test_what_has_ended_is_not_drawn_again(monkeypatch):
+    with as_stderr(monkeypatch) as terminal:
+        clock = Clock()
+        progress = Progress(Screen(), "convert", clock=clock)
+        progress.close()
+        clock.now += 5.0
+        progress.draw()
+        assert terminal.raw() == ""
+
+
+def test_while_nothing_is_reported_a_thread_draws_it(monkeypatch):
+    with as_stderr(monkeypatch) as terminal:
+        with Progress(Screen(), "plot", after_s=0.0):
+            terminal.wait_for("plot")
+        assert terminal.lines() == []
+
+
+def test_without_a_terminal_there_is_no_thread_and_no_text(capsys):
+    with Progress(Screen(), "plot", after_s=0.0) as progress:
+        assert progress._thread is None
+        progress.update(text="rows")
+    assert capsys.readouterr().err == ""
+
+
+def test_durations_are_in_words():
+    assert [duration_of(each) for each in (0.4, 59.4, 60.0, 3599.0, 3700.0)] == [
+        "0 s", "59 s", "1 min 0 s", "59 min 59 s", "1 h 1 min",
+    ]  # fmt: skip
