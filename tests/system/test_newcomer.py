@@ -93,6 +93,7 @@ HERE = (
     "liftgate-hil --bus socketcan:can0 --dashboard",
     "liftgate-hil dashboard",
     "liftgate-hil dashboard --recording",
+    "liftgate-hil dashboard --scenarios",
     'curl "',
     'curl -d \'{"fault"',
     'curl -d \'{"signal"',
@@ -380,6 +381,23 @@ def test_a_recording_has_a_page(folder: Path) -> None:
     try:
         assert page.stdout is not None
         assert page.stdout.readline().startswith("http://127.0.0.1:")
+        page.send_signal(signal.SIGINT)
+        assert page.wait(readme.PATIENCE) == 0
+    finally:
+        page.kill()
+
+
+@pytest.mark.realtime
+def test_scenarios_are_started_from_the_page(folder: Path) -> None:
+    (folder / "scenarios").mkdir(exist_ok=True)
+    (folder / "scenarios" / "reverses.toml").write_text(readme.block("duration = 25.0"))
+    page = start(command("liftgate-hil dashboard --scenarios"), folder, more="--listen 127.0.0.1:0")
+    try:
+        assert page.stdout is not None
+        address, token = page.stdout.readline().strip().split("/?token=")
+        for scenario, said in (('"reverses.toml"', '"running":"reverses.toml"'), ("null", '"running":null')):
+            body = f'{{"scenario": {scenario}}}'
+            assert said in run(f"curl -sS -d '{body}' '{address}/api/run?token={token}'", folder)
         page.send_signal(signal.SIGINT)
         assert page.wait(readme.PATIENCE) == 0
     finally:

@@ -33,6 +33,7 @@ SECTIONS = (
     "An hour of `simulate`",
     "`identify` by rows",
     "Lateness of a replay",
+    "Lateness with clients of the page",
     "Lateness, paired with cyclictest",
     "Command to feedback",
 )

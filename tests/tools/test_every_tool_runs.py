@@ -30,6 +30,8 @@ RUNS: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "tools.scheduling": (["--short", "--output", "{out}"], ("campaigns-at-scale.md",)),
     "tools.benchmark.campaigns": (["--json", "--rounds", "1"], ()),
     "tools.benchmark.replays": (["--rounds", "1", "--seconds", "0.2", "--json"], ()),
+    "tools.benchmark.page_clients": (["--rounds", "1", "--seconds", "0.5", "--json"], ()),
+    "tools.page": (["memory", "--minutes", "0.2", "--output", "{out}/memory.csv"], ("memory.csv",)),
 }
 # What runs the others, all of it in CI.
 ELSEWHERE = {

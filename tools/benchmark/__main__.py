@@ -20,6 +20,7 @@ from tools.benchmark import (
     identification,
     inactive,
     lateness,
+    page_clients,
     parts,
     processes,
     replays,
@@ -208,6 +209,24 @@ def replay_section(effort: Effort = WHOLE) -> list[str]:
     return lines
 
 
+def page_section(effort: Effort = WHOLE) -> list[str]:
+    """Return the section about clients of the operator's page."""
+    rounds, seconds = effort.of(page_clients.ROUNDS), effort.page_seconds
+    return [
+        "## Lateness with clients of the page",
+        "",
+        paragraph(
+            f"""Runs with `--dashboard`, in turns without clients and with {page_clients.CLIENTS}, one of which
+            never reads; {rounds} pairs of {seconds:g} s. The clients have the lowest priority, as they would be on
+            other machines. p is that of Wilcoxon's signed-rank test on the pairs, two-sided: a small one would say
+            that clients change the lateness."""
+        ),
+        "",
+        *page_clients.table(page_clients.measure(rounds, seconds)),
+        "",
+    ]
+
+
 def parts_section(effort: Effort = WHOLE) -> list[str]:
     """Return the section about the cost of each optional part of the plant and its sensors."""
     lines = [
@@ -370,6 +389,7 @@ def main() -> None:
     text += step_section(effort)
     text += cost_section(effort) + parts_section(effort) + _files(roots, against, effort)
     text += replay_section(effort)
+    text += page_section(effort)
     if lateness.available():
         text += lateness_section(
             args.output, effort.of(args.rounds), effort.lateness_seconds or args.seconds, effort

@@ -19,6 +19,7 @@ class Effort(NamedTuple):
     many_variants: int = 100_000  # of the one whose memory is watched
     replay_seconds: float = 10.0  # s, length of the log
     lateness_seconds: float = 0.0  # s, length of each run; 0: that of the flag --seconds
+    page_seconds: float = 5.0  # s, length of each run with a page
     conditions: int | None = None  # number of conditions of the lateness; None: all
     builds: int | None = None  # number of builds of the C translation; None: all
 
@@ -40,6 +41,7 @@ SHORT = Effort(
     many_variants=40,
     replay_seconds=0.3,
     lateness_seconds=0.2,
+    page_seconds=0.5,
     conditions=2,
     builds=1,
 )

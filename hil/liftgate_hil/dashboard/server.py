@@ -1,15 +1,4 @@
-"""Web server of a page: HTTP and a WebSocket, for clients with the token.
-
-GET /                 the page
-GET /api/about        what it shows, and what can be commanded
-GET /api/geometry     the vehicle's geometry, for drawings: see `geometry_of`
-GET /api/state        the latest state; of a recording `?time=12.5`
-GET /api/plot         the curves so far: `?columns=gate_angle_deg,left_current_a&from=1&to=2&points=1000`
-WS  /api/stream       the latest state, 30 times a second; a recording is played
-POST /api/command     see `running.commands.operator`
-GET /api/run          the scenarios that can be started, of `--scenarios`
-POST /api/run         {"scenario": "reverses.toml"} starts one of them, {"scenario": null} stops it
-"""
+"""Web server of a page: HTTP and a WebSocket, for clients with the token; ENDPOINTS lists what it answers."""
 
 from __future__ import annotations
 
@@ -22,7 +11,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import orjson
 from starlette.applications import Starlette
@@ -50,6 +39,34 @@ _PAGE = Path(__file__).parent / "page"
 _PARTS = ("uPlot.min.css", "page.css", "uPlot.iife.min.js", "drawing.js", "charts.js", "controls.js", "page.js")
 
 
+class Endpoint(NamedTuple):
+    """One thing that the server answers; `handler` is a method of `Page`."""
+
+    method: str  # "WS": a WebSocket
+    path: str
+    handler: str
+    meaning: str
+
+
+ENDPOINTS = (
+    Endpoint("GET", "/", "_page", "the page"),
+    Endpoint("GET", "/api/about", "_about", "what it shows, its columns with units, and what can be commanded, "
+             "with ranges"),
+    Endpoint("GET", "/api/geometry", "_geometry", "the vehicle for drawings [m, deg]: hinge, edge, both ends of "
+             "each drive over the angle, stops; empty where the vehicle is not known"),
+    Endpoint("GET", "/api/state", "_state", "the latest state; of a recording at a time: `?time=12.5`"),
+    Endpoint("GET", "/api/plot", "_plot", "curves, lowest and highest value of each stretch: "
+             "`?columns=gate_angle_deg,left_current_a&from=1&to=2&points=1000`; all are optional"),
+    Endpoint("POST", "/api/command", "_command", "a command to the run, see below"),
+    Endpoint("GET", "/api/run", "_runs", "the scenarios that can be started, which one runs, the last exit code; "
+             "with `--scenarios`"),
+    Endpoint("POST", "/api/run", "_run", '`{"scenario": "reverses.toml"}` starts one of them, '
+             '`{"scenario": null}` stops it; with `--scenarios`'),
+    Endpoint("WS", "/api/stream", "_stream", "the state, 30 times a second; of a recording as it is played: send "
+             '`{"time_s": 12.5}` to go on from there, `{"speed": 0.25}` for its speed'),
+)  # fmt: skip
+
+
 class Page:
     """Web application for a run, a recording, or the runs that a `starter` starts.
 
@@ -66,15 +83,10 @@ class Page:
         self._looks, self._commands, self._starts = (ThreadPoolExecutor(1) for _ in range(3))
         self._failure: BaseException | None = None
         routes = [
-            Route("/", self._page),
-            Route("/api/about", self._about),
-            Route("/api/geometry", self._geometry),
-            Route("/api/state", self._state),
-            Route("/api/plot", self._plot),
-            Route("/api/command", self._command, methods=["POST"]),
-            Route("/api/run", self._runs, methods=["GET"]),
-            Route("/api/run", self._run, methods=["POST"]),
-            WebSocketRoute("/api/stream", self._stream),
+            WebSocketRoute(each.path, getattr(self, each.handler))
+            if each.method == "WS"
+            else Route(each.path, getattr(self, each.handler), methods=[each.method])
+            for each in ENDPOINTS
         ]
         self.app = Starlette(routes=routes, lifespan=self._lifespan)
 

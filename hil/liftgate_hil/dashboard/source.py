@@ -14,6 +14,25 @@ from liftgate_hil.signals import COLUMNS, SENSED_PREFIX, Bench
 
 JsonObject = dict[str, Any]  # a JSON object
 MOST_POINTS = 4000  # of a curve
+# What a state of a run holds.
+STATE = {
+    "phase": "`compiling`, `ready` (before time 0), `running`, `late` (ticks were missed in the last two seconds, "
+    "or the run stands still), `ended`; of a recording `recorded`, without a run `idle`",
+    "end": "how the run has ended: `verdict`, `reason`, `expectations`, `exit_code`; null: it has not",
+    "time_s": "model time [s]",
+    "truth": "true values of the columns",
+    "sensed": "what the ECU's sensors report, by the same names",
+    "command": "the ECU's last command: `value` or its label, `unit` and `signal` of each quantity in the rig",
+    "loop": "clock, rate, ticks done and missed; lateness, execution time and command delay [µs] as quantiles",
+    "bus": "channel, load, frames sent, received, accepted, rejected, foreign, dropped; age of the last command",
+    "in_force": "what was commanded and has not been cleared, in the form of commands",
+    "verdicts": "of each expectation the verdict so far (`pending`: undecided), margin and time; the bench's "
+    "lateness may still change it",
+    "messages": "the last frame of each message on the bus, decoded; in the stream five times a second",
+    "histograms": "lateness, execution time and command delay as bars: from, to [µs], count; in the stream alike",
+    "log": "lines: number, Unix time, text; in the stream those that are new",
+    "number": "counts the runs that the page has shown: another one begins with another number",
+}
 
 
 class Source(Protocol):

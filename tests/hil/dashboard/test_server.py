@@ -19,6 +19,7 @@ from websockets.sync.client import connect
 
 import liftgate_hil as lh
 from liftgate_hil.dashboard.guard import Guard, hosts_of
+from liftgate_hil.dashboard.source import STATE
 
 BENCH = ("--bus", "virtual:page", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
 
@@ -386,6 +387,10 @@ def test_the_geometry_the_command_and_the_histograms_are_there(client: Client) -
     assert sum(count for _, _, count in bars) >= ticks
     assert all(low < high for low, high, _ in bars)
     assert [high for _, high, _ in bars[:-1]] == [low for low, _, _ in bars[1:]]
+
+
+def test_a_state_holds_what_the_manual_lists(client: Client) -> None:
+    assert set(client.ask("/api/state")[1]) == set(STATE)
 
 
 def test_curves_are_those_asked_for(client: Client) -> None:

@@ -1,0 +1,166 @@
+"""Benchmark of the operator's page: the loop's lateness with 20 clients on its page, one of which never reads.
+
+    python -m tools.benchmark.page_clients [--rounds N] [--seconds S] [--json]
+
+Runs with and without clients alternate, each `liftgate-hil --bus … --dashboard` with its own page. The clients are
+one process of the lowest priority, as they would be on other machines. The quantiles of the lateness are compared
+in pairs by Wilcoxon's signed-rank test (two-sided): a small p would say that clients change the lateness.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import wilcoxon
+
+CLIENTS = 20
+ROUNDS, SECONDS = 20, 5.0
+SHARES = {"p50": "lateness_p50_us", "p99": "lateness_p99_us", "p99.9": "lateness_p999_us"}
+_PATIENCE_S = 120.0
+_LEAST_PAIRS = 6  # below which no p of this test can be under 5 %
+
+
+@dataclass
+class Pairs:
+    """Quantiles of the lateness [µs] of each run, by the quantile's name, and how much the clients have read."""
+
+    policy: str
+    alone: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in SHARES})
+    watched: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in SHARES})
+    missed: list[tuple[int, int]] = field(default_factory=list)  # ticks, alone and watched
+    states: int = 0
+
+    def ratio(self, name: str) -> float:
+        """Return the median of the pairs' ratios, with clients to without."""
+        return float(np.median(self._of(self.watched, name) / self._of(self.alone, name)))
+
+    def p(self, name: str) -> float:
+        """Return the p of Wilcoxon's signed-rank test on the pairs; NaN: too few of them."""
+        apart = self._of(self.watched, name) - self._of(self.alone, name)
+        if len(apart) < _LEAST_PAIRS or not apart.any():
+            return float("nan") if len(apart) < _LEAST_PAIRS else 1.0
+        return float(wilcoxon(apart).pvalue)
+
+    @staticmethod
+    def _of(runs: dict[str, list[float]], name: str) -> NDArray[np.float64]:
+        return np.array(runs[name])
+
+
+async def _read(address: str, reads: bool) -> int:
+    """Read the stream of a page until it ends; return how many states came."""
+    from websockets.asyncio.client import connect
+    from websockets.exceptions import ConnectionClosed
+
+    count = 0
+    async with connect(address.replace("http://", "ws://").replace("/?", "/api/stream?")) as wire:
+        try:
+            if not reads:
+                await asyncio.sleep(_PATIENCE_S)
+            async for _ in wire:
+                count += 1
+        except ConnectionClosed:
+            pass
+    return count
+
+
+async def _read_all(address: str) -> int:
+    """Read a page with all clients, one of which never reads, until the page ends; return the states that came."""
+    tasks = [asyncio.create_task(_read(address, reads=k > 0)) for k in range(CLIENTS)]
+    counts = await asyncio.gather(*tasks[1:], return_exceptions=True)
+    tasks[0].cancel()
+    return sum(count for count in counts if isinstance(count, int))
+
+
+def _one_run(seconds: float, is_watched: bool, is_realtime: bool, number: int) -> tuple[dict[str, float], int]:
+    """Run the emulator, with clients or without; return its summary, and how many states they have read."""
+    bus = f"virtual:page-clients-{os.getpid()}-{number}"
+    command = [sys.executable, "-m", "liftgate_hil", "--bus", bus, "--ecu", "reference", "--json"]
+    command += ["--overrun-limit", "60", "--duration", f"{seconds:g}", "--dashboard", "--listen", "127.0.0.1:0"]
+    command += ["--realtime"] if is_realtime else []
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert run.stderr is not None
+    address = next((line.strip() for line in run.stderr if line.startswith("http://")), "")
+    clients = None
+    if is_watched:
+        arguments = ["nice", "-n", "19", sys.executable, "-m", __spec__.name, "--read", address]
+        clients = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)
+    out, said = run.communicate(timeout=_PATIENCE_S + 10 * seconds)
+    if run.returncode != 0 or not address:
+        raise SystemExit(f"the run failed ({run.returncode}): {said}")
+    states = 0
+    if clients is not None:
+        read, _ = clients.communicate(timeout=_PATIENCE_S)
+        states = int(read or 0)
+    return json.loads(out), states
+
+
+def measure(rounds: int, seconds: float) -> list[Pairs]:
+    """Return the pairs with FIFO and with the usual scheduling, alone and watched in turns."""
+    found, number = [], 0
+    for is_realtime in (True, False):
+        pairs = Pairs("FIFO" if is_realtime else "SCHED_OTHER")
+        for each in range(rounds):
+            missed = {}
+            for is_watched in (False, True) if each % 2 else (True, False):
+                number += 1
+                summary, states = _one_run(seconds, is_watched, is_realtime, number)
+                runs = pairs.watched if is_watched else pairs.alone
+                for name, key in SHARES.items():
+                    runs[name].append(summary[key])
+                missed[is_watched] = int(summary["overruns"])
+                pairs.states += states
+            pairs.missed.append((missed[False], missed[True]))
+        found.append(pairs)
+        print(f"  page clients, {pairs.policy}", file=sys.stderr, flush=True)
+    return found
+
+
+def table(found: list[Pairs]) -> list[str]:
+    """Return the lines of a table of the pairs."""
+    lines = [
+        "| | quantile | alone, µs | 20 clients, µs | ratio, median | p | ticks missed, sum |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for pairs in found:
+        alone, watched = (sum(each) for each in zip(*pairs.missed, strict=True))
+        for place, name in enumerate(SHARES):
+            p = pairs.p(name)
+            lines.append(
+                f"| {pairs.policy if not place else ''} | {name} | {np.median(pairs.alone[name]):.0f} "
+                f"| {np.median(pairs.watched[name]):.0f} | **{pairs.ratio(name):.2f}** "
+                f"| {'too few pairs' if np.isnan(p) else f'{p:.2f}'} "
+                f"| {f'{alone} : {watched}' if not place else ''} |"
+            )
+    return lines
+
+
+def main() -> int:
+    """Run the benchmark, or as a child the clients, and print the result."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="of each run")
+    parser.add_argument("--json", action="store_true", help="all quantiles, instead of a table")
+    parser.add_argument("--read", metavar="ADDRESS", help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.read is not None:
+        print(asyncio.run(_read_all(args.read)))
+        return 0
+    found = measure(args.rounds, args.seconds)
+    if args.json:
+        print(json.dumps([vars(each) for each in found]))
+        return 0
+    print("\n".join(table(found)))
+    print(f"{sum(each.states for each in found):,} states were read in {2 * args.rounds} runs with clients")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,46 @@
+"""Page docs/http-api.md: what the server of the operator's page answers, from its code."""
+
+from __future__ import annotations
+
+from liftgate_hil.dashboard.server import ENDPOINTS
+from liftgate_hil.dashboard.source import STATE
+from liftgate_hil.running.commands import operator
+from tools.docs.markdown import code, page, table
+
+_INTRO = """\
+The server of [the operator's page](operators-page.md) answers scripts, too. Each request needs the token of the
+printed address, as `?token=…` or as `Authorization: Bearer …`. All content is JSON, in which NaN is null."""
+_COMMANDS = """\
+## Commands
+
+A command is an object of one key, with the keys of [scenario files](scenario.md). The answer has `done`, in words,
+and `time_s`, or `waits` where the run stands still: it executes the command when it continues."""
+_CODES = (
+    ("200", "done"),
+    ("202", "the command waits, see above"),
+    ("401", "no token, or a wrong one"),
+    ("403", "another host or origin than the page's own; a read-only page; a recording; no `--scenarios`"),
+    ("408, 413", "a command that does not come within 10 s, or is longer than 64 KiB"),
+    ("410", "the run has ended, or did not begin"),
+    ("422", "a value that is not allowed; `issues` say what is"),
+)
+_CONNECTIONS = """\
+A connection on which nothing comes for ten seconds is closed, as is a WebSocket whose client takes nothing, or
+does not answer pings, for that long. A client that is slower than the stream gets the latest state each time."""
+
+
+def http_api_page() -> str:
+    """Return the text of the page."""
+    endpoints = ((each.method, code(each.path), each.meaning) for each in ENDPOINTS)
+    forms = [line for line in (operator.__doc__ or "").splitlines() if line.startswith("{")]
+    parts = [
+        table(["", "path", ""], endpoints),
+        _COMMANDS,
+        "\n".join(["```", *forms, "```"]),
+        "## State",
+        table(["key", "meaning"], ((code(name), meaning) for name, meaning in STATE.items())),
+        "## Status codes and connections",
+        table(["status", "meaning"], _CODES),
+        _CONNECTIONS,
+    ]
+    return page("HTTP and WebSocket", _INTRO, *parts)

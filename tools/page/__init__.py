@@ -1,0 +1,1 @@
+"""Measurements and pictures of the operator's page in a real browser."""
