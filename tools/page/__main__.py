@@ -3,8 +3,8 @@
     python -m tools.page memory [--minutes M] [--output FILE.csv]
     python -m tools.page picture [--output docs/page.png]
 
-`memory`: every ten seconds, after a collection of garbage, the page's JavaScript heap and the resident memory of
-the page's server. The page keeps 300 s of history, so that its heap grows for five minutes; the slope of the second
+`memory`: every ten seconds, after a collection of garbage, the JavaScript heap of the page and the memory of
+the page's server. The page keeps 300 s of history, so its heap grows for five minutes; the slope of the second
 half says whether it goes on. `picture`: the demo at the moment of the largest pinch force.
 """
 

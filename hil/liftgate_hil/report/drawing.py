@@ -31,6 +31,7 @@ INK, GRID, MEASURED, FINAL, INITIAL, MARK = (
 )  # fmt: skip
 VARIABLES = {INK: "ink", GRID: "grid", MEASURED: "measured", FINAL: "final", INITIAL: "initial", MARK: "mark"}
 WIDTH = 7.6  # inch, width of the page's text
+_LEAST_SPAN = 1e-3  # of an axis, as a share of its values
 LIMIT = 1500  # points of a drawn line: two for each pixel of its width
 
 _SETTINGS: dict[Any, Any] = {
@@ -38,6 +39,7 @@ _SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "liftgate-hil",
     "text.parse_math": False,
     "axes.unicode_minus": True,
+    "axes.formatter.useoffset": False,  # whole numbers at the ticks, not 1e-11 and somewhere else "+1"
     "font.family": "sans-serif",
     "font.size": 8.5,
     "axes.labelsize": 8.5,
@@ -112,8 +114,8 @@ def line(axis: Axes, times: Floats, values: Floats, colour: str, **looks: object
 def limits(main: Floats, aside: Floats) -> tuple[float, float] | None:
     """Return an axis range (low, high) for all of `main` and part of `aside`; None: `main` has no values.
 
-    `aside` extends the range by the span of `main` at most, to either side; there is a margin at both ends. NaN
-    and values from 1e30 on are ignored.
+    `aside` extends the range by the span of `main` at most, to either side; there is a margin at both ends. What
+    is constant but for rounding is drawn as a level line. NaN and values from 1e30 on are ignored.
     """
     known = main[np.abs(main) < 1e30]
     if not len(known):
@@ -125,7 +127,14 @@ def limits(main: Floats, aside: Floats) -> tuple[float, float] | None:
         low = min(low, max(float(other.min()), low - span))
         high = max(high, min(float(other.max()), high + span))
     margin = 0.06 * ((high - low) or span)
-    return low - margin, high + margin
+    return widened(low - margin, high + margin)
+
+
+def widened(low: float, high: float) -> tuple[float, float]:
+    """Return an axis range about the same middle that is no narrower than ticks of a few digits can show."""
+    middle, least = 0.5 * (low + high), _LEAST_SPAN * max(abs(low), abs(high))
+    half = max(0.5 * (high - low), 0.5 * least)
+    return middle - half, middle + half
 
 
 def log_axis(axis: Axes, side: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_LETTERS, _MOST_LINES = 18, 3  # of an axis label, beside a panel of 1.3 inch
 _ORDER = ("current", "speed", "position", "hall", "angle")
 
 
@@ -121,7 +123,8 @@ def _stems(axis: Axes, lags: np.ndarray, values: np.ndarray, band: float) -> Non
 
 
 def _wrapped(column: str) -> str:
-    """Return an axis label in two lines: words, unit."""
+    """Return an axis label in lines that fit a panel: words, then the unit."""
     label = axis_label(column) if "_" in column else column_label(column)[0]
     words, bracket, unit = label.rpartition(" [")
-    return f"{words}\n[{unit}" if bracket else label
+    lines = wrap(words if bracket else label, _LETTERS)[:_MOST_LINES]
+    return "\n".join([*lines, *([f"[{unit}"] if bracket else [])])

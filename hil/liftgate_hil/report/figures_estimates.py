@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from liftgate_hil.identify.result import Identification, Profile
-from liftgate_hil.report.drawing import FINAL, INITIAL, INK, MARK, WIDTH, limits, log_axis, new_figure, style
+from liftgate_hil.report.drawing import (
+    FINAL,
+    INITIAL,
+    INK,
+    MARK,
+    WIDTH,
+    limits,
+    log_axis,
+    new_figure,
+    style,
+    widened,
+)
 from liftgate_hil.report.numbers import clean
 
 if TYPE_CHECKING:
@@ -95,7 +106,7 @@ def _ratio_limits(ratios: np.ndarray, errors: np.ndarray, identifiable: np.ndarr
     if low > 0.0 and high / low > 6.0:
         return low / 1.3, high * 1.3
     margin = 0.08 * (high - low) or 0.1
-    return low - margin, high + margin
+    return widened(low - margin, high + margin)
 
 
 def loss_figure(result: Identification) -> Figure:
@@ -110,6 +121,7 @@ def loss_figure(result: Identification) -> Figure:
         axis.plot(np.arange(len(shown)), shown, "o-", color=FINAL, markersize=4.0)
         if len(shown) and np.nanmin(np.append(shown, 1.0)) > 0.0:
             log_axis(axis, "y")
+            axis.set_ylim(*widened(*axis.get_ylim()))
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.set_xlabel("iteration")
         axis.set_ylabel("loss")

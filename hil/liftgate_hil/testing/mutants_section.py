@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from liftgate_hil.ecu.mutants import MUTANTS
 from liftgate_hil.report.page import Markup, section, table, text
-from liftgate_hil.testing.mutation import Matrix
+from liftgate_hil.testing.mutation import NEVER_REACHED, REACHED, Matrix
 
 _MOST = 6  # expectations that are named
 
 
 def mutants_section(matrix: Matrix) -> str:
     """Return the section: the defects of the reference ECU that no expectation finds, then all others."""
-    alive = [(each.name, each.meaning) for each in MUTANTS.values() if each.name in matrix.alive]
+    tolerated, unreached = (
+        [(name, MUTANTS[name].meaning) for name in names] for names in (matrix.tolerated, matrix.never_reached)
+    )
     rows = [
         (each.name, each.meaning, _killers(matrix.kills(each.name)))
         for each in MUTANTS.values()
@@ -22,10 +24,17 @@ def mutants_section(matrix: Matrix) -> str:
         "<p>Each mutant of the reference ECU has one defect. It is found if an expectation fails that the ECU "
         "without a defect passes.</p>"
     ]
-    if alive:
+    if tolerated:
         parts += [
-            "<p>Not found: no expectation tells these from the ECU without a defect.</p>",
-            table(("mutant", "defect"), alive, ("", "")),
+            "<p>Not found, reached and tolerated: a scenario takes another course with these than with the ECU "
+            "without a defect, and no expectation fails. A stricter one would find them.</p>",
+            table(("mutant", "defect"), tolerated, ("", "")),
+        ]
+    if unreached:
+        parts += [
+            "<p>Not found, never reached: in every scenario these behave as the ECU without a defect. It takes "
+            "another scenario to find them.</p>",
+            table(("mutant", "defect"), unreached, ("", "")),
         ]
     if rows:
         parts += ["<p>Found:</p>", table(("mutant", "defect", "found by"), rows, ("", "", ""))]
@@ -40,7 +49,13 @@ def mutants_section(matrix: Matrix) -> str:
 
 def score_of(matrix: Matrix) -> str:
     """Return how many mutants are found, in words."""
-    return f"{len(matrix.killed)} of {len(MUTANTS)} mutants found, {len(matrix.alive)} not."
+    alive = [
+        f"{len(names)} {what}"
+        for names, what in ((matrix.tolerated, REACHED), (matrix.never_reached, NEVER_REACHED))
+        if names
+    ]
+    score = f"{len(matrix.killed)} of {len(MUTANTS)} mutants found"
+    return f"{score}, {len(matrix.alive)} not: {', '.join(alive)}." if alive else f"{score}."
 
 
 def _killers(found: list[tuple[str, str]]) -> Markup:

@@ -13,6 +13,7 @@ from liftgate_hil.running.plan import Plan
 from liftgate_hil.running.setup import Setup
 from liftgate_hil.testing.suite import Case, Outcome, run_suite
 
+REACHED, NEVER_REACHED = "reached and tolerated", "never reached"  # what becomes of a mutant that is alive
 SOUND = ""  # in place of a mutant's name: the reference ECU itself
 
 
@@ -26,9 +27,11 @@ class Matrix:
 
     cases: Sequence[Case]
     verdicts: dict[tuple[str, str, str], str] = field(default_factory=dict)  # by mutant, file, expectation
+    behaviours: dict[tuple[str, str], tuple[object, ...]] = field(default_factory=dict)  # by mutant and file
 
     def add(self, mutant: str, outcome: Outcome) -> None:
         """Add the outcome of a scenario with a mutant."""
+        self.behaviours[mutant, outcome.case.file] = _behaviour_of(outcome)
         for each in outcome.expectations:
             self.verdicts[mutant, outcome.case.file, each.name] = each.verdict
 
@@ -56,6 +59,21 @@ class Matrix:
         """Mutants that no scenario kills."""
         return [name for name in MUTANTS if not self.kills(name)]
 
+    def is_reached(self, mutant: str) -> bool:
+        """Whether a mutant's defect changes the course of any scenario: a signal, an event or a margin."""
+        files = [case.file for case in self.cases]
+        return any(self.behaviours.get((mutant, file)) != self.behaviours.get((SOUND, file)) for file in files)
+
+    @property
+    def tolerated(self) -> list[str]:
+        """Mutants that no scenario kills although their defect changes the course of one."""
+        return [name for name in self.alive if self.is_reached(name)]
+
+    @property
+    def never_reached(self) -> list[str]:
+        """Mutants that behave in every scenario as the sound ECU does."""
+        return [name for name in self.alive if not self.is_reached(name)]
+
     @property
     def prove_nothing(self) -> list[tuple[str, str]]:
         """Expectations that hold with every mutant, and with no ECU at all, as pairs of file and name."""
@@ -75,6 +93,7 @@ class Matrix:
                 {
                     "name": each.name,
                     "meaning": each.meaning,
+                    "is_reached": self.is_reached(each.name),
                     "killed_by": [{"file": file, "expectation": name} for file, name in self.kills(each.name)],
                 }
                 for each in MUTANTS.values()
@@ -88,11 +107,26 @@ class Matrix:
         for mutant in MUTANTS.values():
             files = list(dict.fromkeys(file for file, _ in self.kills(mutant.name)))
             more = f" and {len(files) - 3} more" if len(files) > 3 else ""
-            by = f"{', '.join(files[:3])}{more}" if files else f"ALIVE: {mutant.meaning}"
+            alive = REACHED if self.is_reached(mutant.name) else NEVER_REACHED
+            by = f"{', '.join(files[:3])}{more}" if files else f"ALIVE, {alive}: {mutant.meaning}"
             yield f"{mutant.name:<{width}}  {by}"
         yield f"{len(self.killed)} of {len(MUTANTS)} mutants killed"
         for file, name in self.prove_nothing:
             yield f"proves nothing: {file}: {name} (holds with every mutant, and with no ECU)"
+
+
+def _behaviour_of(outcome: Outcome) -> tuple[object, ...]:
+    """Return what tells the course of a run from another one.
+
+    It is the largest and the smallest value of every column, among them positions and temperatures, which depend
+    on all that was commanded before, the ECU's events, and the margins.
+    """
+    result = outcome.result
+    margins = tuple((each.name, each.verdict, each.margin, each.time_s) for each in outcome.expectations)
+    if result is None:
+        return (outcome.verdict, margins)
+    extremes = tuple(repr(each) for part in (result.maxima, result.minima) for each in part.values())
+    return (extremes, tuple((each.time, each.text) for each in result.events), margins)
 
 
 def mutate(

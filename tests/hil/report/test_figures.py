@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from liftgate_hil.identify.result import Experiment
 from liftgate_hil.report import figures, figures_estimates
-from liftgate_hil.report.drawing import limits, png, svg, thin
+from liftgate_hil.report.drawing import limits, new_figure, png, style, svg, thin
 
 EXPERIMENT = (figures.trace_figure, figures.error_figure, figures.residual_figure)
 ESTIMATES = (
@@ -137,6 +137,28 @@ def test_a_wild_initial_model_does_not_crush_the_measurement():
     assert -1.5 < low < -0.9
     assert 1.9 < high < 2.5
     assert limits(np.array([np.nan]), np.empty(0)) is None
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0, 12.0, -3e-5, 4e7])
+def test_what_is_constant_but_for_rounding_has_an_axis_that_can_be_read(level):
+    values = level * (1.0 + 1e-12 * np.arange(100) / 100) + (1e-30 if level == 0.0 else 0.0)
+    low, high = limits(values, values)
+    assert low <= values.min()
+    assert high >= values.max()
+    with style():
+        figure = new_figure(2.0)
+        axis = figure.subplots()
+        axis.plot(values)
+        axis.set_ylim(low, high)
+        figure.draw_without_rendering()
+        texts = [each.get_text() for each in axis.get_yticklabels()]
+        assert axis.yaxis.get_offset_text().get_text() in ("", "1e−5", "1e7", "1e−30", "1e-30", "1e-5")
+    assert all(len(each) <= 8 for each in texts), texts
+
+
+def test_a_long_name_is_wrapped_beside_its_panel():
+    assert figures._wrapped("left_winding_temperature_degc") == "left winding\ntemperature\n[°C]"
+    assert figures._wrapped("left_current_a") == "left current\n[A]"
 
 
 def test_matplotlib_is_not_loaded_until_something_is_drawn():

@@ -40,36 +40,50 @@ never = "gate_angle_deg > 1"
 """
 
 
-@pytest.fixture
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
+def choose(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """So that they are quickly run."""
     from liftgate_hil.testing import mutants_section, mutation
 
-    chosen = {name: MUTANTS[name] for name in FEW}
+    chosen = {name: MUTANTS[name] for name in names}
     for module in (mutation, mutants_section):
         monkeypatch.setattr(module, "MUTANTS", chosen)
 
 
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    choose(monkeypatch, *FEW)
+
+
 def test_the_matrix_says_who_finds_what_and_what_proves_nothing(
-    tmp_path: Path, few: None, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    choose(monkeypatch, *FEW, "one_drive_commanded")
     file, told, page = (str(tmp_path / each) for each in ("s.toml", "v.json", "r.html"))
     Path(file).write_text(STOPS)
     code = main(["test", file, "--mutants", "--json", told, "--html", page])
     assert code == 1  # of the sound ECU: "fails anyhow" fails
     out = capsys.readouterr().out
-    assert "1 of 3 mutants killed" in out
-    assert "ALIVE: motors start at any temperature" in out
+    assert "1 of 4 mutants killed" in out
+    assert "ALIVE, never reached: motors start at any temperature" in out
     assert "proves nothing" in out
     found = json.loads(Path(told).read_text())["mutation"]
-    assert found["score"] == pytest.approx(1 / 3)
+    assert found["score"] == pytest.approx(1 / 4)
     by_name = {each["name"]: each["killed_by"] for each in found["mutants"]}
     assert [each["expectation"] for each in by_name["stop_ignored"]] == ["stops"]
     assert by_name["latch_not_released"] == []  # it began at 40 degrees
+    assert "ALIVE, reached and tolerated: the right drive is not driven" in out
+    reached = {each["name"]: each["is_reached"] for each in found["mutants"]}
+    assert reached == {
+        "stop_ignored": True,
+        "one_drive_commanded": True,
+        "heat_ignored": False,
+        "latch_not_released": False,
+    }
     # What fails with the sound ECU, and what a gate without an ECU fails, is not among these.
     assert [each["expectation"] for each in found["prove_nothing"]] == ["can't fail"]
     html = Path(page).read_text()
-    assert "<h1>Mutation testing: 1 of 3 mutants found, 2 not</h1>" in html
+    score = "1 of 4 mutants found, 3 not: 1 reached and tolerated, 2 never reached"
+    assert f"<h1>Mutation testing: {score}</h1>" in html
     assert html.index("motors start at any temperature") < html.index("Found:") < html.index("command line")
     assert "can&#x27;t fail" in html or "can&#39;t fail" in html
 
