@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from tools.docs.command_line import command_line_page
+from tools.docs.equations import equations_page
 from tools.docs.rig import rig_page
 from tools.docs.scenario import scenario_page
 from tools.docs.signals import signals_page
@@ -15,4 +16,5 @@ PAGES = {
     "scenario.md": scenario_page,
     "signals.md": signals_page,
     "command-line.md": command_line_page,
+    "equations.md": equations_page,
 }
