@@ -28,6 +28,10 @@ IN_ORDER = (
     "vehicle-from-data-sheet.md",
     "verdicts.md",
     "solver.md",
+    "first-closed-loop.md",
+    "diagnostics.md",
+    "faults.md",
+    "restbus.md",
 )
 
 
@@ -139,6 +143,11 @@ def commands_in(block: Block) -> list[tuple[str, int]]:
         told = re.search(r" {2,}#.*exit code (\d)", line)
         found.append((re.split(r" {2,}#", line)[0].strip(), int(told[1]) if told else 0))
     return [each for each in found if each[0]]
+
+
+def is_run_elsewhere(line: str) -> bool:
+    """Whether a command of a page that is gone through needs a bus or a page: tests/system/test_newcomer.py has it."""
+    return "$TOKEN" in line or "socketcan:" in line
 
 
 def fresh_folder(folder: Path) -> Path:
