@@ -31,6 +31,11 @@ IN_ORDER = (
     "first-closed-loop.md",
     "diagnostics.md",
     "faults.md",
+    "own-ecu.md",
+    "reports.md",
+    "pytest.md",
+    "containers.md",
+    "live-data.md",
     "restbus.md",
 )
 
@@ -39,7 +44,7 @@ class Block(NamedTuple):
     """A block of a page: fenced, with the language that it states, or indented, with the one that it has."""
 
     page: str
-    kind: str  # "commands", "python", "toml", another language of a fence, or "text"
+    kind: str  # "commands", "python", "toml", another language of a fence, or "plain"
     text: str
 
     @property
@@ -131,9 +136,9 @@ def _kind_of(text: str) -> str:
     try:
         nodes = ast.parse(text).body
     except SyntaxError:
-        return "text"
+        return "plain"
     statements = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.ClassDef, ast.With, ast.For, ast.Assign)
-    return "python" if any(isinstance(node, statements) for node in nodes) else "text"
+    return "python" if any(isinstance(node, statements) for node in nodes) else "plain"
 
 
 def commands_in(block: Block) -> list[tuple[str, int]]:

@@ -7,7 +7,12 @@ is in what it printed.
 
 from __future__ import annotations
 
+import json
+import os
 import re
+import shutil
+import signal
+import socket
 import subprocess
 import sys
 import tomllib
@@ -183,6 +188,8 @@ def test_every_file_of_a_page_is_used_on_it() -> None:
 
 @pytest.mark.parametrize("page", readme.IN_ORDER)
 def test_a_page_does_from_top_to_bottom_what_it_says(page: str, tmp_path: Path) -> None:
+    if shutil.which("cc") is None and any(block.text.startswith("cc ") for block in BLOCKS[page]):
+        pytest.skip("no C compiler")
     folder = readme.fresh_folder(tmp_path)
     told = ""
     is_shown = False
@@ -210,3 +217,57 @@ def test_a_page_does_from_top_to_bottom_what_it_says(page: str, tmp_path: Path) 
             for line in block.text.splitlines():
                 assert line.strip() in ("", "…") or words(line) in words(told), (line, told)
             is_shown = False
+
+
+def test_the_lines_of_the_image_are_those_of_its_file() -> None:
+    lines = (DOCS / "examples" / "Dockerfile").read_text(encoding="utf-8").splitlines()
+    shown = [line for block in of_kind("dockerfile") for line in block.text.splitlines()]
+    assert shown
+    assert [line for line in shown if line not in lines] == []
+
+
+@pytest.mark.realtime
+@pytest.mark.skipif(shutil.which("taskset") is None, reason="no taskset")
+def test_the_loop_is_bound_to_a_cpu_as_the_page_says(tmp_path: Path) -> None:
+    lines = [line for block in BLOCKS["real-time-kernel.md"] for line in block.text.splitlines()]
+    doctor, gate = (line for line in lines if line.startswith("taskset"))
+    cpu = max(os.sched_getaffinity(0))
+    here = {"-c 0-3": f"-c {cpu}", "--cpu 3": f"--cpu {cpu}", "--duration 60": "--duration 0.2"}
+    out = readme.run(doctor, tmp_path, here, codes=(0, 1))
+    assert f"--realtime takes CPU {cpu}" in out
+    here["socketcan:can0"] = f"udp_multicast:239.78.{os.getpid() % 250}.{cpu + 1}"
+    out = readme.run(gate, tmp_path, here, "--overrun-limit 60 --duration 0.3")
+    assert out.startswith("ticks ")
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("is_recording", [False, True])
+def test_the_stream_goes_on_as_datagrams(is_recording: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    folder = work(tmp_path, "live-data.md")
+    source = "liftgate-hil --bus virtual:any --ecu reference --scenario demo --dashboard --overrun-limit 60"
+    if is_recording:
+        readme.run("liftgate-hil demo --clock free --no-record --record live.csv --duration 3", folder)
+        source = "liftgate-hil dashboard --recording live.csv"
+    gate = readme.start(source, folder, more="--listen 127.0.0.1:0")
+    processes = [gate]
+    try:
+        told = gate.stdout if is_recording else gate.stderr
+        assert told is not None
+        address, token = next(each for each in told if each.startswith("http")).strip().split("/?token=")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+            udp.bind(("127.0.0.1", 0))
+            udp.settimeout(readme.PATIENCE)
+            places = {"http://127.0.0.1:8765": address, "$TOKEN": token, "9870": str(udp.getsockname()[1])}
+            processes.append(readme.start(readme.command("python live_udp.py"), folder, places, " "))
+            samples = [json.loads(udp.recv(65536)) for _ in range(10)]
+        assert samples[-1]["timestamp"] > samples[0]["timestamp"]
+        assert samples[-1]["truth"]["gate_angle_deg"] >= 0.0
+        assert "left_current_a" in samples[-1]["sensed"]
+        gate.send_signal(signal.SIGINT)
+        assert gate.wait(readme.PATIENCE) == 0
+        out, complaints = processes[1].communicate(timeout=readme.PATIENCE)
+        assert (processes[1].returncode, complaints) == (0, ""), out
+    finally:
+        for process in processes:
+            process.kill()
