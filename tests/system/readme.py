@@ -32,6 +32,9 @@ IN_ORDER = (
     "diagnostics.md",
     "faults.md",
     "own-ecu.md",
+    "ecu-in-python.md",
+    "reproducibility.md",
+    "thesis-manual.md",
     "reports.md",
     "pytest.md",
     "containers.md",
@@ -151,7 +154,7 @@ def commands_in(block: Block) -> list[tuple[str, int]]:
 
 
 def is_run_elsewhere(line: str) -> bool:
-    """Whether a command of a page that is gone through needs a bus or a page: tests/system/test_newcomer.py has it."""
+    """Whether a command needs a bus or a page that is served: tests/system/test_newcomer.py has it."""
     return "$TOKEN" in line or "socketcan:" in line
 
 

@@ -1,8 +1,8 @@
-"""The blocks of the manual's pages as they stand there: Python runs, TOML loads, files of pages serve its commands.
+"""The blocks of the manual's pages as they stand there: Python runs, TOML loads, files serve the page's commands.
 
-A block whose first line is `# NAME.toml` (`.py`, `.c`) is that file. The pages of `readme.IN_ORDER` are gone through
-from top to bottom: each file is written, each command is run, and each line of the block of text behind a command
-is in what it printed.
+A block whose first line is `# NAME.toml` (`.py`, `.c`) is that file. The pages of `readme.IN_ORDER` are gone
+through from top to bottom: each file is written, each command is run, and each line of the fenced block of text
+behind a command is in what it printed.
 """
 
 from __future__ import annotations
@@ -122,7 +122,12 @@ def test_the_python_of_a_page_runs(page: str, tmp_path: Path) -> None:
 def run_python(text: str, folder: Path) -> str:
     (folder / "page.py").write_text(text, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "page.py"], cwd=folder, check=False, capture_output=True, text=True, timeout=readme.PATIENCE
+        [sys.executable, "page.py"],
+        cwd=folder,
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=readme.PATIENCE,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert not done.stderr
@@ -242,7 +247,9 @@ def test_the_loop_is_bound_to_a_cpu_as_the_page_says(tmp_path: Path) -> None:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("is_recording", [False, True])
-def test_the_stream_goes_on_as_datagrams(is_recording: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_stream_goes_on_as_datagrams(
+    is_recording: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     folder = work(tmp_path, "live-data.md")
     source = "liftgate-hil --bus virtual:any --ecu reference --scenario demo --dashboard --overrun-limit 60"

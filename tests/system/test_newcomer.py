@@ -463,7 +463,7 @@ def test_the_ecu_in_c_on_a_serial_line(folder: Path, ports: dict[str, str]) -> N
 
 @pytest.mark.realtime
 def test_an_own_ecu_in_python_runs_on_a_bus(folder: Path, bus: dict[str, str]) -> None:
-    page = readme.ROOT / "docs" / "own-ecu.md"
+    page = readme.ROOT / "docs" / "ecu-in-python.md"
     (module,) = (block for block in readme.blocks(page) if block.file == "my_ecu.py")
     (folder / module.file).write_text(module.text)
     run(command("liftgate-hil ecu --bus socketcan:can0"), folder, bus, "--duration 0.3")
