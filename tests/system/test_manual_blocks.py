@@ -182,6 +182,15 @@ def test_a_part_of_the_workflow_is_in_the_workflow() -> None:
     assert [line for line in shown if line not in workflow] == []
 
 
+def test_no_python_hides_among_other_blocks() -> None:
+    known = {"commands", "python", "toml", "text", "plain", "yaml", "dockerfile", "{toctree}"}
+    for blocks in BLOCKS.values():
+        for block in blocks:
+            assert block.kind in known, (block.page, block.kind)
+            is_code = re.search(r"^(import|from|def|class|with|for) .*[\w:]$", block.text, re.MULTILINE)
+            assert block.kind not in ("plain", "text") or not is_code, (block.page, block.text)
+
+
 def test_every_file_of_a_page_is_used_on_it() -> None:
     for name, blocks in BLOCKS.items():
         for block in blocks:
