@@ -60,7 +60,7 @@ def test_a_hand_moves_the_gate(page: Any) -> None:
 
 
 def test_an_obstacle_placed_with_the_mouse_makes_the_ecu_reverse(page: Any) -> None:
-    drag(page, "#rod", -12, 10).perform()
+    drag(page, "#rod", -110, 20).perform()
     until(page, lambda _: page.execute_script("return last.in_force.obstacle !== null"))
     rod = page.execute_script("return last.in_force.obstacle")
     assert 15.0 < rod["angle_deg"] < 60.0

@@ -1,22 +1,60 @@
-"""The commands of README.md, of the pages in docs, and of what `init` prints, as they stand there, and where they
-can be tried.
+"""The commands and blocks of README.md, of the pages in docs, and of what `init` prints, as they stand there, and
+where they can be tried.
 """
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
 BIN = Path(sys.executable).parent
 PATIENCE = 300.0  # s until a command must have ended; nothing is judged by it
 _PROGRAMS = ("liftgate-hil", "make", "cc", "python", "candump", "cantools", "mkdir", "curl", "tools/")
 _CACHE = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")  # with the compiled model
+
+
+# The pages that tests/system/test_manual_blocks.py goes through from top to bottom: files, commands and Python.
+IN_ORDER = (
+    "first-ci-test.md",
+    "vehicle-from-data-sheet.md",
+    "verdicts.md",
+    "solver.md",
+    "first-closed-loop.md",
+    "diagnostics.md",
+    "faults.md",
+    "own-ecu.md",
+    "ecu-in-python.md",
+    "reproducibility.md",
+    "thesis-manual.md",
+    "reports.md",
+    "pytest.md",
+    "containers.md",
+    "live-data.md",
+    "restbus.md",
+)
+
+
+class Block(NamedTuple):
+    """A block of a page: fenced, with the language that it states, or indented, with the one that it has."""
+
+    page: str
+    kind: str  # "commands", "python", "toml", another language of a fence, or "plain"
+    text: str
+
+    @property
+    def file(self) -> str:
+        """The name of the file that the block is, by its first line; else empty."""
+        match = re.match(r"(?:#|//) ([\w./-]+\.(?:toml|py|c|yml))$", self.text.split("\n", 1)[0])
+        return match[1] if match else ""
 
 
 def pages() -> list[Path]:
@@ -55,6 +93,69 @@ def block(line: str) -> str:
             break
         kept.append(each[4:])
     return "\n".join(kept) + "\n"
+
+
+def blocks(page: Path) -> list[Block]:
+    """All blocks of a page, in its order."""
+    return [Block(page.name, kind or _kind_of(text), text) for kind, text in _raw_blocks(page) if text.strip()]
+
+
+def _raw_blocks(page: Path) -> Iterator[tuple[str, str]]:
+    """Each block's language, where a fence states it, and its text."""
+    lines = page.read_text(encoding="utf-8").splitlines()
+    kept: list[str] = []
+    at = 0
+    while at < len(lines):
+        line = lines[at]
+        if fence := re.match(r"```\s*(\S*)", line):
+            yield "", "\n".join(kept)
+            kept = []
+            end = next(k for k in range(at + 1, len(lines)) if lines[k].startswith("```"))
+            yield fence[1] or "text", "\n".join(lines[at + 1 : end]) + "\n"
+            at = end + 1
+            continue
+        indented = line[4:] if line.startswith("    ") else ""
+        is_command = indented.startswith(_PROGRAMS)
+        goes_on = bool(kept) and kept[-1].endswith("\\")
+        changes = bool(kept) and bool(indented) and not goes_on and is_command != kept[0].startswith(_PROGRAMS)
+        if kept and ((line and not indented) or changes):
+            yield "", "\n".join(kept).strip("\n") + "\n"
+            kept = []
+        if indented or kept:
+            kept.append(indented)
+        at += 1
+    yield "", "\n".join(kept).strip("\n") + "\n"
+
+
+def _kind_of(text: str) -> str:
+    """What an indented block is written in."""
+    if text.startswith(_PROGRAMS):
+        return "commands"
+    try:
+        if tomllib.loads(text):
+            return "toml"
+    except tomllib.TOMLDecodeError:
+        pass
+    try:
+        nodes = ast.parse(text).body
+    except SyntaxError:
+        return "plain"
+    statements = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.ClassDef, ast.With, ast.For, ast.Assign)
+    return "python" if any(isinstance(node, statements) for node in nodes) else "plain"
+
+
+def commands_in(block: Block) -> list[tuple[str, int]]:
+    """The commands of a block, each with the exit code that the comment behind it tells."""
+    found = []
+    for line in block.text.replace("\\\n", " ").splitlines():
+        told = re.search(r" {2,}#.*exit code (\d)", line)
+        found.append((re.split(r" {2,}#", line)[0].strip(), int(told[1]) if told else 0))
+    return [each for each in found if each[0]]
+
+
+def is_run_elsewhere(line: str) -> bool:
+    """Whether a command needs a bus or a page that is served: tests/system/test_newcomer.py has it."""
+    return "$TOKEN" in line or "socketcan:" in line
 
 
 def fresh_folder(folder: Path) -> Path:

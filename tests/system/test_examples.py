@@ -1,4 +1,4 @@
-"""The examples of the documentation, run as a user runs them."""
+"""The examples of the documentation, run as a user runs them; of the pages' blocks see test_manual_blocks.py."""
 
 from __future__ import annotations
 
@@ -23,13 +23,6 @@ def run_script(script: Path, folder: Path) -> str:
     return done.stdout
 
 
-def python_of_the_page() -> str:
-    """The blocks of the page on Python, one after the other."""
-    text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
-    lines = [line[4:] for line in text.splitlines() if line.startswith("    ")]
-    return "\n".join(lines) + "\n"
-
-
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_runs_where_it_is_started_and_tells_what_it_found(script: Path, tmp_path: Path) -> None:
     if script.stem == "c_ecu" and shutil.which("cc") is None:
@@ -37,11 +30,3 @@ def test_an_example_runs_where_it_is_started_and_tells_what_it_found(script: Pat
     before = sorted(script.parent.iterdir())
     assert run_script(script, tmp_path)
     assert sorted(script.parent.iterdir()) == before
-
-
-def test_the_python_of_the_page_runs(tmp_path: Path) -> None:
-    script = tmp_path / "page.py"
-    script.write_text(python_of_the_page(), encoding="utf-8")
-    (tmp_path / "docs").mkdir()
-    (tmp_path / "docs" / "examples").symlink_to(ROOT / "docs" / "examples")
-    run_script(script, tmp_path)

@@ -33,6 +33,7 @@ ELSEWHERE = {
     "liftgate-hil --bus slcan": "tests/system/test_interfaces.py",
     "candump can0": "tests/vcan/test_commands.py",
     "cantools monitor": "tests/system/test_clients.py",
+    "python live_udp.py": "tests/system/test_manual_blocks.py",
     "python -m distributed.cli.dask_scheduler": "tests/hil/campaign/test_executors.py",
     "python -m distributed.cli.dask_worker": "tests/hil/campaign/test_executors.py",
     "liftgate-hil campaign docs/examples/trap.toml --vary angle=20:60:9": "tests/hil/campaign/test_executors.py",
@@ -59,7 +60,6 @@ HERE = (
     "make -C tools/ecu",
     "tools/ecu/build/ecu-serial",
     "liftgate-hil demo --clock free --ecu tools/ecu",
-    "liftgate-hil demo --clock free --ecu their_module",
     "liftgate-hil ecu --bus socketcan:can0",
     "liftgate-hil --bus virtual:any",
     "cc -shared",
@@ -88,7 +88,7 @@ HERE = (
     "liftgate-hil simulate --voltage 12 --duration 6 --draw",
     "liftgate-hil identify opening.csv",
     "liftgate-hil identify out/demo.log",
-    "liftgate-hil validate",
+    "liftgate-hil validate other.csv --vehicle mine.toml",
     "liftgate-hil identify --plan",
     "liftgate-hil --bus socketcan:can0 --dashboard",
     "liftgate-hil dashboard",
@@ -170,7 +170,15 @@ def test_every_page_is_reached_from_the_readme_and_every_link_leads_somewhere() 
 def test_every_command_of_the_pages_is_run_or_is_said_to_be_run_elsewhere() -> None:
     known = [command(each) for each in (*HERE, *ELSEWHERE)]
     assert len(set(known)) == len(known)
-    assert set(readme.commands()) == set(known)
+    # Pages that tests/system/test_manual_blocks.py goes through.
+    blocks = [block for name in readme.IN_ORDER for block in readme.blocks(readme.ROOT / "docs" / name)]
+    lines = [line for block in blocks if block.kind == "commands" for line, _ in readme.commands_in(block)]
+    in_order = {words(line) for line in lines if not readme.is_run_elsewhere(line)}
+    assert {*map(words, readme.commands())} == in_order | {*map(words, known)}
+
+
+def words(text: str) -> str:
+    return " ".join(text.split())
 
 
 # Scenarios as tests.
@@ -471,24 +479,11 @@ def test_the_ecu_in_c_on_a_serial_line(folder: Path, ports: dict[str, str]) -> N
 # An own ECU.
 
 
-@pytest.fixture(scope="module")
-def their_module(folder: Path) -> None:
-    """A module in the user's folder, with the example's ECU as theirs."""
-    (folder / "their_module.py").write_text(
-        "import sys\nfrom pathlib import Path\n"
-        'sys.path.append(str(Path(__file__).parent / "docs" / "examples"))\n'
-        "from python_ecu import Ecu as TheirEcu\n"
-    )
-
-
-@pytest.mark.usefixtures("their_module")
-def test_an_own_ecu_in_python_closes_the_loop(folder: Path) -> None:
-    assert "written: demo.log" in run(command("liftgate-hil demo --clock free --ecu their_module"), folder)
-
-
 @pytest.mark.realtime
-@pytest.mark.usefixtures("their_module")
 def test_an_own_ecu_in_python_runs_on_a_bus(folder: Path, bus: dict[str, str]) -> None:
+    page = readme.ROOT / "docs" / "ecu-in-python.md"
+    (module,) = (block for block in readme.blocks(page) if block.file == "my_ecu.py")
+    (folder / module.file).write_text(module.text)
     run(command("liftgate-hil ecu --bus socketcan:can0"), folder, bus, "--duration 0.3")
 
 
@@ -498,7 +493,8 @@ def test_an_own_ecu_in_c_closes_the_loop(folder: Path) -> None:
     out = run("liftgate-hil demo --clock free --no-record --ecu ./c_ecu.so", folder, codes=(1,))
     assert "pinch force at most" in out  # it does not listen, so it presses
     run(command("make -C tools/ecu build/liftgate-ecu.so"), folder)
-    run(command("liftgate-hil demo --clock free --ecu tools/ecu"), folder)
+    out = run(command("liftgate-hil demo --clock free --ecu tools/ecu"), folder)
+    assert "written: demo.log" in out
     assert "commands accepted 300," in run(command("liftgate-hil --bus virtual:any"), folder)
 
 
@@ -536,7 +532,7 @@ def test_parameters_from_recordings(folder: Path) -> None:
     assert told is not None
     assert float(told[1]) == pytest.approx(0.8, rel=0.02)
     assert "</html>" in (folder / "report.html").read_text(encoding="utf-8")
-    run(command("liftgate-hil validate"), folder)
+    run(command("liftgate-hil validate other.csv --vehicle mine.toml"), folder)
     assert "</html>" in (folder / "fit.html").read_text(encoding="utf-8")
 
 

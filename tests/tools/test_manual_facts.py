@@ -8,6 +8,8 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
+from liftgate_hil.config.fault_kinds import FAULT_KINDS
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -28,6 +30,12 @@ def test_every_test_of_the_tool_qualification_is_there() -> None:
     named = re.findall(r"`(tests/[^`]+)`", text_of("tool-qualification.md"))
     assert len(named) > 20
     assert [each for each in named if not (ROOT / each).is_file()] == []
+
+
+def test_every_kind_of_fault_is_in_a_group() -> None:
+    groups = [line for line in text_of("faults.md").splitlines() if line.startswith("| ")]
+    named = [name for line in groups for name in re.findall(r"`(\w+)`", line.split("|")[2])]
+    assert sorted(named) == sorted(FAULT_KINDS)
 
 
 def test_every_message_of_the_troubleshooting_is_one_of_the_program() -> None:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from tools.docs.command_line import command_line_page
+from tools.docs.equations import equations_page
 from tools.docs.http_api import http_api_page
 from tools.docs.rig import rig_page
 from tools.docs.scenario import scenario_page
@@ -17,4 +18,5 @@ PAGES = {
     "signals.md": signals_page,
     "command-line.md": command_line_page,
     "http-api.md": http_api_page,
+    "equations.md": equations_page,
 }

@@ -25,6 +25,8 @@ class Drawing {
     this.svg = svg; this.geometry = geometry; this.act = act;
     this.angle = 0; this.slope = 0; this.handAt = null; this.rodAt = null; this.rodInForce = null;
     this.force = null; this.sent = null;
+    this.isSmall = svg.clientWidth < 500;
+    svg.classList.toggle("small", this.isSmall);
     this.fit();
     this.make();
     if (act) this.makeDraggable();
@@ -103,7 +105,7 @@ class Drawing {
     this.arrows = {};
     for (const [name, words] of Object.entries(FORCES)) {
       if (name === "right" && !this.geometry.drives.right) continue;
-      const y = 18 + 17 * Object.keys(this.arrows).length;
+      const y = 18 + (this.isSmall ? 24 : 17) * Object.keys(this.arrows).length;
       add("path", { class: `arrow ${name}`, d: `M10 ${y - 4}h20`, "marker-end": "url(#head)" });
       this.arrows[name] = { path: add("path", { class: `arrow ${name}`, "marker-end": "url(#head)" }), text: add("text", { x: 42, y }), words };
     }
@@ -117,7 +119,7 @@ class Drawing {
     this.rod = slider({ class: "rod parked", id: "rod", r: ROD_M * this.scale, "aria-label": "Obstacle: angle at which the gate meets it", "aria-valuemin": 0, "aria-valuemax": open });
     this.rodText = shape("text", {}, this.svg);
     this.grip = slider({ class: "grip", id: "grip", r: 10, "aria-label": "Hand on the gate: force", "aria-valuemin": -MOST_HAND_N, "aria-valuemax": MOST_HAND_N, "aria-valuenow": 0 });
-    this.rodAt = { angle: 0.45 * open, distance: length };
+    this.rodAt = { angle: 0.45 * open, distance: 1.22 * length }; // beside the gate's way
     this.drags(this.rod, (point) => {
       const { angle, distance } = this.polar(point);
       this.rodAt = { angle: within(angle + ROD_M / distance * 57.3, -5, open + 5), distance: within(distance, 0.05, length) };
@@ -182,7 +184,7 @@ class Drawing {
     this.waiting = setTimeout(() => { this.waiting = null; this.sendForce(); }, HAND_MS);
   }
 
-  putRod() { this.act.put({ angle_deg: +this.rodAt.angle.toFixed(2), distance: +this.rodAt.distance.toFixed(3) }); }
+  putRod() { this.act.put({ angle_deg: +this.rodAt.angle.toFixed(2), distance: +Math.min(this.rodAt.distance, this.geometry.length_m).toFixed(3) }); }
 
   placeRod() {
     const { angle, distance } = this.rodAt, [x, y] = this.at(this.onGate(distance, -ROD_M, angle));
@@ -248,7 +250,7 @@ class Drawing {
       const turns = 12, coil = [];
       for (let k = 0; k <= 2 * turns; k += 1) coil.push(point(tube + (long - tube) * k / (2 * turns), k % 2 ? 4.5 : -4.5));
       drive.coil.setAttribute("d", path(...coil));
-      this.arrow(side, point(long), way, values[`${side}_force_n`] || 0);
+      this.arrow(side, point(long, side === "right" ? 15 : -15), way, values[`${side}_force_n`] || 0);
     }
   }
 
@@ -281,7 +283,10 @@ class Drawing {
     this.rod.classList.toggle("parked", !obstacle);
     if (obstacle && !this.rod.classList.contains("held") && document.activeElement !== this.rod) {
       this.rodAt = { angle: obstacle.angle_deg, distance: obstacle.distance ?? this.geometry.length_m };
+    } else if (!obstacle && this.wasInForce) {
+      this.rodAt = { ...this.rodAt, distance: 1.22 * this.geometry.length_m };
     }
+    this.wasInForce = Boolean(obstacle);
     this.placeRod();
   }
 }

@@ -1,0 +1,289 @@
+"""The blocks of the manual's pages as they stand there: Python runs, TOML loads, files serve the page's commands.
+
+A block whose first line is `# NAME.toml` (`.py`, `.c`) is that file. The pages of `readme.IN_ORDER` are gone
+through from top to bottom: each file is written, each command is run, and each line of the fenced block of text
+behind a command is in what it printed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+import readme
+from readme import Block
+
+from liftgate_hil.config.rig import load_rig
+from liftgate_hil.config.scenario import load_scenario
+from liftgate_hil.config.shipped import data_root
+from liftgate_hil.config.vehicle import vehicle_of
+from liftgate_hil.measurement.mapping import parse_maps
+
+DOCS = readme.ROOT / "docs"
+PAGES = [path for path in readme.pages() if path.name != "python-api.md"]
+BLOCKS = {path.name: readme.blocks(path) for path in PAGES}
+SUV = tomllib.loads((data_root() / "configs/vehicles/suv.toml").read_text(encoding="utf-8"))
+IN_A_RIG = {"dbc", "inputs", "outputs", "messages", "requests", "reset", "inject", "diagnostics", "bitrate"}
+# Loaded elsewhere: together with what their page says around them.
+LOADED_ELSEWHERE = {
+    "bus.md": "tests/system/test_newcomer.py: with somebody else's database",
+    "rig.md": "tests/tools/test_docs.py: with somebody else's message",
+}
+# Python that needs what is not here: compiled, and run with a stand-in for these packages.
+NOT_HERE = {"campaigns.md": ("dask_kubernetes", "dask_kubernetes.operator", "dask_jobqueue")}
+
+
+# What a page says in words, for its tests: `Ecu` stands for an ECU that answers UDS, as the reference ECU does.
+ECU_WITH_UDS = f"""\
+import sys
+
+import can
+
+sys.path += [{str(readme.ROOT / "tests/hil")!r}]
+from hil_support import Wire, shipped_rig
+from liftgate_hil.ecu.find import adapter_for
+from liftgate_hil.ecu.peer import Peer
+
+
+class Ecu:
+    def __init__(self):
+        self.wire = Wire()
+        self.peer = Peer(adapter_for("reference", shipped_rig(), 2), self.wire)
+
+    def request(self, action):
+        assert self.peer.request(action)
+
+    def step(self, now_s, frames):
+        self.wire.inbox = [(each.arbitration_id, bytes(each.data)) for each in frames]
+        self.peer.poll(round(now_s * 1e9))
+        sent, self.wire.sent = self.wire.sent, []
+        return [can.Message(arbitration_id=one, data=data, is_extended_id=False) for one, data in sent]
+
+
+"""
+TOLD = {"tests.md": ECU_WITH_UDS}
+MY_ECU = """\
+import sys
+
+sys.path.append("docs/examples")
+from python_ecu import Ecu
+"""
+
+
+def of_kind(kind: str) -> list[Block]:
+    return [block for blocks in BLOCKS.values() for block in blocks if block.kind == kind]
+
+
+def is_test(block: Block) -> bool:
+    return re.search(r"^def test_", block.text, re.MULTILINE) is not None
+
+
+def scripts() -> dict[str, str]:
+    """The Python of each page that has some, one block after the other: no files, no tests."""
+    found: dict[str, str] = {}
+    for block in of_kind("python"):
+        if not block.file and not is_test(block):
+            found[block.page] = found.get(block.page, "") + block.text + "\n"
+    return found
+
+
+def work(folder: Path, page: str) -> Path:
+    """A folder with what the page's commands take from a checkout, and with the page's files."""
+    made = readme.fresh_folder(folder)
+    for block in BLOCKS[page]:
+        if block.file:
+            (made / block.file).parent.mkdir(parents=True, exist_ok=True)
+            (made / block.file).write_text(block.text, encoding="utf-8")
+    return made
+
+
+def words(text: str) -> str:
+    return " ".join(text.split())
+
+
+@pytest.mark.parametrize("page", [page for page in scripts() if page not in readme.IN_ORDER])
+def test_the_python_of_a_page_runs(page: str, tmp_path: Path) -> None:
+    before = "".join(
+        f"import sys, unittest.mock\nsys.modules[{each!r}] = unittest.mock.MagicMock()\n"
+        for each in NOT_HERE.get(page, ())
+    )
+    run_python(before + scripts()[page], work(tmp_path, page))
+
+
+def run_python(text: str, folder: Path) -> str:
+    (folder / "page.py").write_text(text, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "page.py"],
+        cwd=folder,
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=readme.PATIENCE,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert not done.stderr
+    return done.stdout
+
+
+def blocks_with_tests() -> list[Block]:
+    return [block for block in of_kind("python") if is_test(block) and not block.file]
+
+
+@pytest.mark.parametrize("number", range(len(blocks_with_tests())))
+def test_the_tests_on_a_page_pass(number: int, tmp_path: Path) -> None:
+    block = blocks_with_tests()[number]
+    folder = work(tmp_path, block.page)
+    (folder / "test_of_the_page.py").write_text(TOLD.get(block.page, "") + block.text)
+    if block.page == "tests.md":
+        (folder / "scenario.toml").write_text(readme.block("duration = 25.0"))
+        (folder / "my_ecu.py").write_text(MY_ECU)
+    out = readme.run("python -m pytest -q -p no:cacheprovider test_of_the_page.py", folder)
+    assert re.search(r"\d+ passed", out), out
+    assert "failed" not in out
+
+
+@pytest.mark.parametrize("number", range(len(of_kind("toml"))))
+def test_a_block_of_toml_is_loaded(number: int, tmp_path: Path) -> None:
+    block = of_kind("toml")[number]
+    content = tomllib.loads(block.text)
+    path = tmp_path / "file.toml"
+    if block.page in LOADED_ELSEWHERE:
+        return
+    if content.keys() & IN_A_RIG:
+        shipped = (data_root() / "configs/rigs/liftgate.toml").read_text(encoding="utf-8")
+        for table in content:
+            shipped = re.sub(rf"^\[{table}\b[^\[]*", "", shipped, flags=re.MULTILINE)
+        (tmp_path / "liftgate.dbc").write_bytes((data_root() / "dbc/liftgate.dbc").read_bytes())
+        path.write_text(shipped + block.text)
+        assert load_rig(path)
+    elif content.keys() == {"columns"}:
+        path.write_text(block.text)
+        assert parse_maps([str(path)])
+    elif content.keys() <= SUV.keys() | {"left", "right", "thermal", "clutch", "cutout", "bridge", "friction"}:
+        assert vehicle_of({**SUV, **content}, str(path))
+    else:
+        path.write_text(block.text)
+        assert load_scenario(path)
+
+
+def test_a_part_of_the_workflow_is_in_the_workflow() -> None:
+    workflow = (data_root() / "configs/starter/workflow.yml").read_text(encoding="utf-8").splitlines()
+    shown = [line for block in of_kind("yaml") for line in block.text.splitlines()]
+    assert shown
+    assert [line for line in shown if line not in workflow] == []
+
+
+def test_no_python_hides_among_other_blocks() -> None:
+    known = {"commands", "python", "toml", "text", "plain", "yaml", "dockerfile", "{toctree}"}
+    for blocks in BLOCKS.values():
+        for block in blocks:
+            assert block.kind in known, (block.page, block.kind)
+            is_code = re.search(r"^(import|from|def|class|with|for) .*[\w:]$", block.text, re.MULTILINE)
+            assert block.kind not in ("plain", "text") or not is_code, (block.page, block.text)
+
+
+def test_every_file_of_a_page_is_used_on_it() -> None:
+    for name, blocks in BLOCKS.items():
+        for block in blocks:
+            others = [each.text for each in blocks if each is not block]
+            path = Path(block.file)
+            used = {path.parent.name or path.name, path.stem if path.suffix == ".py" else path.name} - {""}
+            assert not block.file or any(each in text for text in others for each in used), (name, block.file)
+
+
+@pytest.mark.parametrize("page", readme.IN_ORDER)
+def test_a_page_does_from_top_to_bottom_what_it_says(page: str, tmp_path: Path) -> None:
+    if shutil.which("cc") is None and any(block.text.startswith("cc ") for block in BLOCKS[page]):
+        pytest.skip("no C compiler")
+    folder = readme.fresh_folder(tmp_path)
+    told = ""
+    is_shown = False
+    script = ""
+    for block in BLOCKS[page]:
+        if block.file:
+            (folder / block.file).parent.mkdir(parents=True, exist_ok=True)
+            (folder / block.file).write_text(block.text, encoding="utf-8")
+        elif block.kind == "commands":
+            told = ""
+            for line, code in readme.commands_in(block):
+                if readme.is_run_elsewhere(line):
+                    continue
+                process = readme.start(line, folder)
+                out, complaints = process.communicate(timeout=readme.PATIENCE)
+                assert process.returncode == code, (line, out, complaints)
+                assert "Traceback" not in complaints
+                told += out + complaints
+            is_shown = True
+        elif block.kind == "python" and not is_test(block):
+            script += block.text + "\n"
+            told = run_python(script, folder)
+            is_shown = True
+        elif block.kind == "text" and is_shown:
+            for line in block.text.splitlines():
+                assert line.strip() in ("", "…") or words(line) in words(told), (line, told)
+            is_shown = False
+
+
+def test_the_lines_of_the_image_are_those_of_its_file() -> None:
+    lines = (DOCS / "examples" / "Dockerfile").read_text(encoding="utf-8").splitlines()
+    shown = [line for block in of_kind("dockerfile") for line in block.text.splitlines()]
+    assert shown
+    assert [line for line in shown if line not in lines] == []
+
+
+@pytest.mark.realtime
+@pytest.mark.skipif(shutil.which("taskset") is None, reason="no taskset")
+def test_the_loop_is_bound_to_a_cpu_as_the_page_says(tmp_path: Path) -> None:
+    lines = [line for block in BLOCKS["real-time-kernel.md"] for line in block.text.splitlines()]
+    doctor, gate = (line for line in lines if line.startswith("taskset"))
+    cpu = max(os.sched_getaffinity(0))
+    here = {"-c 0-3": f"-c {cpu}", "--cpu 3": f"--cpu {cpu}", "--duration 60": "--duration 0.2"}
+    out = readme.run(doctor, tmp_path, here, codes=(0, 1))
+    assert f"--realtime takes CPU {cpu}" in out
+    here["socketcan:can0"] = f"udp_multicast:239.78.{os.getpid() % 250}.{cpu + 1}"
+    out = readme.run(gate, tmp_path, here, "--overrun-limit 60 --duration 0.3")
+    assert out.startswith("ticks ")
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("is_recording", [False, True])
+def test_the_stream_goes_on_as_datagrams(
+    is_recording: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    folder = work(tmp_path, "live-data.md")
+    source = "liftgate-hil --bus virtual:any --ecu reference --scenario demo --dashboard --overrun-limit 60"
+    if is_recording:
+        readme.run("liftgate-hil demo --clock free --no-record --record live.csv --duration 3", folder)
+        source = "liftgate-hil dashboard --recording live.csv"
+    gate = readme.start(source, folder, more="--listen 127.0.0.1:0")
+    processes = [gate]
+    try:
+        told = gate.stdout if is_recording else gate.stderr
+        assert told is not None
+        address, token = next(each for each in told if each.startswith("http")).strip().split("/?token=")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+            udp.bind(("127.0.0.1", 0))
+            udp.settimeout(readme.PATIENCE)
+            places = {"http://127.0.0.1:8765": address, "$TOKEN": token, "9870": str(udp.getsockname()[1])}
+            processes.append(readme.start(readme.command("python live_udp.py"), folder, places, " "))
+            samples = [json.loads(udp.recv(65536)) for _ in range(10)]
+        assert samples[-1]["timestamp"] > samples[0]["timestamp"]
+        assert samples[-1]["truth"]["gate_angle_deg"] >= 0.0
+        assert "left_current_a" in samples[-1]["sensed"]
+        gate.send_signal(signal.SIGINT)
+        assert gate.wait(readme.PATIENCE) == 0
+        out, complaints = processes[1].communicate(timeout=readme.PATIENCE)
+        assert (processes[1].returncode, complaints) == (0, ""), out
+    finally:
+        for process in processes:
+            process.kill()
