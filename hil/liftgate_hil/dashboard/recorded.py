@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from liftgate_hil.conversion.table import open_table
-from liftgate_hil.dashboard.source import JsonObject, check_columns, in_stretches, split
+from liftgate_hil.dashboard.source import JsonObject, check_columns, in_stretches, nothing_known, split
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording
 from liftgate_hil.running.attachment.geometry import geometry_of
@@ -108,17 +108,9 @@ class RecordingSource:
         row = self._last[place].tolist()
         truth, sensed = split(self._names, row)
         own = dict(zip(self._names, row, strict=True))
-        return {
-            "phase": "recorded",
-            "time_s": row[0],
-            "truth": truth,
-            "sensed": sensed,
-            "loop": {name: own[name] for name in Bench._fields if name in own},
-            "bus": {},
-            "in_force": {},
-            "log": [],
-            "messages": [],
-        }
+        bench = {name: own[name] for name in Bench._fields if name in own}
+        known = {"time_s": row[0], "truth": truth, "sensed": sensed, "loop": bench}
+        return {**nothing_known("recorded"), **known}
 
     def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> JsonObject:
         """Return curves between two times [s], see `Source.plot`; one row more on either side is taken in."""

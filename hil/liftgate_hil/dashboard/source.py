@@ -68,12 +68,23 @@ class NoSource:
 
     def state(self, time: float | None = None) -> JsonObject:
         """Return the phase `idle`, and nothing else."""
-        nothing: JsonObject = {"truth": {}, "sensed": {}, "loop": {}, "bus": {}, "in_force": {}}
-        return {"phase": "idle", "time_s": None, **nothing, "log": [], "messages": []}
+        return nothing_known("idle")
 
     def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> JsonObject:
         """Return no curves."""
         return {"time_s": [], "low": {}, "high": {}}
+
+
+def nothing_known(phase: str) -> JsonObject:
+    """Return a state of which no more than the phase is known, with the keys of STATE but `number`."""
+    tables = ("truth", "sensed", "command", "loop", "bus", "in_force", "histograms")
+    return {
+        "phase": phase,
+        "end": None,
+        "time_s": None,
+        **{name: {} for name in tables},
+        **{name: [] for name in ("verdicts", "messages", "log")},
+    }
 
 
 def check_columns(wanted: Sequence[str], known: Sequence[str]) -> None:

@@ -196,7 +196,7 @@ function show(told) {
   if (find("bus-view").open) { showBus(told); if (told.messages) showMessages(told.messages, told.time_s); }
   if (told.log) showLog(told.log);
   if (!told.end) showVerdicts(told.verdicts);
-  if (told.histograms) {
+  if (told.histograms && told.histograms.lateness_us) {
     find("histograms").hidden = !told.histograms.lateness_us.length;
     drawHistogram(find("lateness"), told.histograms.lateness_us);
     drawHistogram(find("execution"), told.histograms.execution_us);

@@ -34,6 +34,7 @@ from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import REQUESTS
 
 COMMANDS = ("obstacle", "set", "fault", "signal", "request", "clear", "record", "mark")
+_SERIES_S = 1.0  # s between two settings of a series, at most
 _BESIDE = ("record", "mark")  # commands that do not act on the gate
 # Signals that may be set: all of them and all faults are cleared at once.
 MOST_SIGNALS = LENGTH - 2 * SLOTS
@@ -69,8 +70,10 @@ class Operator:
         self._signals: dict[str, float | str] = {}
         self.recording: FurtherRecording | None = None  # set once the run has a memory
         self.kinds: set[str] = set()  # of faults that were injected
+        self.continues = False  # the last command was one of a series of settings, as a slider makes them
+        self._series, self._series_at = "", -math.inf
         self.count = 0  # commands executed that act on the gate
-        self.done: list[str] = []  # the first of these, in words, with their times
+        self.done: list[str] = []  # the first of these in words, with their times; of a series the last one
 
     def in_force(self) -> dict[str, Any]:
         """Return what was commanded and has not been cleared, in the form of commands."""
@@ -93,10 +96,15 @@ class Operator:
         room yet.
         """
         done = printable(self._obey(command, now))
+        series, before = _series_of(command), self._series
+        self.continues = bool(series) and series == before and now - self._series_at <= _SERIES_S
+        self._series, self._series_at = series, now
         if set(_BESIDE) & set(command):  # type: ignore[call-overload]  # it was obeyed, so it is a table
             return done
         self.count += 1
-        if self.count <= _MOST_LISTED:
+        if self.continues and self.done:
+            self.done.pop()
+        if len(self.done) < _MOST_LISTED:
             self.done.append(f"{now:.3f} s: {done}")
         return done
 
@@ -223,6 +231,12 @@ class Operator:
     def _inject(self, faults: dict[Which, Broken]) -> None:
         self._target.inject([each.fault for each in faults.values()])
         self._faults = faults
+
+
+def _series_of(command: object) -> str:
+    """Return the quantity that a command sets, if it sets one; "": it cannot be one of a series."""
+    content = command.get("set") if isinstance(command, dict) else None
+    return str(next(iter(content))) if isinstance(content, dict) and len(content) == 1 else ""
 
 
 def _words(content: Mapping[str, Any]) -> str:

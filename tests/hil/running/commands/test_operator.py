@@ -364,3 +364,16 @@ def test_faults_of_test_bench_and_operator_hold_side_by_side(tmp_path: Path) -> 
     )
     ours, _, _ = ran(tmp_path, {}, both)
     assert_same(theirs, ours)
+
+
+def test_a_series_of_settings_is_listed_as_its_last_one(tmp_path: Path) -> None:
+    """A slider sends ten a second; another quantity, or a pause, begins another series."""
+    commands: dict[float, list[object]] = {0.1 + 0.05 * k: [{"set": {"hand_force_n": 10 * k}}] for k in range(6)}
+    commands[0.45] = [{"set": {"road_slope_deg": 2}}]
+    commands[1.8] = [{"set": {"road_slope_deg": 3}}]
+    result, ecu, _ = ran(tmp_path, commands, duration=2.2)
+    said = [each.partition(": ")[2] for each in result.summary.commanded]
+    assert said == ["set hand_force_n 50", "set road_slope_deg 2", "set road_slope_deg 3"]
+    assert result.summary.commands == 8
+    logged = [text.partition("operator: ")[2] for _, _, text in ecu.news["lines"] if "operator: " in text]
+    assert logged == ["set hand_force_n 0", "set hand_force_n 50", "set road_slope_deg 2", "set road_slope_deg 3"]
