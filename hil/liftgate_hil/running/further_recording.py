@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -17,11 +18,11 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.rings import Memory
     from liftgate_hil.running.plan import Plan
 
-_LONGEST = 200  # characters of a name or a mark
+_LONGEST = 200  # bytes of a name, characters of a mark
 _CLOSE_S = 180.0  # s for the last one to be complete at the end of the run; its process has deadlines of its own
 STARTING, RECORDING, COMPLETING = "starting", "recording", "completing"
 
-Mark = Callable[[float, str], None]  # writes a mark at a time [s] of the run
+Mark = Callable[[float, str], bool]  # writes a mark at a time [s] of the run; False: it was not taken
 
 
 class FurtherRecording:
@@ -81,10 +82,10 @@ class FurtherRecording:
         holds = process is not None and self._path.suffix in WITH_MARKS
         if not holds and not self._own_holds_marks:
             raise ConfigError(f"mark: no recording is open that holds marks; allowed: in {', '.join(WITH_MARKS)}")
-        if process is not None:
-            process.mark(time_s, text)
-        if self._own_holds_marks:
-            self._own_mark(time_s, text)
+        taken = [process.mark(time_s, text)] if process is not None and holds else []
+        taken += [self._own_mark(time_s, text)] if self._own_holds_marks else []
+        if not all(taken):
+            raise ConfigError("mark: a recording does not keep up, or has ended; allowed: when it takes marks")
 
     def close(self) -> None:
         """Complete the file at the end of the run."""
@@ -94,11 +95,11 @@ class FurtherRecording:
 
     def _path_of(self, name: object) -> Path:
         allowed = f"allowed: a new file's name with one of {', '.join(RECORDED)}"
-        plain = isinstance(name, str) and 0 < len(name) <= _LONGEST and name.isprintable()
+        plain = isinstance(name, str) and 0 < len(name.encode()) <= _LONGEST and name.isprintable()
         if not isinstance(name, str) or not plain or name.startswith(".") or set(name) & {"/", "\\"}:
             raise ConfigError(f"record {show(name)[:80]}: no file name; {allowed}")
         path = self._folder / name
-        if path.exists():
+        if os.path.lexists(path):
             raise ConfigError(f"record {name}: there is such a file; {allowed}")
         try:
             return check_file("record", str(path))
@@ -112,7 +113,7 @@ class FurtherRecording:
         path, process = self._path, None
         try:
             content = whole_content_of(self._plan, self._channel, self._interface)
-            process = RecorderProcess([path], content, None, self._memory, self._say, begins_now=True)
+            process = RecorderProcess([path], content, None, self._memory, self._say, None, True, stop.set)
             process.wait_until_ready()
             self._process, self._phase = process, RECORDING
             stop.wait()

@@ -64,9 +64,8 @@ class RealtimeDriver:
         loop.is_first = not has_run
         self.begun = Begun.at(plan.config, run.state, run.stimuli)
 
-    def _mark(self, time_s: float, text: str) -> None:
-        if self._recorder is not None:
-            self._recorder.mark(time_s, text)
+    def _mark(self, time_s: float, text: str) -> bool:
+        return self._recorder is None or self._recorder.mark(time_s, text)
 
     def _made(self, line: Line, stack: contextlib.ExitStack, stimuli: StimulusPlan) -> RealtimeRun:
         """A run on the line with these stimuli, with a memory of its own until the stack is left."""

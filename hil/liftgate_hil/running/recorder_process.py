@@ -23,7 +23,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -64,6 +64,7 @@ class RecorderProcess:
     """The recording process, seen from the emulator's side; `say` reports at once what fails.
 
     `begins_now`: the recording begins with the next row of a run that goes on, else with the run's first one.
+    `ended` is called once the process has ended, for whatever reason.
     """
 
     def __init__(
@@ -75,11 +76,12 @@ class RecorderProcess:
         say: Say = silent,
         trigger: Trigger | None = None,
         begins_now: bool = False,
+        ended: Callable[[], None] = lambda: None,
     ) -> None:
         order = Order(paths, content, limit, memory.sizes, trigger, begins_now)
         names = [str(path) for path in paths]
         self._names = ", ".join(names)
-        self._say = say
+        self._say, self._ended_too = say, ended
         self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self._is_ready = self._is_closing = self._has_ended_early = False
         self._began = time.monotonic()
@@ -100,6 +102,8 @@ class RecorderProcess:
         finally:
             os.close(given)
             os.close(reply_fd)
+        assert self._process.stdin is not None
+        os.set_blocking(self._process.stdin.fileno(), False)
         self._reader = threading.Thread(target=self._read, args=(heard,), name="recorder's answers", daemon=True)
         self._reader.start()
         self.lost_rows = 0
@@ -116,12 +120,17 @@ class RecorderProcess:
             )
         self._is_ready = True
 
-    def mark(self, time_s: float, text: str) -> None:
-        """Have a mark written at a time [s] of the run; a process that has ended is reported elsewhere."""
+    def mark(self, time_s: float, text: str) -> bool:
+        """Have a mark of up to 200 characters written at a time [s]; False: the process does not take it.
+
+        This never waits, as the thread that supervises the loop calls it.
+        """
         assert self._process.stdin is not None
-        with contextlib.suppress(OSError, ValueError):
-            self._process.stdin.write(json.dumps([time_s, text]).encode() + b"\n")
-            self._process.stdin.flush()
+        try:  # as a whole: a pipe takes 4096 bytes or nothing
+            os.write(self._process.stdin.fileno(), json.dumps([time_s, text]).encode() + b"\n")
+        except (OSError, ValueError):
+            return False
+        return True
 
     def close(self) -> None:
         """Have the files completed, which may take as long as the run has, and a minute. Raises RecordingError."""
@@ -188,6 +197,7 @@ class RecorderProcess:
             self._say(f"`record` {self._names}: its answers are lost: {error.strerror}")
         finally:
             self._answers.put(None)
+            self._ended_too()
 
 
 def _decoded(line: str) -> dict[str, Any]:

@@ -34,10 +34,11 @@ class Recordings:
         stack.callback(sink.flush)  # before the files are closed
         self.sinks: list[Sink] = [sink] if self._writers else []
 
-    def mark(self, time_s: float, text: str) -> None:
-        """Write an operator's mark at a time [s] of the run."""
+    def mark(self, time_s: float, text: str) -> bool:
+        """Write an operator's mark at a time [s] of the run; False: a recording has ended."""
         for each in self._writers:
             each.write_mark(time_s, text)
+        return not any(each.failure for each in self._writers)
 
     def note(self, summary: Summary) -> None:
         """Enter files and windows in the figures of the run; they are whole once the stack is closed."""

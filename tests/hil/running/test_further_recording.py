@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -57,9 +59,11 @@ class Bench:
         self.said: list[str] = []
         self.marks: list[tuple[float, str]] = []
         own = plan(folder, *record)
-        self.recording = FurtherRecording(
-            own, "can0", "virtual", memory, self.said.append, lambda *mark: self.marks.append(mark)
-        )
+        self.recording = FurtherRecording(own, "can0", "virtual", memory, self.said.append, self.mark)
+
+    def mark(self, time_s: float, text: str) -> bool:
+        self.marks.append((time_s, text))
+        return True
 
 
 @pytest.fixture
@@ -164,3 +168,39 @@ def test_a_file_that_cannot_be_opened_is_reported_and_ends_that_recording_only(
     monkeypatch.chdir(tmp_path)
     bench.recording.start("y.csv")
     until(bench.recording, RECORDING)
+
+
+def process_of(bench: Bench) -> int:
+    assert bench.recording._process is not None
+    return bench.recording._process._process.pid
+
+
+def test_a_recorder_that_stands_still_holds_no_command_up(bench: Bench) -> None:
+    """Its pipe takes no more marks at some time; then they are refused, and nobody waits."""
+    bench.recording.start("x.mf4")
+    until(bench.recording, RECORDING)
+    os.kill(process_of(bench), signal.SIGSTOP)
+    try:
+        with pytest.raises(ConfigError, match="does not keep up"):
+            [bench.recording.mark(1.0, "x" * 200) for _ in range(2000)]
+    finally:
+        os.kill(process_of(bench), signal.SIGCONT)
+
+
+def test_a_recorder_that_is_killed_is_no_longer_in_force(bench: Bench) -> None:
+    bench.recording.start("x.mf4")
+    until(bench.recording, RECORDING)
+    os.kill(process_of(bench), signal.SIGKILL)
+    until(bench.recording, None)
+    assert any("ended from outside" in each for each in bench.said)
+    with pytest.raises(ConfigError, match="no recording is open"):
+        bench.recording.mark(1.0, "x")
+    bench.recording.start("y.csv")
+    until(bench.recording, RECORDING)
+
+
+@pytest.mark.parametrize("name", ["ü" * 150 + ".csv", "dangling.csv"])
+def test_a_name_too_long_or_a_link_to_elsewhere_is_refused(bench: Bench, tmp_path: Path, name: str) -> None:
+    (tmp_path / "dangling.csv").symlink_to(tmp_path / "elsewhere" / "x.csv")
+    with pytest.raises(ConfigError, match="allowed: a new file's name"):
+        bench.recording.start(name)
