@@ -11,6 +11,7 @@ from liftgate_hil.errors import ConfigError
 
 _TOKEN = "LIFTGATE_HIL_TOKEN"
 _WAITS = 32_768  # bytes of one connection, some 0.3 s of the stream
+_DEAF_MS = 10_000  # ms for a client to take what was sent to it
 _GOOD = re.compile(r"[A-Za-z0-9_-]{16,}")
 
 
@@ -24,6 +25,8 @@ def bound(address: tuple[str, int]) -> socket.socket:
         # with the system's own buffer size (some 3 MB) a slow reader would see a state 20 s old.
         found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         found.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _WAITS)
+        # A client that takes nothing, or is gone without a word, is dropped by the system (tcp(7)).
+        found.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _DEAF_MS)
         return found
     except (OSError, OverflowError, UnicodeError) as error:
         text = getattr(error, "strerror", None) or str(error)

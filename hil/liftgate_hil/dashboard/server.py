@@ -166,7 +166,7 @@ class Page:
         """Return a state as JSON, with the source's number, by which a viewer sees that it is another one."""
         state["number"] = self._number
         if self._starter is not None:
-            state["started"] = self._starter.state()["running"]
+            state["started"] = self._starter.running
         return orjson.dumps(state)
 
     async def _page(self, request: Request) -> Response:
@@ -249,7 +249,8 @@ class Page:
             if asked["scenario"] is None:
                 await asyncio.to_thread(starter.stop)
             else:
-                self._show(await self._in(self._starts, starter.start, asked["scenario"]))
+                has_ended = isinstance(self._source, Live) and self._source.has_ended
+                self._show(await self._in(self._starts, starter.start, asked["scenario"], has_ended))
         except ConfigError as error:
             return _refused(422, error.issues)
         except RunGoneError as error:

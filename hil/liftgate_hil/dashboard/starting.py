@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from liftgate_hil.running.processes.children import end
 from liftgate_hil.running.processes.supervisor import dies_with_parent
 
 _BEGIN_S = 600.0  # s until a run can be attached to: it may have to be compiled before
+_LEAVE_S = 5.0  # s for the process of a run that has ended
 _STOP_S = 30.0  # s to end in order, after which it is killed
 _RETRY_S = 0.1
 _LINES = 50  # of what the process prints that are kept
@@ -37,17 +39,28 @@ class Starter:
 
     def scenarios(self) -> list[str]:
         """Return the names of the scenario files in the folder."""
-        return sorted(each.name for each in self._folder.glob("*.toml") if each.is_file())
+        names = (each.name for each in self._folder.glob("*.toml") if each.is_file())
+        return sorted(each for each in names if each.isprintable())
+
+    @property
+    def running(self) -> str | None:
+        """Name of the scenario that runs; None: none does."""
+        return self._name if self._process is not None and self._process.poll() is None else None
 
     def state(self) -> JsonObject:
         """Return the scenarios, which of them runs, and the exit code of the last one; None: none yet."""
         code = None if self._process is None else self._process.poll()
-        is_on = self._process is not None and code is None
-        return {"scenarios": self.scenarios(), "running": self._name if is_on else None, "exit_code": code}
+        return {"scenarios": self.scenarios(), "running": self.running, "exit_code": code}
 
-    def start(self, name: object) -> Client:
-        """Start a scenario and return a client of its run. Raises ConfigError, RunGoneError."""
-        if self.state()["running"] is not None:
+    def start(self, name: object, has_ended: bool = False) -> Client:
+        """Start a scenario and return a client of its run; `has_ended`: the last run has, if not its process.
+
+        Raises ConfigError, RunGoneError.
+        """
+        if has_ended and self._process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_LEAVE_S)
+        if self.running is not None:
             raise ConfigError(f"scenario {show(name)[:80]}: {self._name} runs; allowed: after it was stopped")
         if name not in self.scenarios():
             allowed = ", ".join(self.scenarios()) or "a file in the folder, which has none"

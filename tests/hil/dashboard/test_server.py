@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -74,6 +75,14 @@ def is_going(state: Any) -> bool:
 def states_until_closed(wire: Any) -> Iterator[Any]:
     with contextlib.suppress(ConnectionClosed):
         yield from wire_until_closed(wire)
+
+
+def upgrade(client: Client) -> bytes:
+    """The request that opens a WebSocket."""
+    return (
+        f"GET /api/stream?token={client.token} HTTP/1.1\r\nHost: {client.host}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    ).encode()
 
 
 def streamed(client: Client, **more: Any) -> Any:
@@ -483,6 +492,7 @@ def test_the_next_run_on_the_bus_is_shown(tmp_path: Path) -> None:
 def test_scenarios_of_a_folder_are_started_and_stopped(tmp_path: Path) -> None:
     (tmp_path / "opens.toml").write_text('[[request]]\ntime = 0.1\naction = "open"\n', encoding="utf-8")
     (tmp_path / "wrong.toml").write_text("nonsense = 1\n", encoding="utf-8")
+    Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff.toml")).write_text("")
     arguments = ("dashboard", "--scenarios", ".", "--listen", "127.0.0.1:0")
     with process(*arguments, folder=tmp_path) as child:
         client = Client(address_in(child))
@@ -514,13 +524,8 @@ def test_only_a_page_with_a_folder_starts_runs(client: Client) -> None:
 def test_connections_that_stand_still_are_dropped(client: Client) -> None:
     """One that says nothing, one that begins to, and a WebSocket that reads nothing and answers no ping."""
     host, port = client.host.split(":")
-    key = "dGhlIHNhbXBsZSBub25jZQ=="
-    upgrade = (
-        f"GET /api/stream?token={client.token} HTTP/1.1\r\nHost: {client.host}\r\nUpgrade: websocket\r\n"
-        f"Connection: Upgrade\r\nSec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n"
-    )
     wires = []
-    for said in (b"", b"GET /api/state HTT", upgrade.encode()):
+    for said in (b"", b"GET /api/state HTT", upgrade(client)):
         wire = socket.create_connection((host, int(port)))
         wire.sendall(said)
         wires.append(wire)
@@ -529,6 +534,36 @@ def test_connections_that_stand_still_are_dropped(client: Client) -> None:
         while wire.recv(1 << 20):  # raises TimeoutError where it stays open
             pass
         wire.close()
+
+
+def test_a_viewer_that_never_reads_is_dropped(tmp_path: Path) -> None:
+    """It takes nothing from its socket's buffer, which fills up, and nothing is sent to it any more."""
+    with process("--bus", "virtual:deaf", "--overrun-limit", "3600", folder=tmp_path) as bench:
+        arguments = ("dashboard", "--attach", str(bench.pid), "--patience", "60", "--listen", "127.0.0.1:0")
+        with process(*arguments, folder=tmp_path) as child:
+            client = Client(address_in(child))
+            until(client, is_going)
+            before = len(list(Path(f"/proc/{child.pid}/fd").iterdir()))
+            host, port = client.host.split(":")
+            wires = [socket.socket() for _ in range(5)]
+            for wire in wires:
+                wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                wire.connect((host, int(port)))
+                wire.sendall(upgrade(client))
+
+            def descriptors() -> int:
+                return len(list(Path(f"/proc/{child.pid}/fd").iterdir()))
+
+            deadline = time.monotonic() + 20
+            while descriptors() < before + 5:
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+            deadline = time.monotonic() + 120
+            while descriptors() > before + 1:
+                assert time.monotonic() < deadline, descriptors()
+                time.sleep(0.2)
+            for wire in wires:
+                wire.close()
 
 
 def test_a_recording_is_shown_whole_and_at_any_time(tmp_path: Path) -> None:
