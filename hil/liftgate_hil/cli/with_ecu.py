@@ -84,9 +84,11 @@ def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) ->
 
     The ECU gets its requests by its own clock, so that no precondition is possible.
     """
+    from liftgate_hil.loop.listener import Relay
     from liftgate_hil.running.run import execute
 
-    job = replace(plan.job, ecu=ON_A_BUS, ecu_elsewhere=plan.job.ecu, is_isolated=False)
+    relay = Relay(plan.job.listener)  # so that attached clients get the events of the ECU's process, too
+    job = replace(plan.job, ecu=ON_A_BUS, ecu_elsewhere=plan.job.ecu, is_isolated=False, listener=relay)
     plan = plan.varied(job)
     with _ecu_process(args, plan.setup.vehicle, job.listener) as child:
         result = execute(plan, lambda: stopped() or child.has_ended())

@@ -49,3 +49,38 @@ class Listener:
 
     def compiled(self, name: str, seconds: float) -> None:
         """Called when the compilation of `name` has ended, after `seconds`."""
+
+
+class Relay(Listener):
+    """Listener that passes everything on to another one, which can be replaced during a run."""
+
+    def __init__(self, listener: Listener) -> None:
+        self.listener = listener
+
+    def say(self, text: str) -> None:
+        """Pass on what is said."""
+        self.listener.say(text)
+
+    def starts(self, what: str) -> None:
+        """Pass on what is about to run."""
+        self.listener.starts(what)
+
+    def ready(self) -> None:
+        """Pass on that all is ready."""
+        self.listener.ready()
+
+    def happened(self, time_s: float, text: str) -> None:
+        """Pass on an event of the ECU."""
+        self.listener.happened(time_s, text)
+
+    def status(self, status: Status) -> None:
+        """Pass on the run's status."""
+        self.listener.status(status)
+
+    def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
+        """Pass on that a compilation runs."""
+        self.listener.compiles(name, seconds, expected)
+
+    def compiled(self, name: str, seconds: float) -> None:
+        """Pass on that a compilation has ended."""
+        self.listener.compiled(name, seconds)

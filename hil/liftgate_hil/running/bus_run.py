@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.judging.judge import Judge
+from liftgate_hil.loop.listener import Relay
 from liftgate_hil.running.attachment.description import Description
 from liftgate_hil.running.attachment.server import Server
 from liftgate_hil.running.ecu_reset import restarts_of
@@ -30,6 +31,7 @@ from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_hil.transport.find import find_way, open_transport
 
 if TYPE_CHECKING:
+    from liftgate_hil.judging.verdict import Verdict
     from liftgate_hil.loop.listener import Listener
     from liftgate_hil.loop.observers import Sink
     from liftgate_hil.loop.progress_monitor import ProgressMonitor
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.running.ecu_reset import Restarts
     from liftgate_hil.running.further_recording import Mark
+    from liftgate_hil.running.job import Job
     from liftgate_hil.running.precondition import Phase
     from liftgate_hil.transport.base import Line, Transport
     from liftgate_hil.transport.find import Way
@@ -146,6 +149,16 @@ class BusRun:
         return "; ".join(filter(None, found))
 
 
+def _server_of(job: Job, verdicts: Callable[[], Sequence[Verdict]]) -> Server:
+    """Return the server of a run; it hears what others tell the job's listener, too, where that is a relay."""
+    relay = job.listener
+    assert job.attachable_as is not None
+    server = Server(relay.listener if isinstance(relay, Relay) else relay, job.attachable_as, verdicts)
+    if isinstance(relay, Relay):
+        relay.listener = server
+    return server
+
+
 def bus_run_of(execution: Execution, stack: contextlib.ExitStack) -> BusRun:
     """Return the run of a plan on its bus or, where it has none, on a virtual bus of this process alone.
 
@@ -156,7 +169,7 @@ def bus_run_of(execution: Execution, stack: contextlib.ExitStack) -> BusRun:
     server = None
     if job.attachable_as is not None:
         judge = next((each for each in execution.sinks if isinstance(each, Judge)), None)
-        server = Server(job.listener, job.attachable_as, tuple if judge is None else judge.so_far)
+        server = _server_of(job, tuple if judge is None else judge.so_far)
         stack.callback(server.close)
     listener = server or job.listener
     way = plan.way or find_way(WireChoice(bus=f"virtual:run-{id(plan):x}"), rig)

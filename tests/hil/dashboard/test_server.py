@@ -452,6 +452,15 @@ def test_the_end_has_the_verdict_the_reasons_and_the_exit_code(tmp_path: Path) -
     assert states[0]["verdicts"][0]["verdict"] == "pending"
 
 
+def test_events_of_an_ecu_in_a_second_process_are_in_the_log(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text('[[request]]\ntime = 0.3\naction = "open"\n', encoding="utf-8")
+    bus = f"udp_multicast:239.76.{os.getpid() % 250}.{time.monotonic_ns() % 250 + 1}"
+    bench = ("--bus", bus, "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
+    with process(*bench, "--dashboard", "--listen", "127.0.0.1:0", folder=tmp_path) as run:
+        client = Client(address_in(run, is_error=True))
+        until(client, lambda state: any(text.startswith("ecu ") for _, _, text in state["log"]))
+
+
 def test_a_run_that_is_killed_ends_with_an_error(tmp_path: Path) -> None:
     with (
         process("--bus", "virtual:killed", "--overrun-limit", "3600", folder=tmp_path) as bench,

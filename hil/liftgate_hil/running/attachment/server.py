@@ -21,7 +21,7 @@ from typing import Any
 
 from liftgate_hil.errors import ConfigError, printable
 from liftgate_hil.judging.verdict import Verdict
-from liftgate_hil.loop.listener import Listener, Status
+from liftgate_hil.loop.listener import Listener, Relay, Status
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.attachment import endpoint
 from liftgate_hil.running.attachment.description import Description
@@ -39,14 +39,15 @@ _SERIES_S = 1.0  # s after which a series of commands has ended
 _AT_ONCE = 20  # commands executed between two turns of an ECU in this process
 
 
-class Server(Listener):
+class Server(Relay):
     """Server of a run: a listener that passes everything on to its own.
 
     `pid` is the process that was started for the run, `verdicts` returns those that are known so far.
     """
 
     def __init__(self, listener: Listener, pid: int, verdicts: Callable[[], Sequence[Verdict]] = tuple) -> None:
-        self._listener, self._pid, self._verdicts = listener, pid, verdicts
+        super().__init__(listener)
+        self._pid, self._verdicts = pid, verdicts
         self._phases = PhaseTracker()
         self._lines: deque[tuple[int, float, str]] = deque(maxlen=_LINES)  # number, Unix time, text
         self._count = 0
@@ -64,36 +65,28 @@ class Server(Listener):
     def say(self, text: str) -> None:
         """Log a text, and pass it on."""
         self._note(text)
-        self._listener.say(text)
+        self.listener.say(text)
 
     def starts(self, what: str) -> None:
         """Log what is about to run, and pass it on."""
         self._note(what)
-        self._listener.starts(what)
+        self.listener.starts(what)
 
     def happened(self, time_s: float, text: str) -> None:
         """Log an event of the ECU at a time [s], and pass it on."""
         self._note(f"ecu {time_s:.3f} s: {text}")
-        self._listener.happened(time_s, text)
+        self.listener.happened(time_s, text)
 
     def status(self, status: Status) -> None:
         """Keep the latest status for clients, and pass it on."""
         self._status = status
         self._phases.runs(status.overruns)
-        self._listener.status(status)
+        self.listener.status(status)
 
     def ready(self) -> None:
         """Note that the run is about to begin, and pass it on."""
         self._phases.is_ready()
-        self._listener.ready()
-
-    def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
-        """Pass on that a compilation runs."""
-        self._listener.compiles(name, seconds, expected)
-
-    def compiled(self, name: str, seconds: float) -> None:
-        """Pass on that a compilation has ended."""
-        self._listener.compiled(name, seconds)
+        self.listener.ready()
 
     def _note(self, text: str) -> None:
         with self._lock:
@@ -110,7 +103,7 @@ class Server(Listener):
             try:
                 self._wire = stack.enter_context(endpoint.listening(self._pid))
             except (OSError, ConfigError) as error:
-                self._listener.say(f"nobody can attach to this run: {error}")
+                self.listener.say(f"nobody can attach to this run: {error}")
                 return
             about = os.memfd_create("liftgate-hil-description")
             stack.callback(os.close, about)
