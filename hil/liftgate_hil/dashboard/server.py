@@ -80,7 +80,7 @@ class Page:
         self._number = 1  # of the source, counted from 1
         self._viewers = Viewers()
         # A thread each: a run that stands still keeps commands waiting, but not the view of it.
-        self._looks, self._commands, self._starts = (ThreadPoolExecutor(1) for _ in range(3))
+        self._looks, self._commands = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
         self._failure: BaseException | None = None
         routes = [
             WebSocketRoute(each.path, getattr(self, each.handler))
@@ -97,7 +97,7 @@ class Page:
         yield
         task.cancel()
         if self._starter is not None:
-            await asyncio.to_thread(self._starter.stop)
+            await asyncio.to_thread(self._starter.close)
 
     def _followed(self, task: asyncio.Task[None]) -> None:
         """End the server where the task has failed; a task that was cancelled ended with the server."""
@@ -250,7 +250,7 @@ class Page:
                 await asyncio.to_thread(starter.stop)
             else:
                 has_ended = isinstance(self._source, Live) and self._source.has_ended
-                self._show(await self._in(self._starts, starter.start, asked["scenario"], has_ended))
+                self._show(await asyncio.to_thread(starter.start, asked["scenario"], has_ended))
         except ConfigError as error:
             return _refused(422, error.issues)
         except RunGoneError as error:

@@ -33,7 +33,8 @@ class Starter:
         self._folder, self._flags = folder, list(flags)
         self._process: subprocess.Popen[str] | None = None
         self._printed: collections.deque[str] = collections.deque(maxlen=_LINES)
-        self._name = ""
+        self._name, self._is_stopped, self._is_closed = "", False, False
+        self._starting = threading.Lock()
         if not folder.is_dir():
             raise ConfigError(f"`scenarios` {folder}: no such folder; allowed: a folder with scenario files")
 
@@ -55,19 +56,33 @@ class Starter:
     def start(self, name: object, has_ended: bool = False) -> Client:
         """Start a scenario and return a client of its run; `has_ended`: the last run has, if not its process.
 
-        Raises ConfigError, RunGoneError.
+        Raises ConfigError, also while another one runs or starts, and RunGoneError where it did not begin.
         """
-        if has_ended and self._process is not None:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(_LEAVE_S)
+        if not self._starting.acquire(blocking=False):
+            raise ConfigError(f"scenario {show(name)[:80]}: another one is starting; allowed: after that")
+        try:
+            if has_ended and self._process is not None:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    self._process.wait(_LEAVE_S)
+            self._check(name)
+            return self._started(str(name))
+        finally:
+            self._starting.release()
+
+    def _check(self, name: object) -> None:
+        """Raise ConfigError unless a scenario of that name can be started now."""
+        if self._is_closed:
+            raise ConfigError(f"scenario {show(name)[:80]}: the page ends; allowed: on another one")
         if self.running is not None:
             raise ConfigError(f"scenario {show(name)[:80]}: {self._name} runs; allowed: after it was stopped")
         if name not in self.scenarios():
             allowed = ", ".join(self.scenarios()) or "a file in the folder, which has none"
             raise ConfigError(f"scenario {show(name)[:80]}: no such file in {self._folder}; allowed: {allowed}")
-        self._name = str(name)
+
+    def _started(self, name: str) -> Client:
+        self._name, self._is_stopped = name, False
         self._printed.clear()
-        path = str(self._folder / self._name)
+        path = str(self._folder / name)
         command = [sys.executable, "-P", "-m", "liftgate_hil", *self._flags, "--scenario", path]
         self._process = subprocess.Popen(
             command,
@@ -94,15 +109,23 @@ class Starter:
                 return Client(process.pid)
             except ConfigError:  # it has not begun
                 time.sleep(_RETRY_S)
+        if self._is_stopped:
+            raise RunGoneError(f"{self._name} was stopped before it began")
         self.stop()
         reader.join(1.0)
         said = "; ".join(list(self._printed)[-5:]) or "it printed nothing"
         raise RunGoneError(f"{self._name} did not begin (exit code {process.poll()}): {said}")
 
+    def close(self) -> None:
+        """Stop the run, and start no more."""
+        self._is_closed = True
+        self.stop()
+
     def stop(self) -> None:
         """Stop the run in order; kill it where it does not end in time."""
         if self._process is None or self._process.poll() is not None:
             return
+        self._is_stopped = True
         self._process.send_signal(signal.SIGINT)
         try:
             self._process.wait(_STOP_S)

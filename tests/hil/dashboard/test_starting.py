@@ -1,0 +1,70 @@
+"""Starting of scenarios by a page, with a stand-in for the client of a run that compiles."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from liftgate_hil.dashboard.starting import Starter
+from liftgate_hil.errors import ConfigError, RunGoneError
+
+
+class NeverReady:
+    """In place of a client: the run is still being compiled."""
+
+    def __init__(self, pid: int) -> None:
+        raise ConfigError("it has not begun")
+
+
+@pytest.fixture
+def starter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Starter:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr("liftgate_hil.dashboard.starting.Client", NeverReady)
+    (tmp_path / "a.toml").write_text("")
+    return Starter(tmp_path, ["--bus", f"virtual:starting-{time.monotonic_ns()}", "--overrun-limit", "60"])
+
+
+def starts(starter: Starter, said: list[str]) -> threading.Thread:
+    def start() -> None:
+        try:
+            starter.start("a.toml")
+        except RunGoneError as error:
+            said.append(str(error))
+
+    thread = threading.Thread(target=start)
+    thread.start()
+    deadline = time.monotonic() + 30
+    while starter.running is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    return thread
+
+
+def test_a_second_start_is_refused_while_the_first_one_compiles(starter: Starter) -> None:
+    said: list[str] = []
+    thread = starts(starter, said)
+    with pytest.raises(ConfigError, match="another one is starting"):
+        starter.start("a.toml")
+    starter.stop()
+    thread.join(30)
+    assert said == ["a.toml was stopped before it began"]
+    assert starter.running is None
+
+
+def test_nothing_starts_after_the_page_has_ended(starter: Starter) -> None:
+    said: list[str] = []
+    thread = starts(starter, said)
+    starter.close()
+    thread.join(30)
+    with pytest.raises(ConfigError, match="the page ends"):
+        starter.start("a.toml")
+    assert starter.running is None
+
+
+def test_a_run_that_ends_at_once_says_why(starter: Starter, tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text("nonsense = 1")
+    with pytest.raises(RunGoneError, match=r"a.toml did not begin \(exit code 2\): .*nonsense"):
+        starter.start("a.toml")
