@@ -124,7 +124,8 @@ class Charts {
   // Values at the cursor, else the latest ones.
   showValues() {
     const cursor = this.charts.map(({ plot }) => plot.cursor.idx).find((each) => each !== null && each !== undefined);
-    const place = cursor ?? this.times.length - 1;
+    const now = this.now === null ? -1 : this.times.findIndex((each) => each >= this.now - 1e-9);
+    const place = cursor ?? (now >= 0 ? now : this.times.length - 1);
     for (const { names, values } of this.charts) names.forEach((name, k) => { values[k].textContent = valueText(this.low[name]?.[place], this.high[name]?.[place]); });
     this.hooks.pointed(cursor === undefined ? null : this.times[cursor]);
   }

@@ -129,7 +129,7 @@ function showLog(lines) {
 
 function showCommand(command) {
   const words = Object.entries(command || {}).map(([name, { value, unit }]) => [name.replaceAll("_", " "), `${text(value, 1)}${unit && typeof value === "number" ? ` ${unit}` : ""}`]);
-  const said = words.length ? words : [["ECU", "no command yet"]];
+  const said = words.length ? words : about.kind === "run" ? [["ECU", "no command yet"]] : [];
   const list = find("command");
   while (list.children.length > said.length) list.lastElementChild.remove();
   said.forEach(([name, value], k) => {
@@ -137,6 +137,17 @@ function showCommand(command) {
     if (entry.firstChild.textContent !== name) entry.firstChild.textContent = name;
     if (entry.lastChild.textContent !== value) entry.lastChild.textContent = value;
   });
+}
+
+// What a recording knows of the command: the share of the voltage on each motor.
+function recordedCommand(truth) {
+  const found = {};
+  for (const side of ["left", "right"]) {
+    const duty = truth[`${side}_duty`];
+    if (typeof duty === "number") found[`${side}_duty`] = { value: 100 * duty, unit: "%" };
+    if (truth[`${side}_coast`] === 1) found[`${side}_duty`] = { value: "coast", unit: "" };
+  }
+  return found;
 }
 
 function showGauge(now, peak, limit) {
@@ -185,7 +196,7 @@ function show(told) {
   find("pinch").textContent = fixed(one("pinch_force_n"), 1);
   find("peak").textContent = fixed(told.truth.pinch_force_peak_n, 0);
   showHealth(told);
-  showCommand(told.command);
+  showCommand(about.kind === "recording" ? recordedCommand(told.truth) : told.command);
   showGauge(one("pinch_force_n"), told.truth.pinch_force_peak_n, about.geometry.pinch_limit_n);
   if (drawing) {
     const seen = ["gate_angle_deg", "road_slope_deg", "left_force_n", "right_force_n", "pinch_force_n", "hand_force_n", "latched", "latch_position"];
@@ -314,6 +325,7 @@ function point(time) {
   find("seek").value = time;
   charts.now = time;
   for (const { plot } of charts.charts) plot.redraw(false);
+  charts.showValues();
 }
 
 async function seek(time) {
@@ -373,7 +385,7 @@ async function start() {
   about.geometry = await (await fetch(path("/api/geometry"))).json();
   const isRun = about.kind === "run", isOpen = isRun && !about.read_only;
   makeTitle();
-  document.body.classList.toggle("recording", about.kind === "recording");
+  document.body.classList.add(about.kind);
   charts = new Charts(find("plots"), about, {
     zoomed: ([low, high]) => zoomTo(low, high),
     pointed: (time) => { find("cursor").textContent = time === null ? "" : `cursor at ${time.toFixed(3)} s`; },
@@ -390,11 +402,12 @@ async function start() {
   find("readonly").hidden = !(isRun && about.read_only);
   find("hold").hidden = find("window").hidden = !isRun;
   find("controls").hidden = about.kind === "recording";
-  find("reports").hidden = about.kind === "recording"; find("charts").hidden = about.kind === "none";
+  find("reports").hidden = !isRun; find("charts").hidden = about.kind === "none";
   find("bus-view").hidden = !isRun; find("values").hidden = about.kind === "none";
   for (const id of ["values", "bus-view"]) find(id).addEventListener("toggle", () => { if (last) show(last); });
   makeView();
   if (about.starts && !about.read_only) makeStart();
+  find("start-help").hidden = isRun;
   if (about.kind === "recording") {
     makeReplay();
     charts.zoom(about.begin_s, about.end_s);
