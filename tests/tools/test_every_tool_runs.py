@@ -31,7 +31,7 @@ RUNS: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "tools.benchmark.campaigns": (["--json", "--rounds", "1"], ()),
     "tools.benchmark.replays": (["--rounds", "1", "--seconds", "0.2", "--json"], ()),
     "tools.benchmark.page_clients": (["--rounds", "1", "--seconds", "0.5", "--json"], ()),
-    "tools.page": (["memory", "--minutes", "0.2", "--output", "{out}/memory.csv"], ("memory.csv",)),
+    "tools.page": (["memory", "--minutes", "0.2", "--every", "0.5", "--output", "{out}/page.csv"], ("page.csv",)),
 }
 # What runs the others, all of it in CI.
 ELSEWHERE = {

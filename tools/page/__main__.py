@@ -1,9 +1,9 @@
 """The operator's page in Chromium: its memory over time, and its picture for the manual.
 
-    python -m tools.page memory [--minutes M] [--output FILE.csv]
+    python -m tools.page memory [--minutes M] [--every S] [--output FILE.csv]
     python -m tools.page picture [--output docs/page.png]
 
-`memory`: every ten seconds, after a collection of garbage, the JavaScript heap of the page and the memory of
+`memory`: regularly, after a collection of garbage, the JavaScript heap of the page and the memory of
 the page's server. The page keeps 300 s of history, so its heap grows for five minutes; the slope of the second
 half says whether it goes on. `picture`: the demo at the moment of the largest pinch force.
 """
@@ -23,7 +23,6 @@ import numpy as np
 
 from tools.page.watched import watched
 
-_EVERY_S = 10.0
 _CYCLES = "duration = 1e6\n" + "".join(
     f'[[request]]\ntime = {20 * k + 1}\naction = "{"open" if k % 2 == 0 else "close"}"\n' for k in range(60)
 )
@@ -53,23 +52,23 @@ def resident_mb(pid: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def memory(minutes: float) -> list[tuple[float, float, float]]:
-    """Return time [s], heap [MB] and the server's memory [MB], every ten seconds."""
+def memory(minutes: float, every: float) -> list[tuple[float, float, float]]:
+    """Return time [s], heap [MB] and the server's memory [MB], regularly."""
     with tempfile.TemporaryDirectory() as folder:
         scenario = Path(folder) / "cycles.toml"
         scenario.write_text(_CYCLES)
         with watched(scenario, 1500, 1400) as (browser, server):
             rows = []
             began = time.monotonic()
-            for k in range(round(60.0 * minutes / _EVERY_S) + 1):
-                time.sleep(max(0.0, began + _EVERY_S * k - time.monotonic()))
+            for k in range(round(60.0 * minutes / every) + 1):
+                time.sleep(max(0.0, began + every * k - time.monotonic()))
                 rows.append((time.monotonic() - began, heap_mb(browser), resident_mb(server)))
             return rows
 
 
-def print_memory(minutes: float, output: Path | None) -> None:
+def print_memory(minutes: float, every: float, output: Path | None) -> None:
     """Measure the memory, write all figures as CSV, and print how they go on."""
-    rows = np.array(memory(minutes))
+    rows = np.array(memory(minutes, every))
     if output is not None:
         with output.open("w", newline="") as stream:
             writer = csv.writer(stream)
@@ -99,12 +98,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("memory", "picture"))
     parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--every", type=float, default=10.0, help="s between two figures of the memory")
     parser.add_argument("--output", type=Path)
     args = parser.parse_args()
     if args.what == "picture":
         write_picture(args.output or Path("docs/page.png"))
     else:
-        print_memory(args.minutes, args.output)
+        print_memory(args.minutes, args.every, args.output)
     return 0
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from liftgate_hil.codec.bus_config import SignalMapping
 
+_EXACT = 2**53  # whole numbers up to this are exact as floating-point numbers
 _MOST = 500  # messages that are kept
 
 
@@ -108,4 +109,11 @@ def _decoded(message: Message | None, payload: bytes) -> JsonObject:
         found: Any = message.decode(payload, decode_choices=True, allow_truncated=True)
     except (cantools.database.DecodeError, ValueError, OverflowError):
         return {}
-    return {name: value if isinstance(value, int | float) else str(value) for name, value in found.items()}
+    return {name: _plain(value) for name, value in found.items()}
+
+
+def _plain(value: Any) -> float | str:
+    """Return a signal's value for JSON: whole numbers as far as every reader has them exactly, labels as text."""
+    if isinstance(value, int) and abs(value) > _EXACT:
+        return float(value)
+    return value if isinstance(value, int | float) else str(value)

@@ -7,7 +7,6 @@ import contextlib
 import math
 import secrets
 import signal
-import time
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -20,20 +19,16 @@ from starlette.responses import HTMLResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from liftgate_hil.dashboard.following import next_run
+from liftgate_hil.dashboard.active_source import ActiveSource
 from liftgate_hil.dashboard.guard import POLICY
 from liftgate_hil.dashboard.live import Live
 from liftgate_hil.dashboard.recorded import RecordingSource
 from liftgate_hil.dashboard.source import MOST_POINTS, NoSource
 from liftgate_hil.dashboard.starting import Starter
-from liftgate_hil.dashboard.streaming import PERIOD_S, Viewers, play
+from liftgate_hil.dashboard.streaming import play
 from liftgate_hil.errors import ConfigError, RunGoneError
-from liftgate_hil.running.attachment.client import Client
 
-_IDLE_S = 0.25  # s between two reads where nobody has the page open
-_NOW_AND_THEN = 6  # periods between two lists of the messages on the bus
-_NEXT_S = 1.0  # s between two looks for the next run
-_LARGEST = 65_536  # bytes of a command
+LARGEST = 65_536  # bytes of a command
 _BODY_S = 10.0  # s for a command to come
 _PAGE = Path(__file__).parent / "page"
 _PARTS = ("uPlot.min.css", "page.css", "uPlot.iife.min.js", "drawing.js", "charts.js", "controls.js", "page.js")
@@ -68,19 +63,13 @@ ENDPOINTS = (
 
 
 class Page:
-    """Web application for a run, a recording, or the runs that a `starter` starts.
-
-    A page whose run has ended goes on with the next one on the same bus.
-    """
+    """Web application for a run, a recording, or the runs that a `starter` starts; see `ActiveSource`."""
 
     def __init__(
         self, source: Live | RecordingSource | NoSource, is_read_only: bool, starter: Starter | None = None
     ) -> None:
-        self._source, self._is_read_only, self._starter = source, is_read_only, starter
-        self._number = 1  # of the source, counted from 1
-        self._viewers = Viewers()
-        # A thread each: a run that stands still keeps commands waiting, but not the view of it.
-        self._looks, self._commands = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        self._active, self._is_read_only, self._starter = ActiveSource(source, starter), is_read_only, starter
+        self._commands = ThreadPoolExecutor(1)  # of its own: a run that stands still keeps commands waiting
         self._failure: BaseException | None = None
         routes = [
             WebSocketRoute(each.path, getattr(self, each.handler))
@@ -92,7 +81,7 @@ class Page:
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
-        task = asyncio.create_task(self._follow())
+        task = asyncio.create_task(self._active.follow())
         task.add_done_callback(self._followed)
         yield
         task.cancel()
@@ -105,69 +94,14 @@ class Page:
             self._failure = task.exception()
             signal.raise_signal(signal.SIGTERM)
 
+    async def farewell(self) -> None:
+        """Send viewers the last state."""
+        await self._active.farewell()
+
     def check(self) -> None:
         """Raise the error that the application has failed with, if any."""
         if self._failure is not None:
             raise self._failure
-
-    async def _look(self, live: Live) -> dict[str, Any]:
-        """Read what is new in a run; return `low` and `high` of each column in it."""
-        found: dict[str, Any] = await self._in(self._looks, live.update, time.monotonic())
-        return found
-
-    async def _follow(self) -> None:
-        """Read what is new in the run regularly, and send it to all viewers; go on with the next run."""
-        if isinstance(self._source, RecordingSource):
-            return
-        count, line, number = 0, 0, self._number
-        due = looked = time.monotonic()
-        while True:
-            source = self._source
-            line, number = (line, number) if number == self._number else (0, self._number)
-            if isinstance(source, Live):
-                span = await self._look(source)
-                if source.has_ended and time.monotonic() > looked + _NEXT_S:
-                    looked = time.monotonic()
-                    await self._go_on(source)
-                if self._viewers:
-                    state = {**source.moment(), "span": span, "log": source.lines(line)}
-                    if count % _NOW_AND_THEN == 0:
-                        state |= source.now_and_then()
-                    self._viewers.publish(self._stated(state))
-                line = source.last_line
-            elif self._viewers and count % _NOW_AND_THEN == 0:
-                self._viewers.publish(self._stated(source.state()))
-            count += 1
-            due = max(due + (PERIOD_S if self._viewers else _IDLE_S), time.monotonic())
-            await asyncio.sleep(due - time.monotonic())
-
-    async def farewell(self) -> None:
-        """Send viewers the last state, which says how a run has ended that ends with this server."""
-        source = self._source
-        if not isinstance(source, Live) or not self._viewers:
-            return
-        span = await self._look(source)
-        self._viewers.publish(self._stated({**source.moment(), "span": span}))
-        await self._viewers.have_taken()
-
-    async def _go_on(self, ended: Live) -> None:
-        """Show the next run on the bus of the one that has ended, where it has begun."""
-        client = await self._in(self._looks, next_run, ended.channel, ended.pid)
-        if client is not None and self._source is ended:
-            self._show(client)
-
-    def _show(self, client: Client) -> None:
-        before, self._source = self._source, Live(client)
-        self._number += 1
-        if isinstance(before, Live):
-            self._looks.submit(before.close)
-
-    def _stated(self, state: dict[str, Any]) -> bytes:
-        """Return a state as JSON, with the source's number, by which a viewer sees that it is another one."""
-        state["number"] = self._number
-        if self._starter is not None:
-            state["started"] = self._starter.running
-        return orjson.dumps(state)
 
     async def _page(self, request: Request) -> Response:
         nonce = secrets.token_urlsafe(16)
@@ -182,26 +116,31 @@ class Page:
         )
 
     async def _about(self, request: Request) -> Response:
-        more = {"read_only": self._is_read_only, "number": self._number, "starts": self._starter is not None}
-        return _json({**self._source.about(), **more})
+        more = {
+            "read_only": self._is_read_only,
+            "number": self._active.number,
+            "starts": self._starter is not None,
+        }
+        return _json({**self._active.source.about(), **more})
 
     async def _geometry(self, request: Request) -> Response:
-        return _json(self._source.geometry())
+        return _json(self._active.source.geometry())
 
     async def _state(self, request: Request) -> Response:
-        source, given = self._source, request.query_params.get("time")
+        source, given = self._active.source, request.query_params.get("time")
         when = None if given is None else _number(given)
         if when is not None and not math.isfinite(when):
             return _refused(422, [f"time {str(given)[:80]!r}; allowed: a number [s]"])
         if when is not None and not isinstance(source, RecordingSource):
             return _refused(422, ["time: allowed only with a recording"])
-        if isinstance(source, Live) and not self._viewers:  # else it is 33 ms old at most
-            await self._look(source)
-        return Response(self._stated(source.state(when)), 200, _HEADERS, "application/json")
+        if isinstance(source, Live) and not self._active.viewers:  # else it is 33 ms old at most
+            await self._active.look(source)
+        return Response(self._active.stated(source.state(when)), 200, _HEADERS, "application/json")
 
     async def _plot(self, request: Request) -> Response:
-        source, asked = self._source, request.query_params
-        names = asked["columns"].split(",") if asked.get("columns") else source.about()["columns"]
+        source, asked = self._active.source, request.query_params
+        names = list(dict.fromkeys(asked.get("columns", "").split(","))) if asked.get("columns") else None
+        names = source.about()["columns"] if names is None else names
         begin, end = _number(asked.get("from", "-inf")), _number(asked.get("to", "inf"))
         points = _number(asked.get("points", "2000"))
         if math.isnan(begin) or math.isnan(end) or not 1 <= points <= MOST_POINTS:
@@ -212,7 +151,7 @@ class Page:
             return _refused(422, error.issues)
 
     async def _command(self, request: Request) -> Response:
-        source = self._source
+        source = self._active.source
         if not isinstance(source, Live):
             return _refused(403, ["this page does not show a run; allowed: commands to a run"])
         command = await self._posted(request)
@@ -249,8 +188,8 @@ class Page:
             if asked["scenario"] is None:
                 await asyncio.to_thread(starter.stop)
             else:
-                has_ended = isinstance(self._source, Live) and self._source.has_ended
-                self._show(await asyncio.to_thread(starter.start, asked["scenario"], has_ended))
+                has_ended = isinstance(self._active.source, Live) and self._active.source.has_ended
+                self._active.show(await asyncio.to_thread(starter.start, asked["scenario"], has_ended))
         except ConfigError as error:
             return _refused(422, error.issues)
         except RunGoneError as error:
@@ -266,8 +205,8 @@ class Page:
             async with asyncio.timeout(_BODY_S):
                 async for part in request.stream():
                     body += part
-                    if len(body) > _LARGEST:
-                        return _refused(413, [f"command too long; allowed: up to {_LARGEST} bytes"])
+                    if len(body) > LARGEST:
+                        return _refused(413, [f"command too long; allowed: up to {LARGEST} bytes"])
         except TimeoutError:
             return _refused(408, [f"the command did not come; allowed: within {_BODY_S:g} s"])
         try:
@@ -282,10 +221,10 @@ class Page:
     async def _stream(self, wire: WebSocket) -> None:
         await wire.accept()
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-            if isinstance(self._source, RecordingSource):
-                await play(wire, self._source)
+            if isinstance(self._active.source, RecordingSource):
+                await play(wire, self._active.source)
             else:
-                await self._viewers.serve(wire)
+                await self._active.viewers.serve(wire)
 
 
 _NO_STARTER = "this page starts no runs; allowed with: liftgate-hil dashboard --scenarios FOLDER"

@@ -89,7 +89,7 @@ async def play(wire: WebSocket, source: RecordingSource) -> None:
             if hears.done():
                 player.take(hears.result())
                 hears = asyncio.create_task(wire.receive_json())
-    except ValueError:  # not JSON
+    except (ValueError, RecursionError):  # not JSON
         return
     finally:
         hears.cancel()
@@ -110,6 +110,11 @@ class _Player:
         if not isinstance(request, dict):
             return
         place, speed = request.get("time_s", self.now()), request.get("speed", self._speed)
-        if all(isinstance(each, int | float) and not isinstance(each, bool) for each in (place, speed)):
+        if all(_is_number(each) for each in (place, speed)):
             self._offset, self._began = float(place), time.monotonic()
             self._speed = min(max(float(speed), 0.01), 100.0)
+
+
+def _is_number(value: object) -> bool:
+    """Whether a value is a finite number of a size that a time can have."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and -1e12 < value < 1e12

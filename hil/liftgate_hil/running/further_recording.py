@@ -111,9 +111,16 @@ class FurtherRecording:
     def _record(self, stop: threading.Event) -> None:
         """Record until `stop` is set; what goes wrong is reported, and ends this recording only."""
         path, process = self._path, None
+        said: list[str] = []
+
+        def failed(text: str) -> None:
+            said.append(text)
+            self._say(text.replace(f"`record` {path}", f"record {path.name}"))
+            stop.set()
+
         try:
             content = whole_content_of(self._plan, self._channel, self._interface)
-            process = RecorderProcess([path], content, None, self._memory, self._say, None, True, stop.set)
+            process = RecorderProcess([path], content, None, self._memory, failed, None, True, stop.set)
             process.wait_until_ready()
             self._process, self._phase = process, RECORDING
             stop.wait()
@@ -128,4 +135,5 @@ class FurtherRecording:
             if process.files:
                 self._say(f"recorded: {', '.join(process.files)}")
         except RecordingError as error:
-            self._say(str(error))
+            if str(error) not in said:
+                failed(str(error))

@@ -50,7 +50,7 @@ class PythonDriver:
         epoch_ns = time.time_ns() if options.clock == "realtime" else 0
         channel, say = run.channel(transport), run.listener.say
         self._recordings = Recordings(plan, content_of(plan, channel, run.way.interface), say, stack, epoch_ns)
-        sinks = [*run.sinks, *self._recordings.sinks, *self._shown(channel, stack)]
+        sinks = [*run.sinks, *self._recordings.sinks, *self._shown(channel, epoch_ns, stack)]
         has_run = run.prepare(functools.partial(self._phase_begun, transport))
         self._loop = loop = Loop(
             config=plan.config,
@@ -71,7 +71,7 @@ class PythonDriver:
         self._clock = self._pace()
         self.begun = Begun.at(plan.config, run.state, run.stimuli)
 
-    def _shown(self, channel: str, stack: contextlib.ExitStack) -> list[Sink]:
+    def _shown(self, channel: str, epoch_ns: int, stack: contextlib.ExitStack) -> list[Sink]:
         """Return the sink that fills the memory which attached clients read; none where no client may attach."""
         from liftgate_hil.loop.realtime_run import memory_for
         from liftgate_hil.loop.rings import RingSink
@@ -83,7 +83,7 @@ class PythonDriver:
         stack.callback(memory.close)
         assert self._recordings is not None
         further = run.let_in(channel, memory, self._recordings.mark, stack)
-        return [RingSink(memory, lambda: server.is_attended() or further.is_on)]
+        return [RingSink(memory, lambda: server.is_attended() or further.is_on, epoch_ns)]
 
     def _pace(self) -> RealtimeClock:
         plan = self._run.plan

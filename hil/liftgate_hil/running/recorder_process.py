@@ -84,6 +84,7 @@ class RecorderProcess:
         self._say, self._ended_too = say, ended
         self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self._is_ready = self._is_closing = self._has_ended_early = False
+        self._count, self._failed = len(paths), 0  # files, and those that could not be written any further
         self._began = time.monotonic()
         heard, reply_fd = os.pipe()
         given = in_memory(pickle.dumps(order))
@@ -126,6 +127,8 @@ class RecorderProcess:
         This never waits, as the thread that supervises the loop calls it.
         """
         assert self._process.stdin is not None
+        if self._failed >= self._count:
+            return False
         try:  # as a whole: a pipe takes 4096 bytes or nothing
             os.write(self._process.stdin.fileno(), json.dumps([time_s, text]).encode() + b"\n")
         except (OSError, ValueError):
@@ -186,6 +189,7 @@ class RecorderProcess:
                 for line in stream:
                     answer = _decoded(line)
                     if "failed" in answer:
+                        self._failed += 1
                         self._say(str(answer["failed"]))
                     elif answer:
                         is_complete = "files" in answer
@@ -237,18 +241,19 @@ class RingRecorder:
         come = self._frames.take()
         frames = self._in_order(come, is_last)
         if len(rows) or len(frames):
-            self._begin()
+            self.begin()
         if self._sieve is not None:
             rows, frames = self._sieve.kept(rows, frames, come)
         write_block(self._writers, rows, frames)
 
     def mark(self, time_s: float, text: str) -> None:
         """Write a mark at a time [s] of the run."""
-        self._begin()
+        self.begin()
         for writer in self._writers:
             writer.write_mark(time_s, text)
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
+        """Begin the files, unless they have begun."""
         if self._has_begun:
             return
         self._has_begun = True
@@ -299,6 +304,8 @@ def main() -> int:
         for time_s, text in marks:
             recorder.mark(time_s, text)
     recorder.take(is_last=True)
+    if order.begins_now:
+        recorder.begin()  # a file without rows has its header all the same
     for writer in writers:
         writer.close()
     failures = failures_of(writers)

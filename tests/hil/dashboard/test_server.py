@@ -570,6 +570,28 @@ def test_a_viewer_that_never_reads_is_dropped(tmp_path: Path) -> None:
                 wire.close()
 
 
+def test_more_connections_than_the_page_takes_are_dropped_and_it_goes_on(tmp_path: Path) -> None:
+    """Nobody needs a token to connect; the run's terminal stays silent about it."""
+    with process("--bus", "virtual:many", "--overrun-limit", "3600", folder=tmp_path) as bench:
+        arguments = ("dashboard", "--attach", str(bench.pid), "--patience", "60", "--listen", "127.0.0.1:0")
+        with process(*arguments, folder=tmp_path) as child:
+            client = Client(address_in(child))
+            until(client, is_going)
+            host, port = client.host.split(":")
+            wires = [socket.create_connection((host, int(port)), timeout=30) for _ in range(400)]
+            deadline = time.monotonic() + 30
+            while len(served(int(port))) > 250:
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+            for wire in wires:
+                wire.close()
+            until(client, is_going)
+            child.send_signal(signal.SIGINT)
+            assert child.wait(30) == 0
+            assert child.stderr is not None
+            assert child.stderr.read() == ""
+
+
 def served(port: int) -> set[int]:
     """The ports of the clients to which a server on a port has connections (proc_net_tcp(5))."""
     rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
@@ -599,6 +621,8 @@ def test_a_recording_is_shown_whole_and_at_any_time(tmp_path: Path) -> None:
         assert client.ask("/api/state?time=nan")[0] == 422
         assert client.command(clear="all")[0] == 403
         with streamed(client) as wire:
+            for wrong in ('{"time_s": NaN}', '{"speed": NaN}', '{"speed": true}', '{"time_s": 1e400}', "[]", "7"):
+                wire.send(wrong)
             wire.send('{"time_s": 2.9}')
             told = json.loads(wire.recv(timeout=30))
             while not told["is_over"]:

@@ -7,12 +7,14 @@ import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from recording_support import rows_from, table_in
 
 from liftgate_hil.ecu.names import ON_A_BUS
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, RecordingError
+from liftgate_hil.formats.open import holds_nothing
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.further_recording import RECORDING, STARTING, FurtherRecording
 from liftgate_hil.running.job import Job
@@ -204,3 +206,37 @@ def test_a_name_too_long_or_a_link_to_elsewhere_is_refused(bench: Bench, tmp_pat
     (tmp_path / "dangling.csv").symlink_to(tmp_path / "elsewhere" / "x.csv")
     with pytest.raises(ConfigError, match="allowed: a new file's name"):
         bench.recording.start(name)
+
+
+def test_a_disk_that_is_full_ends_it_and_is_reported_once(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = f"`record` {tmp_path / 'x.csv'}: recording ended: No space left on device"
+
+    class Full:
+        files: list[str] = []  # noqa: RUF012
+
+        def __init__(
+            self, paths: object, content: object, limit: object, memory: object, say: Any, *_: object
+        ) -> None:
+            self.say = say
+
+        def wait_until_ready(self) -> None:
+            self.say(text)
+
+        def close(self) -> None:
+            raise RecordingError(text)
+
+    monkeypatch.setattr("liftgate_hil.running.further_recording.RecorderProcess", Full)
+    bench.recording.start("x.csv")
+    until(bench.recording, None)
+    assert bench.said == ["record x.csv: recording ended: No space left on device"]
+
+
+def test_one_that_is_stopped_before_a_row_came_can_be_read(bench: Bench, tmp_path: Path) -> None:
+    for suffix in (".mcap", ".mf4", ".csv"):
+        bench.recording.start(f"none{suffix}")
+        until(bench.recording, RECORDING)
+        bench.recording.stop()
+        until(bench.recording, None)
+        assert holds_nothing(tmp_path / f"none{suffix}")

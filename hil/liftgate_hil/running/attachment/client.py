@@ -23,7 +23,7 @@ JsonObject = dict[str, Any]  # JSON object: a run's description, see Description
 _PATIENCE_S = 1.0  # s to wait for a run's reply
 _RETRY_S = 0.05
 _MOST_ANSWERS = 100  # replies that are kept for `done`
-_WORDS = 4  # bytes of a descriptor
+_DESCRIPTOR = 4  # bytes
 
 
 class Client:
@@ -49,10 +49,10 @@ class Client:
                 self._wire.close()
 
     def _handed(self) -> tuple[JsonObject, Memory]:
-        _, ancillary, _, _ = self._wire.recvmsg(1, socket.CMSG_SPACE(2 * _WORDS))
+        _, ancillary, _, _ = self._wire.recvmsg(1, socket.CMSG_SPACE(2 * _DESCRIPTOR))
         descriptors = array.array("i")
         for _, _, data in ancillary:
-            descriptors.frombytes(data[: len(data) - len(data) % _WORDS])
+            descriptors.frombytes(data[: len(data) - len(data) % _DESCRIPTOR])
         with contextlib.ExitStack() as stack:
             for each in descriptors:
                 stack.callback(os.close, each)

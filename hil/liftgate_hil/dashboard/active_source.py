@@ -1,0 +1,97 @@
+"""Active source of a page (a run, a recording, or none yet), and the viewers of a run, who get its states."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import orjson
+
+from liftgate_hil.dashboard.following import next_run
+from liftgate_hil.dashboard.live import Live
+from liftgate_hil.dashboard.recorded import RecordingSource
+from liftgate_hil.dashboard.source import JsonObject, NoSource
+from liftgate_hil.dashboard.starting import Starter
+from liftgate_hil.dashboard.streaming import PERIOD_S, Viewers
+from liftgate_hil.running.attachment.client import Client
+
+_IDLE_S = 0.25  # s between two reads where nobody has the page open
+_NOW_AND_THEN = 6  # periods between two lists of the messages on the bus
+_NEXT_S = 1.0  # s between two looks for the next run
+
+
+class ActiveSource:
+    """Active source of a page; a run that has ended is followed by the next one on the same bus.
+
+    `number` counts the sources, from 1; `starter` starts runs, where there is one.
+    """
+
+    def __init__(self, source: Live | RecordingSource | NoSource, starter: Starter | None) -> None:
+        self.source = source
+        self.number = 1
+        self.viewers = Viewers()
+        self._starter = starter
+        self._looks = ThreadPoolExecutor(1)  # not that of commands: a run that stands still keeps these waiting
+
+    async def follow(self) -> None:
+        """Read what is new in the run regularly, send it to all viewers, and go on with the next run."""
+        if isinstance(self.source, RecordingSource):
+            return
+        count, line, number = 0, 0, self.number
+        due = looked = time.monotonic()
+        while True:
+            source = self.source
+            line, number = (line, number) if number == self.number else (0, self.number)
+            if isinstance(source, Live):
+                span = await self.look(source)
+                if source.has_ended and time.monotonic() > looked + _NEXT_S:
+                    looked = time.monotonic()
+                    await self._go_on(source)
+                if self.viewers:
+                    state = {**source.moment(), "span": span, "log": source.lines(line)}
+                    if count % _NOW_AND_THEN == 0:
+                        state |= source.now_and_then()
+                    self.viewers.publish(self.stated(state))
+                line = source.last_line
+            elif self.viewers and count % _NOW_AND_THEN == 0:
+                self.viewers.publish(self.stated(source.state()))
+            count += 1
+            due = max(due + (PERIOD_S if self.viewers else _IDLE_S), time.monotonic())
+            await asyncio.sleep(due - time.monotonic())
+
+    async def look(self, live: Live) -> JsonObject:
+        """Read what is new in a run; return `low` and `high` of each column in it."""
+        running = asyncio.get_running_loop()
+        return await running.run_in_executor(self._looks, live.update, time.monotonic())
+
+    async def _go_on(self, ended: Live) -> None:
+        """Show the next run on the bus of the one that has ended, where it has begun."""
+        running = asyncio.get_running_loop()
+        client = await running.run_in_executor(self._looks, next_run, ended.channel, ended.pid)
+        if client is not None and self.source is ended:
+            self.show(client)
+
+    def show(self, client: Client) -> None:
+        """Show another run."""
+        before, self.source = self.source, Live(client)
+        self.number += 1
+        if isinstance(before, Live):
+            self._looks.submit(before.close)
+
+    async def farewell(self) -> None:
+        """Send viewers the last state, which says how a run has ended that ends with this server."""
+        source = self.source
+        if not isinstance(source, Live) or not self.viewers:
+            return
+        span = await self.look(source)
+        self.viewers.publish(self.stated({**source.moment(), "span": span}))
+        await self.viewers.have_taken()
+
+    def stated(self, state: dict[str, Any]) -> bytes:
+        """Return a state as JSON, with the number by which a viewer sees that another run is shown."""
+        state["number"] = self.number
+        if self._starter is not None:
+            state["started"] = self._starter.running
+        return orjson.dumps(state)
