@@ -83,7 +83,9 @@ def _draw_balance(axis: Axes, angles: Floats, balance: Balance) -> None:
     for name, (label, colour, dashes, width) in _PARTS.items():
         values = getattr(balance, name)
         if np.any(values) or name == "net":
-            axis.plot(angles, values, color=colour, linestyle=dashes, linewidth=width, label=label)
+            (drawn,) = axis.plot(angles, values, color=colour, linestyle=dashes, linewidth=width, label=label)
+            if name == "net":
+                drawn.set(marker="o", markevery=_POINTS // 8, markersize=5)
     axis.axhline(0.0, color=GRID, linewidth=1.0, zorder=0)
 
 

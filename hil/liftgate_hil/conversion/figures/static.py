@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _SLOPE, _VOLTAGE = 20.0, 16.0  # deg and V, to where the map reaches at least
 _POINTS = 81  # along slopes and voltages
-_HUGE = 1e9  # N m, of a drive that jams
+_MOST = 1e9  # N m, more than any margin
 # Areas: meaning, colour, hatch.
 _ALONE: tuple[tuple[str, str, str], ...] = (
     ("stays where it is left", "#ffffff", ""),
@@ -95,7 +95,7 @@ def _draw_areas(
     """
     from matplotlib.patches import Patch
 
-    first, second = (np.clip(each, -_HUGE, _HUGE) for each in margins)
+    first, second = margins
     only_first, only_second, both, none = which
     _fill(axis, across, up, np.ones_like(first), looks[none])
     _fill(axis, across, up, np.minimum(first, -second), looks[only_first])
@@ -122,7 +122,7 @@ def _name_least(axis: Axes, slopes: Floats, voltages: Floats, margins: Floats, t
 
 def _fill(axis: Axes, across: Floats, up: Floats, margin: Floats, look: tuple[str, str, str]) -> None:
     _, colour, hatch = look
-    areas = axis.contourf(across, up, margin.T, levels=[0.0, 2.0 * _HUGE], colors=[colour], hatches=[hatch])
+    areas = axis.contourf(across, up, margin.T, levels=[0.0, _MOST], colors=[colour], hatches=[hatch])
     areas.set_edgecolor(MEASURED)
     areas.set_linewidth(0.0)
 

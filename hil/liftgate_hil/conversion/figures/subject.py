@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 Columns = Mapping[str, Floats]
 WHOLE = Window()
+_DRAWN = 1e30  # values from there on are gaps, as in `drawing.line`
 
 
 class Drawn(NamedTuple):
@@ -85,7 +86,8 @@ def taken(subject: Subject, wanted: Sequence[str], optional: Sequence[str] = ())
         raise ConfigError(f"{table.path}: only one time in the window; allowed: two or more")
     columns = {"time_s": times[kept]}
     for name, place in places.items():
-        columns[name] = place.scale * found[place.column][kept] + place.offset
+        values = found[place.column][kept]
+        columns[name] = place.scale * np.where(np.abs(values) < _DRAWN, values, np.nan) + place.offset
     sensed = [name for name, place in places.items() if place.is_sensed]
     return Taken(columns, f"As the sensors read them: {', '.join(sensed)}." if sensed else "")
 
@@ -126,5 +128,5 @@ def _places(table: Recording, rig: str | None, names: Sequence[str]) -> dict[str
 def _allowed(missing: Sequence[str], rig: str | None) -> str:
     if rig is None:
         return "a recording that has them as columns, or as sensed_ ones"
-    outputs = [OUTPUT_OF[name] for name in missing if name in OUTPUT_OF]
+    outputs = [OUTPUT_OF.get(SENSED_PREFIX + name, OUTPUT_OF.get(name, name)) for name in missing]
     return f"a rig that maps {', '.join(outputs)}, with frames of these in the log"
