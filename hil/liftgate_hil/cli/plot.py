@@ -103,9 +103,10 @@ def _subject(args: argparse.Namespace) -> Subject:
         args.vehicle = name
         vehicle = options.vehicle_of(args)
     changes = ", ".join(args.settings + ([f"draw {args.draw}"] if args.draw is not None else []))
-    called = f"{Path(name).stem}{' (ideal)' if args.ideal else ''}{f' with {changes}' if changes else ''}"
+    stem = f"{Path(name).stem}{' (ideal)' if args.ideal else ''}"
+    called = f"{stem} with {changes}" if changes else stem
     window, table = recordings.window_of(args), None
-    title = called
+    title = f"{stem}, changed" if changes else stem
     if kind.of_recording:
         table = open_table(Path(args.recording), args.rig)
         title = Path(args.recording).name

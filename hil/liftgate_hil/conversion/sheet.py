@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.drawing import pdf, png, style, svg
+from liftgate_hil.report.numbers import clean
 from liftgate_hil.report.page import figure as figure_html
 from liftgate_hil.report.page import page
 
@@ -40,7 +41,7 @@ def finish(figure: Figure, caption: str = "") -> None:
     for axis in figure.findobj(Axes):
         axis.tick_params(labelsize=FONT)  # tick labels are created when drawn
     if caption:
-        lines = textwrap.fill(caption, round(_LINE * figure.get_figwidth() / WIDTH))
+        lines = textwrap.fill(clean(caption), round(_LINE * figure.get_figwidth() / WIDTH))
         figure.supxlabel(lines, x=0.01, ha="left", fontsize=SMALL)
 
 

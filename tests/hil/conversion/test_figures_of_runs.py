@@ -195,7 +195,7 @@ def test_the_contact_is_drawn_with_its_limit_peak_impulse_and_time_over_it(tmp_p
     assert curve(current, "right")[1].tolist() == RUN["right_current_a"][slice(*near)].tolist()
     assert force.get_xlim() == angle.get_xlim() == current.get_xlim()
     legend_hides_nothing(found.figure)
-    assert "gate.pinch_limit of suv, 60 N" in found.caption
+    assert "Limit: 60 N, gate.pinch_limit of suv;" in found.caption
 
 
 def test_a_force_below_its_limit_is_not_over_it(tmp_path: Path) -> None:

@@ -152,7 +152,7 @@ def test_the_map_marks_the_vehicle_s_own_slope_and_supply() -> None:
     (mark,) = [each for each in driven.lines if each.get_marker() == "o"]
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (pytest.approx(30.0), 24.0)
     assert area_at(driven, (31.0, 28.0)) == "starts opening and closing"  # the map reaches beyond it
-    assert "the file: 30 deg, 24 V" in [each.get_text() for each in driven.texts]
+    assert "the vehicle: 30 deg, 24 V" in [each.get_text() for each in driven.texts]
 
 
 def test_a_self_locking_drive_has_a_map() -> None:
@@ -263,6 +263,22 @@ def test_a_limit_is_set_as_any_other_value(tmp_path: Path) -> None:
     text = target.read_text(encoding="utf-8")
     assert "limit 77 N" in text
     assert "suv with gate.pinch_limit=77" in text
+
+
+def test_the_caption_tells_which_values_are_not_the_file_s(tmp_path: Path) -> None:
+    target = tmp_path / "a.svg"
+    for more, title, caption in (
+        (
+            ["--set", "environment.snow_mass=9", "--draw", "3"],
+            "suv, changed: ",
+            "environment.snow_mass=9, draw 3.",
+        ),
+        (["--ideal"], "suv (ideal): ", "Vehicle: suv (ideal)."),
+    ):
+        assert main(["plot", "--figure", "static", *more, "--output", str(target)]) == 0
+        text = target.read_text(encoding="utf-8")
+        assert title in text
+        assert caption in text
 
 
 def test_a_subject_without_its_part_is_an_error() -> None:

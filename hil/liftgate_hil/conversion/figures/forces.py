@@ -38,7 +38,7 @@ def draw(subject: Subject) -> Drawn:
     travel = math.degrees(gate.angle_of_extension(link, link.stroke))
     near = _near_closed(rest, travel)
     stalled, rated = statics.turning(rest, 1.0), statics.most_efficient(rest)
-    caption = _caption(rest, stalled, rated)
+    caption = f"Vehicle: {subject.vehicle_name}. {_caption(rest, stalled, rated)}"
     with style():
         settings()
         figure = new_figure(8.6, WIDTH)

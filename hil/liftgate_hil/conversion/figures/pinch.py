@@ -40,7 +40,7 @@ def draw(subject: Subject) -> Drawn:
     contact = contact_of(columns, event, limit)
     picture = RunPicture(subject.title, columns, event).between(*window_of(event))
     caption = (
-        f"The contact with the largest force. Limit: gate.pinch_limit of {subject.vehicle_name}, {limit:g} N; no "
+        f"The contact with the largest force. Limit: {limit:g} N, gate.pinch_limit of {subject.vehicle_name}; no "
         "regulation gives one for power lift gates (UN R21 has 100 N for windows). Impulse and time over the "
         f"limit are those of this contact, from its rows. {remark}"
     ).strip()

@@ -39,7 +39,7 @@ def draw(subject: Subject) -> Drawn:
     """Draw the gate left alone over angle and slope, and driven over supply and slope. Raises ConfigError."""
     rest = statics.rest_of(subject.car())
     found = map_of(rest)
-    caption = _caption(rest)
+    caption = f"Vehicle: {subject.vehicle_name}. {_caption(rest)}"
     with style():
         settings()
         figure = new_figure(8.8, WIDTH)
@@ -60,7 +60,7 @@ def draw(subject: Subject) -> Drawn:
         slope, supply = math.degrees(rest.load.road_slope), rest.load.supply_voltage
         driven.plot([slope], [supply], "o", color=INK, markersize=8, fillstyle="none", mew=1.8, zorder=6)
         driven.annotate(
-            f"the file: {slope:g} deg, {supply:g} V", (slope, supply), (10, 6),
+            f"the vehicle: {slope:g} deg, {supply:g} V", (slope, supply), (10, 6),
             textcoords="offset points", fontsize=FONT, bbox=_PAPER, zorder=6,
         )  # fmt: skip
         finish(figure, caption)
