@@ -71,6 +71,11 @@ HERE = (
     "liftgate-hil replay their.asc",
     "liftgate-hil plot run.mf4",
     "liftgate-hil plot before.csv",
+    "liftgate-hil plot run.csv --figure thesis",
+    "liftgate-hil plot run.csv --figure phase",
+    "liftgate-hil plot run.csv --figure pinch",
+    "liftgate-hil plot --figure forces",
+    "liftgate-hil plot --figure static",
     "liftgate-hil compare before.csv",
     "liftgate-hil test scenarios",
     "liftgate-hil judge out/",
@@ -318,6 +323,21 @@ def test_recordings_are_drawn_and_compared(folder: Path) -> None:
     told = run(command("liftgate-hil compare before.csv"), folder, codes=(1,))
     assert re.search(r"^left_voltage_v +0\.5 ", told, re.MULTILINE)
     assert (folder / "both.png").is_file()
+
+
+def test_figures_of_a_run_and_of_a_vehicle_are_drawn(folder: Path) -> None:
+    (folder / "out").mkdir(exist_ok=True)
+    run("liftgate-hil demo --clock free --output out", folder)
+    shutil.copy(folder / "out" / "demo.csv", folder / "run.csv")
+    for start_of, written in (
+        ("liftgate-hil plot run.csv --figure thesis", "thesis.pdf"),
+        ("liftgate-hil plot run.csv --figure phase", "run.csv.phase.png"),
+        ("liftgate-hil plot run.csv --figure pinch", "run.csv.pinch.png"),
+        ("liftgate-hil plot --figure forces", "suv.forces.png"),
+        ("liftgate-hil plot --figure static", "static.svg"),
+    ):
+        assert run(command(start_of), folder) == f"written: {written}\n"
+        assert (folder / written).stat().st_size > 5000
 
 
 @pytest.mark.realtime

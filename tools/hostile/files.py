@@ -186,13 +186,15 @@ def recording_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
         ["convert", name, f"out{chance.choice(_SUFFIXES)}", *chance.choice(rig)],
         ["compare", *chance.sample([name, sound], 2), *chance.choice([[], ["--json"]])],
         ["replay", name, *_PLAYED, *chance.choice(_PLAY_FLAGS)],
-        ["plot", name, "--output", chance.choice(["p.png", "p.svg", "p.html"]), *chance.choice(rig)],
+        ["plot", name, *chance.choice(_FIGURES), "--output", chance.choice(_PICTURES), *chance.choice(rig)],
         ["judge", name, "--scenario", str(bases.judged), "--rig", "liftgate"],
     ]
     arguments = chance.choices(calls, [4, 3, 4, 1, 1])[0]
     return Case(f"recording-{number}", arguments, f"{source.name}: {kind}")
 
 
+_PICTURES = ["p.png", "p.svg", "p.pdf", "p.html"]
+_FIGURES = [[], *(["--figure", each] for each in ("thesis", "phase", "pinch"))]
 _SUFFIXES = [".csv", ".parquet", ".log", ".asc", ".blf", ".trc", ".mf4", ".mcap"]
 # The end is limited so that no call waits for a mangled time stamp that is hours away.
 _PLAYED = ["--bus", "virtual:x", "--from", "0", "--to", "2", "--speed", "50"]

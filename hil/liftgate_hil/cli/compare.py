@@ -132,6 +132,7 @@ def _draw(
     most.
     """
     from liftgate_hil.conversion import picture
+    from liftgate_hil.conversion.sheet import write_picture
     from liftgate_hil.conversion.table import columns_in
 
     names = list(dict.fromkeys(columns))
@@ -148,7 +149,7 @@ def _draw(
         titles = (str(tables[0].path), str(tables[1].path))
     units = {name: tables[0].signals[name].unit for name in names}
     figure = picture.two_pictures(titles, both, names, units)
-    picture.write_picture(target, figure, " and ".join(titles), ", ".join(names))
+    write_picture(target, figure, " and ".join(titles), ", ".join(names))
 
 
 def _lines(found: Comparison, names: tuple[str, str]) -> list[str]:

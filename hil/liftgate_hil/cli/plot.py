@@ -1,54 +1,125 @@
-"""A picture of a recording: columns over time, both drives' in one panel. Bus logs are drawn with --rig.
+"""A picture of a recording or of a vehicle: one of the figures below. Bus logs are drawn with --rig.
 
 liftgate-hil plot run.csv
 liftgate-hil plot run.mf4 --columns left_current_a,sensed_left_current_a --from 12.3 --to 12.6 --output run.svg
 liftgate-hil plot run.blf --rig liftgate --columns Gate.Angle,LeftDrive.MotorCurrent
+liftgate-hil plot run.csv --figure phase --output phase.pdf
+liftgate-hil plot --figure forces --vehicle suv --set environment.road_slope_deg=8
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.cli import recordings
-from liftgate_hil.errors import printable
+from liftgate_hil.cli import options, recordings
+from liftgate_hil.conversion.figures.catalogue import FIGURES
+from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
-    from liftgate_hil.conversion.table import Window
+    from liftgate_hil.conversion.figures.subject import Subject
+
+# Flags of one kind of subject: by their name among the arguments, as they are called.
+_OF_RECORDING = {"recording": "FILE", "from_s": "--from", "to_s": "--to", "rig": "--rig"}
+_OF_VEHICLE = {"vehicle": "--vehicle", "settings": "--set", "draw": "--draw", "ideal": "--ideal"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    parser.add_argument("recording", metavar="FILE", help="a recording, or a bus log of another tool")
+    parser.add_argument("recording", nargs="?", metavar="FILE", help="a recording, or a bus log of another tool")
+    meanings = "; ".join(f"{name}: {kind.meaning}" for name, kind in FIGURES.items())
+    parser.add_argument(
+        "--figure", choices=tuple(FIGURES), default="columns", help=f"{meanings}; default: columns"
+    )
     recordings.add_columns(parser, "angle, currents, pinch force and voltage, or the first few")
-    recordings.add_picture(parser, "FILE.png")
+    options.add_vehicle(parser, None, f"with --figure {', '.join(_figures('of_vehicle'))}; default: suv")
+    recordings.add_picture(parser, "FILE.png, FILE.FIGURE.png, VEHICLE.FIGURE.png")
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.conversion.figures.catalogue import drawn
+    from liftgate_hil.conversion.sheet import write_picture
 
-    window = recordings.window_of(args)
-    target = recordings.check_picture(args.output or f"{args.recording}.png", [args.recording])
+    _check(args)
+    sources = [] if args.recording is None else [args.recording]
+    target = recordings.check_picture(args.output or _target(args), sources)
     with Teller(args.quiet).progress("plot"):
-        _draw(args, window, target)
+        subject = _subject(args)
+        figure, caption = drawn(args.figure, subject)
+        write_picture(target, figure, subject.title, caption)
     if not args.quiet:
         print(printable(f"written: {target}"))
     return 0
 
 
-def _draw(args: argparse.Namespace, window: Window, target: Path) -> None:
-    """Draw the recording into the file `target`. Raises ConfigError."""
-    from liftgate_hil.conversion import picture
-    from liftgate_hil.conversion.table import chosen, columns_in, open_table
+def _figures(of: str) -> list[str]:
+    return [name for name, kind in FIGURES.items() if getattr(kind, of)]
 
-    table = open_table(Path(args.recording), args.rig)
-    names = chosen(table, recordings.columns_of(args)) or picture.usual_columns(table)
-    panels = picture.panels_of(names, table)
-    columns = columns_in(table, names, window)
-    title = Path(args.recording).name
-    units = {name: table.signals[name].unit for name in names}
-    figure = picture.run_picture(title, columns, panels, units)
-    picture.write_picture(target, figure, title, ", ".join(names))
+
+def _check(args: argparse.Namespace) -> None:
+    """Raise ConfigError where the figure lacks its recording, or has arguments of other figures."""
+    kind, issues = FIGURES[args.figure], list[str]()
+
+    def refuse(flags: Mapping[str, str], figures: list[str]) -> None:
+        given = [shown for name, shown in flags.items() if getattr(args, name) not in (None, [], False)]
+        if given:
+            issues.append(f"{', '.join(given)}: allowed with --figure {', '.join(figures)}")
+
+    if kind.of_recording and args.recording is None:
+        issues.append(f"FILE: missing; allowed: a recording, for --figure {args.figure}")
+    if not kind.of_recording:
+        refuse(_OF_RECORDING, _figures("of_recording"))
+    if not kind.of_vehicle:
+        refuse(_OF_VEHICLE, _figures("of_vehicle"))
+    if args.figure != "columns":
+        refuse({"columns": "--columns"}, ["columns"])
+    if issues:
+        raise ConfigError(issues)
+
+
+def _target(args: argparse.Namespace) -> str:
+    """Return the file of the picture where none is named."""
+    if args.figure == "columns":
+        return f"{args.recording}.png"
+    of = args.recording or Path(_vehicle_name(args)).stem
+    return f"{of}.{args.figure}.png"
+
+
+def _vehicle_name(args: argparse.Namespace) -> str:
+    return args.vehicle or "suv"
+
+
+def _subject(args: argparse.Namespace) -> Subject:
+    """Return what the figure is of. Raises ConfigError."""
+    from liftgate_hil.conversion.figures.subject import Subject
+    from liftgate_hil.conversion.table import open_table
+
+    kind, name = FIGURES[args.figure], _vehicle_name(args)
+    vehicle = None
+    if kind.of_vehicle:
+        args.vehicle = name
+        vehicle = options.vehicle_of(args)
+    changes = ", ".join(args.settings + ([f"draw {args.draw}"] if args.draw is not None else []))
+    stem = f"{Path(name).stem}{' (ideal)' if args.ideal else ''}"
+    called = f"{stem} with {changes}" if changes else stem
+    window, table = recordings.window_of(args), None
+    title = f"{stem}, changed" if changes else stem
+    if kind.of_recording:
+        table = open_table(Path(args.recording), args.rig)
+        title = Path(args.recording).name
+    if args.figure != "columns":
+        title = f"{title}: {kind.meaning}"
+    return Subject(
+        title=title,
+        table=table,
+        rig=args.rig,
+        columns=recordings.columns_of(args),
+        window=window,
+        vehicle=vehicle,
+        vehicle_name=called,
+    )

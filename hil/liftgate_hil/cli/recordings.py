@@ -37,7 +37,9 @@ def add_columns(parser: argparse.ArgumentParser, default: str) -> None:
 
 def add_picture(parser: argparse.ArgumentParser, default: str) -> None:
     """Add the flag for the file of the picture."""
-    parser.add_argument("--output", metavar="FILE", help=f"the picture, .png, .svg or .html; default: {default}")
+    parser.add_argument(
+        "--output", metavar="FILE", help=f"the picture, .png, .svg, .pdf or .html; default: {default}"
+    )
 
 
 def columns_of(args: argparse.Namespace) -> list[str]:
@@ -61,7 +63,7 @@ def window_of(args: argparse.Namespace) -> Window:
 
 def check_picture(name: str, sources: Sequence[str]) -> Path:
     """Return the path of a picture. Raises ConfigError where no picture can be written there."""
-    from liftgate_hil.conversion.picture import SUFFIXES
+    from liftgate_hil.conversion.sheet import SUFFIXES
     from liftgate_hil.errors import ConfigError
     from liftgate_hil.report.files import check_targets
 

@@ -4,31 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from liftgate_hil.conversion.compare import differences_of
+from liftgate_hil.conversion.sheet import FONT, HEIGHT, WIDTH, finish, legend_above, settings
 from liftgate_hil.conversion.table import Floats
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording
-from liftgate_hil.report.drawing import (
-    FINAL,
-    GRID,
-    INITIAL,
-    INK,
-    MARK,
-    MEASURED,
-    line,
-    new_figure,
-    png,
-    style,
-    svg,
-)
+from liftgate_hil.report.drawing import FINAL, GRID, INK, MARK, MEASURED, ORANGE, line, new_figure, style
 from liftgate_hil.report.numbers import axis_label, clean, significant
-from liftgate_hil.report.page import figure as figure_html
-from liftgate_hil.report.page import page
 from liftgate_hil.signals import COLUMNS
 
 if TYPE_CHECKING:
@@ -36,16 +22,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Columns = Mapping[str, Floats]
-SUFFIXES = (".png", ".svg", ".html")
 MOST = 8  # most panels of a plot
 _USUAL = ("gate_angle_deg", "left_current_a", "right_current_a", "pinch_force_n", "terminal_voltage_v")
-_WIDTH, _HEIGHT = 11.0, 2.1  # inch, of a panel
-_FONT = 10.0
-_DPI = 110
-# A wide line under a narrow, dashed one shows that there are two.
+# A wide line under a narrow, dashed one shows that there are two, also in grey.
 _LOOKS: Sequence[tuple[str, Any, float]] = (
-    (FINAL, "-", 2.2),
-    (INITIAL, (0, (3, 2)), 1.3),
+    (FINAL, "-", 2.6),
+    (ORANGE, (0, (3, 2)), 1.3),
     (MARK, "-", 0.9),
     (MEASURED, (0, (1, 1)), 1.3),
     (INK, (0, (5, 1, 1, 1)), 0.9),
@@ -89,18 +71,18 @@ def one_of_each(names: Sequence[str]) -> list[str]:
 def run_picture(title: str, columns: Columns, panels: Sequence[Sequence[str]], units: Mapping[str, str]) -> Figure:
     """Plot columns of one recording over time, one panel below the other."""
     with style():
-        _settings()
-        figure = new_figure(_HEIGHT * len(panels) + 0.6, _WIDTH)
-        figure.suptitle(clean(title, 90), fontsize=_FONT + 2.0)
+        settings()
+        figure = new_figure(HEIGHT * len(panels) + 0.6, WIDTH)
+        figure.suptitle(clean(title, 90), fontsize=FONT + 2.0)
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axis, names in zip(axes, panels, strict=True):
             for name, looks in zip(names, _repeated(len(names)), strict=True):
                 _draw(axis, columns["time_s"], columns[name], looks, _short(name))
             axis.set_ylabel(_label(names[0] if len(names) == 1 else _common(names), units[names[0]]))
             if len(names) > 1:
-                axis.legend(loc="upper right", ncols=len(names))
+                legend_above(axis)
         axes[-1].set_xlabel("time [s]")
-        _finish(figure)
+        finish(figure)
     return figure
 
 
@@ -114,8 +96,8 @@ def two_pictures(
     )
     times = first["time_s"][here]
     with style():
-        _settings()
-        figure = new_figure(_HEIGHT * len(names) + 0.8, _WIDTH + 2.0)
+        settings()
+        figure = new_figure(HEIGHT * len(names) + 0.8, WIDTH + 2.0)
         grid = figure.subplots(len(names), 2, sharex=True, squeeze=False, width_ratios=(1.5, 1.0))
         for (over, beside), name in zip(grid, names, strict=True):
             for columns, looks, title in zip(both, _LOOKS, titles, strict=False):
@@ -127,40 +109,8 @@ def two_pictures(
         grid[0, 1].set_title(f"{clean(titles[1], 40)} minus {clean(titles[0], 40)}", loc="left")
         for axis in grid[-1]:
             axis.set_xlabel("time [s]")
-        _finish(figure)
+        finish(figure)
     return figure
-
-
-def write_picture(path: Path, figure: Figure, title: str, caption: str) -> None:
-    """Write the plot in the format of its suffix, one of SUFFIXES. Raises ConfigError if it cannot be written."""
-    try:
-        if path.suffix.lower() == ".png":
-            path.write_bytes(png(figure, _DPI))
-        elif path.suffix.lower() == ".svg":
-            with style():
-                nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-                figure.savefig(path, format="svg", metadata=nothing, facecolor="white")
-        else:
-            body = figure_html(svg(figure, "picture", title), caption)
-            path.write_text(page(title, "", [body]), encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise ConfigError(f"`output` {path}: cannot be written: {error.strerror}") from error
-
-
-def _settings() -> None:
-    import matplotlib
-
-    matplotlib.rcParams.update(
-        {"font.size": _FONT, "axes.labelsize": _FONT, "axes.titlesize": _FONT, "legend.fontsize": _FONT}
-    )
-
-
-def _finish(figure: Figure) -> None:
-    from matplotlib.axes import Axes
-
-    figure.align_ylabels()
-    for axis in figure.findobj(Axes):
-        axis.tick_params(labelsize=_FONT)  # tick labels are created when drawn
 
 
 def _repeated(count: int) -> list[tuple[str, Any, float]]:

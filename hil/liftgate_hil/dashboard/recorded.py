@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from liftgate_hil.conversion.ours import ours_in
 from liftgate_hil.conversion.table import open_table
 from liftgate_hil.dashboard.source import JsonObject, check_columns, in_stretches, nothing_known, split
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording
 from liftgate_hil.running.attachment.geometry import geometry_of
-from liftgate_hil.running.setup import rig_from, vehicle_from
-from liftgate_hil.signals import OUTPUT_COLUMNS, Bench
+from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.signals import Bench
 
 _MOST_VALUES = 30_000_000  # that are kept, 240 MB
 _TOUCH_N = 1.0  # N of pinch force above which there is a contact
@@ -36,7 +37,7 @@ class RecordingSource:
         self._path = path
         self._names = ["time_s", *(each for each in table.signals if each != "time_s")]
         self._units = {name: table.signals[name].unit for name in self._names}
-        self._ours = {} if rig is None else _ours_in(rig, self._names)
+        self._ours = {} if rig is None else ours_in(rig, self._names)
         self._every = max(1, -(-_count(table) * len(self._names) // _MOST_VALUES))
         self._last, self._low, self._high = self._thinned(table)
         if not len(self._last):
@@ -127,16 +128,6 @@ class RecordingSource:
             "low": dict(zip(columns, low.T.tolist(), strict=True)),
             "high": dict(zip(columns, high.T.tolist(), strict=True)),
         }
-
-
-def _ours_in(rig: str, names: list[str]) -> dict[str, str]:
-    """Return which signals on the bus stand for which of our columns, by a rig's file; none for a database."""
-    try:
-        outputs = rig_from(rig).outputs
-    except ConfigError:
-        return {}
-    wired = {f"{each.message}.{each.signal}": OUTPUT_COLUMNS.get(each.quantity) for each in outputs}
-    return {ours: name for name in names if (ours := wired.get(name))}
 
 
 def _geometry_in(about: str) -> JsonObject:

@@ -29,13 +29,19 @@ Floats = NDArray[np.float64]
 INK, GRID, MEASURED, FINAL, INITIAL, MARK = (
     "#1c2126", "#d9dde2", "#8c939c", "#0072b2", "#d55e00", "#009e73",
 )  # fmt: skip
+# Three more of theirs, for figures with many curves; a page does not restyle them.
+SKY, ORANGE, PURPLE = "#56b4e9", "#e69f00", "#cc79a7"
 VARIABLES = {INK: "ink", GRID: "grid", MEASURED: "measured", FINAL: "final", INITIAL: "initial", MARK: "mark"}
+# Looks of both drives: colour, dashes, width. Those of a symmetric gate have the same curve: a wide line under a
+# narrow, dashed one, lighter in grey, shows both.
+DRIVES: dict[str, tuple[str, Any, float]] = {"left": (FINAL, "-", 2.6), "right": (ORANGE, (0, (3, 2)), 1.3)}
 WIDTH = 7.6  # inch, width of the page's text
 _LEAST_SPAN = 1e-3  # of an axis, as a share of its values
 LIMIT = 1500  # points of a drawn line: two for each pixel of its width
 
 _SETTINGS: dict[Any, Any] = {
     "svg.fonttype": "none",
+    "pdf.fonttype": 42,  # fonts that can be searched and edited
     "svg.hashsalt": "liftgate-hil",
     "text.parse_math": False,
     "axes.unicode_minus": True,
@@ -174,4 +180,13 @@ def png(figure: Figure, dpi: int = 130) -> bytes:
     stream = io.BytesIO()
     with style():
         figure.savefig(stream, format="png", dpi=dpi, facecolor="white")
+    return stream.getvalue()
+
+
+def pdf(figure: Figure) -> bytes:
+    """Return a figure as PDF, for a file: the same bytes each time."""
+    stream = io.BytesIO()
+    with style():
+        nothing = dict.fromkeys(("Creator", "Producer", "CreationDate"))
+        figure.savefig(stream, format="pdf", metadata=nothing, facecolor="white")
     return stream.getvalue()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.report.drawing import FINAL, GRID, INITIAL, INK, MARK, line, new_figure, png, style
+from liftgate_hil.report.drawing import DRIVES, FINAL, GRID, INITIAL, INK, MARK, line, new_figure, png, style
 from liftgate_hil.report.pinch import LIMITS, Limit, PinchEvent
 
 if TYPE_CHECKING:
@@ -25,9 +25,7 @@ _SIZE = (13.0, 9.5)  # inch
 _DPI = 100
 _WINDOW = 0.05  # s, interval over which Hall counts are differenced
 _ZOOM = (0.12, 0.40)  # s before the first touch, and after the largest force
-# Both drives of a symmetric gate have the same curve: a wide line under a narrow, dashed one shows both.
-_DRIVES = {"left": (FINAL, "-", 2.6), "right": (INITIAL, (0, (3, 2)), 1.3)}
-_FORCE = "#a8246e"
+FORCE = "#a8246e"
 
 
 class DrawnObstacle(NamedTuple):
@@ -72,7 +70,7 @@ def plot_run(path: Path, picture: RunPicture) -> None:
 def run_figure(picture: RunPicture) -> Figure:
     """Draw angle, motor currents, Hall speed and pinch force over time, and beside them any pinch event."""
     columns = dict(picture.columns)
-    for side in _DRIVES:
+    for side in DRIVES:
         counts = columns.pop(f"{side}_hall_count", None)
         if counts is not None:
             columns[f"{side}_hall_speed"] = hall_speed(columns["time_s"], counts)
@@ -103,11 +101,11 @@ def run_figure(picture: RunPicture) -> Figure:
 def _draw_whole(axes: Iterable[Axes], picture: RunPicture) -> None:
     angle, current, speed, force = axes
     angle.set_title("the whole run", loc="left")
-    _draw_angle(angle, picture)
+    draw_angle(angle, picture)
     angle.legend(loc="upper right")
-    _draw_drives(current, picture, "_current_a", "motor current [A]")
-    _draw_drives(speed, picture, "_hall_speed", "Hall speed [counts/s]")
-    _draw_force(force, picture)
+    draw_drives(current, picture, "_current_a", "motor current [A]")
+    draw_drives(speed, picture, "_hall_speed", "Hall speed [counts/s]")
+    draw_force(force, picture)
     event = picture.event
     for axis in (angle, current, speed, force):
         for time, _ in picture.marks:
@@ -122,11 +120,11 @@ def _draw_whole(axes: Iterable[Axes], picture: RunPicture) -> None:
 def _draw_event(axes: Iterable[Axes], whole: RunPicture) -> None:
     event = whole.event
     assert event is not None
-    low, high = event.start_s - _ZOOM[0], max(event.time_s + _ZOOM[1], event.end_s + 0.05)
+    low, high = window_of(event)
     picture = whole.between(low, high)
     force, angle, current = axes
     force.set_title(f"{high - low:.2f} s around the pinch; limits borrowed", loc="left")
-    _draw_force(force, picture)
+    draw_force(force, picture)
     top = max(event.force_n, *(limit.force for limit in LIMITS))
     force.set_ylim(0.0, 1.12 * top)
     for limit in LIMITS:
@@ -144,17 +142,22 @@ def _draw_event(axes: Iterable[Axes], whole: RunPicture) -> None:
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.0, "alpha": 0.8},
         )
     _draw_margin(force, event, (low, high))
-    _draw_angle(angle, picture)
-    _draw_drives(current, picture, "_current_a", "motor current [A]")
+    draw_angle(angle, picture)
+    draw_drives(current, picture, "_current_a", "motor current [A]")
     for name, time in (("first touch", event.start_s), ("turned", event.turn_s)):
         if np.isfinite(time):
             for axis in (force, angle, current):
                 axis.axvline(time, color=INK, linewidth=0.9, linestyle=":")
             place = force.get_xaxis_transform()
             force.text(time, 0.99, name, transform=place, rotation=90, ha="right", va="top", fontsize=_SMALL)
-    _draw_reversal(angle, event)
+    draw_reversal(angle, event)
     current.set_xlim(low, high)
     current.set_xlabel("time [s]")
+
+
+def window_of(event: PinchEvent) -> tuple[float, float]:
+    """Return the times [s] between which a contact is drawn."""
+    return event.start_s - _ZOOM[0], max(event.time_s + _ZOOM[1], event.end_s + 0.05)
 
 
 def _limit_text(limit: Limit) -> str:
@@ -178,7 +181,7 @@ def _draw_margin(axis: Axes, event: PinchEvent, span: tuple[float, float]) -> No
         (event.time_s, event.force_n),
         arrowprops={"arrowstyle": "<->", "color": INK, "shrinkA": 4, "shrinkB": 1},
     )
-    axis.plot([event.time_s], [event.force_n], "o", color=_FORCE, markersize=7, zorder=5)
+    axis.plot([event.time_s], [event.force_n], "o", color=FORCE, markersize=7, zorder=5)
     place = (event.time_s + 0.03 * (span[1] - span[0]), 0.5 * (event.force_n + limit.force))
     axis.text(*place, text, va="center", fontsize=_FONT)
 
@@ -188,7 +191,7 @@ def _margin_text(force: float, limit: float) -> str:
     return f"{abs(margin):.1f} N {'below' if margin >= 0.0 else 'above'} {limit:.0f} N"
 
 
-def _draw_reversal(axis: Axes, event: PinchEvent) -> None:
+def draw_reversal(axis: Axes, event: PinchEvent) -> None:
     """Draw when and where the gate turned."""
     if not np.isfinite(event.turn_s):
         text, place = "did not reverse", (event.start_s, event.start_deg)
@@ -204,7 +207,8 @@ def _draw_reversal(axis: Axes, event: PinchEvent) -> None:
     axis.text(0.99, 0.98, text, transform=axis.transAxes, ha="right", va="top", fontsize=_SMALL)
 
 
-def _draw_angle(axis: Axes, picture: RunPicture) -> None:
+def draw_angle(axis: Axes, picture: RunPicture) -> None:
+    """Draw the gate's angle, and the obstacles."""
     times = picture.columns["time_s"]
     line(axis, times, picture.columns["gate_angle_deg"], FINAL, label="gate")
     for each in picture.obstacles:
@@ -215,10 +219,10 @@ def _draw_angle(axis: Axes, picture: RunPicture) -> None:
     axis.set_ylabel("gate angle [deg]")
 
 
-def _draw_drives(axis: Axes, picture: RunPicture, ending: str, label: str) -> None:
+def draw_drives(axis: Axes, picture: RunPicture, ending: str, label: str) -> None:
     """Draw the drives that there are, each with its own colour and line style."""
     axis.set_ylabel(label)
-    for side, (colour, dashes, width) in _DRIVES.items():
+    for side, (colour, dashes, width) in DRIVES.items():
         if side + ending in picture.columns:
             values = picture.columns[side + ending]
             looks = {"linestyle": dashes, "linewidth": width, "label": side}
@@ -227,9 +231,10 @@ def _draw_drives(axis: Axes, picture: RunPicture, ending: str, label: str) -> No
     axis.legend(loc="upper right", ncols=2)
 
 
-def _draw_force(axis: Axes, picture: RunPicture) -> None:
+def draw_force(axis: Axes, picture: RunPicture) -> None:
+    """Draw the pinch force."""
     force = picture.columns["pinch_force_n"]
-    line(axis, picture.columns["time_s"], force, _FORCE)
+    line(axis, picture.columns["time_s"], force, FORCE)
     axis.set_ylabel("pinch force [N]")
 
 

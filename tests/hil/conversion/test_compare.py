@@ -192,7 +192,7 @@ def test_bus_logs_are_compared_by_their_frames_or_what_they_say(
         (["--tolerance", "-1"], "--tolerance"),
         (["--columns", "gate_angl_deg"], "allowed: gate_angle_deg"),
         (["--from", "2", "--to", "1"], "--from 2: after --to 1; allowed: before it"),
-        (["--output", "x.pdf"], "--output x.pdf: allowed: a file of .png, .svg, .html"),
+        (["--output", "x.gif"], "--output x.gif: allowed: a file of .png, .svg, .pdf, .html"),
         (["--rig", "liftgate"], "allowed with a recording that holds frames"),
     ],
 )

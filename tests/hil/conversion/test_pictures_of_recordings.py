@@ -140,7 +140,7 @@ def test_a_column_without_a_number_is_a_gap(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (["--output", "x"], "--output x: allowed: a file of .png, .svg, .html"),
+        (["--output", "x"], "--output x: allowed: a file of .png, .svg, .pdf, .html"),
         (["--output", "no/x.png"], "no folder no"),
         (["--columns", "nosuch"], "--columns nosuch: not in"),
         (["--from", "5"], "no rows in the time window"),

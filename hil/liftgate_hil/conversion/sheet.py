@@ -1,0 +1,80 @@
+"""The sheet on which pictures of recordings and vehicles are drawn: sizes, fonts, legends, captions, files."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.report.drawing import pdf, png, style, svg
+from liftgate_hil.report.numbers import clean
+from liftgate_hil.report.page import figure as figure_html
+from liftgate_hil.report.page import page
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
+
+SUFFIXES = (".png", ".svg", ".pdf", ".html")
+WIDTH, HEIGHT = 11.0, 2.1  # inch, of a panel
+FONT, SMALL = 10.0, 9.0
+_DPI = 110
+_LINE = 165  # characters of a caption's line at WIDTH
+
+
+def settings() -> None:
+    """Set the fonts of a sheet; call it inside `drawing.style`, before a figure is made."""
+    import matplotlib
+
+    matplotlib.rcParams.update(
+        {"font.size": FONT, "axes.labelsize": FONT, "axes.titlesize": FONT, "legend.fontsize": FONT}
+    )
+
+
+def finish(figure: Figure, caption: str = "") -> None:
+    """Align the labels of a drawn figure, and write a caption below it."""
+    from matplotlib.axes import Axes
+
+    figure.align_ylabels()
+    for axis in figure.findobj(Axes):
+        axis.tick_params(labelsize=FONT)  # tick labels are created when drawn
+    if caption:
+        lines = textwrap.fill(clean(caption), round(_LINE * figure.get_figwidth() / WIDTH))
+        figure.supxlabel(lines, x=0.01, ha="left", fontsize=SMALL)
+
+
+def legend_above(axis: Axes, handles: list[Any] | None = None, columns: int = 5) -> Legend:
+    """Put the legend above the axes, where it hides no curve, and return it.
+
+    `handles`: with those of another axis; `columns`: entries of a line.
+    """
+    shown = axis.get_legend_handles_labels()[0] if handles is None else handles
+    return axis.legend(
+        handles=shown,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=min(columns, max(len(shown), 1)),
+        borderaxespad=0.2,
+        handlelength=2.8,
+    )
+
+
+def write_picture(path: Path, figure: Figure, title: str, caption: str) -> None:
+    """Write the plot in the format of its suffix, one of SUFFIXES. Raises ConfigError if it cannot be written."""
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".png":
+            path.write_bytes(png(figure, _DPI))
+        elif suffix == ".pdf":
+            path.write_bytes(pdf(figure))
+        elif suffix == ".svg":
+            with style():
+                nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+                figure.savefig(path, format="svg", metadata=nothing, facecolor="white")
+        else:
+            body = figure_html(svg(figure, "picture", title), caption)
+            path.write_text(page(title, "", [body]), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise ConfigError(f"`output` {path}: cannot be written: {error.strerror}") from error
