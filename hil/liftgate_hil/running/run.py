@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from liftgate_hil.config.after_the_end import stimuli_after
 from liftgate_hil.config.arguments import numbers_of, text_or_none, texts_of
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import notes_on_fit
@@ -111,7 +112,8 @@ def execute(plan: Plan, stopped: Callable[[], bool] = lambda: False) -> Result:
         result = _isolated(plan, stopped)
     else:
         result = run_plan(plan, (), stopped)
-    return replace(result, sources=plan.sources)
+    late = [] if plan.duration is None else stimuli_after(plan.setup.scenario, plan.duration)
+    return replace(result, sources=plan.sources, notes=(*result.notes, *late))
 
 
 def _isolated(plan: Plan, stopped: Callable[[], bool]) -> Result:

@@ -106,13 +106,19 @@ def _case(verdict: Verdict, name: str, seconds: float) -> ElementTree.Element:
 
 
 def _add_properties(suite: ElementTree.Element, outcome: Outcome) -> None:
-    """Add the properties of the run: vehicle, seed, recordings, requirements, parameters."""
+    """Add the properties of the run: vehicle, seed, ECU, recordings, requirements, parameters."""
     setup = outcome.case.plan.setup
     properties = ElementTree.SubElement(suite, "properties")
     entries = [("vehicle", setup.vehicle_name), ("seed", str(setup.seed))]
     if outcome.case.recordings:
         entries = [("scenario", setup.scenario.source)]
         entries += [("recording", str(path)) for path in outcome.case.recordings]
+    else:
+        identity = outcome.case.plan.ecu_identity
+        entries += [("ecu", str(identity["kind"]))]
+        entries += [
+            (f"ecu.{name}", str(identity[name])) for name in ("path", "class", "sha256") if name in identity
+        ]
     entries += [("requirement", each) for each in setup.scenario.requirement]
     entries += [(f"parameter.{name}", f"{value:g}") for name, value in setup.scenario.parameters.items()]
     for name, value in entries:

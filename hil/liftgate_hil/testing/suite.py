@@ -28,7 +28,14 @@ from liftgate_hil.running.plan import Plan, Subject, plan_of
 from liftgate_hil.running.result import Result
 from liftgate_hil.running.run import execute
 
-_EXPECT = re.compile(rb"^[ \t]*\[\[[ \t]*expect[ \t]*\]\]", re.MULTILINE)
+_EXPECT = re.compile(rb"^[ \t]*\[\[?[ \t]*expect", re.MULTILINE)  # a header of [[expect]], or an attempt at one
+_OURS = {
+    "request",
+    "obstacle",
+    "profile",
+    "fault",
+    "precondition",
+}  # keys that scenarios have, and hardly another file
 _MOST_FILES = 100  # files in a chain of includes
 
 
@@ -78,8 +85,9 @@ class Outcome:
         if why := summary.refusals_text():
             came = summary.received.accepted + rejected(summary.received)
             found.append(f"{rejected(summary.received)} of {came} frames to the gate were refused: {why}")
-        elif not (self.reason or self.case.recordings) and (silence := summary.silence_reported()):
-            found.append(silence)
+        elif summary.ticks and not self.reason and not self.case.recordings:  # without a tick nobody was heard
+            silence = summary.silence_reported()
+            found += [silence] if silence else []
         found += self.result.notes
         if summary.injections or summary.injections_refused:
             found.append(summary.injections_reported())
@@ -135,6 +143,12 @@ def is_scenario(path: Path, above: tuple[Path, ...] = ()) -> bool:
         content = read_toml(path)
     except ConfigError:
         return False
+    if (
+        "expect" not in content
+        and any(each.lower().startswith("expect") for each in content)
+        and _OURS & {*content}
+    ):
+        return True  # misspelt: its error shall be reported
     is_known = len(content) > 1 and {*content} <= {key.name for key in keys_of(ScenarioTable)}
     expected = content.get("expect", [])
     if is_known and not expected:

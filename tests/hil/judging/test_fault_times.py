@@ -36,7 +36,6 @@ FAULTS = [
     ('kind = "frame_frozen"\nwhere = "LeftDrive"\ndirection = "sent"\nstart = 1.0\nend = 1.01\n',
      "the time-out of LeftDrive bridges 0.015 s"),
     (LOST + "period_s = 0.02\nshare = 0.5\nstart = 1.0\n", None),  # intermittent: as a whole
-    ('kind = "supply_open"\nstart = 5.0\n', None),  # behind the end: it never began
 ]  # fmt: skip
 
 
@@ -59,3 +58,9 @@ def test_the_note_is_among_those_of_the_outcome(tmp_path: Path) -> None:
     (case,) = suite.cases_of([path], Job(scenario=None, ecu="reference", options=RunOptions(clock="free")))
     assert FAULTS[0][1] is not None
     assert [each for each in suite.run_case(case).notes if FAULTS[0][1] in each]
+
+
+def test_a_fault_behind_the_end_is_not_among_those_that_were_too_short(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text(f'{HEAD}[[fault]]\nkind = "supply_open"\nstart = 5.0\n')
+    assert lh.run(path).notes == ("fault supply_open at 5 s is never made: the run ends at 2 s",)

@@ -1,0 +1,28 @@
+"""A scenario whose expectations are misspelt is an error, and no file that is left out in silence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from liftgate_hil.cli.main import main
+
+GOOD = 'duration = 1.0\n[[expect]]\nname = "x"\nalways = "time_s >= 0"\n'
+BAD = 'duration = 1.0\n[[request]]\ntime = 0.1\naction = "open"\n'
+EXPECT = '\nname = "x"\nalways = "time_s >= 0"\n'
+
+
+@pytest.mark.parametrize("header", ["[[expects]]", "[[Expect]]", "[[expectation]]", "[[expect]", "[expect]"])
+def test_it_is_reported_by_the_command(tmp_path: Path, header: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "good.toml").write_text(GOOD)
+    (tmp_path / "bad.toml").write_text(BAD + header + EXPECT)
+    assert main(["test", str(tmp_path)]) == 2
+    assert "bad.toml" in capsys.readouterr().err
+
+
+def test_other_tools_files_are_left_out(tmp_path: Path) -> None:
+    (tmp_path / "good.toml").write_text(GOOD)
+    (tmp_path / "pyproject.toml").write_text('[tool.x]\nexpect = "y"\n')
+    (tmp_path / "other.toml").write_text('expectations = 3\nduration = "long"\n')
+    assert main(["test", str(tmp_path)]) == 0
