@@ -143,14 +143,11 @@ def is_scenario(path: Path, above: tuple[Path, ...] = ()) -> bool:
         content = read_toml(path)
     except ConfigError:
         return False
-    if (
-        "expect" not in content
-        and any(each.lower().startswith("expect") for each in content)
-        and _OURS & {*content}
-    ):
-        return True  # misspelt: its error shall be reported
+    expected = content.get("expect")
+    misspelt = expected is None and any(each.lower().startswith("expect") for each in content)
+    if (misspelt or isinstance(expected, dict)) and _OURS & {*content}:
+        return True  # its error shall be reported
     is_known = len(content) > 1 and {*content} <= {key.name for key in keys_of(ScenarioTable)}
-    expected = content.get("expect", [])
     if is_known and not expected:
         included = content.get("include", [])
         names = [included] if isinstance(included, str) else included
