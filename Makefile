@@ -8,7 +8,7 @@ VENV   ?= .venv
 OUT    ?= out
 VCAN   ?= required
 # What `make test` runs beside its tests; there a vcan0 is optional unless VCAN says otherwise.
-BESIDE ?= test-vcan
+BESIDE ?= test-browser test-vcan
 # Not $(MAKE) in the recipe itself: `make -n test` would run all of it.
 SELF   := $(MAKE)
 BESIDE_VCAN := $(if $(filter file,$(origin VCAN)),optional,$(VCAN))
@@ -19,7 +19,7 @@ VCAN_TESTS ?= tests/vcan
 # The compiled model: kept on the host, as all else that a machine writes is lost.
 MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 
-.PHONY: campaign demo docs manual test last-bits test-package test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile scheduling campaign-study study coverage clean
+.PHONY: campaign demo docs manual test last-bits test-package test-browser test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile scheduling campaign-study study coverage clean
 
 setup: $(VENV)/.ready
 
@@ -49,7 +49,7 @@ test: lint
 	@mkdir -p $(OUT); failed=0; \
 	{ for each in $(BESIDE); do $(SELF) --no-print-directory $$each VCAN=$(BESIDE_VCAN) || exit 1; done; } \
 	    > $(OUT)/beside.log 2>&1 & beside=$$!; \
-	nice -n 10 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not realtime" || failed=1; \
+	nice -n 10 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not realtime" --ignore tests/browser || failed=1; \
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m realtime || failed=1; \
 	wait $$beside || failed=1; \
 	cat $(OUT)/beside.log; \
@@ -65,6 +65,10 @@ last-bits: setup
 
 test-package: setup
 	$(BIN)/python -m tools.check_package
+
+# Tests of the page in a browser, which wait most of the time; those in which the gate moves are among the last of `make test`.
+test-browser: setup
+	$(BIN)/python -m pytest -m "not realtime" tests/browser
 
 test-vcan: setup
 	@if $(BIN)/python -m tools.vcan --install; then \

@@ -46,7 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--attach", type=options.whole(1, 2**31), metavar="PID", help="process id of a run")
     source.add_argument("--recording", metavar="FILE", help="a recording, or a bus log with --rig")
-    source.add_argument("--scenarios", metavar="FOLDER", help="start scenarios of this folder from the page")
+    source.add_argument(
+        "--scenarios", metavar="FOLDER", help="start scenarios of this folder (pack: shipped) from the page"
+    )
     parser.add_argument(
         "--rig",
         metavar="NAME|FILE",
@@ -91,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         from liftgate_hil.dashboard.serving import serve
 
         os.nice(_NICE)  # the loop goes first
-        page = Page(source, args.read_only, starter)
+        page = Page(source, args.read_only, starter, is_of_a_run)
         serve(page, wire, host, token, lambda: None if is_of_a_run else put_line(address, sys.stdout))
     return 0
 
@@ -133,6 +135,7 @@ def _starter(args: argparse.Namespace) -> Starter | None:
     """Return what starts the scenarios of `--scenarios`; None: the page starts none. Raises ConfigError."""
     if args.scenarios is None:
         return None
+    from liftgate_hil.config.shipped import shipped_folder
     from liftgate_hil.dashboard.starting import Starter
 
     on_its_own = args.bus is None
@@ -140,7 +143,8 @@ def _starter(args: argparse.Namespace) -> Starter | None:
     flags += ["--ecu", args.ecu or "reference"]
     for name in ("rig", "vehicle"):
         flags += [] if getattr(args, name) is None else [f"--{name}", getattr(args, name)]
-    return Starter(Path(args.scenarios), flags)
+    folder = Path(args.scenarios)
+    return Starter(folder if folder.is_dir() else shipped_folder("scenarios", args.scenarios) or folder, flags)
 
 
 def _chosen() -> int:

@@ -66,8 +66,13 @@ class Page:
     """Web application for a run, a recording, or the runs that a `starter` starts; see `ActiveSource`."""
 
     def __init__(
-        self, source: Live | RecordingSource | NoSource, is_read_only: bool, starter: Starter | None = None
+        self,
+        source: Live | RecordingSource | NoSource,
+        is_read_only: bool,
+        starter: Starter | None = None,
+        ends_with_run: bool = False,
     ) -> None:
+        self._more = {"read_only": is_read_only, "starts": starter is not None, "ends_with_run": ends_with_run}
         self._active, self._is_read_only, self._starter = ActiveSource(source, starter), is_read_only, starter
         self._commands = ThreadPoolExecutor(1)  # of its own: a run that stands still keeps commands waiting
         self._failure: BaseException | None = None
@@ -116,12 +121,7 @@ class Page:
         )
 
     async def _about(self, request: Request) -> Response:
-        more = {
-            "read_only": self._is_read_only,
-            "number": self._active.number,
-            "starts": self._starter is not None,
-        }
-        return _json({**self._active.source.about(), **more})
+        return _json({**self._active.source.about(), **self._more, "number": self._active.number})
 
     async def _geometry(self, request: Request) -> Response:
         return _json(self._active.source.geometry())

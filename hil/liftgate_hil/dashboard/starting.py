@@ -23,6 +23,7 @@ _BEGIN_S = 600.0  # s until a run can be attached to: it may have to be compiled
 _LEAVE_S = 5.0  # s for the process of a run that has ended
 _STOP_S = 30.0  # s to end in order, after which it is killed
 _RETRY_S = 0.1
+_MOST = 1000  # scenario files
 _LINES = 50  # of what the process prints that are kept
 
 
@@ -39,9 +40,10 @@ class Starter:
             raise ConfigError(f"`scenarios` {folder}: no such folder; allowed: a folder with scenario files")
 
     def scenarios(self) -> list[str]:
-        """Return the names of the scenario files in the folder."""
-        names = (each.name for each in self._folder.glob("*.toml") if each.is_file())
-        return sorted(each for each in names if each.isprintable())
+        """Return the names of the scenario files in the folder and below."""
+        files = (each for each in self._folder.rglob("*.toml") if each.is_file())
+        names = (each.relative_to(self._folder).as_posix() for each in files)
+        return sorted(each for each in names if each.isprintable())[:_MOST]
 
     @property
     def running(self) -> str | None:

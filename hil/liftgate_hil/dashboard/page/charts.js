@@ -27,6 +27,7 @@ class Charts {
     this.range = [0, 1];
     this.make();
     new ResizeObserver(() => this.resize()).observe(box);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { this.make(); this.draw(); });
   }
 
   panels() {

@@ -18,7 +18,7 @@ class Control {
     this.clear = element("button", { type: "button", className: "clear", title: `clear ${spec.label}`, onclick: () => command(null) }, "×");
     this.clear.setAttribute("aria-label", `clear ${spec.label}`);
     if (spec.labels.length) {
-      this.button = element("button", { type: "button", id: `switch-${name}`, onclick: () => command(this.isOn ? 0 : 1) }, spec.labels[0]);
+      this.button = element("button", { type: "button", id: `switch-${name}`, onclick: () => command(this.isOn ? 0 : 1) }, `is ${spec.labels[0]}`);
       this.button.setAttribute("aria-labelledby", `label-${name} switch-${name}`);
       this.element = element("div", { className: "control switch" }, label, this.button, this.clear);
     } else {
@@ -42,7 +42,7 @@ class Control {
     this.element.classList.toggle("on", isHeld);
     this.clear.style.visibility = isHeld ? "visible" : "hidden";
     if (typeof value !== "number") return;
-    if (this.button) { this.isOn = value !== 0; this.button.textContent = this.spec.labels[this.isOn ? 1 : 0]; return; }
+    if (this.button) { this.isOn = value !== 0; this.button.textContent = `is ${this.spec.labels[this.isOn ? 1 : 0]}`; return; }
     if (document.activeElement !== this.slider) this.slider.value = value;
     if (document.activeElement !== this.number && document.activeElement !== this.slider) this.number.value = +value.toFixed(2);
   }
@@ -163,7 +163,7 @@ class Controls {
     const label = (each) => this.can.fault[each.kind]?.label || each.kind;
     const inWords = ({ kind, where, ...rest }) => [label({ kind }), where, ...Object.entries(rest).map(([name, value]) => `${name} ${text(value)}`)].filter(Boolean).join(" ");
     this.chips("fault-on", (force.faults || []).map((each) => [inWords(each), { clear: { fault: each } }]));
-    const rod = force.obstacle, about = rod && Object.entries(rod).map(([name, value]) => `${this.rod[name]?.spec.label.toLowerCase() || name} ${text(value)} ${this.rod[name]?.spec.unit || ""}`.trim());
+    const rod = force.obstacle, about = rod && Object.entries(rod).filter(([name, value]) => name !== "meets" || value !== "closing").map(([name, value]) => `${this.rod[name]?.spec.label.toLowerCase() || name} ${text(value)} ${this.rod[name]?.spec.unit || ""}`.trim());
     this.chips("obstacle-on", rod ? [[about.join(", "), { clear: "obstacle" }]] : []);
     this.chips("signal-on", Object.entries(force.signals || {}).map(([name, value]) => [`${name} = ${text(value)}`, { clear: { signal: name } }]));
   }

@@ -7,6 +7,7 @@ const LEAST_N = 5; // below which a force has no arrow
 const HAND_N_PER_M = 1000, MOST_HAND_N = 300; // the hand pulls like a spring: chosen
 const HAND_MS = 100; // between two commands of the hand
 const FORCES = { left: "left drive", right: "right drive", weight: "weight", hand: "hand", pinch: "pinch" };
+const LINE = 22; // between two lines of text
 const ROD_M = 0.045; // radius of the obstacle as it is drawn
 
 function shape(name, attributes = {}, parent = null) {
@@ -25,8 +26,6 @@ class Drawing {
     this.svg = svg; this.geometry = geometry; this.act = act;
     this.angle = 0; this.slope = 0; this.handAt = null; this.rodAt = null; this.rodInForce = null;
     this.force = null; this.sent = null;
-    this.isSmall = svg.clientWidth < 500;
-    svg.classList.toggle("small", this.isSmall);
     this.fit();
     this.make();
     if (act) this.makeDraggable();
@@ -36,7 +35,7 @@ class Drawing {
   fit() {
     const { hinge, edge, length_m: length } = this.geometry;
     const xs = edge.map(([x]) => x), ys = edge.map(([, y]) => y);
-    const low = [hinge[0] - 1.05 * length, Math.min(...ys) - 0.62 * length];
+    const low = [hinge[0] - 1.05 * length, Math.min(...ys) - 0.70 * length];
     const high = [Math.max(...xs, hinge[0]) + 0.30 * length, Math.max(...ys, hinge[1]) + 0.28 * length];
     this.scale = Math.min(WIDTH / (high[0] - low[0]), HEIGHT / (high[1] - low[1]));
     this.centre = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
@@ -105,12 +104,13 @@ class Drawing {
     this.arrows = {};
     for (const [name, words] of Object.entries(FORCES)) {
       if (name === "right" && !this.geometry.drives.right) continue;
-      const y = 18 + (this.isSmall ? 24 : 17) * Object.keys(this.arrows).length;
+      const y = 18 + LINE * Object.keys(this.arrows).length;
       add("path", { class: `arrow ${name}`, d: `M10 ${y - 4}h20`, "marker-end": "url(#head)" });
       this.arrows[name] = { path: add("path", { class: `arrow ${name}`, "marker-end": "url(#head)" }), text: add("text", { x: 42, y }), words };
     }
     this.band = add("path", { class: "band" });
-    this.labels = { latch: add("text", {}), angle: add("text", {}), slope: add("text", {}) };
+    this.labels = {};
+    for (const [k, name] of ["angle", "latch", "slope"].entries()) this.labels[name] = add("text", { x: WIDTH - 10, y: 18 + LINE * k, "text-anchor": "end" });
   }
 
   makeDraggable() {
@@ -118,7 +118,7 @@ class Drawing {
     const { open_angle_deg: open, length_m: length } = this.geometry;
     this.rod = slider({ class: "rod parked", id: "rod", r: ROD_M * this.scale, "aria-label": "Obstacle: angle at which the gate meets it", "aria-valuemin": 0, "aria-valuemax": open });
     this.rodText = shape("text", {}, this.svg);
-    this.grip = slider({ class: "grip", id: "grip", r: 10, "aria-label": "Hand on the gate: force", "aria-valuemin": -MOST_HAND_N, "aria-valuemax": MOST_HAND_N, "aria-valuenow": 0 });
+    this.grip = slider({ class: "grip", id: "grip", r: 13, "aria-label": "Hand on the gate: force", "aria-valuemin": -MOST_HAND_N, "aria-valuemax": MOST_HAND_N, "aria-valuenow": 0 });
     this.rodAt = { angle: 0.45 * open, distance: 1.22 * length }; // beside the gate's way
     this.drags(this.rod, (point) => {
       const { angle, distance } = this.polar(point);
@@ -149,7 +149,7 @@ class Drawing {
   drags(element, move, end) {
     let hasMoved = false;
     element.addEventListener("pointerdown", (event) => {
-      element.setPointerCapture(event.pointerId); element.classList.add("held"); hasMoved = false; event.preventDefault(); element.focus({ preventScroll: true });
+      element.setPointerCapture(event.pointerId); element.classList.add("held"); hasMoved = false; event.preventDefault();
     });
     element.addEventListener("pointermove", (event) => {
       if (!element.hasPointerCapture(event.pointerId)) return;
@@ -206,7 +206,7 @@ class Drawing {
   }
 
   // Draws a state: `values` has the columns of truth, `rods` are the obstacles of the scenario that are there now.
-  show(values, obstacle, rods) {
+  show(values, obstacle, rods, lostSprings = []) {
     const g = this.geometry, length = g.length_m, thick = Math.max(g.thickness_m, 0.03);
     if (typeof values.gate_angle_deg !== "number") return;
     this.angle = values.gate_angle_deg; this.slope = values.road_slope_deg || 0;
@@ -223,23 +223,22 @@ class Drawing {
     this.sweep.setAttribute("d", this.line(...g.edge));
     this.plate.setAttribute("d", this.line(this.onGate(0), this.onGate(length), this.onGate(length * 0.985, thick * 0.8), this.onGate(length * 0.6, thick), this.onGate(0.04 * length, thick * 0.7)) + "Z");
     this.plate.dataset.angle = this.angle.toFixed(3);
-    this.showDrives(values);
+    this.showDrives(values, lostSprings);
     this.showLatch(values);
     this.showForces(values, obstacle);
     this.given.replaceChildren(...rods.map((each) => {
       const [x, y] = this.at(this.onGate(each.distance ?? length, -ROD_M, each.angle_deg));
       return shape("circle", { class: "given", cx: x, cy: y, r: ROD_M * this.scale });
     }));
-    const [ax, ay] = this.at(this.onGate(length * 1.04));
-    this.label("angle", `${this.angle.toFixed(1)}°`, within(ax, 4, WIDTH - 48), within(ay, 14, HEIGHT - 6));
-    this.label("slope", this.slope ? `slope ${this.slope.toFixed(1)}°` : "", 8, HEIGHT - 8);
+    this.label("angle", `gate ${this.angle.toFixed(1)}°`);
+    this.label("slope", this.slope ? `slope of the road ${this.slope.toFixed(1)}°` : "");
     if (this.act) this.showHandles(obstacle, values.hand_force_n || 0);
   }
 
-  label(name, text, x, y) { const it = this.labels[name]; it.textContent = text; it.setAttribute("x", x); it.setAttribute("y", y); }
+  label(name, text) { this.labels[name].textContent = text; }
 
   // The drives lie side by side across the car; here the right one is drawn a little beside the left one.
-  showDrives(values) {
+  showDrives(values, lostSprings) {
     for (const [side, drive] of Object.entries(this.drives)) {
       const own = this.geometry.drives[side], a = this.at(own.body_point), b = this.at(this.turned(own.gate_point[0]));
       const long = Math.hypot(b[0] - a[0], b[1] - a[1]), way = [(b[0] - a[0]) / long, (b[1] - a[1]) / long], off = side === "right" ? 7 : -7;
@@ -250,6 +249,7 @@ class Drawing {
       const turns = 12, coil = [];
       for (let k = 0; k <= 2 * turns; k += 1) coil.push(point(tube + (long - tube) * k / (2 * turns), k % 2 ? 4.5 : -4.5));
       drive.coil.setAttribute("d", path(...coil));
+      drive.coil.style.opacity = lostSprings.includes(side) ? 0.15 : 1;
       this.arrow(side, point(long, side === "right" ? 15 : -15), way, values[`${side}_force_n`] || 0);
     }
   }
@@ -260,7 +260,7 @@ class Drawing {
     this.latch.setAttribute("class", `latch ${isOpen ? "open" : "closed"}`);
     this.latch.setAttribute("d", isOpen ? `M${x - 4} ${y + 14}v-8h8` : `M${x - 6} ${y + 14}v-16h10v7`);
     const position = ["open", "half closed", "closed"][Math.round(values.latch_position)];
-    this.label("latch", `latch ${position && this.geometry.latch_has_positions ? position : isOpen ? "open" : "closed"}`, within(x + 14, 4, WIDTH - 90), y + 20);
+    this.label("latch", `latch ${position && this.geometry.latch_has_positions ? position : isOpen ? "open" : "closed"}`);
   }
 
   showForces(values, obstacle) {
@@ -270,7 +270,8 @@ class Drawing {
     const way = obstacle && obstacle.meets === "opening" ? opens : opens.map((each) => -each);
     this.arrow("pinch", this.at(this.onGate((obstacle && obstacle.distance) || g.length_m)), way, pinch);
     const hand = values.hand_force_n || 0;
-    this.arrow("hand", this.at(this.onGate(g.hand_distance_m, g.thickness_m + 0.04)), opens, hand);
+    const grip = this.at(this.onGate(g.hand_distance_m, g.thickness_m + 0.04)), beside = Math.sign(hand) * 15;
+    this.arrow("hand", [grip[0] + beside * opens[0], grip[1] + beside * opens[1]], opens, hand);
   }
 
   showHandles(obstacle, hand) {

@@ -7,6 +7,7 @@ const path = (name) => `${name}${name.includes("?") ? "&" : "?"}token=${encodeUR
 const HISTORY_S = 300; // of a run that is kept here
 const PROBE_MS = 2000; // between two looks for a server that has gone
 const POINTS = 2000;
+const SCALE = "Gate, drives and obstacle are to scale, the car is an outline. A drive's force is that of its spindle, positive opens; its spring pushes besides.";
 const PHASES = {
   compiling: "compiling", ready: "ready: before the scenario", running: "running", late: "late", ended: "ended", recorded: "recording", idle: "no run", lost: "no connection",
 };
@@ -91,7 +92,7 @@ async function choose(column) {
 
 function showValues(told) {
   const names = [...new Set([...Object.keys(told.truth), ...Object.keys(told.sensed)])];
-  rows(find("columns"), names.map((name) => [name, told.truth[name], told.sensed[name], about.units[name] ?? about.units["sensed_" + name], chooser(name)]));
+  rows(find("columns"), names.map((name) => [name, chooser(name), told.truth[name], told.sensed[name], about.units[name] ?? about.units["sensed_" + name]]));
 }
 
 function showBus(told) {
@@ -128,7 +129,8 @@ function showLog(lines) {
 }
 
 function showCommand(command) {
-  const words = Object.entries(command || {}).map(([name, { value, unit }]) => [name.replaceAll("_", " "), `${text(value, 1)}${unit && typeof value === "number" ? ` ${unit}` : ""}`]);
+  const isThere = (name) => !name.startsWith("right_") || !about.geometry.drives || "right" in about.geometry.drives;
+  const words = Object.entries(command || {}).filter(([name]) => isThere(name)).map(([name, { value, unit }]) => [name.replaceAll("_", " "), `${text(value, 1)}${unit && typeof value === "number" ? ` ${unit}` : ""}`]);
   const said = words.length ? words : about.kind === "run" ? [["ECU", "no command yet"]] : [];
   const list = find("command");
   while (list.children.length > said.length) list.lastElementChild.remove();
@@ -171,19 +173,26 @@ function showVerdicts(verdicts) {
 function showEnd(end) {
   hasEnded = true;
   find("commands").disabled = true;
-  showPhase("ended", end.verdict);
+  const isJudged = end.expectations.length > 0 || end.verdict !== "pass", code = end.exit_code === null ? "" : `exit code ${end.exit_code}`;
+  showPhase("ended", isJudged ? end.verdict : "");
   find("end").hidden = false;
-  find("end").className = end.verdict;
-  find("end-verdict").textContent = `The run has ended: ${end.verdict}${end.exit_code === null ? "" : ` (exit code ${end.exit_code})`}`;
-  const reasons = end.expectations.filter((each) => each.reason).map((each) => `${each.name}: ${each.reason}`);
-  find("end-reason").textContent = end.reason || reasons.join("; ");
-  find("end-next").textContent = about.starts ? "Start a scenario to go on." : "The next run on this bus is shown as soon as it begins.";
+  find("end").className = isJudged ? end.verdict : "";
+  find("end-verdict").textContent = isJudged ? `The run has ended: ${end.verdict}${code && ` (${code})`}` : `The run has ended${code && ` (${code})`}. It had no expectations.`;
+  const reasons = {}; // one that several expectations share is told once
+  for (const each of end.expectations) if (each.reason) (reasons[each.reason] ??= []).push(each.name);
+  find("end-reason").textContent = end.reason || Object.entries(reasons).map(([reason, names]) => `${names.join(", ")}: ${reason}`).join("; ");
+  find("end-next").textContent = about.starts ? "Start a scenario to go on." : about.ends_with_run ? "This page has ended with its run. It comes back if a run begins with the same address and LIFTGATE_HIL_TOKEN." : "The next run on this bus is shown as soon as it begins.";
   showVerdicts(end.expectations);
 }
 
 // The obstacles of the scenario that are there at a time: those of which the time is known.
 function rodsAt(time) {
   return (about.obstacles || []).filter((each) => each.from_s !== null && each.from_s <= time && (each.to_s === null || time < each.to_s));
+}
+
+// The drives whose springs a command has taken away.
+function lostSprings({ faults = [] }) {
+  return faults.filter((each) => each.kind === "spring_lost").flatMap((each) => (each.where === "both" ? ["left", "right"] : [each.where]));
 }
 
 function show(told) {
@@ -195,14 +204,15 @@ function show(told) {
   find("angle").textContent = fixed(one("gate_angle_deg"), 2);
   find("pinch").textContent = fixed(one("pinch_force_n"), 1);
   find("peak").textContent = fixed(told.truth.pinch_force_peak_n, 0);
+  find("peak").classList.toggle("over", told.truth.pinch_force_peak_n > about.geometry.pinch_limit_n);
   showHealth(told);
   showCommand(about.kind === "recording" ? recordedCommand(told.truth) : told.command);
   showGauge(one("pinch_force_n"), told.truth.pinch_force_peak_n, about.geometry.pinch_limit_n);
   if (drawing) {
     const seen = ["gate_angle_deg", "road_slope_deg", "left_force_n", "right_force_n", "pinch_force_n", "hand_force_n", "latched", "latch_position"];
-    drawing.show(Object.fromEntries(seen.map((name) => [name, one(name)])), (told.in_force || {}).obstacle, rodsAt(told.time_s));
+    drawing.show(Object.fromEntries(seen.map((name) => [name, one(name)])), (told.in_force || {}).obstacle, rodsAt(told.time_s), lostSprings(told.in_force || {}));
   }
-  if (controls) controls.show(told.truth, told.in_force || {});
+  if (controls) controls.show(told.truth, told.end ? { ...told.in_force, record: null } : told.in_force || {});
   if (find("values").open) showValues(told);
   if (find("bus-view").open) { showBus(told); if (told.messages) showMessages(told.messages, told.time_s); }
   if (told.log) showLog(told.log);
@@ -217,7 +227,14 @@ function show(told) {
 
 // Commands.
 
-function answer(words, isBad) { find("answer").className = isBad ? "bad" : ""; find("answer").textContent = words; }
+const ANSWER_MS = 8000; // that an answer is shown
+let answered = null;
+function answer(words, isBad) {
+  find("answer").className = isBad ? "bad" : "";
+  find("answer").textContent = words;
+  clearTimeout(answered);
+  if (!isBad) answered = setTimeout(() => { find("answer").textContent = ""; }, ANSWER_MS);
+}
 
 async function post(where, content) {
   if (isGone) { answer("no connection to the server", true); return null; }
@@ -248,7 +265,7 @@ function follow() {
 // Of a run: the charts stand still, or go on.
 function hold(on) {
   isHeld = on;
-  find("hold").textContent = on ? "Go on" : "Pause";
+  find("hold").textContent = on ? "Go on" : "Pause charts";
   if (!on && about.kind === "run") follow();
 }
 
@@ -366,7 +383,11 @@ function makeReplay() {
 
 function makeStart() {
   find("starting").hidden = false;
-  fetch(path("/api/run")).then((response) => response.json()).then(({ scenarios }) => find("start-name").append(...scenarios.map((name) => element("option", {}, name))));
+  fetch(path("/api/run")).then((response) => response.json()).then(({ scenarios, running }) => {
+    find("start-name").append(...scenarios.map((name) => element("option", {}, name)));
+    const shown = running || scenarios.find((name) => about.scenario && about.scenario.endsWith(`/${name}`));
+    if (shown) find("start-name").value = shown;
+  });
   submit(find("start"), async () => { answer("starting …", false); if (await post("/api/run", { scenario: find("start-name").value })) answer("", false); });
   find("stop-run").onclick = () => post("/api/run", { scenario: null });
 }
@@ -396,7 +417,7 @@ async function start() {
   const act = isOpen ? { hand: (newtons) => command({ set: { hand_force_n: newtons } }), put: (changed) => controls.put(changed), remove: () => command({ clear: "obstacle" }) } : null;
   if (about.geometry.length_m) drawing = new Drawing(find("drawing"), about.geometry, act);
   find("scene").hidden = !drawing;
-  find("scene-help").textContent = act ? "Drag the green hand to push or pull the gate, and the obstacle into its way; or focus one of them and use the arrow keys. Gate, drives and obstacle are to scale, the car is an outline." : "Gate and drives are to scale, the car is an outline.";
+  find("scene-help").textContent = act ? `Drag the green hand to push or pull the gate, and the obstacle into its way; or focus one of them and use the arrow keys. ${SCALE}` : SCALE;
   find("stimuli").append(...(about.stimuli || []).map((each) => element("li", {}, each)));
   find("scenario").hidden = !(about.stimuli || []).length;
   find("readonly").hidden = !(isRun && about.read_only);
@@ -412,7 +433,7 @@ async function start() {
     makeReplay();
     charts.zoom(about.begin_s, about.end_s);
     const peak = about.contacts.reduce((most, each) => (most && most.peak_n > each.peak_n ? most : each), null);
-    await seek(peak ? peak.peak_s : about.end_s);
+    await seek(peak ? peak.peak_s : about.begin_s);
   } else {
     show(await (await fetch(path("/api/state"))).json());
     hold(false);
