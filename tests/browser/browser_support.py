@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+OPENS = 'duration = 1e6\n[[request]]\ntime = 0.5\naction = "open"\n'  # a scenario
 WAIT_S = 60
 GOING = ("running", "late")  # a busy machine is late now and then
 
 
 def until(browser: Any, is_so: Any) -> Any:
+    """What holds at last; the page may be loaded anew meanwhile."""
+    from selenium.common.exceptions import JavascriptException, StaleElementReferenceException
     from selenium.webdriver.support.ui import WebDriverWait
 
-    return WebDriverWait(browser, WAIT_S, poll_frequency=0.05).until(is_so)
+    passing = (JavascriptException, StaleElementReferenceException)
+    return WebDriverWait(browser, WAIT_S, poll_frequency=0.05, ignored_exceptions=passing).until(is_so)
 
 
 def found(browser: Any, selector: str) -> Any:

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from browser_support import OPENS, opened
 from dashboard_support import address_in, process
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-OPENS = 'duration = 1e6\n[[request]]\ntime = 0.5\naction = "open"\n'
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -60,6 +60,4 @@ def address(folder: Path) -> Iterator[str]:
 
 @pytest.fixture
 def page(browser: Any, address: str) -> Any:
-    from browser_support import opened
-
     return opened(browser, address)

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser_support import GOING, errors_in, found, opened, text_of, until
-from conftest import OPENS
+from browser_support import GOING, OPENS, errors_in, found, opened, text_of, until
 from dashboard_support import address_in, process
 
 import liftgate_hil as lh
