@@ -11,11 +11,15 @@ GOING = ("running", "late")  # a busy machine is late now and then
 
 def until(browser: Any, is_so: Any) -> Any:
     """What holds at last; the page may be loaded anew meanwhile."""
-    from selenium.common.exceptions import JavascriptException, StaleElementReferenceException
+    from selenium.common.exceptions import JavascriptException, StaleElementReferenceException, TimeoutException
     from selenium.webdriver.support.ui import WebDriverWait
 
     passing = (JavascriptException, StaleElementReferenceException)
-    return WebDriverWait(browser, WAIT_S, poll_frequency=0.05, ignored_exceptions=passing).until(is_so)
+    try:
+        return WebDriverWait(browser, WAIT_S, poll_frequency=0.05, ignored_exceptions=passing).until(is_so)
+    except TimeoutException:
+        shown = (text_of(browser, each) for each in ("#phase", "#end-verdict", "#end-reason", "#answer"))
+        raise AssertionError(f"{browser.title}: {', '.join(shown)}; {errors_in(browser)}") from None
 
 
 def found(browser: Any, selector: str) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 import orjson
 
-from liftgate_hil.dashboard.following import next_run
+from liftgate_hil.dashboard.following import Following
 from liftgate_hil.dashboard.live import Live
 from liftgate_hil.dashboard.recorded import RecordingSource
 from liftgate_hil.dashboard.source import JsonObject, NoSource
@@ -19,7 +19,7 @@ from liftgate_hil.running.attachment.client import Client
 
 _IDLE_S = 0.25  # s between two reads where nobody has the page open
 _NOW_AND_THEN = 6  # periods between two lists of the messages on the bus
-_NEXT_S = 1.0  # s between two looks for the next run
+_NEXT_S = 0.2  # s between two looks for the next run, which may be short
 
 
 class ActiveSource:
@@ -33,6 +33,7 @@ class ActiveSource:
         self.number = 1
         self.viewers = Viewers()
         self._starter = starter
+        self._following: Following | None = None  # of a run that has ended
         self._looks = ThreadPoolExecutor(1)  # not that of commands: a run that stands still keeps these waiting
 
     async def follow(self) -> None:
@@ -69,13 +70,14 @@ class ActiveSource:
     async def _go_on(self, ended: Live) -> None:
         """Show the next run on the bus of the one that has ended, where it has begun."""
         running = asyncio.get_running_loop()
-        client = await running.run_in_executor(self._looks, next_run, ended.channel, ended.pid)
+        self._following = self._following or Following(ended.channel, ended.pid)
+        client = await running.run_in_executor(self._looks, self._following.look)
         if client is not None and self.source is ended:
             self.show(client)
 
     def show(self, client: Client) -> None:
         """Show another run."""
-        before, self.source = self.source, Live(client)
+        before, self.source, self._following = self.source, Live(client), None
         self.number += 1
         if isinstance(before, Live):
             self._looks.submit(before.close)

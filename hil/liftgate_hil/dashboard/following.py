@@ -1,4 +1,4 @@
-"""The run that follows another one on the same bus, as after a restart."""
+"""Search for the run that follows an ended one on the same bus, as after a restart."""
 
 from __future__ import annotations
 
@@ -7,18 +7,31 @@ from liftgate_hil.running.attachment import endpoint
 from liftgate_hil.running.attachment.client import Client
 
 
-def next_run(channel: str, ended: int) -> Client | None:
-    """Return a client of a run on the bus of that name, other than that of a process; None: there is none."""
-    try:
-        found = [pid for pid in endpoint.runs() if pid != ended]
-    except ConfigError:
-        return None
-    for pid in found:
+class Following:
+    """Search for the run that follows the one of a process on the bus `channel`.
+
+    Each run on another bus is asked once, however often one looks: its bench has better to do.
+    """
+
+    def __init__(self, channel: str, ended: int) -> None:
+        self._channel, self._ended = channel, ended
+        self._elsewhere: set[tuple[int, int]] = set()  # processes on other buses, and when their sockets were made
+
+    def look(self) -> Client | None:
+        """Return a client of the run; None: there is none yet."""
         try:
-            client = Client(pid)
-        except ConfigError:  # it has just ended, or is of another version
-            continue
-        if client.description["channel"] == channel:
-            return client
-        client.close()
-    return None
+            found = endpoint.sockets()
+        except ConfigError:
+            return None
+        for pid, made_ns in found.items():
+            if pid == self._ended or (pid, made_ns) in self._elsewhere:
+                continue
+            try:
+                client = Client(pid)
+            except ConfigError:  # it has just ended, is not ready, or is of another version
+                continue
+            if client.description["channel"] == self._channel:
+                return client
+            client.close()
+            self._elsewhere.add((pid, made_ns))
+        return None

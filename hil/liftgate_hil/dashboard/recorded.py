@@ -37,6 +37,7 @@ class RecordingSource:
         self._path = path
         self._names = ["time_s", *(each for each in table.signals if each != "time_s")]
         self._units = {name: table.signals[name].unit for name in self._names}
+        self._marks = [{"time_s": time, "text": text} for time, text in table.marks[:_MOST_CONTACTS]]
         self._ours = {} if rig is None else ours_in(rig, self._names)
         self._every = max(1, -(-_count(table) * len(self._names) // _MOST_VALUES))
         self._last, self._low, self._high = self._thinned(table)
@@ -63,7 +64,7 @@ class RecordingSource:
         return last, low, high
 
     def about(self) -> JsonObject:
-        """Return the file, its columns with their units, the decimation, first and last time, and the contacts."""
+        """Return the file, its columns with units, the decimation, first and last time, contacts and marks."""
         return {
             "kind": "recording",
             "file": str(self._path),
@@ -74,6 +75,7 @@ class RecordingSource:
             "begin_s": float(self._last[0, 0]),
             "end_s": float(self._last[-1, 0]),
             "contacts": self._contacts(),
+            "marks": self._marks,
         }
 
     def geometry(self) -> JsonObject:

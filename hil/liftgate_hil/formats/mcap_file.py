@@ -269,6 +269,7 @@ def open_mcap(path: Path) -> McapFile:
             _check_ends(path, stream)
             reader = make_reader(stream)
             summary = reader.get_summary()
+            marks = [_mark_in(each.data) for _, _, each in reader.iter_messages(topics=[layout.MARKS_TOPIC])]
             records = {each.name: each.metadata for each in reader.iter_metadata()}
             about = next(
                 (
@@ -297,9 +298,16 @@ def open_mcap(path: Path) -> McapFile:
         channel=bus,
         start_ns=nanoseconds_of(start),
         about=about,
+        marks=marks,
         topics=topics,
         frame_channels=list(buses),
     )
+
+
+def _mark_in(content: bytes) -> tuple[float, str]:
+    """Return time [s] and text of a mark. Raises ValueError, KeyError, TypeError for one of another kind."""
+    record = orjson.loads(content)
+    return float(record["time_s"]), str(record["text"])
 
 
 def _topics(summary: Summary) -> tuple[dict[str, Signal], list[RowTopic]]:

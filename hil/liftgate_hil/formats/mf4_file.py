@@ -352,7 +352,7 @@ def open_mf4(path: Path) -> Mf4File:
     with opened_mf4(path, in_blocks=True) as measured:
         start = measured.header.start_time
         names = list(measured.channels_db)
-        about = _about_in(measured)
+        about, marks = _about_in(measured), _marks_in(measured)
         for group, content in enumerate(measured.groups):
             if not content.channel_group.cycles_nr:
                 continue
@@ -387,11 +387,23 @@ def open_mf4(path: Path) -> Mf4File:
         channel=bus,
         start_ns=start_ns,
         about=about,
+        marks=marks,
         columns=columns,
         buses=buses,
         bus_number=number,
         refusal=refusal,
     )
+
+
+def _marks_in(measured: Any) -> list[tuple[float, str]]:
+    """Return the marker events at a point in time."""
+    from asammdf.blocks.v4_constants import EVENT_SYNC_TYPE_S, EVENT_TYPE_MARKER
+
+    return [
+        (float(each.value), str(each.name))
+        for each in getattr(measured, "events", ())
+        if (each.event_type, each.sync_type) == (EVENT_TYPE_MARKER, EVENT_SYNC_TYPE_S)
+    ]
 
 
 def _about_in(measured: Any) -> str:

@@ -44,6 +44,7 @@ class Recording:
     channel: str | None = None  # name of the frames' bus; None: no frames
     start_ns: int = 0  # wall clock where the times begin [ns since 1970]; 0: none applies
     about: str = ""  # provenance of the run, as JSON; "": unknown
+    marks: Sequence[tuple[float, str]] = ()  # of the operator: time [s] and text
     notes: Sequence[str] = ()  # remarks on what was noticed and left out
 
     def as_recording(self) -> Recording:

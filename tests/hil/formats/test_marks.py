@@ -72,3 +72,9 @@ def test_a_mark_changes_neither_rows_nor_frames(tmp_path: Path, suffix: str) -> 
     assert rows == (6 if FORMATS[suffix].has_rows else 0)
     assert sum(len(block) for block in found.frames()) == (3 if FORMATS[suffix].has_frames else 0)
     assert (suffix in WITH_MARKS) == (suffix not in (".csv", ".parquet", ".log"))
+
+
+@pytest.mark.parametrize("suffix", [".mf4", ".mcap"])
+def test_our_reader_has_them_too(tmp_path: Path, suffix: str) -> None:
+    ((time_s, text),) = open_recording(written(tmp_path / f"run{suffix}")).marks
+    assert (time_s, text) == (pytest.approx(0.0025), TEXT)

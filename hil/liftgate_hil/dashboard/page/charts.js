@@ -176,7 +176,7 @@ function drawHistogram(svg, bars) {
   const x = (value) => 6 + 348 * Math.log(Math.max(value, low) / low) / Math.log(high / low);
   for (let decade = 10 ** Math.ceil(Math.log10(low)); decade <= high; decade *= 10) {
     shape("path", { d: `M${x(decade)} 6V92` }, svg);
-    shape("text", { x: x(decade), y: 106, "text-anchor": "middle" }, svg).textContent = text(decade);
+    shape("text", { x: x(decade), y: 106, "text-anchor": x(decade) > 335 ? "end" : "middle" }, svg).textContent = text(decade);
   }
   for (const [from, to, count] of bars) {
     if (!count) continue;

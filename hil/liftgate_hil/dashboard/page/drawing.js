@@ -6,7 +6,7 @@ const METRES_PER_NEWTON = 0.0006; // of an arrow
 const LEAST_N = 5; // below which a force has no arrow
 const HAND_N_PER_M = 1000, MOST_HAND_N = 300; // the hand pulls like a spring: chosen
 const HAND_MS = 100; // between two commands of the hand
-const FORCES = { left: "left drive", right: "right drive", weight: "weight", hand: "hand", pinch: "pinch" };
+const FORCES = { left: "left drive", right: "right drive", left_spring: "left spring", right_spring: "right spring", weight: "weight", hand: "hand", pinch: "pinch" };
 const LINE = 22; // between two lines of text
 const ROD_M = 0.045; // radius of the obstacle as it is drawn
 
@@ -103,10 +103,10 @@ class Drawing {
     this.latch = add("path", { class: "latch" });
     this.arrows = {};
     for (const [name, words] of Object.entries(FORCES)) {
-      if (name === "right" && !this.geometry.drives.right) continue;
+      if (name.startsWith("right") && !this.geometry.drives.right) continue;
       const y = 18 + LINE * Object.keys(this.arrows).length;
-      add("path", { class: `arrow ${name}`, d: `M10 ${y - 4}h20`, "marker-end": "url(#head)" });
-      this.arrows[name] = { path: add("path", { class: `arrow ${name}`, "marker-end": "url(#head)" }), text: add("text", { x: 42, y }), words };
+      add("path", { class: `arrow ${name.replace("_", " ")}`, d: `M10 ${y - 4}h20`, "marker-end": "url(#head)" });
+      this.arrows[name] = { path: add("path", { class: `arrow ${name.replace("_", " ")}`, "marker-end": "url(#head)" }), text: add("text", { x: 42, y }), words };
     }
     this.band = add("path", { class: "band" });
     this.labels = {};
@@ -251,7 +251,17 @@ class Drawing {
       drive.coil.setAttribute("d", path(...coil));
       drive.coil.style.opacity = lostSprings.includes(side) ? 0.15 : 1;
       this.arrow(side, point(long, side === "right" ? 15 : -15), way, values[`${side}_force_n`] || 0);
+      const spring = lostSprings.includes(side) ? 0 : this.springAt(side);
+      this.arrow(`${side}_spring`, point(long, side === "right" ? 26 : -26), way, spring);
     }
+  }
+
+  // The force of a drive's spring as the vehicle file has it, at the gate's angle.
+  springAt(side) {
+    const { angles_deg: angles, drives } = this.geometry, forces = drives[side].spring_n;
+    const share = within((this.angle - angles[0]) / (angles[angles.length - 1] - angles[0]), 0, 1) * (angles.length - 1);
+    const low = Math.min(Math.floor(share), angles.length - 2);
+    return forces[low] + (share - low) * (forces[low + 1] - forces[low]);
   }
 
   showLatch(values) {

@@ -7,7 +7,7 @@ const path = (name) => `${name}${name.includes("?") ? "&" : "?"}token=${encodeUR
 const HISTORY_S = 300; // of a run that is kept here
 const PROBE_MS = 2000; // between two looks for a server that has gone
 const POINTS = 2000;
-const SCALE = "Gate, drives and obstacle are to scale, the car is an outline. A drive's force is that of its spindle, positive opens; its spring pushes besides.";
+const SCALE = "Gate, drives and obstacle are to scale, the car is an outline. A drive's force is that of its spindle, positive opens; the springs' forces are those of the vehicle file.";
 const PHASES = {
   compiling: "compiling", ready: "ready: before the scenario", running: "running", late: "late", ended: "ended", recorded: "recording", idle: "no run", lost: "no connection",
 };
@@ -376,7 +376,8 @@ function makeReplay() {
     zoomTo(each.begin_s - around, each.end_s + around);
     seek(each.peak_s);
   } }, `pinch ${text(each.peak_n, 0)} N at ${text(each.peak_s, 2)} s`));
-  find("contacts").append(...(contacts.length ? ["Contacts:", ...contacts] : ["No contact with an obstacle."]));
+  const marks = about.marks.map((each) => element("button", { type: "button", onclick: () => { stop(); seek(each.time_s); } }, `${each.text} at ${text(each.time_s, 2)} s`));
+  find("contacts").append(...(contacts.length ? ["Contacts:", ...contacts] : ["No contact with an obstacle."]), ...(marks.length ? ["Marks:", ...marks] : []));
 }
 
 // The start.
@@ -394,7 +395,7 @@ function makeStart() {
 
 function makeTitle() {
   const name = (file) => file.split("/").pop().replace(/\.[^.]*$/, "");
-  const titles = { run: () => [name(about.vehicle), about.scenario && name(about.scenario), about.channel].filter(Boolean).join(" · "), recording: () => about.file.split("/").pop(), none: () => "liftgate-hil" };
+  const titles = { run: () => [name(about.vehicle), about.scenario && name(about.scenario), about.starts ? "" : about.channel].filter(Boolean).join(" · "), recording: () => about.file.split("/").pop(), none: () => "liftgate-hil" };
   find("title").textContent = titles[about.kind]();
   document.title = `${find("title").textContent} – liftgate-hil`;
 }

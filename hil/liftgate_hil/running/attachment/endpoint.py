@@ -47,10 +47,22 @@ def path_of(pid: int) -> Path:
     return folder() / f"{pid}{SUFFIX}"
 
 
+def sockets() -> dict[int, int]:
+    """Return the ids of the processes with a socket, in rising order, and when each was made [ns since 1970].
+
+    A run that was killed leaves its socket. Raises ConfigError.
+    """
+    found = {}
+    for path in folder().glob(f"*{SUFFIX}"):
+        with contextlib.suppress(FileNotFoundError):
+            if path.stem.isdecimal():
+                found[int(path.stem)] = path.lstat().st_ctime_ns
+    return dict(sorted(found.items()))
+
+
 def runs() -> list[int]:
     """Return the ids of the processes whose runs clients can attach to, in rising order. Raises ConfigError."""
-    found = [path.stem for path in folder().glob(f"*{SUFFIX}")]
-    return sorted(int(each) for each in found if each.isdecimal() and _is_heard(int(each)))
+    return [pid for pid in sockets() if _is_heard(pid)]
 
 
 def _is_heard(pid: int) -> bool:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_plant.gate import Point, linkage
+from liftgate_plant.gate import Point, extension, linkage
+from liftgate_plant.spring import force
 from liftgate_plant.vehicle import Vehicle
 
 _ANGLES = 41  # at which the moving points are given
@@ -16,9 +17,10 @@ _ANGLES = 41  # at which the moving points are given
 def geometry_of(vehicle: Vehicle) -> dict[str, Any]:
     """Return the geometry of a vehicle [m, deg] in its plane, x rearward and y up, as `GET /api/geometry` does.
 
-    `angles_deg` (n,) are angles of the gate from closed to open; `edge`, and of each drive `gate_point` and
-    `length_m`, are given at each. `closed_deg` is the direction from the hinge to the edge of the closed gate:
-    a point of the gate turns about the hinge by the gate's angle, counterclockwise (3.15 to 3.23).
+    `angles_deg` (n,) are angles of the gate from closed to open; `edge`, and of each drive `gate_point`,
+    `length_m` and the force `spring_n` of its spring [N], are given at each. `closed_deg` is the direction from
+    the hinge to the edge of the closed gate: a point of the gate turns about the hinge by the gate's angle,
+    counterclockwise (3.15 to 3.23).
     """
     gate, place = vehicle.gate, vehicle.environment
     hinge = np.array(gate.hinge)
@@ -27,11 +29,19 @@ def geometry_of(vehicle: Vehicle) -> dict[str, Any]:
     edge = hinge + gate.length * np.array([math.cos(closed), math.sin(closed)])
     angles = np.linspace(0.0, gate.open_angle, _ANGLES)
     ends, body = _turned(gate.gate_point, hinge, angles), np.array(gate.body_point)
-    drive = {
+    link, sides = linkage(gate), (vehicle.left, vehicle.right)[: vehicle.drives]
+    joints = {
         "body_point": body.tolist(),
         "gate_point": ends.tolist(),
         "length_m": np.hypot(*(ends - body).T).tolist(),
     }
+    springs = [
+        [
+            force(each.spring, extension(link, angle), link.stroke, place.ambient_temperature)
+            for angle in angles.tolist()
+        ]
+        for each in sides
+    ]
     return {
         "hinge": hinge.tolist(),
         "closed_deg": math.degrees(closed),
@@ -44,8 +54,10 @@ def geometry_of(vehicle: Vehicle) -> dict[str, Any]:
         "angles_deg": np.degrees(angles).tolist(),
         "edge": _turned((float(edge[0]), float(edge[1])), hinge, angles).tolist(),
         "gravity_point": _turned(gate.gravity_point, hinge, angles).tolist(),
-        "drives": dict.fromkeys(("left", "right")[: vehicle.drives], drive),
-        "stroke_m": linkage(gate).stroke,
+        "drives": {
+            side: {**joints, "spring_n": forces} for side, forces in zip(("left", "right"), springs, strict=False)
+        },
+        "stroke_m": link.stroke,
         "hand_distance_m": place.hand_distance,
         "snow_distance_m": place.snow_distance,
         "latch_distance_m": vehicle.latch.distance,

@@ -39,5 +39,18 @@ def test_a_drive_is_as_long_as_the_plant_has_it(vehicle: Vehicle) -> None:
     assert found["angles_deg"][-1] == pytest.approx(found["open_angle_deg"])
 
 
+def test_the_springs_force_is_the_plants(vehicle: Vehicle) -> None:
+    found, link = geometry_of(vehicle), linkage(vehicle.gate)
+    for side, tables in (("left", vehicle.left), ("right", vehicle.right)):
+        if side not in found["drives"]:
+            continue
+        spring = tables.spring
+        compressed = found["stroke_m"] - (np.array(found["drives"][side]["length_m"]) - link.closed_length)
+        if spring.gas_force == 0.0:
+            expected = spring.preload + spring.stiffness * compressed
+            assert found["drives"][side]["spring_n"] == pytest.approx(expected.tolist())
+        assert found["drives"][side]["spring_n"][0] >= found["drives"][side]["spring_n"][-1] > 0.0
+
+
 def test_a_gate_with_one_drive_has_one() -> None:
     assert list(geometry_of(vehicle_from("suv", ["drives=1"]))["drives"]) == ["left"]
