@@ -11,13 +11,17 @@ GOING = ("running", "late")  # a busy machine is late now and then
 
 def until(browser: Any, is_so: Any) -> Any:
     """What holds at last; the page may be loaded anew meanwhile."""
-    from selenium.common.exceptions import JavascriptException, StaleElementReferenceException, TimeoutException
+    from selenium.common import exceptions
     from selenium.webdriver.support.ui import WebDriverWait
 
-    passing = (JavascriptException, StaleElementReferenceException)
+    passing = (
+        exceptions.JavascriptException,
+        exceptions.StaleElementReferenceException,
+        exceptions.ElementNotInteractableException,
+    )
     try:
         return WebDriverWait(browser, WAIT_S, poll_frequency=0.05, ignored_exceptions=passing).until(is_so)
-    except TimeoutException:
+    except exceptions.TimeoutException:
         shown = (text_of(browser, each) for each in ("#phase", "#end-verdict", "#end-reason", "#answer"))
         raise AssertionError(f"{browser.title}: {', '.join(shown)}; {errors_in(browser)}") from None
 
@@ -28,6 +32,11 @@ def found(browser: Any, selector: str) -> Any:
 
 def text_of(browser: Any, selector: str) -> str:
     return str(found(browser, selector).text)
+
+
+def click(browser: Any, selector: str) -> None:
+    """Click what the page shows at last."""
+    until(browser, lambda _: found(browser, selector).click() is None)
 
 
 def errors_in(browser: Any) -> list[str]:
@@ -54,7 +63,7 @@ def press(browser: Any, action: str) -> None:
 
 
 def clear_all(browser: Any) -> None:
-    found(browser, "#clear").click()
+    click(browser, "#clear")
     nothing = "return Object.keys(last.in_force.set).length + last.in_force.faults.length === 0"
     until(browser, lambda _: browser.execute_script(nothing + " && !last.in_force.obstacle"))
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser_support import clear_all, errors_in, found, press, text_of, until
+from browser_support import clear_all, click, errors_in, found, press, text_of, until
 from dashboard_support import Client
 
 
@@ -23,11 +23,11 @@ def test_the_page_shows_current_values_and_updates(page: Any) -> None:
 
 
 def test_tables_are_shown_on_request_and_a_column_is_drawn(page: Any) -> None:
-    found(page, "#bus-view summary").click()
+    click(page, "#bus-view summary")
     until(page, lambda _: "LeftDrive" in text_of(page, "#messages"))
-    found(page, "#values summary").click()
+    click(page, "#values summary")
     until(page, lambda _: "gate_angle_deg" in text_of(page, "#columns"))
-    found(page, "button[aria-label='draw left_winding_temperature_degc']").click()
+    click(page, "button[aria-label='draw left_winding_temperature_degc']")
     until(page, lambda _: len(page.find_elements("css selector", "#plots canvas")) == 5)
     assert page.execute_script("return charts.low.left_winding_temperature_degc.length === charts.times.length")
     assert errors_in(page) == []
@@ -46,19 +46,19 @@ def test_a_fault_is_injected_shown_and_cleared(page: Any, address: str) -> None:
     assert text_of(page, "#fault-meaning") == "The drive's spring has less force."
     Select(found(page, "#fault-keys select")).select_by_visible_text("right")
     found(page, "#fault-keys input").send_keys("0.5")
-    found(page, "#fault button").click()
+    click(page, "#fault button")
     until(page, lambda _: "fault kind spring_weak" in text_of(page, "#answer"))
     until(page, lambda _: "Spring weak right factor 0.5" in text_of(page, "#fault-on"))
     force = client.ask("/api/state")[1]["in_force"]
     assert force["faults"] == [{"kind": "spring_weak", "where": "right", "factor": 0.5}]
-    found(page, "#fault-on button").click()
+    click(page, "#fault-on button")
     until(page, lambda _: not text_of(page, "#fault-on"))
     assert client.ask("/api/state")[1]["in_force"]["faults"] == []
     assert errors_in(page) == []
 
 
 def test_a_signal_of_the_restbus_is_set_by_value_and_by_label(page: Any) -> None:
-    found(page, "#bus-view summary").click()
+    click(page, "#bus-view summary")
     for name, value in (("Body.VehicleSpeed", "12.5"), ("Body.Ignition", "on")):
         box = found(page, "#signal-name")
         box.clear()
@@ -66,7 +66,7 @@ def test_a_signal_of_the_restbus_is_set_by_value_and_by_label(page: Any) -> None
         field = found(page, "#signal-value input")
         field.clear()
         field.send_keys(value)
-        found(page, "#signal button").click()
+        click(page, "#signal button")
         until(page, lambda _, name=name: f"signal {name}" in text_of(page, "#answer"))
     until(page, lambda _: "VehicleSpeed = 12.5" in text_of(page, "#messages"))
     assert "Ignition = on" in text_of(page, "#messages")
@@ -86,9 +86,9 @@ def test_surroundings_and_driver_are_commanded_in_words(page: Any, address: str)
     slider = found(page, "#set input[aria-label='Supply voltage, slider']")
     slider.send_keys(Keys.HOME)
     until(page, lambda _: client.ask("/api/state")[1]["in_force"]["set"].get("supply_voltage_v") == 6.0)
-    found(page, "#set button[aria-label='clear Supply voltage']").click()
+    click(page, "#set button[aria-label='clear Supply voltage']")
     until(page, lambda _: "supply_voltage_v" not in client.ask("/api/state")[1]["in_force"]["set"])
-    found(page, "#switch-handle_pulled").click()
+    click(page, "#switch-handle_pulled")
     until(page, lambda _: client.ask("/api/state")[1]["truth"]["handle_pulled"] == 1.0)
     press(page, "stop")
     clear_all(page)
@@ -103,12 +103,12 @@ def test_what_is_refused_is_reported_with_what_is_allowed(page: Any) -> None:
     field.clear()
     field.send_keys("1e9")
     page.execute_script("document.getElementById('signal').noValidate = true")
-    found(page, "#signal button").click()
+    click(page, "#signal button")
     until(page, lambda _: "allowed: 0 to" in text_of(page, "#answer"))
     assert "bad" in found(page, "#answer").get_attribute("class")
     box.clear()
     box.send_keys("Body.Nothing")
-    found(page, "#signal button").click()
+    click(page, "#signal button")
     until(page, lambda _: "Body.Nothing" in text_of(page, "#answer"))
     assert all(" 422 " in each for each in errors_in(page))
 
@@ -130,12 +130,12 @@ def test_a_recording_is_started_marked_and_stopped(page: Any, folder: Path) -> N
     name = found(page, "#record-name")
     name.clear()
     name.send_keys("browser.mf4")
-    found(page, "#record-button").click()
+    click(page, "#record-button")
     until(page, lambda _: text_of(page, "#record-button") == "Stop browser.mf4")
     found(page, "#mark-text").send_keys("a squeak")
-    found(page, "#mark button").click()
+    click(page, "#mark button")
     until(page, lambda _: "mark a squeak" in text_of(page, "#answer"))
-    found(page, "#record-button").click()
+    click(page, "#record-button")
     until(page, lambda _: text_of(page, "#record-button") == "Record")
     with MDF(folder / "browser.mf4") as measured:
         assert [each.name for each in measured.events] == ["a squeak"]
@@ -162,11 +162,11 @@ def test_zoom_agrees_over_all_charts_to_the_bit(page: Any) -> None:
     pointed = page.execute_script(at)
     assert [row for row, _ in pointed] == [pointed[0][0]] * 4
     assert [left for _, left in pointed] == pytest.approx([pointed[0][1]] * 4)
-    found(page, "#zoom-in").click()
+    click(page, "#zoom-in")
     narrower = page.execute_script(ranges)
     assert narrower == [narrower[0]] * 4
     assert narrower[0][1] - narrower[0][0] == pytest.approx((first[1] - first[0]) / 2)
-    found(page, "#hold").click()
+    click(page, "#hold")
     until(page, lambda _: page.execute_script(ranges)[0] != narrower[0])
     assert errors_in(page) == []
 
@@ -181,7 +181,7 @@ def test_a_fault_shows_in_the_right_charts_only(page: Any) -> None:
     Select(found(page, "#fault-kind")).select_by_visible_text("Current offset")
     Select(found(page, "#fault-keys select")).select_by_visible_text("left")
     found(page, "#fault-keys input").send_keys("5")
-    found(page, "#fault button").click()
+    click(page, "#fault button")
     until(page, lambda _: page.execute_script(apart)[1] > 4.0)
     angle, left, right, voltage = page.execute_script(apart)
     assert left == pytest.approx(5.0, abs=1.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser_support import GOING, OPENS, errors_in, found, opened, text_of, until
+from browser_support import GOING, OPENS, click, errors_in, found, opened, text_of, until
 from dashboard_support import address_in, process
 
 import liftgate_hil as lh
@@ -81,16 +81,16 @@ def test_a_recording_shows_its_pinch_and_is_played(browser: Any, tmp_path: Path)
         drawn = "return Math.max(...charts.high.pinch_force_n)"
         assert browser.execute_script(drawn) == pytest.approx(peak, rel=1e-9)
         assert f"pinch {peak:.0f} N" in text_of(browser, "#drawing")  # the vehicle is in the file
-        found(browser, "#contacts button").click()
+        click(browser, "#contacts button")
         until(browser, lambda _: browser.execute_script("return charts.range[1] - charts.range[0] < 3"))
         until(browser, lambda _: browser.execute_script(f"{drawn} && charts.times.length > 200"))
         steps = "return charts.times[10] - charts.times[9] < 0.0025"
         until(browser, lambda _: browser.execute_script(steps))  # every row, or every other
         assert browser.execute_script(drawn) == pytest.approx(peak, rel=1e-9)
         assert not found(browser, "#commands").is_displayed()
-        found(browser, "#whole").click()
+        click(browser, "#whole")
         browser.execute_script("return seek(about.end_s - 0.5)")
-        found(browser, "#play").click()
+        click(browser, "#play")
         until(browser, lambda _: text_of(browser, "#play") == "Play")
         assert float(text_of(browser, "#time")) == pytest.approx(42.0, abs=0.01)
         assert errors_in(browser) == []
@@ -105,10 +105,10 @@ def test_scenarios_are_chosen_started_and_stopped(browser: Any, tmp_path: Path) 
         opened(browser, address_in(child), ("no run",))
         until(browser, lambda _: Select(found(browser, "#start-name")).options)
         Select(found(browser, "#start-name")).select_by_visible_text("opens.toml")
-        found(browser, "#start button").click()
+        click(browser, "#start button")
         until(browser, lambda _: text_of(browser, "#phase") in GOING)
         until(browser, lambda _: found(browser, "#stop-run").is_enabled())
-        found(browser, "#stop-run").click()
+        click(browser, "#stop-run")
         until(browser, lambda _: text_of(browser, "#phase") == "ended")
         assert errors_in(browser) == []
 
@@ -134,7 +134,7 @@ def test_the_keyboard_alone_reaches_everything(page: Any) -> None:
 @pytest.mark.parametrize("width", [1500, 420])
 def test_axe_finds_no_fault_in_contrast_labels_or_roles(page: Any, width: int) -> None:
     for each in ("#bus-view", "#values"):
-        found(page, f"{each} summary").click()
+        click(page, f"{each} summary")
     page.set_window_size(width, 1400)
     try:
         page.execute_script(AXE.read_text(encoding="utf-8"))

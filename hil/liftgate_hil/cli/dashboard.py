@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from liftgate_hil.dashboard.source import NoSource
     from liftgate_hil.dashboard.starting import Starter
 
-_NICE = 5  # of the page's process
 # What each flag goes with.
 _GOES_WITH = {
     "rig": ("recording", "scenarios"), "vehicle": ("recording", "scenarios"), "bus": ("scenarios",),
@@ -89,10 +88,11 @@ def run(args: argparse.Namespace) -> int:
         _check(args)
         starter = _starter(args)
         source = _source(args)
+        from liftgate_hil.dashboard.deference import go_last
         from liftgate_hil.dashboard.server import Page
         from liftgate_hil.dashboard.serving import serve
 
-        os.nice(_NICE)  # the loop goes first
+        go_last()
         page = Page(source, args.read_only, starter, is_of_a_run)
         serve(page, wire, host, token, lambda: None if is_of_a_run else put_line(address, sys.stdout))
     return 0

@@ -9,6 +9,7 @@ from typing import Any
 
 import orjson
 
+from liftgate_hil.dashboard.deference import Deference
 from liftgate_hil.dashboard.following import Following
 from liftgate_hil.dashboard.live import Live
 from liftgate_hil.dashboard.recorded import RecordingSource
@@ -19,6 +20,7 @@ from liftgate_hil.running.attachment.client import Client
 
 _IDLE_S = 0.25  # s between two reads where nobody has the page open
 _NOW_AND_THEN = 6  # periods between two lists of the messages on the bus
+_BOUND_S = 0.2  # s between two looks for the CPU of the loop
 _NEXT_S = 0.2  # s between two looks for the next run, which may be short
 
 
@@ -34,6 +36,7 @@ class ActiveSource:
         self.viewers = Viewers()
         self._starter = starter
         self._following: Following | None = None  # of a run that has ended
+        self._deference = Deference(frozenset() if starter is None else frozenset({starter.thread_id}))
         self._looks = ThreadPoolExecutor(1)  # not that of commands: a run that stands still keeps these waiting
 
     async def follow(self) -> None:
@@ -42,8 +45,14 @@ class ActiveSource:
             return
         count, line, number = 0, 0, self.number
         due = looked = time.monotonic()
+        bound = due - _BOUND_S
         while True:
             source = self.source
+            if time.monotonic() > bound + _BOUND_S:
+                bound = time.monotonic()
+                self._deference.give_way_to(
+                    source.pid if isinstance(source, Live) and not source.has_ended else None
+                )
             line, number = (line, number) if number == self.number else (0, self.number)
             if isinstance(source, Live):
                 span = await self.look(source)

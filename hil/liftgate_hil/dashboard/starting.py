@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from liftgate_hil.config.toml import show
@@ -28,7 +29,11 @@ _LINES = 50  # of what the process prints that are kept
 
 
 class Starter:
-    """Starts scenarios of a folder, one at a time; `flags` are added to each command line."""
+    """Starts scenarios of a folder, one at a time; `flags` are added to each command line.
+
+    A run inherits the priority of the thread that starts it, and ends with it: it is a thread of its own, with the
+    priority that this process had when the starter was made.
+    """
 
     def __init__(self, folder: Path, flags: Sequence[str]) -> None:
         self._folder, self._flags = folder, list(flags)
@@ -36,6 +41,8 @@ class Starter:
         self._printed: collections.deque[str] = collections.deque(maxlen=_LINES)
         self._name, self._is_stopped, self._is_closed = "", False, False
         self._starting = threading.Lock()
+        self._thread = ThreadPoolExecutor(1)
+        self.thread_id = self._thread.submit(threading.get_native_id).result()
         if not folder.is_dir():
             raise ConfigError(f"`scenarios` {folder}: no such folder; allowed: a folder with scenario files")
 
@@ -86,7 +93,13 @@ class Starter:
         self._printed.clear()
         path = str(self._folder / name)
         command = [sys.executable, "-P", "-m", "liftgate_hil", *self._flags, "--scenario", path]
-        self._process = subprocess.Popen(
+        self._process = self._thread.submit(self._spawn, command).result()
+        reader = threading.Thread(target=self._read, args=(self._process,), daemon=True)
+        reader.start()
+        return self._client(self._process, reader)
+
+    def _spawn(self, command: Sequence[str]) -> subprocess.Popen[str]:
+        return subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -96,9 +109,6 @@ class Starter:
             start_new_session=True,  # Ctrl-C is for the page, which ends the run itself
             preexec_fn=dies_with_parent,  # noqa: PLW1509
         )
-        reader = threading.Thread(target=self._read, args=(self._process,), daemon=True)
-        reader.start()
-        return self._client(self._process, reader)
 
     def _read(self, process: subprocess.Popen[str]) -> None:
         for line in process.stderr or ():

@@ -7,6 +7,7 @@ ECU.
 
 from __future__ import annotations
 
+import hashlib
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -70,6 +71,10 @@ class Adapter:
         """Return how many frames were dropped so far because the ECU had no room for them."""
         return int(self.state.port.head.dropped[0])
 
+    def digest(self) -> str:
+        """Return a digest of all that the ECU has in its memory; "": unknown, as of a foreign ECU."""
+        return ""
+
     def last_frames(self) -> Frames | None:
         """Return the frames that the ECU sends when it is switched off; None: it sends none."""
         return None
@@ -118,6 +123,10 @@ class ReferenceEcu(Adapter):
         after.control.began_ns[:] = before.control.began_ns
         after.statuses[:] = before.statuses
         begin_cycle(after.statuses)
+
+    def digest(self) -> str:
+        """Return a digest of the ECU's memory: state, learned loads, timers, events and trouble codes."""
+        return hashlib.sha256(b"".join(each.tobytes() for each in self.state.reference.memory)).hexdigest()
 
     def last_frames(self) -> Frames | None:
         """Return the ECU's command frames with the motors off."""

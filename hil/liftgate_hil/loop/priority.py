@@ -10,7 +10,8 @@ import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-_TIMERSLACK = 29  # PR_SET_TIMERSLACK
+LOOP = "liftgate-loop"  # name of the loop's thread, at most 15 characters
+_NAME, _TIMERSLACK = 15, 29  # PR_SET_NAME, PR_SET_TIMERSLACK
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # the system call's number
 # linux/sched/types.h: size, policy, flags, nice, priority, runtime, deadline, period
 _SCHED_ATTR = struct.Struct("IIQiIQQQ")
@@ -130,6 +131,11 @@ def give_back(policy: int, parameters: os.sched_param, thread: int = 0) -> None:
         with contextlib.suppress(PermissionError):
             os.sched_setscheduler(thread, policy | flag, parameters)
             return
+
+
+def name_thread(name: str) -> None:
+    """Name the calling thread for the kernel's tools (`top -H`, `perf`, /proc), with up to 15 characters."""
+    ctypes.CDLL(None).prctl(_NAME, name.encode(), 0, 0, 0)
 
 
 def wake_sharply() -> None:

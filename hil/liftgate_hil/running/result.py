@@ -43,6 +43,7 @@ class Result:
     trace: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)  # kept rows, if requested
     trace_summaries: Mapping[str, TraceSummary] = field(default_factory=dict)  # by expectation, if requested
     notes: tuple[str, ...] = ()  # observations that may explain the verdict
+    ecu_digest: str = ""  # of the ECU's memory at the end; "": unknown
     late: str = ""  # when the bench was too late, or what it has not done; "": neither is known
 
 
@@ -79,6 +80,7 @@ def result_of(
         maxima=dict(zip(COLUMNS, high.tolist(), strict=True)),
         minima=dict(zip(COLUMNS, low.tolist(), strict=True)),
         events=adapter.events(),
+        ecu_digest=adapter.digest(),
         summary=replace(summary, ecu_dropped_frames=adapter.dropped()),
         recording=tuple(map(Path, summary.recordings)),
         pinch_time_s=extremes.pinch_time,

@@ -60,13 +60,13 @@ class Matrix:
         return [name for name in MUTANTS if not self.kills(name)]
 
     def is_reached(self, mutant: str) -> bool:
-        """Whether a mutant's defect changes the course of any scenario: a signal, an event or a margin."""
+        """Whether a mutant's defect changes any scenario: a signal, an event, a margin or the ECU's memory."""
         files = [case.file for case in self.cases]
         return any(self.behaviours.get((mutant, file)) != self.behaviours.get((SOUND, file)) for file in files)
 
     @property
     def tolerated(self) -> list[str]:
-        """Mutants that no scenario kills although their defect changes the course of one."""
+        """Mutants that no scenario kills although their defect changes one."""
         return [name for name in self.alive if self.is_reached(name)]
 
     @property
@@ -119,14 +119,15 @@ def _behaviour_of(outcome: Outcome) -> tuple[object, ...]:
     """Return what tells the course of a run from another one.
 
     It is the largest and the smallest value of every column, among them positions and temperatures, which depend
-    on all that was commanded before, the ECU's events, and the margins.
+    on all that was commanded before, the ECU's events and what it has in its memory at the end (the loads it has
+    learned, say), and the margins.
     """
     result = outcome.result
     margins = tuple((each.name, each.verdict, each.margin, each.time_s) for each in outcome.expectations)
     if result is None:
         return (outcome.verdict, margins)
     extremes = tuple(repr(each) for part in (result.maxima, result.minima) for each in part.values())
-    return (extremes, tuple((each.time, each.text) for each in result.events), margins)
+    return (extremes, tuple((each.time, each.text) for each in result.events), result.ecu_digest, margins)
 
 
 def mutate(

@@ -38,6 +38,21 @@ always = "gate_angle_deg < 500"
 name = "fails anyhow"
 never = "gate_angle_deg > 1"
 """
+TRAPS = """
+duration = 16.0
+[[obstacle]]
+angle_deg = 60
+stiffness = 10000
+[[request]]
+time = 0.2
+action = "open"
+[[request]]
+time = 9.0
+action = "close"
+[[expect]]
+name = "meets the rod"
+eventually = "pinch_force_n > 5"
+"""
 
 
 def choose(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
@@ -86,6 +101,19 @@ def test_the_matrix_says_who_finds_what_and_what_proves_nothing(
     assert f"<h1>Mutation testing: {score}</h1>" in html
     assert html.index("motors start at any temperature") < html.index("Found:") < html.index("command line")
     assert "can&#x27;t fail" in html or "can&#39;t fail" in html
+
+
+def test_a_defect_that_changes_only_what_is_learned_is_reached(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The load of the trapped rod is learned; it would matter in the next motion, which does not come."""
+    choose(monkeypatch, "learns_disturbed", "heat_ignored")
+    file = tmp_path / "s.toml"
+    file.write_text(TRAPS)
+    assert main(["test", str(file), "--mutants"]) == 0
+    out = capsys.readouterr().out
+    assert "ALIVE, reached and tolerated: the load of a trapped obstacle is learned" in out
+    assert "ALIVE, never reached: motors start at any temperature" in out
 
 
 def test_what_proves_nothing_is_found_where_requests_wait_for_the_gate(

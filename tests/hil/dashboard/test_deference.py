@@ -1,0 +1,99 @@
+"""A page's process gives way to the loop of the run that it shows, and a run that it starts does not."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from dashboard_support import Client, address_in, process
+
+from liftgate_hil.dashboard.deference import loop_cpu
+
+# In a process of its own, as all its threads are moved: one is named as a loop's, and stays on one CPU.
+MOVED = """
+import json, os, threading
+from liftgate_hil.dashboard.deference import Deference, loop_cpu
+from liftgate_hil.loop.priority import LOOP, name_thread
+
+allowed, started, over = sorted(os.sched_getaffinity(0)), threading.Event(), threading.Event()
+
+def loop():
+    name_thread(LOOP)
+    os.sched_setaffinity(0, {allowed[-1]})
+    started.set()
+    over.wait()
+
+thread = threading.Thread(target=loop)
+thread.start()
+started.wait()
+found, me = [loop_cpu(os.getpid())], os.getpid()
+for keep in ((), (thread.native_id,)):
+    deference = Deference(frozenset(keep))
+    for pid in (me, None):
+        deference.give_way_to(pid)
+        found.append([sorted(os.sched_getaffinity(each)) for each in (me, thread.native_id)])
+        os.sched_setaffinity(thread.native_id, {allowed[-1]})
+over.set()
+print(json.dumps([allowed, found]))
+"""
+
+
+def until(is_so: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not is_so():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def policy_of(pid: int) -> tuple[int, int]:
+    """The policy and the nice value of a process's first thread."""
+    return os.sched_getscheduler(pid), os.getpriority(os.PRIO_PROCESS, pid)
+
+
+def test_all_threads_leave_the_cpu_of_the_loop_but_those_that_are_kept() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(MOVED)], capture_output=True, text=True, check=True, timeout=60
+    )
+    allowed, (cpu, moved, back, kept, _) = json.loads(done.stdout)
+    assert cpu == allowed[-1]
+    without = allowed[:-1] or allowed  # unless it is the only one
+    assert moved == [without, without]
+    assert back == [allowed, allowed]
+    assert kept == [without, [allowed[-1]]]
+
+
+def test_a_process_without_a_loop_has_no_cpu_to_avoid() -> None:
+    assert loop_cpu(os.getpid()) is None
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    assert loop_cpu(gone.pid) is None
+
+
+def test_a_page_goes_last_and_avoids_the_cpu_of_the_loop(tmp_path: Path) -> None:
+    bench = ("--bus", "virtual:deference", "--overrun-limit", "3600")
+    with process(*bench, folder=tmp_path) as run:
+        until(lambda: loop_cpu(run.pid) is not None)
+        arguments = ("dashboard", "--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
+        with process(*arguments, folder=tmp_path) as page:
+            address_in(page)
+            policy, nice = policy_of(page.pid)
+            assert policy == os.SCHED_BATCH
+            assert nice == min(19, policy_of(run.pid)[1] + 10)
+            if len(os.sched_getaffinity(0)) > 1:
+                until(lambda: len(os.sched_getaffinity(page.pid)) == len(os.sched_getaffinity(0)) - 1)
+
+
+def test_a_run_that_a_page_starts_has_the_priority_of_any_run(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text("duration = 1e6", encoding="utf-8")
+    with process("dashboard", "--scenarios", ".", "--listen", "127.0.0.1:0", folder=tmp_path) as page:
+        client = Client(address_in(page))
+        assert client.ask("/api/run", b'{"scenario": "s.toml"}')[0] == 200
+        run = client.ask("/api/about")[1]["pid"]
+        assert policy_of(run) == policy_of(os.getpid())
+        assert os.sched_getaffinity(run) == os.sched_getaffinity(0)
