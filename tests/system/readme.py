@@ -18,7 +18,10 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[2]
 BIN = Path(sys.executable).parent
 PATIENCE = 300.0  # s until a command must have ended; nothing is judged by it
-_PROGRAMS = ("liftgate-hil", "make", "cc", "python", "candump", "cantools", "mkdir", "curl", "tools/")
+_PROGRAMS = (
+    *("liftgate-hil", "make", "cc", "python", "candump", "cantools", "mkdir", "curl", "tools/"),
+    *("sudo ", "uname ", "taskset "),
+)
 _CACHE = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")  # with the compiled model
 
 
@@ -154,8 +157,8 @@ def commands_in(block: Block) -> list[tuple[str, int]]:
 
 
 def is_run_elsewhere(line: str) -> bool:
-    """Whether a command needs a bus or a page that is served: tests/system/test_newcomer.py has it."""
-    return "$TOKEN" in line or "socketcan:" in line
+    """Whether a command needs a bus, a served page or root: tests/system/test_newcomer.py names its test."""
+    return "$TOKEN" in line or "socketcan:" in line or line.startswith("sudo ")
 
 
 def fresh_folder(folder: Path) -> Path:

@@ -182,6 +182,15 @@ def test_a_part_of_the_workflow_is_in_the_workflow() -> None:
     assert [line for line in shown if line not in workflow] == []
 
 
+def test_no_command_hides_among_other_blocks() -> None:
+    """A block whose lines begin with a program of this machine is one of commands, all of which are run."""
+    others = [block for blocks in BLOCKS.values() for block in blocks if block.kind in ("plain", "sh", "bash")]
+    starts = {line.split()[0]: block.page for block in others for line in block.text.splitlines() if line.strip()}
+    shells = ("$", "#!", "cd", "docker", "export", "pip", "podman", "source")
+    found = {word: page for word, page in starts.items() if word in shells or shutil.which(word)}
+    assert found.keys() <= {"time"}, found  # a row of the panel
+
+
 def test_no_python_hides_among_other_blocks() -> None:
     known = {"commands", "python", "toml", "text", "plain", "yaml", "dockerfile", "{toctree}"}
     for blocks in BLOCKS.values():

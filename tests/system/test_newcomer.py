@@ -27,6 +27,11 @@ from readme import command, run, start
 SHORT = "--overrun-limit 60 --duration 0.3"
 # The commands that are not run here: by how they begin, with the reason.
 ELSEWHERE = {
+    "sudo ip link add": "tests/vcan/test_set_up.py",
+    "sudo ip link set": "tests/vcan/test_set_up.py",
+    "sudo sysctl": "tests/vcan/test_set_up.py",
+    "taskset -c 0-3 liftgate-hil doctor": "tests/system/test_manual_blocks.py",
+    "taskset -c 0-3 liftgate-hil --bus": "tests/system/test_manual_blocks.py",
     "make demo": "installs; the demo is tests/hil/cli/test_demo.py",
     "make test": "is what CI runs",
     "make test-vcan": "is what CI runs",
@@ -41,6 +46,8 @@ ELSEWHERE = {
     "liftgate-hil campaign pack:trap-matrix": "tests/hil/cli/test_campaign_command.py",
 }
 HERE = (
+    "uname -v",
+    "python -m pytest gate --liftgate-ecu",
     "liftgate-hil init",
     "mkdir -p",
     "liftgate-hil completion",
@@ -226,6 +233,20 @@ def test_two_ecus_go_through_the_same_variants(folder: Path) -> None:
     run(command("make -C tools/ecu build/liftgate-ecu.so"), folder)
     run(command("liftgate-hil campaign docs/examples/trap.toml --ecu"), folder)
     assert pq.read_table(folder / "two" / "differences.parquet").num_rows == 5
+
+
+@needs_compiler
+def test_pytest_tries_the_ecu_that_a_flag_names(tmp_path: Path) -> None:
+    folder = readme.fresh_folder(tmp_path)
+    run(command("make -C tools/ecu build/liftgate-ecu.so"), folder)
+    run(command("liftgate-hil init"), folder)
+    out = run(command("python -m pytest gate --liftgate-ecu"), folder, more="-p no:cacheprovider", codes=(1,))
+    assert "presses softly: fail" in out
+    assert "2 failed, 4 passed" in out
+
+
+def test_the_kernel_tells_its_preemption(folder: Path) -> None:
+    assert run(command("uname -v"), folder).startswith("#")
 
 
 def test_what_init_prints_runs_as_it_stands(folder: Path) -> None:

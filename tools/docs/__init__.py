@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from tools.docs.campaign_file import campaign_file_page
 from tools.docs.command_line import command_line_page
 from tools.docs.equations import equations_page
 from tools.docs.http_api import http_api_page
@@ -15,6 +16,7 @@ PAGES = {
     "vehicle.md": vehicle_page,
     "rig.md": rig_page,
     "scenario.md": scenario_page,
+    "campaign-file.md": campaign_file_page,
     "signals.md": signals_page,
     "command-line.md": command_line_page,
     "http-api.md": http_api_page,
