@@ -49,7 +49,7 @@ test: lint
 	@mkdir -p $(OUT); failed=0; \
 	{ for each in $(BESIDE); do $(SELF) --no-print-directory $$each VCAN=$(BESIDE_VCAN) || exit 1; done; } \
 	    > $(OUT)/beside.log 2>&1 & beside=$$!; \
-	nice -n 10 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not realtime" --ignore tests/browser || failed=1; \
+	nice -n 10 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not realtime and not browser" || failed=1; \
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m realtime || failed=1; \
 	wait $$beside || failed=1; \
 	cat $(OUT)/beside.log; \

@@ -7,8 +7,10 @@ import fcntl
 import os
 import re
 import struct
+import sys
 import termios
 import threading
+from collections.abc import Callable
 from typing import TextIO
 
 import pyte
@@ -66,8 +68,15 @@ class PseudoTerminal:
 
     def wait_for(self, text: str) -> None:
         """Wait until a text has been written."""
+        self._wait_until(lambda: text.encode() in self._raw, text)
+
+    def wait_for_picture(self, text: str) -> None:
+        """Wait until a picture with a text has been drawn to its end: Ctrl-C discards what is still to be read."""
+        self._wait_until(lambda: _DRAWN.search(self._raw, self._raw.find(text.encode()) % sys.maxsize), text)
+
+    def _wait_until(self, is_so: Callable[[], object], text: str) -> None:
         with self._news:
-            assert self._news.wait_for(lambda: text.encode() in self._raw, _PATIENCE_S), (text, self._raw)
+            assert self._news.wait_for(is_so, _PATIENCE_S), (text, self._raw)
 
     def _sync(self) -> None:
         """Wait until everything that was written has been read: until a mark that is written last arrives."""

@@ -97,7 +97,7 @@ def test_ctrl_c_ends_a_run_and_leaves_its_messages_and_the_summary() -> None:
         preexec_fn=lambda: os.close(os.open(os.ttyname(0), os.O_RDWR)),  # noqa: PLW1509
     )
     try:
-        terminal.wait_for("no command")
+        terminal.wait_for_picture("no command")
         terminal.types(b"\x03")
         assert run.wait(60) == 0
     finally:
