@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
+from json_paths import written
 
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
@@ -41,24 +41,6 @@ always = "gate_angle_deg > $angle"
 name = "may be"
 eventually = "gate_angle_deg < 500"
 """
-
-
-def written(value: object, known: set[str], at: str = "") -> Iterator[str]:
-    """Yield the paths of the keys of a JSON value.
-
-    `known` are the documented paths: a name that varies becomes the part in capitals that stands for it there.
-    """
-    if isinstance(value, Mapping):
-        inside = {path: path.rpartition(".") for path in known}
-        varying = [path for path, (above, _, last) in inside.items() if above == at and last.isupper()]
-        assert len(varying) <= 1
-        for name, each in value.items():
-            path = varying[0] if varying else f"{at}.{name}".lstrip(".")
-            yield path
-            yield from written(each, known, path)
-    elif isinstance(value, list):
-        for each in value:
-            yield from written(each, known, f"{at}[]")
 
 
 def assert_documented(document: Document, *contents: object) -> None:

@@ -158,7 +158,8 @@ RUN = Document(
         "command_delay_force_n": "pinch force that grows during the largest command delay, on the rod of 10 N/mm "
         "[N]; null: no delay was measured",
         "rejected_frames": "all rejected frames: remote, wrong length, out of range, checksum, counter",
-        "stop_reason": "`duration`: the run reached its end, else what stopped it: `SIGINT`, `SIGTERM`",
+        "stop_reason": "signal that stopped the run: `SIGINT`, `SIGTERM`; else `duration`, also if the bench "
+        "gave up (exit code 3)",
         "maxima": "largest value of each column of recordings",
         "maxima.COLUMN": "in the unit of the [signal](signals.md); null: unknown",
         "minima": "smallest value of each column of recordings",

@@ -15,7 +15,7 @@ _INTRO = """\
 What commands print with `--json`, and the JSON files that they write. What the server of the operator's page
 answers, `/api/state` for example, is described in [HTTP and WebSocket](http-api.md).
 
-Keys are public: they keep name, meaning and unit within a version. A number that is unknown or not finite is null.
+Keys are public; the change log names those that change. A number that is unknown or not finite is null.
 `a.b` is key `b` of object `a`, and `a[].b` that of each object in list `a`. A part in capitals stands for a name
 that varies: `maxima.COLUMN` are `maxima.time_s`, `maxima.gate_angle_deg` and so on. Columns are the
 [signals](signals.md). The exit codes are on the page of the [command line](command-line.md)."""
