@@ -1,9 +1,9 @@
 """Write the generated documentation: `python -m tools.docs`, or `make docs`.
 
-docs/vehicle.md, rig.md, scenario.md and campaign-file.md contain every key of those files, signals.md every column
-of recordings, command-line.md every flag, http-api.md every route, equations.md every equation; docs/demo.png is
-the picture of the demo on the free clock. A test compares the pages with what is generated; the bytes of the
-picture depend on matplotlib.
+docs/vehicle.md, rig.md, scenario.md, campaign-file.md and map-file.md contain every key of those files, signals.md
+every column of recordings, command-line.md every flag, http-api.md every route, json.md every key of JSON results,
+equations.md every equation; docs/demo.png is the picture of the demo on the free clock. A test compares the pages
+with what is generated; the bytes of the picture depend on matplotlib.
 """
 
 from __future__ import annotations

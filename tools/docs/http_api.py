@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from liftgate_hil.dashboard.server import ENDPOINTS
-from liftgate_hil.dashboard.source import STATE
 from liftgate_hil.running.commands import operator
+from tools.docs.json_state_keys import STATE_KEYS
 from tools.docs.markdown import code, page, table
 
 _INTRO = """\
@@ -15,6 +15,11 @@ _COMMANDS = """\
 
 A command is an object of one key, with the keys of [scenario files](scenario.md). The answer has `done`, in words,
 and `time_s`, or `waits` where the run stands still: it executes the command when it continues."""
+_STATE = """\
+`a.b` is key `b` of object `a`, and `a[].b` that of each object in list `a`. A part in capitals stands for a name
+that varies, e.g. that of a column. Of a recording `loop` holds only those figures that were recorded; `bus` and
+`command` are empty. In the stream `span` is added: `low` and `high` of each column since the last state. With
+`--scenarios` `started` is added: the scenario that the page has started; null: none runs."""
 _CODES = (
     ("200", "done"),
     ("202", "the command waits, see above"),
@@ -38,7 +43,8 @@ def http_api_page() -> str:
         _COMMANDS,
         "\n".join(["```", *forms, "```"]),
         "## State",
-        table(["key", "meaning"], ((code(name), meaning) for name, meaning in STATE.items())),
+        _STATE,
+        table(["key", "meaning"], ((code(name), meaning) for name, meaning in STATE_KEYS.items())),
         "## Status codes and connections",
         table(["status", "meaning"], _CODES),
         _CONNECTIONS,

@@ -7,14 +7,18 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from liftgate_hil.config.files import check_file, is_there
-from liftgate_hil.config.toml import known_keys, number, read_toml, show, table, text
+from liftgate_hil.config.kinds import Number, Subtable, Text
+from liftgate_hil.config.schema import Key, Record, keys_of
+from liftgate_hil.config.toml import Table, known_keys, read_toml, show, table, text
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion
 from liftgate_plant.signals import Signal
 
 _FORM = "OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, or FILE.toml"
+_SCALE, _OFFSET = Number(-1e9, 1e9), Number(-1e12, 1e12)
 _WITH_UNIT = re.compile(r"(?P<name>.+?)\s*\[(?P<unit>[^\[\]]*)\](\s*\*\s*(?P<scale>\S+))?")
 
 
@@ -34,6 +38,23 @@ class Theirs:
 
 
 ColumnMap = dict[str, Theirs]
+
+
+class MapTable(Record):
+    """The keys of a map file."""
+
+    columns: Annotated[Table | None, Key(Subtable(), "the columns: each key is a column of this program, its "
+        "value the name of the file's column, or a table")] = None  # fmt: skip
+
+
+class ColumnTable(Record):
+    """The keys of a column in a map file."""
+
+    name: Annotated[str, Key(Text(), "name of the column in the file; there its unit may follow in brackets")]
+    unit: Annotated[str, Key(Text("a unit of the same quantity"), "unit of scale · value + offset",
+        "that in the file, else the column's own")] = ""  # fmt: skip
+    scale: Annotated[float, Key(_SCALE, "factor of the file's values; not 0")] = 1.0
+    offset: Annotated[float, Key(_OFFSET, "is added to scale · value, in `unit`")] = 0.0
 
 
 def parse_maps(given: Sequence[str], known: Mapping[str, Signal] = KNOWN) -> ColumnMap:
@@ -83,21 +104,21 @@ def _from_file(name: str, issues: ConfigIssues, known: Mapping[str, Signal]) -> 
     path = Path(name)
     check_file(path, f"`map` {path}")
     raw = read_toml(path)
-    known_keys(issues, "", raw, ("columns",))
+    known_keys(issues, "", raw, [each.name for each in keys_of(MapTable)])
     result: ColumnMap = {}
     for ours, value in table(issues, "columns", raw.get("columns", {})).items():
         key = f"columns.{ours}"
         given = {"name": value} if isinstance(value, str) else table(issues, key, value)
-        known_keys(issues, key, given, ("name", "unit", "scale", "offset"))
+        known_keys(issues, key, given, [each.name for each in keys_of(ColumnTable)])
         name = text(issues, f"{key}.name", given.get("name"))
         unit = given.get("unit")
         if unit is not None and not isinstance(unit, str):
             issues.add(f"{key}.unit", f"{show(unit)}; allowed: a text")
             unit = None
-        scale = number(issues, f"{key}.scale", given.get("scale", 1.0), -1e9, 1e9)
+        scale = _SCALE.read(issues, f"{key}.scale", given.get("scale", ColumnTable.scale))
         if scale == 0.0:
             issues.add(f"{key}.scale", "0; allowed: anything else")
-        offset = number(issues, f"{key}.offset", given.get("offset", 0.0), -1e12, 1e12)
+        offset = _OFFSET.read(issues, f"{key}.offset", given.get("offset", ColumnTable.offset))
         result |= _checked(ours, Theirs(name, unit, scale, offset), issues, known)
     return result
 

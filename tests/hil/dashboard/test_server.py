@@ -10,17 +10,22 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 from dashboard_support import Client, address_in, process
+from json_paths import written
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 import liftgate_hil as lh
 from liftgate_hil.dashboard.guard import Guard, hosts_of
+from liftgate_hil.dashboard.live import _UNKNOWN_END
 from liftgate_hil.dashboard.source import STATE
+from liftgate_hil.judging.verdict import Verdict
+from liftgate_hil.running.attachment.server import _in_short
 
 BENCH = ("--bus", "virtual:page", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
 
@@ -100,6 +105,26 @@ def test_the_state_has_truth_sensed_loop_and_bus(client: Client) -> None:
     assert state["loop"]["ticks_missed"] >= 0
     assert state["bus"]["sent"] > 0
     assert {"load_percent", "received", "rejected", "dropped"} <= set(state["bus"])
+
+
+def test_the_page_has_exactly_the_keys_of_a_state(client: Client) -> None:
+    """Those of a run that goes on, and the records of which its end and its verdicts are made."""
+    from tools.docs.json_state_keys import STATE_KEYS
+
+    def is_whole(state: Any) -> bool:
+        return all(state["loop"][f"{name}_us"] for name in ("lateness", "execution", "command_delay"))
+
+    state = until(client, is_whole)
+    state["in_force"] = dict.fromkeys(state["in_force"])  # what tests have commanded has the keys of commands
+    found = {*written(state, STATE_KEYS)}
+    later = {path for path in STATE_KEYS if path.startswith(("end.", "verdicts[]."))}
+    assert found == {*STATE_KEYS} - later
+    verdict, end = Verdict("moves", "pass"), {*_UNKNOWN_END}
+    assert later == {
+        *(f"verdicts[].{name}" for name in _in_short(verdict)),
+        *(f"end.{name}" for name in end),
+        *(f"end.expectations[].{name}" for name in asdict(verdict)),
+    }
 
 
 def test_the_stream_brings_the_state_again_and_again_with_what_lay_between(client: Client) -> None:

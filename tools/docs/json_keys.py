@@ -1,0 +1,290 @@
+"""Keys of the JSON that the program writes, with meaning and unit.
+
+Keys are dotted paths: `a.b` is key `b` of object `a`, `a[].b` that of each object in list `a`. A last part in
+capitals stands for a name that varies, e.g. a column. A test compares the keys with those that are written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from liftgate_hil.loop.histogram import Distribution
+from liftgate_hil.loop.statistics import Timing
+
+
+class Shared(NamedTuple):
+    """Object that several documents contain."""
+
+    title: str
+    intro: str
+    keys: Mapping[str, str]
+
+
+class Document(NamedTuple):
+    """JSON that a command writes; `shared` are the objects in it that have tables of their own, by their paths."""
+
+    title: str
+    intro: str
+    keys: Mapping[str, str]
+    shared: Mapping[str, Shared]
+
+    def paths(self) -> set[str]:
+        """Return the paths of all keys, those of the shared objects included."""
+        return {*self.keys} | {f"{at}.{key}" for at, shared in self.shared.items() for key in shared.keys}
+
+
+_TIMES = {"lateness": "how late ticks began", "execution": "execution time of a tick", "delay": "command delay"}
+_OF_TIMES = {
+    "count": "number of measured values",
+    "p50_us": "median [µs]",
+    "p99_us": "99th percentile [µs]",
+    "p999_us": "99.9th percentile [µs]",
+    "max_us": "largest value [µs]",
+}
+DISTRIBUTION = {name: _OF_TIMES[name] for name in Distribution._fields}
+
+
+def _times(prefix: str, what: str) -> dict[str, str]:
+    return {f"{prefix}_{name}": f"{what}: {meaning}" for name, meaning in DISTRIBUTION.items()}
+
+
+PROVENANCE = Shared(
+    "Provenance",
+    "`provenance` of the documents below. `SOURCE_DATE_EPOCH` of the environment replaces the date.",
+    {
+        "command_line": "the command with its arguments",
+        "date": "when the result was made: ISO 8601, UTC",
+        "sources": "files that were read, by purpose: `scenario`, `vehicle`, `rig`, `dbc`, …; of `test` and "
+        "`judge` empty here, see `scenarios[].sources`",
+        "sources.PURPOSE": "a file",
+        "sources.PURPOSE.path": "path of the file",
+        "sources.PURPOSE.sha256": "SHA-256 of its content, in hexadecimal digits",
+        "versions": "versions by package",
+        "versions.PACKAGE": "version; `unknown`: the package is not installed",
+        "platform": "operating system and processor architecture",
+        "libc": "C library with its version",
+        "processor": "processor type for which code was compiled",
+        "processor_features": "processor features, each with + or -, separated by commas",
+    },
+)
+LINK = Shared(
+    "Link",
+    "`link`: errors on the way to and from the wire. All values are numbers of events.",
+    {
+        "send_failures": "frames that were not sent",
+        "send_queue_full": "those of them because the send queue was full",
+        "receive_failures": "errors while receiving",
+        "dropped": "frames that arrived, but were dropped before they were read",
+        "losses": "times that the link was lost",
+        "bus_offs": "those of them because the controller went bus-off",
+        "unreadable_frames": "messages received that are no CAN frames",
+        "refused_frames": "frames of other machines, on a bus that is restricted to this one",
+        "cut_frames": "serial line: frames that were cut off",
+        "long_frames": "serial line: frames that are too long",
+        "short_frames": "serial line: frames that are too short",
+        "bad_crcs": "serial line: frames with a wrong checksum",
+        "bad_identifiers": "serial line: frames with an identifier that is not allowed",
+        "before_start": "frames that arrived before the loop was ready, or a lost link was back, and were dropped",
+        "stale_frames": "frames that had waited longer than their message's timeout, and were dropped",
+    },
+)
+EXPECTATION = Shared(
+    "Expectation",
+    "The verdict on one `[[expect]]`, see [verdicts](verdicts.md).",
+    {
+        "name": "name of the expectation",
+        "verdict": "`pass`, `inconclusive`, `fail` or `error`",
+        "margin": "distance to the limit, in `margin_unit`; negative: failed; null: undecided",
+        "margin_unit": "unit of `margin`; empty: it has none",
+        "time_s": "when it was decided: model time [s]; null: never",
+        "reason": "why, in words; may be empty",
+        "uncertainty": "how far the bench's lateness may have moved the margin, in `margin_unit`; null: not at "
+        "all, or unknown",
+        "method": "`direct`: from the run as it was; `replay`: the bench was late, and the gate was stepped "
+        "again; null: undecided",
+        "window_s": "when it was judged, as far as the run went: [from, to], model time [s]; null: the window "
+        "never opened",
+        "margin_time_s": "when the margin was reached: model time [s]; null: unknown",
+        "decided_by": "comparison of the condition that the margin is of, with numbers for parameters",
+    },
+)
+
+WITHOUT_FILES = Shared(
+    PROVENANCE.title,
+    PROVENANCE.intro,
+    {name: meaning for name, meaning in PROVENANCE.keys.items() if not name.startswith("sources.")},
+)
+
+RUN = Document(
+    "`run --json`, `demo --json`",
+    "The summary of a run; without a subcommand the same. It goes to stdout when the run has ended. Times of the "
+    "loop are measured on the clock `realtime` only; else they are null.",
+    {
+        "clock": "clock of the run: `realtime`, `lockstep` or `free`",
+        "ticks": "ticks that were done",
+        "model_time_s": "model time at the end [s]",
+        "overruns": "ticks that were missed",
+        "bus_load_percent": "bus load over the run [%]; null: the run is shorter than 0.1 s",
+        "frames_sent": "frames that the gate sent",
+        "command_timeouts": "times that the ECU's commands failed to come",
+        "received": "frames that came to the gate, by outcome",
+        "received.accepted": "valid frames of mapped messages",
+        "received.foreign": "frames with identifiers that the rig does not receive",
+        "received.error": "error frames that the controller reported",
+        "received.remote": "remote requests for mapped messages",
+        "received.wrong_length": "rejected: length is not the message's",
+        "received.out_of_range": "rejected: a value is outside the range of database, rig or quantity, or NaN",
+        "received.checksum": "rejected: wrong checksum",
+        "received.counter": "rejected: alive counter did not change, or is out of sequence",
+        "received.unqualified": "valid frame, but the E2E state is not (yet) valid",
+        "received.lost": "frames missing between two alive counters, never received",
+        "link_error": "the operating system's text for the link's last error; empty: none",
+        "recordings": "files that were written",
+        "recording_windows": "triggers around which was recorded; null: the whole run was",
+        "recording_lost_rows": "rows for which the recorder was too slow",
+        "unseen_rows": "rows and frames that were not judged, because an ECU in this process delayed it",
+        "injections": "injections of a test bench that were carried out",
+        "injected": "the first of them, as texts with their times",
+        "injections_refused": "injections that were refused as invalid",
+        "commands": "commands of an operator that were carried out",
+        "commanded": "the first of them, as texts with their times",
+        "ecu_dropped_frames": "frames for which an ECU in this process had no room",
+        **{
+            key: meaning
+            for name in Timing._fields
+            for key, meaning in _times("command_delay" if name == "delay" else name, _TIMES[name]).items()
+        },
+        "command_delay_force_n": "pinch force that grows during the largest command delay, on the rod of 10 N/mm "
+        "[N]; null: no delay was measured",
+        "rejected_frames": "all rejected frames: remote, wrong length, out of range, checksum, counter",
+        "stop_reason": "signal that stopped the run: `SIGINT`, `SIGTERM`; else `duration`, also if the bench "
+        "gave up (exit code 3)",
+        "maxima": "largest value of each column of recordings",
+        "maxima.COLUMN": "in the unit of the [signal](signals.md); null: unknown",
+        "minima": "smallest value of each column of recordings",
+        "minima.COLUMN": "in the unit of the [signal](signals.md); null: unknown",
+        "link": "errors of the link, see Link",
+        "provenance": "see Provenance",
+        "pinch": "`demo` only: the contact with the largest pinch force; null: nothing was pinched",
+        "pinch.peak_n": "largest pinch force [N]",
+        "pinch.time_s": "model time of it [s]",
+        "pinch.gate_angle_deg": "gate angle at that time [deg]",
+        "pinch.contact_start_s": "begin of the contact: model time [s]",
+        "pinch.contact_end_s": "end of the contact: model time [s]",
+        "pinch.reversal_time_s": "from the first touch to the reversal [s]; null: the gate did not reverse",
+        "pinch.reversal_further_deg": "how far the gate went on after the first touch [deg]; null: as above",
+        "pinch.reversal_back_deg": "how far it moved back after the reversal [deg]; null: as above",
+        "pinch.limits": "force limits, borrowed from other doors",
+        "pinch.limits[].force_n": "the limit [N]",
+        "pinch.limits[].longest_s": "how long it may be exceeded without interruption [s]",
+        "pinch.limits[].source": "where the limit is from",
+        "pinch.limits[].is_judged": "whether the demo fails if it is exceeded",
+        "pinch.limits[].margin_n": "limit minus largest force [N]",
+        "pinch.limits[].over_s": "longest time above the limit without interruption [s]",
+    },
+    {"link": LINK, "provenance": PROVENANCE},
+)
+
+VERDICTS = Document(
+    "`test --json FILE`, `judge --json FILE`, `verdicts.json`",
+    "The verdicts of a suite; `--results FOLDER` writes them as `verdicts.json`.",
+    {
+        "verdict": "the worst verdict of all scenarios: `pass`, `inconclusive`, `fail` or `error`",
+        "expectations": "how many expectations have which verdict",
+        "expectations.pass": "number of expectations that passed",
+        "expectations.inconclusive": "number of those undecided",
+        "expectations.fail": "number of those that failed",
+        "expectations.error": "number of those that could not be judged",
+        "expectations.inconclusive_share": "share of undecided expectations, 0 to 1",
+        "scenarios": "scenarios in the order given; of `judge` recordings",
+        "scenarios[].file": "the scenario, or the recordings that were judged",
+        "scenarios[].verdict": "the worst of its expectations; `error`: it did not reach its end",
+        "scenarios[].reason": "why it did not reach its end; else empty",
+        "scenarios[].notes": "texts that may explain the verdict",
+        "scenarios[].description": "`description` of the scenario",
+        "scenarios[].requirement": "list: `requirement` of the scenario",
+        "scenarios[].vehicle": "name of the vehicle",
+        "scenarios[].seed": "seed of noise and scatter",
+        "scenarios[].parameters": "parameters of the scenario, with `--set-parameter`",
+        "scenarios[].parameters.NAME": "value, in the unit in which the scenario uses it",
+        "scenarios[].clock": "clock of the run: `realtime`, `lockstep` or `free`",
+        "scenarios[].wall_s": "elapsed time of the run [s]",
+        "scenarios[].expectations": "its expectations, see Expectation",
+        "scenarios[].attempts": "earlier, inconclusive attempts, with `--retry-inconclusive`",
+        "scenarios[].attempts[].verdict": "verdict of the attempt",
+        "scenarios[].attempts[].expectations": "its expectations, see Expectation",
+        "scenarios[].attempts[].recordings": "files that the attempt wrote",
+        "scenarios[].recordings": "files that the run wrote",
+        "scenarios[].sources": "files that were read, by purpose",
+        "scenarios[].sources.PURPOSE": "a file",
+        "scenarios[].sources.PURPOSE.path": "path of the file",
+        "scenarios[].sources.PURPOSE.sha256": "SHA-256 of its content, in hexadecimal digits",
+        "provenance": "see Provenance",
+        "mutation": "`test --mutants` only: which defects of the reference ECU the scenarios find",
+        "mutation.score": "share of the mutants that are killed, 0 to 1",
+        "mutation.mutants": "all mutants",
+        "mutation.mutants[].name": "name of the mutant",
+        "mutation.mutants[].meaning": "its defect",
+        "mutation.mutants[].is_reached": "whether the defect changes any scenario",
+        "mutation.mutants[].killed_by": "expectations that pass with the sound ECU and fail with the mutant",
+        "mutation.mutants[].killed_by[].file": "scenario",
+        "mutation.mutants[].killed_by[].expectation": "name of its expectation",
+        "mutation.prove_nothing": "expectations that hold with every mutant, and with no ECU at all",
+        "mutation.prove_nothing[].file": "scenario",
+        "mutation.prove_nothing[].expectation": "name of its expectation",
+    },
+    {
+        "scenarios[].expectations[]": EXPECTATION,
+        "scenarios[].attempts[].expectations[]": EXPECTATION,
+        "provenance": WITHOUT_FILES,
+    },
+)
+
+REPLAY = Document(
+    "`replay --json`",
+    "The summary of a replay.",
+    {
+        "direction": "which frames were sent: `received`, `sent` or `both`, as they were recorded",
+        "is_complete": "false: it was stopped",
+        "rounds": "rounds that were begun, or played to their end",
+        "played_s": "from the first frame's due time to that of the last one sent [s]",
+        "took_s": "elapsed time [s]",
+        "frames_due": "frames whose due time has come",
+        "frames_sent": "frames that were sent",
+        "frames_not_sent": "frames that were not sent",
+        "error_frames_left_out": "error frames of the recording, which are not sent",
+        "clock_set_back": "times that a time stamp was far behind the one before",
+        "ring_empty": "times that a frame was late because the recording was read too slowly",
+        **_times("lateness", "from when a frame was due until the wire had it"),
+        "link": "errors of the link, see Link",
+        "link_error": "the operating system's text for the link's last error; empty: none",
+        "stop_reason": "`end`: the recording was played, else what stopped it: `SIGINT`, `SIGTERM`",
+        "provenance": "see Provenance",
+    },
+    {"link": LINK, "provenance": PROVENANCE},
+)
+
+COMPARE = Document(
+    "`compare --json`",
+    "Differences between two recordings: the second minus the first.",
+    {
+        "equal": "whether the recordings are equal within the tolerances",
+        "rows": "rows at times that both have",
+        "rows_alone": "rows at times that the other does not have: [first, second]",
+        "columns_alone": "names of columns that the other does not have: [first, second]",
+        "columns": "columns that both have",
+        "columns.COLUMN": "the differences of a column",
+        "columns.COLUMN.largest": "the difference that is furthest from zero, in the column's unit; null: only "
+        "one of them has a value at that time",
+        "columns.COLUMN.time_s": "when it occurs [s]; null: never",
+        "columns.COLUMN.rms": "root mean square of the differences, in the column's unit; null: unknown",
+        "columns.COLUMN.tolerance": "difference that is allowed, in the column's unit",
+        "columns.COLUMN.equal": "whether all differences are within the tolerance",
+        "frames": "comparison of the bus frames; null: none were compared",
+        "frames.counts": "number of frames: [first, second]",
+        "frames.first_unlike": "index from 0 of the first frame that differs; null: all are equal",
+        "frames.time_s": "time of that frame [s]; null: all are equal",
+    },
+    {},
+)
