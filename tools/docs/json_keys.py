@@ -285,6 +285,7 @@ COMPARE = Document(
         "frames.counts": "number of frames: [first, second]",
         "frames.first_unlike": "index from 0 of the first frame that differs; null: all are equal",
         "frames.time_s": "time of that frame [s]; null: all are equal",
+        "frames.what": "what differs in that frame; empty: nothing, or the other recording has ended",
     },
     {},
 )

@@ -210,5 +210,10 @@ def _as_json(found: Comparison) -> dict[str, Any]:
         },
         "frames": None
         if frames is None
-        else {"counts": list(frames.counts), "first_unlike": frames.first, "time_s": number(frames.time_s)},
+        else {
+            "counts": list(frames.counts),
+            "first_unlike": frames.first,
+            "time_s": number(frames.time_s),
+            "what": frames.what,
+        },
     }
