@@ -95,7 +95,7 @@ EXPECTATION = Shared(
     {
         "name": "name of the expectation",
         "verdict": "`pass`, `inconclusive`, `fail` or `error`",
-        "margin": "distance to the limit, in `margin_unit`; negative: failed; null: undecided",
+        "margin": "distance to the limit, in `margin_unit`; negative: failed; 0: see `verdict`; null: undecided",
         "margin_unit": "unit of `margin`; empty: it has none",
         "time_s": "when it was decided: model time [s]; null: never",
         "reason": "why, in words; may be empty",

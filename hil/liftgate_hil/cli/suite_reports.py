@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,6 +52,25 @@ def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
                 raise ConfigError(f"`{kind}` {given}: is a folder; allowed: a file")
             found[kind].append(given)
     return found
+
+
+@contextlib.contextmanager
+def reporting_issues(targets: Mapping[str, list[str]]) -> Iterator[None]:
+    """Context that writes a ConfigError into the JUnit files: earlier, green ones would be taken for its result.
+
+    Earlier files of the other kinds are removed.
+    """
+    try:
+        yield
+    except ConfigError as error:
+        from liftgate_hil.testing.junit import issues_as_junit
+
+        for target in targets["junit"]:
+            write(target, issues_as_junit(error.issues))
+        for target in (*targets["json"], *targets["html"]):
+            if target != "-":
+                Path(target).unlink(missing_ok=True)
+        raise
 
 
 def write(target: str, content: bytes) -> None:

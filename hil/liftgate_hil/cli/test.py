@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_reports import add_reports, summarise, targets_of, write
+from liftgate_hil.cli.suite_reports import add_reports, reporting_issues, summarise, targets_of, write
 from liftgate_hil.config.kinds import SEED
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, printable
@@ -80,10 +80,11 @@ def run(args: argparse.Namespace) -> int:
 
     targets = targets_of(args)
     teller = Teller(args.quiet, is_json=args.json == "-")
-    template = _template(args, CompilingOnly(teller))
-    files = suite.scenario_files(args.paths)
-    with naming_the_flag():
-        cases = suite.cases_of(files, template)
+    with reporting_issues(targets):
+        template = _template(args, CompilingOnly(teller))
+        files = suite.scenario_files(args.paths)
+        with naming_the_flag():
+            cases = suite.cases_of(files, template)
     if args.results:
         cases = _recorded(cases, Path(args.results))
     stop = StopSignals()

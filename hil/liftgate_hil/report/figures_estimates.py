@@ -121,7 +121,8 @@ def loss_figure(result: Identification) -> Figure:
         axis.plot(np.arange(len(shown)), shown, "o-", color=FINAL, markersize=4.0)
         if len(shown) and np.nanmin(np.append(shown, 1.0)) > 0.0:
             log_axis(axis, "y")
-            axis.set_ylim(*widened(*axis.get_ylim()))
+            low, high = widened(*axis.get_ylim())
+            axis.set_ylim(low if low > 0.0 else None, high)
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.set_xlabel("iteration")
         axis.set_ylabel("loss")

@@ -10,6 +10,7 @@ import datetime
 import os
 import re
 import socket
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -33,9 +34,24 @@ def as_junit(outcomes: Sequence[Outcome]) -> bytes:
     classes = class_names([_subject(each) for each in outcomes])
     for number, (outcome, name) in enumerate(zip(outcomes, classes, strict=True)):
         root.append(_suite(outcome, number, name))
-    ElementTree.indent(root)
-    content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
-    return content
+    return _written(root)
+
+
+def issues_as_junit(issues: Sequence[str]) -> bytes:
+    """Return JUnit XML of a suite that was not begun: an error for each issue of its files and flags."""
+    root = ElementTree.Element("testsuites", name="liftgate-hil test")
+    count = str(len(issues))
+    suite = ElementTree.SubElement(
+        root, "testsuite", name="files and flags", id="0", package="", timestamp=_stamp(time.time()),
+        hostname=_hostname(), tests=count, failures="0", errors=count, skipped="0", time="0.000",
+    )  # fmt: skip
+    ElementTree.SubElement(suite, "properties")
+    for each in issues:
+        case = ElementTree.SubElement(suite, "testcase", classname="liftgate-hil", name=_text(each), time="0.000")
+        ElementTree.SubElement(case, "error", type=ERROR, message=_text(each)).text = _text(each)
+    ElementTree.SubElement(suite, "system-out")
+    ElementTree.SubElement(suite, "system-err")
+    return _written(root)
 
 
 def class_names(files: Sequence[Path]) -> list[str]:
@@ -72,14 +88,13 @@ def _subject(outcome: Outcome) -> Path:
 def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
     """Return the `testsuite` element of an outcome; `number` is its id, `name` the class of its test cases."""
     verdicts = [each.verdict for each in outcome.expectations]
-    began = datetime.datetime.fromtimestamp(outcome.ended - outcome.wall_s, datetime.UTC)
     suite = ElementTree.Element(
         "testsuite",
         name=_text(outcome.case.file),
         id=str(number),
         package=name.rpartition(".")[0],
-        timestamp=began.strftime("%Y-%m-%dT%H:%M:%S"),
-        hostname=_text(socket.gethostname()) or "localhost",
+        timestamp=_stamp(outcome.ended - outcome.wall_s),
+        hostname=_hostname(),
         tests=str(len(verdicts)),
         failures=str(verdicts.count(FAIL)),
         errors=str(verdicts.count(ERROR) + verdicts.count(INCONCLUSIVE)),
@@ -89,7 +104,8 @@ def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
     _add_properties(suite, outcome)
     for each in outcome.expectations:
         suite.append(_case(each, name, outcome.wall_s / len(verdicts)))
-    ElementTree.SubElement(suite, "system-out").text = _text("\n".join(outcome.notes))
+    lines = [f"{each.name}: {line_of(each)}" for each in outcome.expectations]
+    ElementTree.SubElement(suite, "system-out").text = _text("\n".join([*lines, *outcome.notes]))
     ElementTree.SubElement(suite, "system-err").text = _text(outcome.reason)
     return suite
 
@@ -123,6 +139,20 @@ def _add_properties(suite: ElementTree.Element, outcome: Outcome) -> None:
     entries += [(f"parameter.{name}", f"{value:g}") for name, value in setup.scenario.parameters.items()]
     for name, value in entries:
         ElementTree.SubElement(properties, "property", name=_text(name), value=_text(value))
+
+
+def _written(root: ElementTree.Element) -> bytes:
+    ElementTree.indent(root)
+    content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return content
+
+
+def _stamp(since_1970_s: float) -> str:
+    return datetime.datetime.fromtimestamp(since_1970_s, datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S")
+
+
+def _hostname() -> str:
+    return _text(socket.gethostname()) or "localhost"
 
 
 def _text(text: str) -> str:

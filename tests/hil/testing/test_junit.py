@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from liftgate_hil.cli.main import main
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.options import RunOptions
@@ -66,3 +67,31 @@ def test_class_names_are_the_same_however_a_file_is_named(tmp_path: Path, monkey
     assert class_names([pack]) == ["pack.snow"]
     assert class_names([tmp_path / "suite" / "c.toml"]) == ["suite.c"]
     assert class_names([Path("a.toml"), Path("a.csv"), Path("b.toml")]) == ["a", "a (2)", "b"]
+
+
+def test_a_file_that_is_wrong_leaves_no_earlier_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A CI server that shows the JUnit file of an earlier job would show it green."""
+    monkeypatch.chdir(tmp_path)
+    Path("a.toml").write_text(HEAD + EXPECT.format(name="x", condition="time_s > 0"))
+    flags = ("--junit", "a.xml", "--html", "a.html", "--results", "r")
+    assert main(["test", "a.toml", *flags]) == 0
+    expected = dict(
+        each.partition(": ")[::2] for each in str(suite_of("a.xml").findtext("system-out")).splitlines()
+    )
+    assert expected["x"].startswith("pass, margin 0.001 s")
+    Path("a.toml").write_text(HEAD + EXPECT.format(name="x", condition="nonsense > 0"))
+    assert main(["test", "a.toml", *flags]) == 2
+    told = capsys.readouterr().err
+    for name in ("a.xml", "r/junit.xml"):
+        (error,) = suite_of(name).iter("error")
+        assert "nonsense: no such column" in str(error.get("message"))
+        assert str(error.get("message"))[:80] in told
+        assert suite_of(name).get("errors") == "1"
+        assert [each.tag for each in suite_of(name)] == ["properties", "testcase", "system-out", "system-err"]
+    assert not any(Path(each).exists() for each in ("a.html", "r/report.html", "r/verdicts.json"))
+
+
+def suite_of(name: str) -> ElementTree.Element:
+    return ElementTree.parse(name).getroot()[0]
