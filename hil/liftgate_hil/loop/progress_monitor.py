@@ -80,6 +80,7 @@ class ProgressMonitor:
         self._heard = math.inf  # when the command was last valid, or the time of the first look
         self._was_heard = False
         self._is_waiting = False
+        self._has_named_foreign = False
 
     def look(self, moment: Moment, is_last: bool = False) -> None:
         """Report what is new; most calls come too soon, and cost nothing."""
@@ -122,17 +123,26 @@ class ProgressMonitor:
             self._listener.say(f"{time_s:.3f} s: {self._command} timed out: motors off")
             self._was_heard, self._is_waiting = False, True
         elif not self._is_waiting and now - self._heard > _PATIENCE_S:
-            identifier = self._rig.messages[self._command].frame_id
-            others = self._reception.refusals[FOREIGN]
-            heard = (
-                f"; 0x{int(others.found) & 0x1FFFFFFF:X} is on the bus, but not received by this rig"
-                f"{'' if self._has_reported_another else self._apart}"
-            )
-            self._listener.say(
-                f"{time_s:.3f} s: waits for {self._command} (0x{identifier:X}), motors off"
-                + (heard if others.count and int(others.found) not in self._rig.ordering else "")
-            )
-            self._is_waiting = True
+            foreign = self._foreign()
+            heard = f"; {foreign}" if foreign else ""
+            self._listener.say(f"{time_s:.3f} s: waits for {self._waited_for()}, motors off{heard}")
+            self._is_waiting, self._has_named_foreign = True, bool(foreign)
+        elif self._is_waiting and not self._has_named_foreign and not self._reception.refusals[ACCEPTED].count:
+            foreign = self._foreign()
+            if foreign:
+                self._listener.say(f"{time_s:.3f} s: {foreign}; waits for {self._waited_for()}")
+                self._has_named_foreign = True
+
+    def _waited_for(self) -> str:
+        return f"{self._command} (0x{self._rig.messages[self._command].frame_id:X})"
+
+    def _foreign(self) -> str:
+        """Return a text on the first foreign frame; "": there is none but those of the rig's database."""
+        others = self._reception.refusals[FOREIGN]
+        if not others.count or int(others.found) in self._rig.ordering:
+            return ""
+        apart = "" if self._has_reported_another else self._apart
+        return f"0x{int(others.found) & 0x1FFFFFFF:X} is on the bus, but not received by this rig{apart}"
 
     def _status(self, moment: Moment) -> Status:
         counts = self._reception.refusals["count"]

@@ -137,6 +137,26 @@ def test_a_bus_with_frames_of_others_only_is_reported_as_that(bench: Bench):
     assert bench.told.seen[-1].foreign == 1
 
 
+def test_frames_of_others_that_come_later_are_reported_once_while_no_command_was_valid(bench: Bench):
+    """An ECU with another database may be started after the gate."""
+    bench.look()
+    assert bench.look(tick=2500, after=2.5) == ["2.500 s: waits for DriveCommand (0x120), motors off"]
+    bench.receive(b"\1\2", identifier=0x1A0)
+    foreign = "0x1A0 is on the bus, but not received by this rig; waits for DriveCommand (0x120)"
+    assert bench.look(tick=4500) == [f"4.500 s: {foreign}"]
+    assert bench.look(tick=5500) == []
+
+
+def test_frames_of_others_are_no_news_after_a_valid_command(bench: Bench):
+    bench.look()
+    bench.receive(command_payload(bench.rig, 1), tick=10)
+    bench.look(tick=11)
+    bench.reception.seen_ns[:] = -1
+    assert bench.look(tick=200) == ["0.200 s: DriveCommand timed out: motors off"]
+    bench.receive(b"\1\2", identifier=0x1A0)
+    assert bench.look(tick=2500, after=2.5) == []
+
+
 APART = "two benches need a group each"
 
 
