@@ -58,7 +58,7 @@ def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
 def reporting_issues(targets: Mapping[str, list[str]]) -> Iterator[None]:
     """Context that writes a ConfigError into the JUnit files: earlier, green ones would be taken for its result.
 
-    Earlier files of the other kinds are removed.
+    Earlier files of the other kinds are removed; what is no file, such as /dev/null, stays.
     """
     try:
         yield
@@ -68,8 +68,9 @@ def reporting_issues(targets: Mapping[str, list[str]]) -> Iterator[None]:
         for target in targets["junit"]:
             write(target, issues_as_junit(error.issues))
         for target in (*targets["json"], *targets["html"]):
-            if target != "-":
-                Path(target).unlink(missing_ok=True)
+            if Path(target).is_file():
+                with contextlib.suppress(OSError):
+                    Path(target).unlink()
         raise
 
 

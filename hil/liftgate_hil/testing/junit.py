@@ -40,11 +40,8 @@ def as_junit(outcomes: Sequence[Outcome]) -> bytes:
 def issues_as_junit(issues: Sequence[str]) -> bytes:
     """Return JUnit XML of a suite that was not begun: an error for each issue of its files and flags."""
     root = ElementTree.Element("testsuites", name="liftgate-hil test")
-    count = str(len(issues))
-    suite = ElementTree.SubElement(
-        root, "testsuite", name="files and flags", id="0", package="", timestamp=_stamp(time.time()),
-        hostname=_hostname(), tests=count, failures="0", errors=count, skipped="0", time="0.000",
-    )  # fmt: skip
+    suite = _testsuite("files and flags", 0, "", time.time(), 0.0, [ERROR] * len(issues))
+    root.append(suite)
     ElementTree.SubElement(suite, "properties")
     for each in issues:
         case = ElementTree.SubElement(suite, "testcase", classname="liftgate-hil", name=_text(each), time="0.000")
@@ -88,19 +85,8 @@ def _subject(outcome: Outcome) -> Path:
 def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
     """Return the `testsuite` element of an outcome; `number` is its id, `name` the class of its test cases."""
     verdicts = [each.verdict for each in outcome.expectations]
-    suite = ElementTree.Element(
-        "testsuite",
-        name=_text(outcome.case.file),
-        id=str(number),
-        package=name.rpartition(".")[0],
-        timestamp=_stamp(outcome.ended - outcome.wall_s),
-        hostname=_hostname(),
-        tests=str(len(verdicts)),
-        failures=str(verdicts.count(FAIL)),
-        errors=str(verdicts.count(ERROR) + verdicts.count(INCONCLUSIVE)),
-        skipped="0",
-        time=f"{outcome.wall_s:.3f}",
-    )
+    package, began = name.rpartition(".")[0], outcome.ended - outcome.wall_s
+    suite = _testsuite(outcome.case.file, number, package, began, outcome.wall_s, verdicts)
     _add_properties(suite, outcome)
     for each in outcome.expectations:
         suite.append(_case(each, name, outcome.wall_s / len(verdicts)))
@@ -108,6 +94,25 @@ def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
     ElementTree.SubElement(suite, "system-out").text = _text("\n".join([*lines, *outcome.notes]))
     ElementTree.SubElement(suite, "system-err").text = _text(outcome.reason)
     return suite
+
+
+def _testsuite(
+    name: str, number: int, package: str, began: float, seconds: float, verdicts: Sequence[str]
+) -> ElementTree.Element:
+    """Return an empty `testsuite` element; `began` is in seconds since 1970."""
+    return ElementTree.Element(
+        "testsuite",
+        name=_text(name),
+        id=str(number),
+        package=package,
+        timestamp=datetime.datetime.fromtimestamp(began, datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S"),
+        hostname=_text(socket.gethostname()) or "localhost",
+        tests=str(len(verdicts)),
+        failures=str(verdicts.count(FAIL)),
+        errors=str(verdicts.count(ERROR) + verdicts.count(INCONCLUSIVE)),
+        skipped="0",
+        time=f"{seconds:.3f}",
+    )
 
 
 def _case(verdict: Verdict, name: str, seconds: float) -> ElementTree.Element:
@@ -145,14 +150,6 @@ def _written(root: ElementTree.Element) -> bytes:
     ElementTree.indent(root)
     content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
     return content
-
-
-def _stamp(since_1970_s: float) -> str:
-    return datetime.datetime.fromtimestamp(since_1970_s, datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S")
-
-
-def _hostname() -> str:
-    return _text(socket.gethostname()) or "localhost"
 
 
 def _text(text: str) -> str:

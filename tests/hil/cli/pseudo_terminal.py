@@ -7,7 +7,6 @@ import fcntl
 import os
 import re
 import struct
-import sys
 import termios
 import threading
 from collections.abc import Callable
@@ -72,7 +71,8 @@ class PseudoTerminal:
 
     def wait_for_picture(self, text: str) -> None:
         """Wait until a picture with a text has been drawn to its end: Ctrl-C discards what is still to be read."""
-        self._wait_until(lambda: _DRAWN.search(self._raw, self._raw.find(text.encode()) % sys.maxsize), text)
+        wanted = text.encode()
+        self._wait_until(lambda: wanted in self._raw and _DRAWN.search(self._raw, self._raw.index(wanted)), text)
 
     def _wait_until(self, is_so: Callable[[], object], text: str) -> None:
         with self._news:

@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import textwrap
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -57,9 +56,7 @@ def policy_of(pid: int) -> tuple[int, int]:
 
 
 def test_all_threads_leave_the_cpu_of_the_loop_but_those_that_are_kept() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(MOVED)], capture_output=True, text=True, check=True, timeout=60
-    )
+    done = subprocess.run([sys.executable, "-c", MOVED], capture_output=True, text=True, check=True, timeout=60)
     allowed, (cpu, moved, back, kept, _) = json.loads(done.stdout)
     assert cpu == allowed[-1]
     without = allowed[:-1] or allowed  # unless it is the only one

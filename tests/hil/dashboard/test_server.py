@@ -108,7 +108,7 @@ def test_the_state_has_truth_sensed_loop_and_bus(client: Client) -> None:
 
 
 def test_the_page_has_exactly_the_keys_of_a_state(client: Client) -> None:
-    """Those of a run that goes on, and the records of which its end and its verdicts are made."""
+    """Keys of a live run's state, and of the records behind its `end` and its `verdicts`."""
     from tools.docs.json_state_keys import STATE_KEYS
 
     def is_whole(state: Any) -> bool:
