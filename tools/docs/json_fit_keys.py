@@ -56,6 +56,13 @@ def _experiment(before: bool) -> dict[str, str]:
     }
 
 
+_STATES = {
+    "initial_states": "estimated initial states",
+    "initial_states.NAME": "an initial state of an experiment",
+    **{f"initial_states.NAME.{name}": meaning for name, meaning in _ESTIMATE.items()},
+    "initial_states.NAME.identifiable": "true: identifiable",
+}
+
 EXPERIMENT = Shared(
     "Experiment", "`experiments[]` of `identify`: a measurement and its simulation.", _experiment(True)
 )
@@ -75,10 +82,7 @@ IDENTIFY = Document(
         "identifiable": "which parameters are identifiable",
         "identifiable.NAME": "true: identifiable",
         "inseparable": "sentences: parameters that cannot be separated from each other",
-        "initial_states": "estimated initial states",
-        "initial_states.NAME": "an initial state of an experiment",
-        **{f"initial_states.NAME.{name}": meaning for name, meaning in _ESTIMATE.items()},
-        "initial_states.NAME.identifiable": "true: identifiable",
+        **_STATES,
         "parameter_names": "names of the parameters in the order of the matrices",
         "covariance": "covariance of the parameters, matrix as rows, in products of their units; null: not finite",
         "covariance_kind": "a sentence: what the covariance takes into account",
@@ -159,6 +163,7 @@ VALIDATE = Document(
         "phases.COLUMN": "phases of an output",
         "phases.COLUMN.PHASE": "errors in a phase",
         **{f"phases.COLUMN.PHASE.{name}": meaning for name, meaning in _PHASE.items()},
+        **_STATES,
         "whiteness": "whether the residuals of all experiments are white, by output",
         "whiteness.COLUMN": "true: white",
         "experiments": "the measurements, see Validated experiment",

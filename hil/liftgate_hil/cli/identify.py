@@ -216,7 +216,9 @@ def identified(args: argparse.Namespace, report: Report | None = None) -> Identi
     try:
         result = identify(problem, report, _noise(args, problem.outputs), profiles)
     except NothingToTellError as error:
-        raise ConfigError(f"{', '.join(args.files)}: nothing to identify from: {error}") from error
+        raise ConfigError(
+            f"{', '.join(args.files)}: nothing to identify from, with vehicle {args.vehicle}: {error}"
+        ) from error
     return dataclasses.replace(result, vehicle=args.vehicle, notes=notes)
 
 

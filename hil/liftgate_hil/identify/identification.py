@@ -21,7 +21,7 @@ from liftgate_hil.identify.multiple_shooting import in_segments, is_far_off
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.profile import profile
 from liftgate_hil.identify.residuals import Frame, phases_of, series_of, speed_series
-from liftgate_hil.identify.result import Experiment, Identification, Validation
+from liftgate_hil.identify.result import Estimate, Experiment, Identification, Validation
 from liftgate_hil.identify.search import better, past_kinks, search
 from liftgate_hil.identify.statistics import Uncertainty
 from liftgate_hil.identify.trajectory import OUTPUTS
@@ -216,10 +216,13 @@ def _search(problem: Problem, report: Report | None, given_std: Floats | None) -
 def validate(problem: Problem) -> Validation:
     """Compare a model with measurements; only the input delay and unknown initial conditions are estimated."""
     point, outputs = problem.initial, problem.outputs
+    states: list[Estimate] = []
     if len(point) and problem.leave_out_few():
-        point = past_kinks(problem, search(problem)).point
+        found = past_kinks(problem, search(problem))
+        known, covariance, _, _ = _uncertainty(problem, found, None)
+        point, states = found.point, estimates_of(problem, found.point, covariance, known)
     problem.outputs = outputs
-    return Validation(problem.model, "", tuple(experiments_of(problem, point, None)))
+    return Validation(problem.model, "", tuple(experiments_of(problem, point, None)), tuple(states))
 
 
 def widened(classic: Floats, robust: Floats) -> Floats:

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 _CLOSED_DEG = 0.3
 # Shares of the largest speed: the initial speed that counts as rest at most, and the same where nothing drives.
 _REST_SHARE, _STILL_SHARE = 0.2, 0.01
-_SURE = 4.0  # standard deviations, the confidence margin of a speed
+_SURE = 4.0  # standard deviations, in the margin of an initial speed
 _STALL_SHARE = 0.5  # of V/R; a median current above it over the longest window is no inrush
 _WINDOWS = (0.04, 0.15)  # s, windows from which the initial speed is estimated
 # rev, disagreement of position and angle beyond which the counter has a zero of its own.
@@ -66,10 +66,10 @@ def is_closed(angle_deg: float) -> bool:
 
 
 def motion(data: Data, share: float = _REST_SHARE) -> tuple[float, float, float]:
-    """Return (initial speed, its standard deviation, largest speed) [rev/s].
+    """Return (initial speed, its margin of error, largest speed) [rev/s].
 
-    NaN where neither speed nor position was measured. The initial speed is accurate to `share` of the largest
-    speed, where the data allow it.
+    NaN where neither speed nor position was measured. The margin is below `share` of the largest speed, where the
+    data allow it.
     """
     for side in ("left", "right"):
         for name, degree in ((f"{side}_speed_rps", 1), (f"{side}_position_rev", 2)):
@@ -89,42 +89,50 @@ def _moving(times: Floats, values: Floats, degree: int, share: float) -> tuple[f
         edges = np.arange(times[0], times[-1], 0.1)
         speeds = np.diff(np.interp(edges, times, values)) / 0.1
         largest = float(np.max(np.abs(speeds), initial=0.0))
-    first, std = math.nan, math.inf
+    first, margin = math.nan, math.inf
     for window in _WINDOWS:
-        value, slope, value_std, slope_std = _beginning(times, values, degree, window)
-        first, std = (value, value_std) if degree == 1 else (slope, slope_std)
-        if _SURE * std <= share * largest:
+        first, margin = _beginning(times, values, degree, window)
+        if margin <= share * largest:
             break
-    return first, std, largest
+    return first, margin, largest
 
 
-def _beginning(times: Floats, values: Floats, degree: int, window: float) -> tuple[float, float, float, float]:
-    """Return value and slope at the first sample, and the standard deviations of both.
+def _beginning(times: Floats, values: Floats, degree: int, window: float) -> tuple[float, float]:
+    """Return the speed at the first sample, and its margin of error.
 
-    They come from a polynomial through the first `window` seconds (ten samples at least).
+    It is that of a polynomial through the first `window` seconds (ten samples at least). The next higher degree shows
+    how far a drive that runs up within the window bends away from it: this adds to the margin.
     """
     count = max(10, int(np.searchsorted(times, times[0] + window)))
     t, y = times[:count] - times[0], values[:count]
-    if len(t) <= degree + 1:
-        return float(y[0]), 0.0, math.inf, math.inf
+    order = degree - 1  # the derivative that is the speed
+    if len(t) <= degree + 2:
+        return (float(y[0]) if order == 0 else 0.0), math.inf
+    solution, std = _polynomial(t, y, degree)
+    bent, _ = _polynomial(t, y, degree + 1)
+    margin = math.hypot(_SURE * std[order], bent[order] - solution[order])
+    return float(solution[order]), margin
+
+
+def _polynomial(t: Floats, y: Floats, degree: int) -> tuple[Floats, Floats]:
+    """Return the coefficients (degree + 1,) of a polynomial through `y` (n,) at `t`, and their standard deviations."""
     powers = t[:, None] ** np.arange(degree + 1)
     solution, *_ = np.linalg.lstsq(powers, y, rcond=None)
     spread = float(np.sum((y - powers @ solution) ** 2)) / (len(t) - degree - 1)
-    std = np.sqrt(spread * np.diag(np.linalg.pinv(powers.T @ powers)))
-    return float(solution[0]), float(solution[1]), float(std[0]), float(std[1])
+    return solution, np.sqrt(spread * np.diag(np.linalg.pinv(powers.T @ powers)))
 
 
 def begins_at_rest(data: Data, creeps: bool = False) -> bool:
     """Whether nothing moves at the first sample; with `creeps`, undriven drives must not even creep."""
     share = _STILL_SHARE if creeps and not _is_driven(data) else _REST_SHARE
-    first, std, largest = motion(data, share)
+    first, margin, largest = motion(data, share)
     if math.isnan(first):
         angle = data.outputs.get("gate_angle_deg")
         if angle is None or is_closed(_first(data, angle)):
             return True
         share = _REST_SHARE  # a gate may fall through its play while its drives rest
-        first, std, largest = _moving(data.times, angle, 2, share)
-    return abs(first) <= share * largest + _SURE * std
+        first, margin, largest = _moving(data.times, angle, 2, share)
+    return abs(first) <= share * largest + margin
 
 
 def _is_driven(data: Data) -> bool:

@@ -113,4 +113,5 @@ class Validation:
     model: str
     vehicle: str
     experiments: tuple[Experiment, ...]
+    initial_states: tuple[Estimate, ...] = ()
     notes: tuple[str, ...] = ()

@@ -52,13 +52,17 @@ def warnings_of(result: Identification) -> list[str]:
         for each in result.parameters
         if each.identifiable and each.remark
     ]
-    states = [
+    apart = [clean(each) for each in result.inseparable]
+    return [*not_identifiable, *apart, *remarks, *state_warnings(result), *experiment_warnings(result)]
+
+
+def state_warnings(result: Identification | Validation) -> list[str]:
+    """Return a warning for each initial state that is not identifiable."""
+    return [
         f"initial state {clean(each.name)} is not identifiable{_because(each.remark)}"
         for each in result.initial_states
         if not each.identifiable
     ]
-    apart = [clean(each) for each in result.inseparable]
-    return [*not_identifiable, *apart, *remarks, *states, *experiment_warnings(result)]
 
 
 def _because(remark: str) -> str:

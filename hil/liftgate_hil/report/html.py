@@ -7,7 +7,14 @@ from collections.abc import Sequence
 from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.report import figures, figures_estimates
 from liftgate_hil.report.drawing import svg
-from liftgate_hil.report.findings import EXCUSES, experiment_warnings, strong_correlations, warnings_of, whiteness
+from liftgate_hil.report.findings import (
+    EXCUSES,
+    experiment_warnings,
+    state_warnings,
+    strong_correlations,
+    warnings_of,
+    whiteness,
+)
 from liftgate_hil.report.numbers import (
     column_label,
     deviation,
@@ -55,7 +62,8 @@ def validation_html(result: Validation, provenance: Provenance | None = None) ->
         f"Validation of {result.vehicle}",
         f"Model {result.model}; {len(experiments)} experiment{'s' * (len(experiments) != 1)}",
         [
-            alert(experiment_warnings(result)),
+            alert([*state_warnings(result), *experiment_warnings(result)]),
+            section("Initial states", _states(result.initial_states)),
             section("Fit", _fits(experiments, before=False)),
             section("Measured and simulated", *_traces(experiments)),
             section("Errors by phase", _phases(experiments)),

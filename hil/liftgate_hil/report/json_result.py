@@ -17,6 +17,7 @@ from liftgate_hil.report.findings import (
     experiment_warnings,
     mean_over,
     series_of,
+    state_warnings,
     warnings_of,
     whiteness,
 )
@@ -32,10 +33,7 @@ def identification_json(result: Identification) -> dict[str, Any]:
         "parameters": {each.name: _estimate(each) for each in parameters},
         "identifiable": {each.name: bool(each.identifiable) for each in parameters},
         "inseparable": list(result.inseparable),
-        "initial_states": {
-            each.name: {**_estimate(each), "identifiable": bool(each.identifiable)}
-            for each in result.initial_states
-        },
+        "initial_states": _states(result),
         "parameter_names": [each.name for each in parameters],
         "covariance": _numbers(result.covariance),
         "covariance_kind": result.covariance_kind,
@@ -85,9 +83,10 @@ def validation_json(result: Validation) -> dict[str, Any]:
         },
         "maximum": {name: _largest([each.maximum for each in rows]) for name, rows in columns.items()},
         "phases": {name: _pooled(rows) for name, rows in columns.items()},
+        "initial_states": _states(result),
         "whiteness": {name: all(each.is_white for each in rows) for name, rows in columns.items()},
         "experiments": [_experiment(each, before=False) for each in experiments],
-        "warnings": experiment_warnings(result),
+        "warnings": [*state_warnings(result), *experiment_warnings(result)],
         "notes": list(result.notes),
     }
 
@@ -124,6 +123,12 @@ def _estimate(each: Estimate) -> dict[str, Any]:
         "high": _number(each.high),
         "relative_error": _number(relative_error(each.value, each.std) / 100.0),
         "remark": each.remark,
+    }
+
+
+def _states(result: Identification | Validation) -> dict[str, Any]:
+    return {
+        each.name: {**_estimate(each), "identifiable": bool(each.identifiable)} for each in result.initial_states
     }
 
 

@@ -431,10 +431,10 @@ def _spoiled(columns: dict[str, Floats], how: str) -> dict[str, Floats]:
         ("rpm", "is it 1/min?"),
         ("rad", "is it rad?"),
         ("angle down", "wrong sign?"),
-        ("nothing driven", "nothing to identify from"),
+        ("nothing driven", "nothing to identify from, with vehicle suv: "),
         ("nothing happens", "constant from beginning to end"),
-        ("noise", "nothing to identify from"),
-        ("noise at rest", "nothing to identify from"),
+        ("noise", "nothing to identify from, with vehicle suv: "),
+        ("noise at rest", "nothing to identify from, with vehicle suv: "),
         ("input with a hole", "left_voltage_v: empty cell in row 301"),
         ("few rows", "3 rows; allowed: 20 or more"),
     ],
@@ -544,4 +544,4 @@ def test_what_cannot_be_distinguished_in_data_without_noise_is_said_and_warns_of
     names = "motor.rotor_inertia,gear.inertia"
     flags = ("--estimate", names, "--set", "motor.rotor_inertia=1.5e-5", "--quiet")
     lines = complaint(capsys, "identify", path, *flags)
-    assert "nothing to identify from" in lines[0]
+    assert "nothing to identify from, with vehicle suv: " in lines[0]

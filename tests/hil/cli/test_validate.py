@@ -141,6 +141,23 @@ def test_the_text_names_file_output_and_fit(capsys: pytest.CaptureFixture[str], 
     assert "gate_angle_deg" not in text
 
 
+def test_estimated_initial_states_are_shown(
+    capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
+) -> None:
+    assert fit(capsys, opening)["initial_states"] == {}
+    lines = opening.read_text(encoding="utf-8").splitlines(keepends=True)
+    cut, page = tmp_path / "cut.csv", tmp_path / "cut.html"
+    cut.write_text("".join([lines[0], *lines[800:]]), encoding="utf-8")  # begins in motion
+    states = fit(capsys, cut, *settings(TRUTH), "--html", page)["initial_states"]
+    speed = next(state for name, state in states.items() if name.endswith(": speed"))
+    assert speed["value"] > 50.0 and 0.0 < speed["std"] < 1.0
+    assert "Initial states" in page.read_text(encoding="utf-8")
+    assert call("validate", cut, *settings(TRUTH)) == 0
+    text = capsys.readouterr().out
+    for name in states:
+        assert name in text
+
+
 def test_an_output_named_twice_counts_once(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     once = fit(capsys, opening, "--outputs", "current")
     twice = fit(capsys, opening, "--outputs", "current,current")

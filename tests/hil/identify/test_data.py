@@ -79,6 +79,17 @@ def test_a_start_with_the_first_sample_is_a_start_from_rest() -> None:
         assert begins_at_rest(data)
 
 
+@pytest.mark.parametrize("volts", [6.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0])
+@pytest.mark.parametrize("quantum", [0.25, 0.5])
+def test_a_step_with_the_first_sample_is_a_start_from_rest_in_hall_counts_too(volts: float, quantum: float) -> None:
+    times = np.arange(3001) / 1000.0
+    data = measured(suv(), "full", {"left_position_rev": 0.0}, None, 20.0, (times, np.full(3001, volts)))
+    counts = quantum * np.floor(data.outputs["left_position_rev"] / quantum)
+    data = dataclasses.replace(data, outputs={"left_position_rev": counts})
+    assert begins_at_rest(data)
+    assert not begins_at_rest(later(data, 1.0))
+
+
 def test_data_that_say_nothing_of_motion_begin_at_rest() -> None:
     data = measured(suv(), "full", {"left_current_a": 0.05}, 1)
     assert begins_at_rest(data)

@@ -164,4 +164,4 @@ def validation(samples=2000, names=("open.csv", "close.csv"), columns=COLUMNS):
     experiments = tuple(
         experiment_of(name, samples, seed, columns, with_before=False) for seed, name in enumerate(names)
     )
-    return Validation("full", "suv", experiments, ("close.csv: decimated",))
+    return Validation("full", "suv", experiments, states(), ("close.csv: decimated",))
