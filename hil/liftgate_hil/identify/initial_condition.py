@@ -100,8 +100,8 @@ def _moving(times: Floats, values: Floats, degree: int, share: float) -> tuple[f
 def _beginning(times: Floats, values: Floats, degree: int, window: float) -> tuple[float, float]:
     """Return the speed at the first sample, and its margin of error.
 
-    It is that of a polynomial through the first `window` seconds (ten samples at least). The next higher degree shows
-    how far a drive that runs up within the window bends away from it: this adds to the margin.
+    It is that of a polynomial through the first `window` seconds (ten samples at least). The next higher degree
+    shows how far a drive that runs up within the window bends away from it: this adds to the margin.
     """
     count = max(10, int(np.searchsorted(times, times[0] + window)))
     t, y = times[:count] - times[0], values[:count]
@@ -115,7 +115,7 @@ def _beginning(times: Floats, values: Floats, degree: int, window: float) -> tup
 
 
 def _polynomial(t: Floats, y: Floats, degree: int) -> tuple[Floats, Floats]:
-    """Return the coefficients (degree + 1,) of a polynomial through `y` (n,) at `t`, and their standard deviations."""
+    """Return the coefficients (degree + 1,) of a polynomial through `y` (n,), and their standard deviations."""
     powers = t[:, None] ** np.arange(degree + 1)
     solution, *_ = np.linalg.lstsq(powers, y, rcond=None)
     spread = float(np.sum((y - powers @ solution) ** 2)) / (len(t) - degree - 1)

@@ -51,7 +51,7 @@ def test_a_constant_that_alone_would_make_energy_is_no_result(
 ) -> None:
     assert call("identify", weak, "--estimate", "motor.torque_constant", "--quiet") == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "nothing to identify from, with vehicle suv: motor.torque_constant: at a limit for valid vehicles" in line
+    assert "nothing to identify from, with vehicle suv: motor.torque_constant: at a limit for valid" in line
     assert "allowed: up to speed_constant/2π" in line
 
 

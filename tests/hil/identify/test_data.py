@@ -81,7 +81,7 @@ def test_a_start_with_the_first_sample_is_a_start_from_rest() -> None:
 
 @pytest.mark.parametrize("volts", [6.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0])
 @pytest.mark.parametrize("quantum", [0.25, 0.5])
-def test_a_step_with_the_first_sample_is_a_start_from_rest_in_hall_counts_too(volts: float, quantum: float) -> None:
+def test_a_step_with_the_first_sample_is_a_start_from_rest_in_counts_too(volts: float, quantum: float) -> None:
     times = np.arange(3001) / 1000.0
     data = measured(suv(), "full", {"left_position_rev": 0.0}, None, 20.0, (times, np.full(3001, volts)))
     counts = quantum * np.floor(data.outputs["left_position_rev"] / quantum)
