@@ -22,6 +22,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 MOST = 100  # lines that are reported, at most; the others are counted
+_FEW = 12  # names that a message lists
+
+
+def allowed_names(name: str, known: Iterable[str]) -> str:
+    """Return the names allowed in place of an unknown one, as text; where they are many, the nearest."""
+    from difflib import get_close_matches  # takes as long as this file
+
+    names = list(known)
+    if len(names) <= _FEW:
+        return ", ".join(names)
+    near = get_close_matches(name, names, 3, 0.5)
+    return f"{', '.join(near or names[:_FEW])}, … ({len(names)} in all)"
 
 
 def printable(text: str) -> str:

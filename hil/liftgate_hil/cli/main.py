@@ -14,7 +14,7 @@ from typing import NoReturn
 
 from liftgate_hil.cli import stopping, streams
 from liftgate_hil.cli.options import as_flags
-from liftgate_hil.errors import ConfigError, LiftgateError, causes
+from liftgate_hil.errors import ConfigError, LiftgateError, allowed_names, causes
 
 COMMANDS = {
     "run": "the real-time emulator on a bus (the default subcommand)",
@@ -47,6 +47,10 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print what is wrong and exit with code 2."""
+        start, _, unknown = message.partition("unrecognized arguments: ")
+        if not start and unknown.startswith("-"):
+            flag = unknown.split()[0].partition("=")[0]
+            message += f"; allowed: {allowed_names(flag, self._option_string_actions)}"
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
@@ -106,7 +110,7 @@ def _command(argv: Sequence[str] | None) -> int:
     )
     _add_arguments(parser, module)
     if name == "run" and arguments and not arguments[0].startswith("-"):
-        parser.error(f"no subcommand {arguments[0]!r}; allowed: {', '.join(COMMANDS)}")
+        parser.error(f"no subcommand {arguments[0]!r}; allowed: {allowed_names(arguments[0], COMMANDS)}")
     args = parser.parse_args(arguments)
     args.owns_process = argv is None
     args.command_line = shlex.join(["liftgate-hil", *(sys.argv[1:] if argv is None else argv)])

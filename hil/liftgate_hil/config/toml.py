@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.config.files import read_bytes
-from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
 
 Table = dict[str, Any]
 
@@ -118,7 +118,9 @@ def known_keys(issues: ConfigIssues, prefix: str, given: Mapping[str, Any], know
     start = f"{prefix}." if prefix else ""
     unknown = [key for key in given if key not in names]
     for key in unknown[:_MOST_KEYS]:
-        issues.add(f"{start}{shortened(key)}", f"{show(given[key])}: unknown key; allowed: {', '.join(names)}")
+        value = "" if isinstance(given[key], dict | list) else f"{show(given[key])}: "
+        short = shortened(key)
+        issues.add(f"{start}{short}", f"{value}unknown key; allowed: {allowed_names(short, names)}")
     if len(unknown) > _MOST_KEYS:
         issues.add(
             f"{start}{shortened(unknown[_MOST_KEYS])}", f"and {len(unknown) - _MOST_KEYS - 1} more: unknown keys"

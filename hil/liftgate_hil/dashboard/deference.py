@@ -25,11 +25,14 @@ class Deference:
     def __init__(self, keep: frozenset[int] = frozenset()) -> None:
         self._allowed = os.sched_getaffinity(0)
         self._keep = keep
+        self._loop: LoopThread | None = None
         self._left: int | None = None  # CPU that is left to the loop
 
     def give_way_to(self, pid: int | None) -> None:
         """Avoid the CPU of the loop of a process, unless there is no other one; None: there is no loop."""
-        cpu = None if pid is None else loop_cpu(pid)
+        if self._loop is None or self._loop.pid != pid:
+            self._loop = None if pid is None else LoopThread(pid)
+        cpu = None if self._loop is None else self._loop.cpu()
         if cpu == self._left:
             return
         self._left = cpu
@@ -38,14 +41,29 @@ class Deference:
                 os.sched_setaffinity(thread, self._allowed - {cpu} or self._allowed)
 
 
-def loop_cpu(pid: int) -> int | None:
-    """Return the CPU on which the loop of a process ran last; None: it has none, or is another user's."""
-    for thread in _threads_of(pid):
+class LoopThread:
+    """The thread that runs the loop of a process."""
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self._thread: int | None = None  # its native id, once it is found
+
+    def cpu(self) -> int | None:
+        """Return the CPU on which it ran last; None: there is none, or it is another user's."""
+        if self._thread is not None and (cpu := self._cpu_of(self._thread)) is not None:
+            return cpu
+        cpus = ((each, self._cpu_of(each)) for each in _threads_of(self.pid))
+        self._thread, cpu = next((found for found in cpus if found[1] is not None), (None, None))
+        return cpu
+
+    def _cpu_of(self, thread: int) -> int | None:
+        """Return the CPU of a thread; None: it has ended, or is not named as a loop's."""
         with contextlib.suppress(OSError, ValueError, IndexError):
-            name, rest = Path(f"/proc/{pid}/task/{thread}/stat").read_text().split("(", 1)[1].rsplit(")", 1)
+            stat = Path(f"/proc/{self.pid}/task/{thread}/stat").read_text()
+            name, rest = stat.split("(", 1)[1].rsplit(")", 1)
             if name == LOOP:
                 return int(rest.split()[_PROCESSOR])
-    return None
+        return None
 
 
 def _threads_of(pid: int) -> set[int]:

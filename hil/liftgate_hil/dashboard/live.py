@@ -23,7 +23,7 @@ from liftgate_hil.signals import COLUMN_PLACE, Bench
 
 _HISTORY_S = 60.0  # s of history that a page opened later is shown
 _LINES = 200
-_ASK_S = 0.5  # s between two queries of the run's progress
+_ASK_S = 0.1  # s between two queries of the run's progress
 _LOAD_S = 1.0  # s over which the bus load is taken
 _UNKNOWN_END: JsonObject = {
     "verdict": "error",

@@ -31,6 +31,7 @@ class Adapter:
     """
 
     kind = NO_ECU
+    request_name = "request"  # of its function for requests, as its developer writes it
 
     def __init__(
         self, rig: Rig, drives: int, shares_clock: bool = True, calibration: Calibration = CALIBRATED

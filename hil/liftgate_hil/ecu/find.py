@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
 import functools
-import importlib
+import importlib.machinery
+import importlib.util
 import re
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +23,8 @@ if TYPE_CHECKING:
 
 _LIBRARY = re.compile(r".+\.(so|dylib|dll)(\.[0-9.]+)?$")
 _CLASS = re.compile(r"[\w.]+:\w+$")
+_COMPILERS = {".c": "cc", ".cc": "c++", ".cpp": "c++", ".cxx": "c++"}
+_ALLOWED = "reference, the path of a shared library, MODULE:CLASS, or bus"
 
 
 def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, coding: Coding = UNCODED) -> Adapter:
@@ -37,19 +42,49 @@ def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, codi
     name = str(ecu)
     if name == REFERENCE:
         return ReferenceEcu(rig, drives, shares_clock, coded(CALIBRATED, coding))
-    if _LIBRARY.fullmatch(name):
-        check_ecu(name)
+    check_ecu(name)
+    if is_library(name):
         return LibraryEcu(Path(name), rig, drives, shares_clock)
-    if _CLASS.fullmatch(name):
-        another = functools.partial(_instance_of, name)
-        return PythonEcu(another(), rig, drives, shares_clock, another)
-    raise ConfigError(f"`ecu` {name}: allowed: reference, the path of a shared library, MODULE:CLASS, or bus")
+    another = functools.partial(_instance_of, name)
+    return PythonEcu(another(), rig, drives, shares_clock, another)
 
 
 def check_ecu(ecu: Any) -> None:
-    """Raise ConfigError where an ECU is a library that does not exist."""
-    if is_library(ecu) and not Path(ecu).is_file():
-        raise ConfigError(f"`ecu` {ecu}: no such file")
+    """Raise ConfigError where an ECU's name names nothing: no library that exists, no module that can be found."""
+    if not is_foreign(ecu):
+        return
+    name = str(ecu)
+    if is_library(name):
+        if not Path(name).is_file():
+            raise ConfigError(f"`ecu` {name}: no such file")
+    elif _CLASS.fullmatch(name):
+        top = re.split("[.:]", name, maxsplit=1)[0]
+        if not _is_module(top):
+            raise ConfigError(f"`ecu` {name}: no module {top} in {Path.cwd()}, nor installed")
+    else:
+        raise ConfigError(f"`ecu` {name}: {_advice(name)}allowed: {_ALLOWED}")
+
+
+def _is_module(name: str) -> bool:
+    """Whether a module without a dot in its name is loaded, installed, or in the working directory."""
+    if name in sys.modules:
+        return True
+    found = importlib.util.find_spec(name) or importlib.machinery.PathFinder.find_spec(name, [str(Path.cwd())])
+    return found is not None
+
+
+def _advice(name: str) -> str:
+    """Return what a name that is no ECU may have meant, as the begin of a sentence; "": not known."""
+    path = Path(name)
+    if path.suffix in _COMPILERS:
+        compiler = _COMPILERS[path.suffix]
+        return f"source code; its shared library is needed: {compiler} -shared -fPIC -o {path.stem}.so {name}; "
+    if path.suffix == ".py":
+        return f"a Python file; name its class: {path.stem}:CLASS; "
+    if path.is_file():
+        return "neither a shared library (.so) nor a Python class; a program of its own is reached by a bus; "
+    near = difflib.get_close_matches(name.lower(), (REFERENCE, ON_A_BUS), 1)
+    return f"did you mean {near[0]}? " if near else ""
 
 
 def is_library(ecu: Any) -> bool:

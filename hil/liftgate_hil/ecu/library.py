@@ -23,6 +23,7 @@ class LibraryEcu(Adapter):
     """
 
     kind = PORT
+    request_name = "liftgate_ecu_request"
 
     def __init__(self, path: Path, rig: Rig, drives: int, shares_clock: bool = True) -> None:
         super().__init__(rig, drives, shares_clock)
@@ -39,7 +40,7 @@ class LibraryEcu(Adapter):
             raise ConfigError(
                 f"`ecu` {path}: {error}; allowed: a shared library with the functions of liftgate_ecu.h"
             ) from error
-        request = getattr(self._library, "liftgate_ecu_request", None)
+        request = getattr(self._library, self.request_name, None)
         create.restype, create.argtypes = ctypes.c_void_p, []
         self._destroy.restype, self._destroy.argtypes = None, [ctypes.c_void_p]
         self._instance = create()

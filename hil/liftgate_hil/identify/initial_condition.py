@@ -119,7 +119,8 @@ def _polynomial(t: Floats, y: Floats, degree: int) -> tuple[Floats, Floats]:
     powers = t[:, None] ** np.arange(degree + 1)
     solution, *_ = np.linalg.lstsq(powers, y, rcond=None)
     spread = float(np.sum((y - powers @ solution) ** 2)) / (len(t) - degree - 1)
-    return solution, np.sqrt(spread * np.diag(np.linalg.pinv(powers.T @ powers)))
+    std: Floats = np.sqrt(spread * np.diag(np.linalg.pinv(powers.T @ powers)))
+    return np.asarray(solution, dtype=np.float64), std
 
 
 def begins_at_rest(data: Data, creeps: bool = False) -> bool:

@@ -94,7 +94,6 @@ class Summary:
     commands: int = 0  # commands of an operator that were carried out
     commanded: list[str] = field(default_factory=list)  # the first of them, with their times
     ecu_dropped_frames: int = 0  # frames for which an ECU in this process had no room
-    apart: str = ""  # text on how to keep the bus apart from another bench's
 
     def _load(self) -> float:
         """Return the bus load [%] where there is one; NaN for a run that is shorter than a cycle."""
@@ -103,7 +102,7 @@ class Summary:
     def as_dict(self) -> dict[str, Any]:
         """Return the figures for --json."""
         figures = asdict(self)
-        del figures["timing"], figures["apart"]
+        del figures["timing"]
         if math.isnan(self._load()):
             figures["bus_load_percent"] = None
         for name, each in self.timing._asdict().items():
@@ -138,7 +137,7 @@ class Summary:
             return f"no command was accepted, {rejected(self.received)} were rejected"
         if self.received.foreign:
             text = f"{self.received.foreign} frames have identifiers that the rig does not receive"
-            return f"no command was accepted, {text}" + (f"; {self.apart}" if self.apart else "")
+            return f"no command was accepted, {text}"
         return "no command arrived: the ECU sent nothing"
 
     def injections_reported(self) -> str:
@@ -184,15 +183,13 @@ class Summary:
                 f"overruns {self.overruns}, lateness {in_words(self.timing.lateness)}",
                 f"tick {in_words(self.timing.execution)}",
             ]
-        if received.foreign and self.apart:
-            lines.append(f"foreign frames: {self.apart}")
         if received.unqualified:
             lines.append(f"correct, but E2E state not valid: {received.unqualified} frames")
         delay = self.timing.delay
         if delay.count:
             lines.append(
-                f"command to feedback {in_words(delay)}: {force_of(delay.p50_us):.1f} N, at most "
-                f"{force_of(delay.max_us):.1f} N on the 10 N/mm rod"
+                f"command to feedback {in_words(delay)}: on the 10 N/mm rod {force_of(delay.p50_us):.1f} N more "
+                f"pinch force, at most {force_of(delay.max_us):.1f} N"
             )
         if self.link.before_start:
             lines.append(

@@ -11,9 +11,9 @@ from typing import Annotated
 
 from liftgate_hil.config.files import check_file, is_there
 from liftgate_hil.config.kinds import Number, Subtable, Text
-from liftgate_hil.config.schema import Key, Record, keys_of
-from liftgate_hil.config.toml import Table, known_keys, read_toml, show, table, text
-from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.config.schema import Key, Record, read_record
+from liftgate_hil.config.toml import Table, read_toml, show, table
+from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion
 from liftgate_plant.signals import Signal
 
@@ -103,29 +103,22 @@ def _from_text(value: str, issues: ConfigIssues, known: Mapping[str, Signal]) ->
 def _from_file(name: str, issues: ConfigIssues, known: Mapping[str, Signal]) -> ColumnMap:
     path = Path(name)
     check_file(path, f"`map` {path}")
-    raw = read_toml(path)
-    known_keys(issues, "", raw, [each.name for each in keys_of(MapTable)])
+    columns = read_record(issues, "", read_toml(path), MapTable).columns or {}
     result: ColumnMap = {}
-    for ours, value in table(issues, "columns", raw.get("columns", {})).items():
+    for ours, value in columns.items():
         key = f"columns.{ours}"
-        given = {"name": value} if isinstance(value, str) else table(issues, key, value)
-        known_keys(issues, key, given, [each.name for each in keys_of(ColumnTable)])
-        name = text(issues, f"{key}.name", given.get("name"))
-        unit = given.get("unit")
-        if unit is not None and not isinstance(unit, str):
-            issues.add(f"{key}.unit", f"{show(unit)}; allowed: a text")
-            unit = None
-        scale = _SCALE.read(issues, f"{key}.scale", given.get("scale", ColumnTable.scale))
-        if scale == 0.0:
+        named = {"name": value} if isinstance(value, str) else table(issues, key, value)
+        given = read_record(issues, key, named, ColumnTable)
+        if given.scale == 0.0:
             issues.add(f"{key}.scale", "0; allowed: anything else")
-        offset = _OFFSET.read(issues, f"{key}.offset", given.get("offset", ColumnTable.offset))
-        result |= _checked(ours, Theirs(name, unit, scale, offset), issues, known)
+        column = Theirs(given.name, given.unit or None, given.scale, given.offset)
+        result |= _checked(ours, column, issues, known)
     return result
 
 
 def _checked(ours: str, theirs: Theirs, issues: ConfigIssues, known: Mapping[str, Signal]) -> ColumnMap:
     if ours not in known:
-        issues.add(ours, f"unknown column; allowed: {', '.join(known)}")
+        issues.add(ours, f"unknown column; allowed: {allowed_names(ours, known)}")
         return {}
     if theirs.unit is not None and conversion(ours, theirs.unit, known) is None:
         issues.add(ours, f"unit {show(theirs.unit)}; allowed: {allowed_units(ours, known)}")

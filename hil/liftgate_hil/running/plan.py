@@ -13,6 +13,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.config.sources import Source, sources_of
+from liftgate_hil.ecu.find import check_ecu
 from liftgate_hil.ecu.identity import identity_of
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError
@@ -99,6 +100,7 @@ def plan_of(job: Job) -> Plan:
 
     Raises ConfigError with all issues.
     """
+    check_ecu(job.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere)
     setup = setup_of(
         job.scenario,
         parameters=job.parameters,

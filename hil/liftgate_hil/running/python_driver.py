@@ -139,7 +139,6 @@ class PythonDriver:
             loop.finish()
         finally:  # a plant that has diverged does so again
             self._summary = loop.summary(clock, Timing(distribution(self._clock.lateness)))
-            self._summary.apart = self._run.way.apart
 
     def summary(self) -> Summary:
         """The figures of the run."""

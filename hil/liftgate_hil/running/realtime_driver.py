@@ -114,7 +114,6 @@ class RealtimeDriver:
         summary = Summary(clock="realtime")
         if self._loop is not None:
             summary = self._loop.summary()
-            summary.apart = self._run.way.apart
         if self._recorder is not None:
             summary.recording_lost_rows = self._recorder.lost_rows
             summary.recordings = self._recorder.files

@@ -18,7 +18,7 @@ from liftgate_hil.config.arguments import numbers_of, text_or_none, texts_of
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import notes_on_fit
 from liftgate_hil.config.scenario import Scenario
-from liftgate_hil.ecu.find import check_ecu, is_library
+from liftgate_hil.ecu.find import is_library
 from liftgate_hil.errors import EcuError, LiftgateError, shown
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.options import RunOptions
@@ -121,7 +121,6 @@ def _isolated(plan: Plan, stopped: Callable[[], bool]) -> Result:
     from liftgate_hil.running.isolation import run_isolated
 
     job = plan.job
-    check_ecu(job.ecu)
     ticks, note = 0, ""
     answer: object
     try:

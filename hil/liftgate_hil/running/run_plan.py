@@ -6,6 +6,7 @@ import contextlib
 import gc
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from liftgate_hil.ecu.adapter import Adapter
@@ -25,6 +26,7 @@ from liftgate_hil.running.compilation import reporting_compilation
 from liftgate_hil.running.driver import Driver
 from liftgate_hil.running.episode_driver import EpisodeDriver
 from liftgate_hil.running.execution import Execution
+from liftgate_hil.running.notes import notes_on
 from liftgate_hil.running.result import Result, nothing_of, result_of, silence_of, tolerance_of
 from liftgate_hil.running.signs_of_life import foreign_code
 from liftgate_hil.running.stepping import StepsAgain, relevant_frames
@@ -154,12 +156,19 @@ class _Run:
                 reason, given_up = "", f"the bench was late: {reason}"
         summary = self._summary()
         if given_up:
-            return result_of(sinks, adapter, summary, "", given_up=given_up)
+            return self._noted(result_of(sinks, adapter, summary, "", given_up=given_up))
         failures = [] if self._driver is None else self._driver.recording_failures()
         reason = "; ".join([*([reason] if reason else []), *failures])
         not_made = "" if self._on_bus is None else self._on_bus.not_made(bool(reason))
         again = self._steps_again(summary)
-        return result_of(sinks, adapter, summary, reason, not_made, again)
+        return self._noted(result_of(sinks, adapter, summary, reason, not_made, again))
+
+    def _noted(self, result: Result) -> Result:
+        """Return the result with notes on the run before those of its judge."""
+        execution = self._execution
+        first = next(each.first for each in execution.sinks if isinstance(each, Extremes))
+        notes = notes_on(self._plan.setup, execution.adapter, first)
+        return replace(result, notes=(*notes, *result.notes)) if notes else result
 
     def _driver_of(self, stack: contextlib.ExitStack) -> Driver:
         """Return the driver of the plan's clock. Raises as `bus_run_of`."""

@@ -463,7 +463,7 @@ class Raises:
     ("ecu", "code", "told"),
     [
         ("their_ecus:Nobody", 2, "the ECU's process: --ecu their_ecus:Nobody"),
-        ("missing.so", 2, "the ECU's process: --ecu missing.so: no such file"),
+        ("missing.so", 2, "liftgate-hil: --ecu missing.so: no such file"),
         ("their_ecus:Raises", 1, "ValueError: not today"),
     ],
 )

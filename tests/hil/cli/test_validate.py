@@ -144,7 +144,6 @@ def test_the_text_names_file_output_and_fit(capsys: pytest.CaptureFixture[str], 
 def test_estimated_initial_states_are_shown(
     capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
 ) -> None:
-    assert fit(capsys, opening)["initial_states"] == {}
     lines = opening.read_text(encoding="utf-8").splitlines(keepends=True)
     cut, page = tmp_path / "cut.csv", tmp_path / "cut.html"
     cut.write_text("".join([lines[0], *lines[800:]]), encoding="utf-8")  # begins in motion
@@ -155,8 +154,8 @@ def test_estimated_initial_states_are_shown(
     assert "Initial states" in page.read_text(encoding="utf-8")
     assert call("validate", cut, *settings(TRUTH)) == 0
     text = capsys.readouterr().out
-    for name in states:
-        assert name in text
+    assert "Initial states" in text
+    assert "cut.csv: speed" in text
 
 
 def test_an_output_named_twice_counts_once(capsys: pytest.CaptureFixture[str], opening: Path) -> None:

@@ -12,12 +12,12 @@ from pathlib import Path
 
 from dashboard_support import Client, address_in, process
 
-from liftgate_hil.dashboard.deference import loop_cpu
+from liftgate_hil.dashboard.deference import LoopThread
 
 # In a process of its own, as all its threads are moved: one is named as a loop's, and stays on one CPU.
 MOVED = """
 import json, os, threading
-from liftgate_hil.dashboard.deference import Deference, loop_cpu
+from liftgate_hil.dashboard.deference import Deference, LoopThread
 from liftgate_hil.loop.priority import LOOP, name_thread
 
 allowed, started, over = sorted(os.sched_getaffinity(0)), threading.Event(), threading.Event()
@@ -31,7 +31,7 @@ def loop():
 thread = threading.Thread(target=loop)
 thread.start()
 started.wait()
-found, me = [loop_cpu(os.getpid())], os.getpid()
+found, me = [LoopThread(os.getpid()).cpu()], os.getpid()
 for keep in ((), (thread.native_id,)):
     deference = Deference(frozenset(keep))
     for pid in (me, None):
@@ -66,16 +66,16 @@ def test_all_threads_leave_the_cpu_of_the_loop_but_those_that_are_kept() -> None
 
 
 def test_a_process_without_a_loop_has_no_cpu_to_avoid() -> None:
-    assert loop_cpu(os.getpid()) is None
+    assert LoopThread(os.getpid()).cpu() is None
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
-    assert loop_cpu(gone.pid) is None
+    assert LoopThread(gone.pid).cpu() is None
 
 
 def test_a_page_goes_last_and_avoids_the_cpu_of_the_loop(tmp_path: Path) -> None:
     bench = ("--bus", "virtual:deference", "--overrun-limit", "3600")
     with process(*bench, folder=tmp_path) as run:
-        until(lambda: loop_cpu(run.pid) is not None)
+        until(lambda: LoopThread(run.pid).cpu() is not None)
         arguments = ("dashboard", "--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
         with process(*arguments, folder=tmp_path) as page:
             address_in(page)

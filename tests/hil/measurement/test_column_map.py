@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from measurement_files import read, write_csv
 
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, allowed_names
 from liftgate_hil.measurement.mapping import Theirs, parse_maps
 from liftgate_hil.measurement.units import KNOWN, conversion
 
@@ -113,7 +113,7 @@ def test_all_faults_of_all_maps_come_at_once(tmp_path: Path) -> None:
     assert caught.value.issues == [
         "`map` nothing: allowed: OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, or FILE.toml",
         "`map` left_speed_rps=n[mm]: left_speed_rps: unit 'mm'; allowed: rev/s, rpm, rad/s, deg/s, mdeg/s",
-        f"`map` current=I: current: unknown column; allowed: {', '.join(KNOWN)}",
+        f"`map` current=I: current: unknown column; allowed: {allowed_names('current', KNOWN)}",
         "`map` time_s=t[s]*0: time_s: scale '0'; allowed: a number, not 0",
         f"{path}: columns.left_current_a.skale: 1: unknown key; allowed: name, unit, scale, offset",
         f"{path}: left_current_a: unit 'V'; allowed: A, mA, µA, kA",

@@ -15,10 +15,8 @@ import msgpack
 import pytest
 from hil_support import EXTENDED, frames_of, rows_of
 
-from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError, TransportError
-from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.transport import multicast
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.can_arguments import WireChoice, bus_arguments
@@ -262,11 +260,3 @@ def test_another_group_keeps_two_benches_of_one_machine_apart(rig: Rig, own: str
     assert f"--bus udp_multicast:{other} for one of them" in way.apart
     find_way(WireChoice(bus=f"udp_multicast:{other}"), rig)
     assert find_way(WireChoice(bus="virtual:here"), rig).apart == ""
-
-
-def test_the_summary_of_foreign_frames_tells_how_to_keep_two_benches_apart():
-    summary = Summary(received=NO_COUNTS._replace(foreign=7), apart="a group each")
-    assert summary.silence_reported().endswith("that the rig does not receive; a group each")
-    assert "foreign frames: a group each" in summary.lines()
-    assert "apart" not in summary.as_dict()
-    assert not [line for line in Summary(apart="a group each").lines() if "a group each" in line]

@@ -1,0 +1,37 @@
+"""Notes on a run that may explain its verdict: requests that the ECU does not take, a precondition not met."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.ecu.node import PORT
+from liftgate_hil.signals import COLUMN_PLACE
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from liftgate_hil.ecu.adapter import Adapter
+    from liftgate_hil.running.setup import Setup
+
+_NEAR_DEG = 2.0  # from the end of its travel, where a motion counts as complete: a gate sags below its open stop
+
+
+def notes_on(setup: Setup, adapter: Adapter, first_row: NDArray[Any] | None) -> list[str]:
+    """Return the notes on a run; `first_row` is the scenario's first, None: it has not begun."""
+    found = []
+    scenario = setup.scenario
+    actions = dict.fromkeys((*scenario.precondition, *(each.action for each in scenario.requests)))
+    missed = [each for each in actions if adapter.kind == PORT and not adapter.takes(each)]
+    if missed:
+        found.append(f"requests without effect: {', '.join(missed)}: the ECU has no {adapter.request_name}()")
+    if scenario.precondition and first_row is not None:
+        action = scenario.precondition[-1]
+        angle, open_deg = first_row[COLUMN_PLACE["gate_angle_deg"]], math.degrees(setup.vehicle.gate.open_angle)
+        end = {"open": open_deg, "close": 0.0}.get(action, angle)
+        if abs(angle - end) > _NEAR_DEG:
+            found.append(
+                f"precondition: {action}: the gate came to rest at {angle:.1f}°, not at {end:.1f}°: the scenario "
+                "begins there"
+            )
+    return found

@@ -1,0 +1,55 @@
+"""What `ecu` may name, and what the message says of a name that names nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from liftgate_hil.ecu.find import check_ecu
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.plan import plan_of
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        (
+            "ecu.c",
+            "source code; its shared library is needed: cc -shared -fPIC -o ecu.so ecu.c; allowed: reference,",
+        ),
+        ("src/ecu.cpp", "source code; its shared library is needed: c++ -shared -fPIC -o ecu.so src/ecu.cpp; "),
+        ("my_ecu.py", "a Python file; name its class: my_ecu:CLASS; allowed: "),
+        (
+            "program",
+            "neither a shared library (.so) nor a Python class; a program of its own is reached by a bus; ",
+        ),
+        ("Referense", "did you mean reference? allowed: "),
+        ("my_ecu", "allowed: reference, the path of a shared library, MODULE:CLASS, or bus"),
+        ("nowhere.so", "no such file"),
+        ("no_such.part:Ecu", "no module no_such in "),
+    ],
+)
+def test_a_name_that_names_no_ecu_is_told_with_what_it_may_have_meant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, told: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("program").touch()
+    with pytest.raises(ConfigError) as failure:
+        check_ecu(name)
+    (issue,) = failure.value.issues
+    assert issue.startswith(f"`ecu` {name}: {told}")
+    with pytest.raises(ConfigError) as failure:  # before anything runs
+        plan_of(Job(scenario="anti_trap", ecu=name))
+    assert failure.value.issues == [issue]
+
+
+def test_a_library_that_exists_and_a_module_in_the_working_directory_are_fine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("ecu.so.1").touch()
+    Path("own_ecu.py").touch()
+    for name in ("reference", "bus", Path("ecu.so.1"), "own_ecu:Ecu", "json:loads", object()):
+        check_ecu(name)

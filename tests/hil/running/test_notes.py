@@ -1,0 +1,51 @@
+"""Notes of a run: requests that the ECU does not take, a precondition that is not met."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from run_support import ScriptedEcu
+
+import liftgate_hil as lh
+
+
+class Asked(ScriptedEcu):
+    """An ECU that takes requests, and does nothing about them."""
+
+    def request(self, action: str) -> None:
+        """Take a request."""
+
+
+def notes_of(tmp_path: Path, text: str, ecu: object, clock: str = "free") -> tuple[str, ...]:
+    path = tmp_path / "scenario.toml"
+    path.write_text("duration = 0.5\n" + text, encoding="utf-8")
+    return lh.run(path, ecu, clock).notes
+
+
+REQUESTS = '[[request]]\ntime = 0.1\naction = "open"\n[[request]]\ntime = 0.2\naction = "close"\n'
+
+
+@pytest.mark.parametrize("clock", ["free", "lockstep"])
+def test_requests_that_the_ecu_does_not_take_are_named_once(tmp_path: Path, clock: str) -> None:
+    (note,) = notes_of(tmp_path, REQUESTS, ScriptedEcu(lambda turn: []), clock)
+    assert note == "requests without effect: open, close: the ECU has no request()"
+
+
+def test_an_ecu_that_takes_requests_or_gets_none_needs_no_note(tmp_path: Path) -> None:
+    assert notes_of(tmp_path, REQUESTS, Asked(lambda turn: [])) == ()
+    assert notes_of(tmp_path, "", ScriptedEcu(lambda turn: [])) == ()
+    assert notes_of(tmp_path, REQUESTS, "reference") == ()
+
+
+@pytest.mark.parametrize(("action", "end"), [("open", "80.0"), ("close", "0.0")])
+def test_a_precondition_that_leaves_the_gate_on_its_way_is_told(tmp_path: Path, action: str, end: str) -> None:
+    text = f'initial = 40.0\nprecondition = ["{action}"]\n'
+    (note,) = notes_of(tmp_path, text, Asked(lambda turn: []))
+    assert note.startswith(f"precondition: {action}: the gate came to rest at ")
+    assert f"°, not at {end}°" in note
+
+
+def test_a_precondition_that_opens_the_gate_or_closes_it_again_needs_no_note(tmp_path: Path) -> None:
+    for actions in ('"open"', '"open", "close", "open"'):
+        assert notes_of(tmp_path, f"precondition = [{actions}]\n", "reference") == ()
