@@ -32,7 +32,7 @@ def allowed_names(name: str, known: Iterable[str]) -> str:
     names = list(known)
     if len(names) <= _FEW:
         return ", ".join(names)
-    near = get_close_matches(name, names, 3, 0.5)
+    near = get_close_matches(name, names, 3)
     return f"{', '.join(near or names[:_FEW])}, … ({len(names)} in all)"
 
 

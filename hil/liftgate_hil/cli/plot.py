@@ -50,10 +50,12 @@ def run(args: argparse.Namespace) -> int:
     target = recordings.check_picture(args.output or _target(args), sources)
     with Teller(args.quiet).progress("plot"):
         subject = _subject(args)
-        figure, caption = drawn(args.figure, subject)
-        write_picture(target, figure, subject.title, caption)
+        made = drawn(args.figure, subject)
+        write_picture(target, made.figure, subject.title, made.caption)
     if not args.quiet:
         print(printable(f"written: {target}"))
+        if made.note:
+            print(made.note)
     return 0
 
 

@@ -1,10 +1,13 @@
-"""Import python-can and cantools without asammdf.
+"""Python-can and cantools: imported without asammdf, and what they log collected.
 
 python-can imports asammdf, and with it pandas, if they are installed. That takes 0.6 s and serves its MF4 writer
 only. `formats.mf4_file` writes MF4 files without python-can, so asammdf is hidden during the import.
 """
 
+import contextlib
+import logging
 import sys
+from collections.abc import Iterator
 
 _hidden = "asammdf" not in sys.modules and "can" not in sys.modules
 if _hidden:
@@ -16,4 +19,26 @@ finally:
     if _hidden:
         del sys.modules["asammdf"]
 
-__all__ = ["can", "cantools"]
+__all__ = ["can", "cantools", "logged"]
+
+
+@contextlib.contextmanager
+def logged(library: str) -> Iterator[list[str]]:
+    """Context in which a library's log goes to a list, which holds the messages, instead of to stderr."""
+    logger, handler = logging.getLogger(library), _Collector()
+    logger.addHandler(handler)
+    try:
+        yield handler.messages
+    finally:
+        logger.removeHandler(handler)
+
+
+class _Collector(logging.Handler):
+    """Logging handler that keeps all messages."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.messages.append(record.getMessage())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import logging
 import math
 import re
 import sys
@@ -73,7 +72,7 @@ def _out_of_place(written: str, kind: str) -> str:
 
 def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
     """Return the messages of a database by name; its issues are noted under `dbc`."""
-    from liftgate_hil.config.can_libraries import cantools
+    from liftgate_hil.config.can_libraries import cantools, logged
 
     kind = path.suffix.lower()
     try:
@@ -85,26 +84,22 @@ def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
         issues.add("dbc", str(error))
         return {}
     # cantools only logs what makes a database ambiguous; here it is an issue.
-    handler = _Collector()
-    logger = logging.getLogger("cantools")
-    logger.addHandler(handler)
     try:
         written = "\n".join(raw.decode(_encoding(raw, kind)).splitlines()) + "\n"
         if wrong := _out_of_place(written, kind):
             raise ValueError(f"{wrong}: allowed: up to {_MOST_BITS} bits")
-        database = cantools.database.load_string(written, kind[1:])
+        with logged("cantools") as messages:
+            database = cantools.database.load_string(written, kind[1:])
     except Exception as error:  # cantools passes on exceptions of any kind from its parsers
         text = " ".join(str(error).split())[:200] or type(error).__name__
         issues.add("dbc", f"{path}: cannot be read: {text}")
         return {}
-    finally:
-        logger.removeHandler(handler)
     if not isinstance(database, cantools.database.can.Database):
         issues.add("dbc", f"{path}: allowed: a CAN database")
         return {}
-    for record in handler.records:
-        if "Overwriting" in record.getMessage():
-            issues.add("dbc", f"{path}: ambiguous: {record.getMessage()}")
+    for each in messages:
+        if "Overwriting" in each:
+            issues.add("dbc", f"{path}: ambiguous: {each}")
     if not database.messages:
         issues.add("dbc", f"{path}: has no messages; allowed: a CAN database with messages")
     _check_numbers(issues, path, database.messages)
@@ -147,14 +142,3 @@ def _encoding(raw: bytes, kind: str) -> str:
     except UnicodeDecodeError:
         return KINDS[kind]
     return "utf-8"
-
-
-class _Collector(logging.Handler):
-    """Logging handler that keeps all records."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.records: list[logging.LogRecord] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.records.append(record)

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from liftgate_hil.conversion.compare import differences_of
+from liftgate_hil.conversion.ours import ours_in
 from liftgate_hil.conversion.sheet import FONT, HEIGHT, WIDTH, finish, legend_above, settings
 from liftgate_hil.conversion.table import Floats
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording
 from liftgate_hil.report.drawing import FINAL, GRID, INK, MARK, MEASURED, ORANGE, line, new_figure, style
 from liftgate_hil.report.numbers import axis_label, clean, significant
-from liftgate_hil.signals import COLUMNS
+from liftgate_hil.signals import COLUMNS, SENSED_PREFIX
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,26 +39,38 @@ _PROTECTION = re.compile(r"crc|check_?sum|alive|rolling|(msg|message)_?(cnt|coun
 _SIDES = re.compile(r"^sensed_|left_?|right_?", re.IGNORECASE)
 
 
-def usual_columns(table: Recording) -> list[str]:
+def usual_columns(table: Recording, rig: str | None = None) -> list[str]:
     """Return the columns that are plotted by default: those that matter for a gate, or the first few.
 
-    Counters and checksums of messages are not among these, unless there is nothing else.
+    In a bus log that is decoded by a rig, the signals of these columns come first. Counters and checksums of
+    messages are not among them, unless there is nothing else.
     """
     names = [name for name in _USUAL if name in table.signals]
     others = [name for name in table.signals if name != "time_s"]
     telling = [name for name in others if not _PROTECTION.search(name.rpartition(".")[2])]
-    return names or (telling or others)[:MOST]
+    if names:
+        return names
+    wired = {} if rig is None else ours_in(rig, others)
+    first = [wired[SENSED_PREFIX + name] for name in _USUAL if SENSED_PREFIX + name in wired]
+    ordered = list(dict.fromkeys([*first, *(telling or others)]))
+    shown = list(dict.fromkeys(_panel_of(name, table) for name in ordered))[:MOST]
+    return [name for name in ordered if _panel_of(name, table) in shown]
 
 
 def panels_of(names: Sequence[str], table: Recording) -> list[list[str]]:
     """Group related columns: those of both drives, with their sensor values. Raises ConfigError."""
     panels: dict[tuple[str, str], list[str]] = {}
     for name in names:
-        panels.setdefault((_SIDES.sub("", name), table.signals[name].unit), []).append(name)
+        panels.setdefault(_panel_of(name, table), []).append(name)
     found = list(panels.values())
     if len(found) > MOST:
         raise ConfigError(f"`columns`: {len(found)} panels; allowed: up to {MOST}")
     return found
+
+
+def _panel_of(name: str, table: Recording) -> tuple[str, str]:
+    """Return what the columns of one panel have in common: the name without its drive, and the unit."""
+    return _SIDES.sub("", name), table.signals[name].unit
 
 
 def one_of_each(names: Sequence[str]) -> list[str]:
@@ -147,6 +160,9 @@ def _label(name: str, unit: str) -> str:
     if "[" not in caption and unit:
         caption = f"{caption} [{clean(unit, 12)}]"
     words, bracket, rest = caption.partition(" [")
+    if len(words) > 20:
+        words = words.replace(".", ".\n", 1)
+        caption = f"{words}{bracket}{rest}"
     return f"{words}\n[{rest}" if len(caption) > 20 and bracket else caption
 
 

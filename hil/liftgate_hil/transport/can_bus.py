@@ -12,6 +12,7 @@ import numpy as np
 
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.config.can_libraries import can as _can
+from liftgate_hil.config.can_libraries import logged
 from liftgate_hil.errors import TransportError, words_of
 from liftgate_hil.transport import multicast
 from liftgate_hil.transport.base import WAIT_S, LinkCounts, age_of, drained
@@ -57,10 +58,12 @@ class CanTransport:
 
     def _open(self) -> can.BusABC:
         """Return an open bus, and set `_recv`, which receives its messages."""
+        said: list[str] = []
         try:
             if self._echoes is not None:
                 multicast.check_route(self.name)
-            bus = _can.Bus(**self._arguments)
+            with logged("can") as said:  # why a driver's library is missing, for one
+                bus = _can.Bus(**self._arguments)
             if self._echoes is not None:
                 self._recv = multicast.Receiver(bus, self._arguments).recv
             elif type(bus).recv is _can.BusABC.recv and not bus.filters:
@@ -70,7 +73,8 @@ class CanTransport:
             else:
                 self._recv = bus.recv
         except Exception as error:  # drivers may raise anything
-            raise TransportError(f"{self._interface}:{self.name}: cannot be opened: {words_of(error)}") from error
+            why = "; ".join(dict.fromkeys([words_of(error), *(" ".join(each.split()) for each in said)]))
+            raise TransportError(f"{self._interface}:{self.name}: cannot be opened: {why}") from error
         return bus
 
     def _reopen(self, timeout: float) -> None:

@@ -59,6 +59,16 @@ def test_counters_and_checksums_are_left_out_where_there_is_something_else(tmp_p
     assert [picture.usual_columns(each) for each in found] == [["HallCount", "Angle"], ["AliveCounter"]]
 
 
+def test_of_a_bus_log_the_signals_of_angle_and_currents_come_first_and_panels_are_full(tmp_path: Path) -> None:
+    ours = ["RightDrive.MotorCurrent", "LeftDrive.MotorCurrent", "Gate.Angle"]
+    names = [f"Body.Part{k}" for k in range(20)] + ours + ["Body.LeftLamp"]
+    run = open_table(table(tmp_path / "a.csv", [tuple(range(25))], ",".join(["time_s", *names]) + "\n"))
+    shown = picture.usual_columns(run, "liftgate")
+    assert shown == [*reversed(ours), *names[:6]]
+    assert len(picture.panels_of(shown, run)) == picture.MOST
+    assert picture.usual_columns(run, "theirs.dbc") == names[:8]
+
+
 def test_more_panels_than_can_be_seen_are_refused(tmp_path: Path) -> None:
     names = [f"c{k}" for k in range(9)]
     path = table(tmp_path / "a.csv", [tuple(range(10))], ",".join(["time_s", *names]) + "\n")
@@ -96,7 +106,7 @@ def test_a_picture_is_written_in_the_format_of_its_suffix(
 ) -> None:
     path, target = table(tmp_path / "a.csv", RUN, HEAD), tmp_path / f"out{suffix}"
     assert main(["plot", str(path), "--output", str(target)]) == 0
-    assert capsys.readouterr().out == f"written: {target}\n"
+    assert capsys.readouterr().out == f"written: {target}\nnot drawn: 2 more columns, see --columns\n"
     content = target.read_bytes()
     if suffix == ".png":
         assert content.startswith(b"\x89PNG")

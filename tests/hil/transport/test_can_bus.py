@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import uuid
 from collections.abc import Iterator
@@ -96,6 +97,21 @@ def test_a_bus_that_cannot_be_opened_is_reported_on_one_line(monkeypatch: pytest
     monkeypatch.setattr(can, "Bus", broken)
     with pytest.raises(TransportError, match=r"^pcan:x: cannot be opened: no device$"):
         CanTransport({"interface": "pcan", "channel": "x"})
+
+
+def test_what_a_driver_logs_is_part_of_the_message_and_not_on_stderr(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    def broken(**arguments: Any) -> None:
+        for _ in range(2):
+            logging.getLogger("can.interfaces.kvaser").warning("canlib is\nunavailable")
+        raise NameError("name 'canOpen' is not defined")
+
+    monkeypatch.setattr(can, "Bus", broken)
+    told = r"^kvaser:0: cannot be opened: name 'canOpen' is not defined; canlib is unavailable$"
+    with pytest.raises(TransportError, match=told):
+        CanTransport({"interface": "kvaser", "channel": "0"})
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("error", [KeyError(), Exception(), can.CanError("")])

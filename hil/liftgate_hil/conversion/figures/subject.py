@@ -29,6 +29,7 @@ class Drawn(NamedTuple):
 
     figure: Figure
     caption: str
+    note: str = ""  # what it does not show; "": nothing
 
 
 @dataclass(frozen=True)
