@@ -131,7 +131,7 @@ def test_the_keys_of_an_identification_its_plan_and_a_validation(printed: Any) -
     files = ("out.csv", "--json", "--quiet")
     of = ("--estimate", "motor.resistance", "--profile", "motor.resistance", "--initial", "pause")
     assert_documented(IDENTIFY, printed("identify", *files, *of))
-    assert_documented(VALIDATE, printed("validate", *files))
+    assert_documented(VALIDATE, printed("validate", *files, "--initial", "pause"))
     plan = ("--plan", "--estimate", "motor.resistance", "--duration", "1")
     assert_documented(PLAN, printed("identify", *plan, "--json"))
 

@@ -181,8 +181,9 @@ def check(
     else:
         status = check_state.place_of_simple(last, turn)
     if status == check_state.BAD_SUM:
-        if not is_sound:
-            note_checksums(current.refusals, found, expected)
+        note_checksums(current.refusals, found, expected)
+        if is_sound:  # but the counter has a value that it never has
+            note_evidence(current.refusals, BAD_CHECKSUM, -1, float(counter), np.nan)
         return BAD_CHECKSUM, 0
     if turn >= 0:
         current.counter[message] = turn

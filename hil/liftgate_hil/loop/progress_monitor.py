@@ -11,17 +11,10 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from liftgate_hil.codec.refusals import (
-    ACCEPTED,
-    BAD_CHECKSUM,
-    BAD_COUNTER,
-    FOREIGN,
-    OUT_OF_RANGE,
-    REMOTE_FRAME,
-    WRONG_LENGTH,
-)
+from liftgate_hil.codec.refusals import ACCEPTED, FOREIGN
 from liftgate_hil.loop.listener import Listener, Status
-from liftgate_hil.signals import BUS_INPUTS, COLUMN_PLACE
+from liftgate_hil.loop.refusal_texts import REFUSED, RefusalTexts, identifier_text
+from liftgate_hil.signals import COLUMN_PLACE
 
 if TYPE_CHECKING:
     from liftgate_hil.codec.receive import Reception
@@ -31,7 +24,6 @@ if TYPE_CHECKING:
 
 _EVERY_S = 0.1  # between two looks
 _PATIENCE_S = 2.0  # without a command, after which it reports that it waits
-_REFUSED = (REMOTE_FRAME, WRONG_LENGTH, OUT_OF_RANGE, BAD_CHECKSUM, BAD_COUNTER)
 _ANGLE, _LEFT, _RIGHT = (COLUMN_PLACE[name] for name in ("gate_angle_deg", "left_current_a", "right_current_a"))
 
 
@@ -63,8 +55,8 @@ class ProgressMonitor:
         apart: str = "",
     ) -> None:
         self._before = ticks_before
-        self._rig = rig
         self._config = config
+        self._texts = RefusalTexts(rig, config, ticks_before * config.step)
         self._reception = reception
         self._listener = listener
         self._events = events
@@ -93,10 +85,10 @@ class ProgressMonitor:
         for event in self._events(self._reported_events):
             self._reported_events += 1
             self._listener.happened(event.time, event.text)
-        for cause in _REFUSED:
+        for cause in REFUSED:
             if self._reception.refusals[cause].count and cause not in self._listed_causes:
                 self._listed_causes.add(cause)
-                self._listener.say(self._refusal(cause))
+                self._listener.say(self._texts.of_first(self._reception.refusals, cause))
         if not is_last:
             self._look_for_another(time_s)
             self._look_at_command(time_s, now)
@@ -109,7 +101,7 @@ class ProgressMonitor:
         if name is not None and not self._has_reported_another:
             self._has_reported_another = True
             self._listener.say(
-                f"{time_s:.3f} s: received {name} (0x{int(others.found) & 0x1FFFFFFF:X}), which this gate sends: "
+                f"{time_s:.3f} s: received {name} ({identifier_text(int(others.found))}), which this gate sends: "
                 f"another bench or a replay is on this bus{self._apart}"
             )
 
@@ -125,24 +117,21 @@ class ProgressMonitor:
         elif not self._is_waiting and now - self._heard > _PATIENCE_S:
             foreign = self._foreign()
             heard = f"; {foreign}" if foreign else ""
-            self._listener.say(f"{time_s:.3f} s: waits for {self._waited_for()}, motors off{heard}")
+            self._listener.say(f"{time_s:.3f} s: waits for {self._texts.awaited()}, motors off{heard}")
             self._is_waiting, self._has_named_foreign = True, bool(foreign)
         elif self._is_waiting and not self._has_named_foreign and not self._reception.refusals[ACCEPTED].count:
             foreign = self._foreign()
             if foreign:
-                self._listener.say(f"{time_s:.3f} s: {foreign}; waits for {self._waited_for()}")
+                self._listener.say(f"{time_s:.3f} s: {foreign}; waits for {self._texts.awaited()}")
                 self._has_named_foreign = True
 
-    def _waited_for(self) -> str:
-        return f"{self._command} (0x{self._rig.messages[self._command].frame_id:X})"
-
     def _foreign(self) -> str:
-        """Return a text on the first foreign frame; "": there is none but those of the rig's database."""
-        others = self._reception.refusals[FOREIGN]
-        if not others.count or int(others.found) in self._rig.ordering:
+        """Return a text on the first foreign frame; "": there is none but those of a test bench."""
+        first = self._texts.first_foreign(self._reception.refusals)
+        if not first:
             return ""
         apart = "" if self._has_reported_another else self._apart
-        return f"0x{int(others.found) & 0x1FFFFFFF:X} is on the bus, but not received by this rig{apart}"
+        return f"{first} is on the bus, but not received by this rig{apart}"
 
     def _status(self, moment: Moment) -> Status:
         counts = self._reception.refusals["count"]
@@ -157,57 +146,10 @@ class ProgressMonitor:
             command_age_s=age,
             sent=moment.sent,
             accepted=int(counts[ACCEPTED]),
-            rejected=sum(int(counts[cause]) for cause in _REFUSED),
+            rejected=sum(int(counts[cause]) for cause in REFUSED),
             foreign=int(counts[FOREIGN]),
             overruns=moment.overruns,
         )
-
-    def _refusal(self, cause: int) -> str:
-        """Return a text on the first frame that was refused for a cause."""
-        refusal = self._reception.refusals[cause]
-        name = self._message_name(int(refusal.message))
-        head = f"{refusal.time_ns * 1e-9:.3f} s: {name} refused"
-        options = self._rig.options.get(name)
-        if cause == REMOTE_FRAME:
-            return f"{head}: a remote frame; allowed: a data frame"
-        if cause == WRONG_LENGTH:
-            return f"{head}: {refusal.found:.0f} bytes; expected {refusal.expected:.0f}"
-        if cause == BAD_CHECKSUM:
-            signal = (options and options.checksum) or "checksum"
-            found, expected = (
-                int(each) & 0xFFFFFFFFFFFFFFFF for each in (refusal.checksum, refusal.right_checksum)
-            )
-            if found == expected:
-                return f"{head}: data ID or counter does not belong to this message ({signal} is correct)"
-            return f"{head}: {signal} is 0x{found:X}; expected 0x{expected:X}"
-        if cause == BAD_COUNTER:
-            signal = (options and options.counter) or "counter"
-            if math.isnan(refusal.expected):
-                return f"{head}: {signal} is {refusal.found:.0f}; expected one of its values"
-            return f"{head}: {signal} is {refusal.found:.0f}; expected {refusal.expected:.0f}"
-        return f"{head}: {self._out_of_range(int(refusal.signal), float(refusal.found))}"
-
-    def _out_of_range(self, row: int, found: float) -> str:
-        table = self._config.inputs.signals[row]
-        quantity = list(BUS_INPUTS)[int(table.quantity)]
-        mapping = next(wire for wire in self._rig.inputs if wire.quantity == quantity)
-        signal = self._rig.messages[mapping.message].get_signal_by_name(mapping.signal)
-        unit = f" {signal.unit}" if signal.unit else ""
-        head = f"{mapping.signal} is {found:g}{unit}"
-        if not table.low <= found <= table.high:
-            least, most = signal.minimum, signal.maximum
-            low, high = (table.low, table.high) if least is None or most is None else (least, most)
-            return f"{head}; allowed by the database: {low:g} to {high:g}{unit}"
-        ours = BUS_INPUTS[quantity]
-        allowed = f"{ours.low:g} to {ours.high:g}" + (f" {ours.unit}" if ours.unit else "")
-        return f"{head}; allowed for {quantity}: {', '.join(ours.values) or allowed}"
-
-    def _message_name(self, row: int) -> str:
-        identifier = int(self._config.inputs.messages[row].identifier) & 0x1FFFFFFF
-        for name, message in self._rig.messages.items():
-            if message.frame_id == identifier:
-                return name
-        return f"0x{identifier:X}"
 
 
 def _row_of(config: LoopConfig, identifier: int) -> int:

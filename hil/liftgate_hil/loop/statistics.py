@@ -82,6 +82,9 @@ class Summary:
     frames_sent: int = 0
     command_timeouts: int = 0
     received: Counts = NO_COUNTS
+    first_refused: list[str] = field(default_factory=list)  # the first frame refused for each cause, with its time
+    first_foreign: str = ""  # the first frame with an identifier that the rig does not receive; "": there is none
+    awaited: str = ""  # the command message, with its identifier
     link: LinkCounts = field(default_factory=LinkCounts)
     link_error: str = ""  # the system's text for the last error
     recordings: list[str] = field(default_factory=list)  # files that were written
@@ -102,7 +105,7 @@ class Summary:
     def as_dict(self) -> dict[str, Any]:
         """Return the figures for --json."""
         figures = asdict(self)
-        del figures["timing"]
+        del figures["timing"], figures["awaited"]
         if math.isnan(self._load()):
             figures["bus_load_percent"] = None
         for name, each in self.timing._asdict().items():
@@ -136,8 +139,9 @@ class Summary:
         if rejected(self.received):
             return f"no command was accepted, {rejected(self.received)} were rejected"
         if self.received.foreign:
-            text = f"{self.received.foreign} frames have identifiers that the rig does not receive"
-            return f"no command was accepted, {text}"
+            which = f", the first {self.first_foreign}" if self.first_foreign else ""
+            text = f"{self.received.foreign} frames have identifiers that the rig does not receive{which}"
+            return f"no command was accepted, {text}" + (f"; awaited: {self.awaited}" if self.awaited else "")
         return "no command arrived: the ECU sent nothing"
 
     def injections_reported(self) -> str:

@@ -25,6 +25,7 @@ class EpisodeDriver:
         self._execution = execution
         self._recordings: Recordings | None = None
         self._episode: Episode | None = None
+        self._stimuli = execution.plan.stimuli
         self._has_failed = False
         self.begun: Begun | None = None  # no bench is late here: no gate is stepped again
 
@@ -39,6 +40,7 @@ class EpisodeDriver:
         listener = plan.job.listener
         self._recordings = Recordings(plan, content_of(plan, PRIVATE_BUS), listener.say, stack)
         stimuli, state = execution.start()
+        self._stimuli = stimuli
         sinks = [*execution.sinks, *self._recordings.sinks]
         reads_the_bus = any(isinstance(each, Judge) and each.reads_the_bus for each in sinks)
         self._episode = episode = Episode(
@@ -80,7 +82,7 @@ class EpisodeDriver:
             return Summary(clock="free")
         summary = self._episode.summary(self._execution.plan.rig.bitrate)
         self._recordings.note(summary)
-        return summary
+        return self._execution.told(summary, self._episode.state, self._stimuli)
 
     def recording_failures(self) -> list[str]:
         """Why recordings are not complete."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.ecu.node import NO_ECU
 from liftgate_hil.loop.precondition import after_precondition
+from liftgate_hil.loop.refusal_texts import RefusalTexts
 from liftgate_hil.loop.tick import copied
 from liftgate_hil.running.loop_start import start_of
 from liftgate_hil.running.signs_of_life import foreign_code
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from liftgate_hil.ecu.adapter import Adapter
     from liftgate_hil.loop.observers import Sink
     from liftgate_hil.loop.rings import Memory
+    from liftgate_hil.loop.statistics import Summary
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.running.plan import Plan
     from liftgate_hil.running.shared_starts import SharedStarts
@@ -38,6 +40,13 @@ class Execution:
         """Return a copy of the plan's stimuli, and the state of the loop, both at time 0. Raises as `started`."""
         stimuli = copied(self.plan.stimuli)
         return stimuli, self.started(stimuli)
+
+    def told(self, summary: Summary, state: LoopState, stimuli: StimulusPlan) -> Summary:
+        """Return the summary of a run, with what it has on refused frames filled in."""
+        plan = self.plan
+        texts = RefusalTexts(plan.rig, plan.config, int(stimuli.origin[0]) * plan.config.step)
+        texts.tell(summary, state.reception.refusals)
+        return summary
 
     def started(self, stimuli: StimulusPlan) -> LoopState:
         """Return the state of the loop at time 0, where `stimuli` begin.

@@ -138,7 +138,8 @@ class PythonDriver:
         try:
             loop.finish()
         finally:  # a plant that has diverged does so again
-            self._summary = loop.summary(clock, Timing(distribution(self._clock.lateness)))
+            summary = loop.summary(clock, Timing(distribution(self._clock.lateness)))
+            self._summary = self._run.execution.told(summary, self._run.state, self._run.stimuli)
 
     def summary(self) -> Summary:
         """The figures of the run."""

@@ -113,7 +113,7 @@ class RealtimeDriver:
         """
         summary = Summary(clock="realtime")
         if self._loop is not None:
-            summary = self._loop.summary()
+            summary = self._run.execution.told(self._loop.summary(), self._run.state, self._run.stimuli)
         if self._recorder is not None:
             summary.recording_lost_rows = self._recorder.lost_rows
             summary.recordings = self._recorder.files

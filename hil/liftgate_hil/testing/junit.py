@@ -87,7 +87,9 @@ def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
     verdicts = [each.verdict for each in outcome.expectations]
     package, began = name.rpartition(".")[0], outcome.ended - outcome.wall_s
     suite = _testsuite(outcome.case.file, number, package, began, outcome.wall_s, verdicts)
-    _add_properties(suite, outcome)
+    properties = ElementTree.SubElement(suite, "properties")
+    for own, value in properties_of(outcome):
+        ElementTree.SubElement(properties, "property", name=_text(own), value=_text(value))
     for each in outcome.expectations:
         suite.append(_case(each, name, outcome.wall_s / len(verdicts)))
     lines = [f"{each.name}: {line_of(each)}" for each in outcome.expectations]
@@ -126,10 +128,9 @@ def _case(verdict: Verdict, name: str, seconds: float) -> ElementTree.Element:
     return case
 
 
-def _add_properties(suite: ElementTree.Element, outcome: Outcome) -> None:
-    """Add the properties of the run: vehicle, seed, ECU, recordings, requirements, parameters."""
+def properties_of(outcome: Outcome) -> list[tuple[str, str]]:
+    """Return the properties of a run (name, value): vehicle, seed, ECU, recordings, requirements, parameters."""
     setup = outcome.case.plan.setup
-    properties = ElementTree.SubElement(suite, "properties")
     entries = [("vehicle", setup.vehicle_name), ("seed", str(setup.seed))]
     if outcome.case.recordings:
         entries = [("scenario", setup.scenario.source)]
@@ -141,9 +142,7 @@ def _add_properties(suite: ElementTree.Element, outcome: Outcome) -> None:
             (f"ecu.{name}", str(identity[name])) for name in ("path", "class", "sha256") if name in identity
         ]
     entries += [("requirement", each) for each in setup.scenario.requirement]
-    entries += [(f"parameter.{name}", f"{value:g}") for name, value in setup.scenario.parameters.items()]
-    for name, value in entries:
-        ElementTree.SubElement(properties, "property", name=_text(name), value=_text(value))
+    return entries + [(f"parameter.{name}", f"{value:g}") for name, value in setup.scenario.parameters.items()]
 
 
 def _written(root: ElementTree.Element) -> bytes:

@@ -1,4 +1,4 @@
-"""pytest plugin: the fixture `liftgate`, and `test_*.toml` files that hold an `[[expect]]` as tests.
+"""pytest plugin: the fixture `liftgate`, and scenario files `test_*.toml` as tests.
 
     def test_reverses(liftgate):
         result = liftgate.run("scenario.toml", ecu="my_ecu:Ecu")
@@ -66,11 +66,9 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
     """Collect a scenario file whose name begins with test_; other tools' TOML files are left out."""
     if file_path.suffix != ".toml" or not file_path.name.startswith("test_"):
         return None
-    if b"expect" not in file_path.read_bytes():
-        return None
     from liftgate_hil.testing.suite import may_be_scenario
 
-    return ScenarioFile.from_parent(parent, path=file_path) if may_be_scenario(file_path) else None
+    return ScenarioFile.from_parent(parent, path=file_path) if may_be_scenario(file_path, is_test=True) else None
 
 
 class ScenarioFile(pytest.File):
@@ -93,13 +91,13 @@ class ScenarioFile(pytest.File):
         for name, own in zip(names, node_names(names), strict=True):
             yield ExpectationItem.from_parent(self, name=own, expectation=name)
 
-    def verdict(self, name: str) -> Verdict:
-        """Return the verdict of an expectation; the first call runs the scenario."""
+    def outcome(self) -> Outcome:
+        """Return the outcome of the scenario; the first call runs it."""
         from liftgate_hil.testing.suite import run_case
 
         if self._outcome is None:
             self._outcome = run_case(self._case)
-        return next(each for each in self._outcome.expectations if each.name == name)
+        return self._outcome
 
 
 def node_names(names: Sequence[str]) -> list[str]:
@@ -125,7 +123,7 @@ def node_names(names: Sequence[str]) -> list[str]:
 class ExpectationItem(pytest.Item):
     """An expectation of a scenario file, as a test.
 
-    A name that no node id can have is a property in JUnit.
+    In JUnit it has the properties of its run and, as another one, a name that no node id can have.
     """
 
     _verdict: Verdict
@@ -139,7 +137,12 @@ class ExpectationItem(pytest.Item):
     def setup(self) -> None:
         """Run the scenario; what cannot be judged is an error of the set-up."""
         assert isinstance(self.parent, ScenarioFile)
-        self._verdict = self.parent.verdict(self._expectation)
+        from liftgate_hil.testing.junit import properties_of
+        from liftgate_hil.testing.reports import line_of
+
+        outcome = self.parent.outcome()
+        self._verdict = next(each for each in outcome.expectations if each.name == self._expectation)
+        self.user_properties += [*properties_of(outcome), ("verdict", line_of(self._verdict))]
         if self._verdict.verdict in ("inconclusive", "error"):
             raise NoVerdictError(self._verdict)
 

@@ -30,6 +30,7 @@ def _scenario(outcome: Outcome) -> dict[str, Any]:
         "description": setup.scenario.description,
         "requirement": list(setup.scenario.requirement),
         "vehicle": setup.vehicle_name,
+        "ecu": None if outcome.case.recordings else _ecu(outcome),
         "seed": setup.seed,
         "parameters": dict(setup.scenario.parameters),
         "clock": outcome.case.job.options.clock,
@@ -46,6 +47,12 @@ def _scenario(outcome: Outcome) -> dict[str, Any]:
         "recordings": _recordings(outcome),
         "sources": {name: each._asdict() for name, each in outcome.case.plan.sources.items()},
     }
+
+
+def _ecu(outcome: Outcome) -> dict[str, str | None]:
+    identity = outcome.case.plan.ecu_identity
+    name = next((str(identity[each]) for each in ("class", "path", "version") if each in identity), "")
+    return {"kind": identity["kind"], "name": name, "sha256": identity.get("sha256")}
 
 
 def _recordings(outcome: Outcome) -> list[str]:

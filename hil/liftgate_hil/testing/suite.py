@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import contextlib
+import difflib
 import os
 import re
 import time
@@ -37,6 +38,7 @@ _OURS = {
     "precondition",
 }  # keys that scenarios have, and hardly another file
 _MOST_FILES = 100  # files in a chain of includes
+_KNOWN = {key.name for key in keys_of(ScenarioTable)}
 
 
 @dataclass(frozen=True)
@@ -85,9 +87,17 @@ class Outcome:
         if why := summary.refusals_text():
             came = summary.received.accepted + rejected(summary.received)
             found.append(f"{rejected(summary.received)} of {came} frames to the gate were refused: {why}")
+            found += [f"the first of them: {each}" for each in summary.first_refused]
         elif summary.ticks and not self.reason and not self.case.recordings:  # without a tick nobody was heard
             silence = summary.silence_reported()
             found += [silence] if silence else []
+        scenario = self.case.plan.setup.scenario
+        is_disturbed = scenario.faults or any(each.action == "reset" for each in scenario.requests)
+        if summary.command_timeouts and not is_disturbed:
+            found.append(
+                f"{summary.command_timeouts} command time-outs: the ECU's commands came too late or not at all, "
+                "and the motors were off"
+            )
         found += self.result.notes
         if summary.injections or summary.injections_refused:
             found.append(summary.injections_reported())
@@ -119,18 +129,28 @@ def scenario_files(paths: Sequence[str]) -> list[Path]:
     return list(kept.values())
 
 
-def may_be_scenario(path: Path) -> bool:
+def may_be_scenario(path: Path, is_test: bool = False) -> bool:
     """Whether a TOML file is a scenario, or cannot be read but contains [[expect]].
 
-    The error of the latter shall be reported, or a scenario would be missing without notice.
+    The error of the latter shall be reported, or a scenario would be missing without notice. So shall be that
+    of a file that is named as a test (`is_test`) and expects nothing, or misspells it.
     """
     try:
-        read_toml(path)
+        content = read_toml(path)
     except ConfigError:
         with contextlib.suppress(OSError):
             return _EXPECT.search(path.read_bytes()) is not None
         return False
-    return is_scenario(path)
+    if is_scenario(path):
+        return True
+    own = {*content} & _KNOWN - {"expect"}
+    is_like_one = any(_is_like_expect(each) for each in content) or {*content} <= _KNOWN
+    return is_test and len(content) > 1 and bool(own) and is_like_one
+
+
+def _is_like_expect(key: str) -> bool:
+    """Whether a key is a misspelt `expect`."""
+    return bool(difflib.get_close_matches(key.lower()[:12], ("expect", "expectation"), 1, 0.75))
 
 
 def is_scenario(path: Path, above: tuple[Path, ...] = ()) -> bool:
@@ -144,10 +164,10 @@ def is_scenario(path: Path, above: tuple[Path, ...] = ()) -> bool:
     except ConfigError:
         return False
     expected = content.get("expect")
-    misspelt = expected is None and any(each.lower().startswith("expect") for each in content)
+    misspelt = expected is None and any(_is_like_expect(each) for each in content)
     if (misspelt or isinstance(expected, dict)) and _OURS & {*content}:
         return True  # its error shall be reported
-    is_known = len(content) > 1 and {*content} <= {key.name for key in keys_of(ScenarioTable)}
+    is_known = len(content) > 1 and {*content} <= _KNOWN
     if is_known and not expected:
         included = content.get("include", [])
         names = [included] if isinstance(included, str) else included

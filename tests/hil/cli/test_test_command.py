@@ -9,9 +9,11 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from hil_support import command_frame
 from html_page import Page
 
 from liftgate_hil.cli.main import main
+from liftgate_hil.config.rig import Rig
 
 RESTS = '[[expect]]\nname = "rests"\nalways = "gate_angle_deg < $most"\n'
 MOVES = '[[expect]]\nname = "moves & <more>"\neventually = "gate_angle_deg > 1"\n'
@@ -162,13 +164,40 @@ def test_frames_that_the_gate_refuses_are_reported_beside_the_verdicts(
     assert told["sources"]["ecu"]["path"].endswith("wrong_ecu.py")
 
 
+def test_a_refused_frame_and_commands_that_come_too_late_are_told_with_what_was_wrong(
+    monkeypatch: pytest.MonkeyPatch, rig: Rig
+) -> None:
+    Path("slow_ecu.py").write_text(
+        "import can\n"
+        f"COMMANDS = {[command_frame(rig, k)[1] for k in range(15)]!r}\n"
+        "class Ecu:\n"
+        "    period_s = 0.1\n"
+        "    def step(self, now_s, frames):\n"
+        "        data = bytes(7), COMMANDS.pop(0)\n"
+        "        return [can.Message(arbitration_id=0x120, data=each, is_extended_id=False) for each in data]\n"
+    )
+    monkeypatch.syspath_prepend(str(Path.cwd()))
+    name = scenario("a.toml", RESTS)
+    assert main(["test", name, "--ecu", "slow_ecu:Ecu", "--json", "out.json"]) == 0
+    notes = json.loads(Path("out.json").read_text())["scenarios"][0]["notes"]
+    assert notes[1].startswith("the first of them: 0.")
+    assert notes[1].endswith(" s: DriveCommand refused: 7 bytes; expected 8")
+    assert " command time-outs: the ECU's commands came too late or not at all" in notes[-1]
+
+
 @pytest.mark.parametrize(
     ("frames", "said"),
     [
+        (
+            "[can.Message(arbitration_id=0x120, data=bytes(8))]",
+            "no command was accepted, 50 frames have identifiers that the rig does not receive, the first 0x120 "
+            "(extended, 29 bits); awaited: DriveCommand (0x120)",
+        ),
         ("[]", "no command arrived: the ECU sent nothing"),
         (
             "[can.Message(arbitration_id=0x121, data=bytes(8), is_extended_id=False)]",
-            "no command was accepted, 50 frames have identifiers that the rig does not receive",
+            "no command was accepted, 50 frames have identifiers that the rig does not receive, the first 0x121; "
+            "awaited: DriveCommand (0x120)",
         ),
     ],
 )

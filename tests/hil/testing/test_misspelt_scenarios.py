@@ -13,7 +13,9 @@ BAD = 'duration = 1.0\n[[request]]\ntime = 0.1\naction = "open"\n'
 EXPECT = '\nname = "x"\nalways = "time_s >= 0"\n'
 
 
-@pytest.mark.parametrize("header", ["[[expects]]", "[[Expect]]", "[[expectation]]", "[[expect]", "[expect]"])
+@pytest.mark.parametrize(
+    "header", ["[[expects]]", "[[Expect]]", "[[expectation]]", "[[expcet]]", "[[expect]", "[expect]"]
+)
 def test_it_is_reported_by_the_command(tmp_path: Path, header: str, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "good.toml").write_text(GOOD)
     (tmp_path / "bad.toml").write_text(BAD + header + EXPECT)

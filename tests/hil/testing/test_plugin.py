@@ -62,6 +62,7 @@ def foreign(tmp_path: Path) -> Path:
     (tmp_path / "tests" / "test_three.toml").write_text(THREE)
     (tmp_path / "tests" / "test_other.toml").write_text('[tool]\nexpect = "x"\n')
     (tmp_path / "tests" / "test_cli.toml").write_text('[[expect]]\nstdout = "x"\n[run]\na = 1\n')
+    (tmp_path / "tests" / "test_bare.toml").write_text('duration = 1\n[tool]\nvehicle = "suv"\n')
     (tmp_path / "tests" / "test_broken.toml").write_text('expect = [["x"\n')
     (tmp_path / "my_ecu.py").write_text(DEAD_ECU)
     (tmp_path / "pytest.ini").write_text("[pytest]\n")
@@ -86,6 +87,10 @@ def test_scenarios_and_the_fixture_are_tests(foreign: Path) -> None:
     assert "NoVerdictError" not in done.stdout
     suite = ElementTree.parse(foreign / "out.xml").getroot()[0]
     assert [suite.get(name) for name in ("tests", "failures", "errors", "skipped")] == ["5", "1", "1", "0"]
+    (moves,) = [each for each in suite.iter("testcase") if each.get("name") == "moves"]
+    told = {each.get("name"): each.get("value") for each in moves.iter("property")}
+    assert (told["vehicle"], told["ecu"]) == ("suv", "reference")
+    assert told["verdict"].startswith("fail, margin -1 deg")
 
 
 def test_a_dead_ecu_fails_them(foreign: Path) -> None:
@@ -101,6 +106,21 @@ def test_it_works_beside_xdist_and_with_what_failed_last(foreign: Path) -> None:
     pytest_in(foreign, "--lf", "tests/test_three.toml")
     done = pytest_in(foreign, "--lf", "tests/test_three.toml")
     assert "1 failed, 1 deselected, 1 error" in done.stdout, done.stdout + done.stderr
+
+
+def test_expectations_may_come_by_an_include(foreign: Path) -> None:
+    (foreign / "tests" / "base.toml").write_text(THREE)
+    (foreign / "tests" / "test_three.toml").write_text('include = ["base.toml"]\nseed = 3\n')
+    done = pytest_in(foreign, "tests/test_three.toml")
+    assert "1 failed, 1 passed, 1 error" in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("text", [THREE.replace("[[expect]]", "[[expcet]]"), "duration = 1\nseed = 2\n"])
+def test_a_test_that_expects_nothing_or_misspells_it_is_an_error(foreign: Path, text: str) -> None:
+    (foreign / "tests" / "test_three.toml").write_text(text)
+    done = pytest_in(foreign, "tests")
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert "expcet: unknown key; allowed: expect, " in done.stdout or "expect: missing" in done.stdout
 
 
 def test_mistakes_of_a_scenario_are_reported_when_it_is_collected(foreign: Path) -> None:

@@ -29,6 +29,7 @@ from liftgate_hil.running.commands.buttons import Buttons
 from liftgate_hil.running.commands.by_hand import held_obstacle, obstacle_in, surroundings_in
 from liftgate_hil.running.commands.loop_target import Target
 from liftgate_hil.running.further_recording import FurtherRecording
+from liftgate_hil.signals import OBSTACLE
 from liftgate_hil.stimuli.command_queue import LENGTH, SLOTS
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import REQUESTS
@@ -152,7 +153,8 @@ class Operator:
     def _put(self, content: dict[str, Any], now: float) -> str:
         self._target.hold(held_obstacle(obstacle_in(content, self._edge)))
         self._obstacle = dict(content)
-        return "obstacle " + _words(content)
+        units = {name: signal.unit for name, signal in OBSTACLE.items() if name != "angle_deg"}
+        return "obstacle " + _words(content, units)
 
     def _surround(self, content: dict[str, Any], now: float) -> str:
         held = surroundings_in(content)
@@ -239,8 +241,10 @@ def _series_of(command: object) -> str:
     return str(next(iter(content))) if isinstance(content, dict) and len(content) == 1 else ""
 
 
-def _words(content: Mapping[str, Any]) -> str:
-    return ", ".join(
-        f"{name} {value:g}" if isinstance(value, float) else f"{name} {'none' if value is None else value}"
-        for name, value in content.items()
-    )
+def _words(content: Mapping[str, Any], units: Mapping[str, str] | None = None) -> str:
+    """Return the values of a command in words; `units` are those that are not in the names."""
+    parts = []
+    for name, value in content.items():
+        shown = f"{value:g}" if isinstance(value, float) else "none" if value is None else str(value)
+        parts.append(f"{name} {shown} {(units or {}).get(name, '')}".rstrip())
+    return ", ".join(parts)

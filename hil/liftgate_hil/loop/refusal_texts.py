@@ -1,0 +1,103 @@
+"""Texts on frames that a gate refuses, or does not receive: the first one for each cause, with what is wrong."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.codec.frames import EXTENDED
+from liftgate_hil.codec.refusals import (
+    BAD_CHECKSUM,
+    BAD_COUNTER,
+    FOREIGN,
+    OUT_OF_RANGE,
+    REMOTE_FRAME,
+    WRONG_LENGTH,
+)
+from liftgate_hil.signals import BUS_INPUTS
+
+if TYPE_CHECKING:
+    from liftgate_hil.config.rig import Rig
+    from liftgate_hil.loop.statistics import Summary
+    from liftgate_hil.loop.tick import LoopConfig
+
+REFUSED = (REMOTE_FRAME, WRONG_LENGTH, OUT_OF_RANGE, BAD_CHECKSUM, BAD_COUNTER)
+
+
+def identifier_text(identifier: int) -> str:
+    """Return an identifier, with SocketCAN's flag if extended, as a message shows it."""
+    return f"0x{identifier & 0x1FFFFFFF:X}{' (extended, 29 bits)' if identifier & EXTENDED else ''}"
+
+
+class RefusalTexts:
+    """Texts on the frames that a loop has refused; the scenario's time 0 is at `began_s` of the loop's time."""
+
+    def __init__(self, rig: Rig, config: LoopConfig, began_s: float = 0.0) -> None:
+        self._rig, self._config, self._began_s = rig, config, began_s
+
+    def awaited(self) -> str:
+        """Return the command message with its identifier."""
+        return f"{self._rig.command_message()} ({identifier_text(self._rig.command_identifier())})"
+
+    def tell(self, summary: Summary, refusals: Any) -> None:
+        """Fill in what a run's summary has on refused frames."""
+        summary.first_refused = [self.of_first(refusals, cause) for cause in REFUSED if refusals[cause].count]
+        summary.first_foreign = self.first_foreign(refusals)
+        summary.awaited = self.awaited()
+
+    def first_foreign(self, refusals: Any) -> str:
+        """Return the first identifier that the rig does not receive; "": none, or that of a test bench."""
+        others = refusals[FOREIGN]
+        is_known = not others.count or int(others.found) in self._rig.ordering
+        return "" if is_known else identifier_text(int(others.found))
+
+    def of_first(self, refusals: Any, cause: int) -> str:
+        """Return a text on the first frame that was refused for a cause."""
+        refusal = refusals[cause]
+        name = self._message_name(int(refusal.message))
+        time_s = refusal.time_ns * 1e-9 - self._began_s
+        head = f"{f'{time_s:.3f} s' if time_s >= 0.0 else 'precondition'}: {name} refused"
+        options = self._rig.options.get(name)
+        if cause == REMOTE_FRAME:
+            return f"{head}: a remote frame; allowed: a data frame"
+        if cause == WRONG_LENGTH:
+            return f"{head}: {refusal.found:.0f} bytes; expected {refusal.expected:.0f}"
+        if cause == BAD_CHECKSUM:
+            signal = (options and options.checksum) or "checksum"
+            found, expected = (
+                int(each) & 0xFFFFFFFFFFFFFFFF for each in (refusal.checksum, refusal.right_checksum)
+            )
+            if found == expected and math.isnan(refusal.expected):
+                counter = (options and options.counter) or "counter"
+                return f"{head}: {counter} is {refusal.found:.0f}; expected one of its values"
+            if found == expected:
+                return f"{head}: data ID does not belong to this message ({signal} is correct)"
+            return f"{head}: {signal} is 0x{found:X}; expected 0x{expected:X}"
+        if cause == BAD_COUNTER:
+            signal = (options and options.counter) or "counter"
+            if math.isnan(refusal.expected):
+                return f"{head}: {signal} is {refusal.found:.0f}; expected one of its values"
+            return f"{head}: {signal} is {refusal.found:.0f}; expected {refusal.expected:.0f}"
+        return f"{head}: {self._out_of_range(int(refusal.signal), float(refusal.found))}"
+
+    def _out_of_range(self, row: int, found: float) -> str:
+        table = self._config.inputs.signals[row]
+        quantity = list(BUS_INPUTS)[int(table.quantity)]
+        mapping = next(wire for wire in self._rig.inputs if wire.quantity == quantity)
+        signal = self._rig.messages[mapping.message].get_signal_by_name(mapping.signal)
+        unit = f" {signal.unit}" if signal.unit else ""
+        head = f"{mapping.signal} is {found:g}{unit}"
+        if not table.low <= found <= table.high:
+            least, most = signal.minimum, signal.maximum
+            low, high = (table.low, table.high) if least is None or most is None else (least, most)
+            return f"{head}; allowed by the database: {low:g} to {high:g}{unit}"
+        ours = BUS_INPUTS[quantity]
+        allowed = f"{ours.low:g} to {ours.high:g}" + (f" {ours.unit}" if ours.unit else "")
+        return f"{head}; allowed for {quantity}: {', '.join(ours.values) or allowed}"
+
+    def _message_name(self, row: int) -> str:
+        identifier = int(self._config.inputs.messages[row].identifier) & 0x1FFFFFFF
+        for name, message in self._rig.messages.items():
+            if message.frame_id == identifier:
+                return name
+        return f"0x{identifier:X}"
