@@ -194,21 +194,32 @@ class Judge:
         return replace(verdict, uncertainty=force or None)
 
     def _hindered(self, found: list[Verdict], late: str, gaps: Sequence[Gap]) -> list[Verdict]:
-        """Return the verdicts; a pass becomes inconclusive if stimuli never came, any but an error if `late`."""
-        count = len(found)
-        for place in range(count, len(self.expected.expectations)):
+        """Return the verdicts; a pass becomes inconclusive if stimuli never came, any but an error if `late`.
+
+        So does a failure because a trouble code was not reported: what it reports may be the stimulus.
+        """
+        missed = []
+        for place in range(len(found), len(self.expected.expectations)):
             if not self._progress(place).is_decided:
                 waiting = self.expected.expectations[place]
                 never = f"{waiting.key} never came: {waiting.condition}"
                 known = self._in_gaps(place, Verdict("", INCONCLUSIVE, reason=never), gaps).reason
-                reason = known if known == never else f"{waiting.key}: {known}"
-                found = [
-                    Verdict(each.name, INCONCLUSIVE, reason=reason) if each.verdict == PASS else each
-                    for each in found
-                ]
+                missed.append(known if known == never else f"{waiting.key}: {known}")
+        if missed:
+            reason = "; ".join(missed)
+            found = [
+                Verdict(each.name, INCONCLUSIVE, reason=reason)
+                if each.verdict == PASS or (each.verdict == FAIL and self._waits_for_code(place))
+                else each
+                for place, each in enumerate(found)
+            ]
         if not late:
             return found
         return [each if each.verdict == ERROR else Verdict(each.name, INCONCLUSIVE, reason=late) for each in found]
+
+    def _waits_for_code(self, place: int) -> bool:
+        """Whether an expectation awaits a trouble code that has not come."""
+        return self.expected.expectations[place].kind == "dtc" and not self._progress(place).is_decided
 
     def window(self, place: int) -> tuple[float, float] | None:
         """Return from when to when [s] an expectation is judged, as far as known; None: it is not open yet."""

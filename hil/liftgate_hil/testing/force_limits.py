@@ -13,6 +13,7 @@ from liftgate_hil.testing.suite import Outcome
 _FORCES = ("pinch_force_n", "pinch_force_peak_n")
 _TIMED = "pinch_over_limit_s"  # s over the vehicle's [gate] pinch_limit
 _ON_BUS = ("pinch_force", "pinch_force_max", "pinch_force_peak")
+_UPPER = {"always": ("<", "<="), "never": (">", ">=")}  # comparisons that limit a force from above, by their kind
 _MOST_USERS = 4  # expectations that are named
 
 
@@ -33,7 +34,7 @@ def limits_section(outcomes: Sequence[Outcome]) -> str:
 
 
 def _limits_of(outcome: Outcome) -> Iterable[tuple[float, str]]:
-    """Yield (limit [N], name of the expectation) for each limit that a pinch force is compared with."""
+    """Yield (limit [N], name of the expectation) for each upper limit of a pinch force."""
     plan = outcome.case.plan
     rig, scenario = plan.rig, plan.setup.scenario
     on_bus = {f"{wire.message}.{wire.signal}" for wire in rig.outputs if wire.quantity in _ON_BUS}
@@ -47,7 +48,7 @@ def _limits_of(outcome: Outcome) -> Iterable[tuple[float, str]]:
                 yield plan.setup.vehicle.gate.pinch_limit, f"{each.name} (time over it)"
             if limit is None or limit[0].unit != "N":
                 continue
-            if set(limit[0].names()) & {*_FORCES, *on_bus}:
+            if set(limit[0].names()) & {*_FORCES, *on_bus} and limit[1] in _UPPER.get(each.kind, ()):
                 yield limit[2], each.name
 
 

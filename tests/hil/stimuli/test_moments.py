@@ -175,6 +175,30 @@ def test_where_a_stimulus_never_came_nothing_passes(tmp_path: Path) -> None:
     assert found["fails"].verdict == "fail"
 
 
+def test_all_stimuli_that_never_came_are_named(tmp_path: Path) -> None:
+    text = (
+        'duration = 0.2\n[[fault]]\nkind = "motor_open"\nstart = "gate_angle_deg > 500"\n'
+        '[[request]]\naction = "open"\ntime = "left_duty > 3"\n'
+        '[[expect]]\nname = "holds"\nalways = "1 < 2"\n'
+    )
+    reason = ran(tmp_path, text).expectations["holds"].reason
+    assert sorted(reason.split("; ")) == [
+        "fault[0].start never came: gate_angle_deg > 500",
+        "request[0].time never came: left_duty > 3",
+    ]
+
+
+@pytest.mark.parametrize("state", ["present", "absent"])
+def test_no_verdict_is_passed_on_a_trouble_code_whose_fault_never_came(tmp_path: Path, state: str) -> None:
+    text = (
+        'duration = 1.0\n[[fault]]\nkind = "motor_open"\nwhere = "left"\nstart = "gate_angle_deg > 500"\n'
+        f'[[expect]]\nname = "code"\ndtc = "B1A01"\nstate = "{state}"\n'
+    )
+    verdict = ran(tmp_path, text).expectations["code"]
+    assert verdict.verdict == "inconclusive"
+    assert verdict.reason == "fault[0].start never came: gate_angle_deg > 500"
+
+
 def test_a_delay_is_added_to_a_time_too(tmp_path: Path) -> None:
     fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nstart = 0.5\nend = 1.0\ndelay_s = 0.25\n'
     coast = ran(tmp_path, OPENING + fault).trace["left_coast"]

@@ -124,9 +124,12 @@ def test_limits_say_that_they_are_borrowed(page: Any, tmp_path: Path) -> None:
     assert "closing.toml: soft" in part
     assert "reverses" not in part  # that force is a trigger
     other = RESTS + '[[expect]]\nname = "bus"\nalways = "77 > BenchStatus.PinchForce"\n'
+    other += '[[expect]]\nname = "met"\neventually = "pinch_force_n > 6"\n'
+    other += '[[expect]]\nname = "held"\nnever = "pinch_force_n < -7"\n'
     (outcome,) = outcomes_of(tmp_path, other=other)
     told = Page(html_of([outcome])).text
     assert "77 N set by the scenario" in told
+    assert not re.search(r"\b[67] N set by the scenario", told)  # a force that shall be exceeded is no limit
     (outcome,) = outcomes_of(tmp_path, rests=RESTS)
     assert "Force limits" not in Page(html_of([outcome])).text
 
