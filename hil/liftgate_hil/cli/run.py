@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()
-    result = run_loop(args, stopped, RUN_EXIT_CODES)
+    result = run_loop(args, stopped, RUN_EXIT_CODES, keeps_recordings=True)
     report(args, result, stopped)
     return given_up(result)
 

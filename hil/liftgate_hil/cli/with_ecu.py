@@ -22,6 +22,7 @@ from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, EcuError
+from liftgate_hil.formats.target import set_aside
 from liftgate_hil.judging.verdict import ERROR
 from liftgate_hil.running.processes.children import end, foreign_output
 from liftgate_hil.running.processes.supervisor import dies_with_parent
@@ -46,11 +47,13 @@ def run_loop(
     exit_codes: Mapping[str, int],
     has_wire: bool = True,
     trace: int = 0,
+    keeps_recordings: bool = False,
 ) -> Result:
     """Run the gate with its ECU and return the result; `exit_codes` of the command are told on the page.
 
-    Without a wire and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus it
-    is a second process there. Raises LiftgateError, also for what went wrong in the run.
+    With `keeps_recordings` files that have the names of the run's recordings are set aside. Without a wire and on
+    a virtual bus the ECU is in this process, or in a worker of its own; on any other bus it is a second process
+    there. Raises LiftgateError, also for what went wrong in the run.
     """
     from liftgate_hil.running.plan import plan_of
     from liftgate_hil.running.run import execute
@@ -59,6 +62,10 @@ def run_loop(
     job = _job_of(args, exit_codes, has_wire, trace, teller)
     with teller.progress("preparing the run"):
         plan = plan_of(job)
+    if keeps_recordings:
+        for path in plan.options.record:
+            if (aside := set_aside(path)) is not None:
+                teller.say(f"{path}: the recording that was there is now {aside}")
     vehicle = plan.setup.vehicle
     after_s = AFTER_S if args.clock == "free" else 0.0  # in real time the first seconds count, too
     teller.sees(View(math.degrees(vehicle.gate.open_angle), plan.duration, vehicle.drives, after_s))

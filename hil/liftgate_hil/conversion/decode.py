@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from cantools.database.can.signal import Signal as BusSignal
 
 Floats = NDArray[np.float64]
+# A bench that stood still logs a frame after those which it sends meanwhile, though it came before them.
+_LATEST_NS = 10_000_000_000
 
 
 @dataclass(frozen=True)
@@ -94,29 +96,31 @@ class Decoder:
         self._last_ns = -(2**62)
 
     def rows(self, blocks: Iterable[NDArray[np.void]]) -> Iterator[Floats]:
-        """Yield rows (n, len(signals)). Raises ConfigError if the frames are not in order of time."""
+        """Yield rows (n, len(signals)) in order of time.
+
+        Frames may be out of order by _LATEST_NS. Raises ConfigError if they are by more.
+        """
         waiting = no_logged()
         for block in blocks:
             ours = np.isin(block["identifier"] & ~FD, list(self._messages))
-            frames = np.concatenate([waiting, block[ours]])
-            if not len(frames):
+            waiting = np.concatenate([waiting, block[ours]])
+            if not len(waiting):
                 continue
-            # Frames of the last time may continue in the next block.
-            is_last = frames["time_ns"] == frames["time_ns"][-1]
-            waiting = frames[is_last]
-            if not is_last.all():
-                yield self._table(frames[~is_last])
+            waiting = waiting[np.argsort(waiting["time_ns"], kind="stable")]
+            is_ready = waiting["time_ns"] <= waiting["time_ns"][-1] - _LATEST_NS
+            if is_ready.any():
+                yield self._table(waiting[is_ready])
+                waiting = waiting[~is_ready]
         if len(waiting):
             yield self._table(waiting)
 
     def _table(self, frames: NDArray[np.void]) -> Floats:
+        """Return the rows of frames in order of time."""
         times = frames["time_ns"]
-        steps = np.diff(times, prepend=self._last_ns)
-        if (steps < 0).any() and len(times):
-            at = int(np.flatnonzero(steps < 0)[0])
+        if times[0] < self._last_ns:
             raise ConfigError(
-                f"{self._source}: the frame at {times[at] / 1e9:.6f} s comes after a later one; "
-                "allowed: frames in order of time"
+                f"{self._source}: the frame at {times[0] / 1e9:.6f} s comes more than {_LATEST_NS / 1e9:g} s "
+                "after a later one; allowed: frames in order of time"
             )
         self._last_ns = int(times[-1])
         stamps, row_of = np.unique(times, return_inverse=True)

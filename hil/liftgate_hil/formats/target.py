@@ -92,6 +92,21 @@ def remove_targets(paths: Sequence[Path]) -> None:
         path.unlink(missing_ok=True)
 
 
+def set_aside(path: Path) -> Path | None:
+    """Rename a file that an earlier recording has left there, so that a new one does not replace it.
+
+    `run.mf4` becomes `run.previous.mf4`; the previous one of that is replaced. Return the new path; None: there
+    was no file, or an empty one. Raises ConfigError.
+    """
+    try:
+        if is_special(path) or not path.exists() or not path.stat().st_size:
+            return None
+        _check_free(path)
+        return path.rename(path.with_name(f"{path.stem}.previous{path.suffix}"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be renamed: {why(error)}") from error
+
+
 def _lock(descriptor: int, path: Path) -> None:
     """Lock a file. Raises ConfigError if another recorder has locked it."""
     # Regular files only: everybody may write to /dev/null. Some network file systems have no locks.

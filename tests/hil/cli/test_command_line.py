@@ -91,6 +91,21 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
     assert lines[0].startswith("liftgate-hil")
 
 
+def test_a_recording_of_the_same_name_is_kept_once(tmp_path: Path, capsys: pytest.CaptureFixture[str], bus: str):
+    path = tmp_path / "run.csv"
+    run = ["--bus", bus, "--clock", "free", "--ecu", "reference", "--record", str(path), "--duration"]
+    contents = []
+    for seconds in ("0.01", "0.02", "0.03"):
+        assert call(*run, seconds) == 0
+        contents.append(path.read_bytes())
+    aside = tmp_path / "run.previous.csv"
+    assert sorted(tmp_path.iterdir()) == [path, aside]
+    assert aside.read_bytes() == contents[1]
+    assert capsys.readouterr().err.count(f"{path}: the recording that was there is now {aside}") == 2
+    assert call(*run, "0.01", "--vehicle", "nosuch") == 2
+    assert path.read_bytes() == contents[2]
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

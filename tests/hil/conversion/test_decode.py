@@ -119,10 +119,21 @@ def test_frames_of_others_remote_and_error_frames_say_nothing() -> None:
     assert seen_in([frames, ours], {"M": database.messages[0]}) == database.messages
 
 
-def test_frames_out_of_turn_are_reported() -> None:
+def test_frames_that_a_bench_logged_late_are_put_in_order() -> None:
     database = database_of('SG_ S : 0|8@1+ (1,0) [0|0] "" A')
-    frames = [frames_at([2_000_000], [(100, b"\1")]), frames_at([1_000_000], [(100, b"\1")])]
-    with pytest.raises(ConfigError, match=r"the frame at 0\.001000 s comes after a later one"):
+    second = 1_000_000_000
+    stamps = [0, 2 * second, 25 * second, 24 * second, 26 * second, 26 * second, 17 * second]
+    blocks = [frames_at([stamp], [(100, bytes([k]))]) for k, stamp in enumerate(stamps)]
+    for table in (table_of(database, *blocks), table_of(database, np.concatenate(blocks))):
+        assert table["time_s"].tolist() == [0.0, 2.0, 17.0, 24.0, 25.0, 26.0]
+        assert table["M.S"].tolist() == [0.0, 1.0, 6.0, 3.0, 2.0, 5.0]
+
+
+def test_frames_far_out_of_order_are_reported() -> None:
+    database = database_of('SG_ S : 0|8@1+ (1,0) [0|0] "" A')
+    stamps = [5_000_000_000, 20_000_000_000, 4_000_000_000]
+    frames = [frames_at([each], [(100, b"\1")]) for each in stamps]
+    with pytest.raises(ConfigError, match=r"the frame at 4\.000000 s comes more than 10 s after a later one"):
         table_of(database, *frames)
 
 
