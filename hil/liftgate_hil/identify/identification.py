@@ -14,7 +14,7 @@ from liftgate_hil.identify import statistics
 from liftgate_hil.identify.coarse import coarse_of
 from liftgate_hil.identify.data import applied_voltage
 from liftgate_hil.identify.delays import at_best_delay
-from liftgate_hil.identify.descent import Descent, Report
+from liftgate_hil.identify.descent import Descent, Report, place_at
 from liftgate_hil.identify.estimates import estimates_of
 from liftgate_hil.identify.jitter import jitter_of
 from liftgate_hil.identify.multiple_shooting import in_segments, is_far_off
@@ -25,6 +25,7 @@ from liftgate_hil.identify.result import Estimate, Experiment, Identification, V
 from liftgate_hil.identify.search import better, past_kinks, search
 from liftgate_hil.identify.statistics import Uncertainty
 from liftgate_hil.identify.trajectory import OUTPUTS
+from liftgate_hil.identify.valleys import past_dents
 from liftgate_hil.identify.weighting import errors_of, log_likelihood_deviance, sampled_rows
 from liftgate_plant.signals import Truth, signals_of
 from liftgate_plant.vehicle import plant_of
@@ -66,6 +67,9 @@ def identify(
     found = _from_few_rows(problem, report, given_std)
     _check_followed(problem, found.errors)
     known, covariance, is_robust, jitter = _uncertainty(problem, found, given_std)
+    initial = place_at(problem, problem.initial, given_std).loss
+    is_first = not math.isfinite(initial) or found.history[0] == initial
+    history = found.history if is_first else (initial, *found.history)
     estimates = estimates_of(problem, found.point, covariance, known)
     count = len(problem.sought)
     parameters, states = estimates[:count], estimates[count:]
@@ -84,7 +88,7 @@ def identify(
         correlation=statistics.correlation_of(covariance[:count, :count]),
         noise_variance=found.weighting.covariance,
         loss=found.history[-1],
-        loss_initial=found.history[0],
+        loss_initial=initial,
         fpe=figures.fpe,
         aic=figures.aic,
         aicc=figures.aicc,
@@ -92,12 +96,12 @@ def identify(
         condition_number=known.condition,
         inseparable=tuple(statistics.named(groups, names)),
         stop_reason=found.stop_reason,
-        iterations=len(found.history) - 1,
+        iterations=len(history) - 1,
         evaluations=problem.evaluations,
         seconds=time.perf_counter() - began,
         covariance_kind=_KINDS[is_robust] + _scatter(jitter),
         input_jitter=jitter,
-        history=np.array(found.history),
+        history=np.array(history),
         experiments=tuple(experiments_of(problem, found.point, problem.initial)),
         profiles=tuple(
             profile(problem, found, names.index(name), estimates[names.index(name)], given_std)
@@ -169,11 +173,12 @@ def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | 
     few = coarse_of(problem)
     if few is None:
         _check_excited(problem)
-        return _best(problem, _search(problem, report, given_std), report, given_std)
+        found = _best(problem, _search(problem, report, given_std), report, given_std)
+        return past_dents(problem, found, report, given_std)
     coarse, kept = few
     std = None if given_std is None else given_std[kept]
     _check_excited(coarse)
-    rough = _best(coarse, _search(coarse, report, std), report, std)
+    rough = past_dents(coarse, _best(coarse, _search(coarse, report, std), report, std), report, std)
     problem.evaluations += coarse.evaluations
     found = search(problem, report, given_std, rough.point)
     is_lost = is_far_off(problem, found.errors, _NEAR_PERCENT)

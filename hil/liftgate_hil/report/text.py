@@ -142,7 +142,7 @@ def _profiles(result: Identification) -> list[str]:
 
 def _bound(value: float) -> str:
     text = significant(value, 4)
-    return "open" if text == "—" else text
+    return "no limit" if text == "—" else text
 
 
 def _noise(result: Identification) -> list[str]:

@@ -33,7 +33,7 @@ def test_everything_asked_for_is_there(found):
     for part in (
         "NoiseVar", "0.04910", "FPE", "AIC ", "AICc", "BIC", "condition number  3.20e+07", "10.40 -> 53.66",
         "not white", "the step became shorter", "9 iterations", "61 simulations", "12.3 s", "decimated from",
-        "-0.950", "2.085 … 2.171", "open … open", "open.csv: left_position", "robust",
+        "-0.950", "2.085 … 2.171", "no limit … no limit", "open.csv: left_position", "robust",
     ):  # fmt: skip
         assert part in text, part
 
