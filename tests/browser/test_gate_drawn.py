@@ -71,6 +71,26 @@ def test_a_hand_moves_the_gate(page: Any) -> None:
     until(page, lambda _: value_of(page, "hand_force_n") == 0.0)
 
 
+def test_lost_springs_are_drawn_without_force(page: Any) -> None:
+    shown = "return ['left_spring', 'right_spring'].map((each) => drawing.arrows[each].path.style.display)"
+    until(page, lambda _: page.execute_script(shown) == ["", ""])
+    page.execute_script("command({fault: {kind: 'spring_lost'}})")  # without `where`: of both drives
+    until(page, lambda _: page.execute_script(shown) == ["none", "none"])
+    page.execute_script("command({clear: 'faults'})")
+    until(page, lambda _: page.execute_script(shown) == ["", ""])
+    assert errors_in(page) == []
+
+
+def test_a_command_that_has_timed_out_does_not_look_alive(page: Any) -> None:
+    assert "timed out" not in text_of(page, "#command")
+    page.execute_script("command({fault: {kind: 'frame_lost', where: 'left_duty', direction: 'received'}})")
+    until(page, lambda _: "timed out" in text_of(page, "#command"))
+    assert "old" in found(page, "#command").get_attribute("class")
+    assert "no command of the ECU" in text_of(page, "#health")
+    clear_all(page)
+    until(page, lambda _: "timed out" not in text_of(page, "#command"))
+
+
 def test_an_obstacle_placed_with_the_mouse_makes_the_ecu_reverse(page: Any) -> None:
     drag(page, "#rod", -110, 20).perform()
     until(page, lambda _: page.execute_script("return last.in_force.obstacle !== null"))

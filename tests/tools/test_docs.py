@@ -95,8 +95,11 @@ def rows_in(page: str, heading: str) -> list[list[str]]:
         ("`[[expect]]`", scenario_schema.ExpectTable),
     ],
 )
-def test_every_key_that_a_scenario_may_have_is_on_its_page(tmp_path: Path, heading: str, record: type) -> None:
+def test_every_key_that_a_scenario_may_have_is_on_its_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, heading: str, record: type
+) -> None:
     """And no other: the checker is asked, which says what a table may have."""
+    monkeypatch.setattr("liftgate_hil.errors._FEW", 100)  # so that the message has all of them
     path, name = tmp_path / "scenario.toml", heading.strip("`")
     before = {"The file": "", "[[fault]]": f"{name}\nkind = 'motor_open'"}.get(name, name)
     path.write_text(f"{before}\nno_such_key = 1")

@@ -6,8 +6,9 @@ import argparse
 import importlib
 import re
 
-from liftgate_hil.cli.exit_codes import EXIT_CODES
+from liftgate_hil.cli.exit_codes import DEMO_EXIT_CODES, EXIT_CODES, RUN_EXIT_CODES
 from liftgate_hil.cli.main import COMMANDS, whole_parser
+from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS
 from tools.docs.markdown import code, page, table
 
 _INTRO = """\
@@ -15,25 +16,39 @@ _INTRO = """\
 makes bash, zsh or fish complete subcommands, flags and names. Flags are not abbreviated."""
 
 _CODES = (
-    ("0", "done; `test`, `judge`: every expectation is met"),
-    ("1", "failed: a bus, a device or a file failed while it ran, or a comparison found a difference"),
+    ("0", "done; of `campaign`: complete, whatever its verdicts"),
+    (
+        "1",
+        "failed: a bus, a device or a file failed while it ran; `compare`, `campaign --compare`: not equal; "
+        "`doctor`: a problem; `replay`: frames were not sent",
+    ),
     ("2", "wrong usage: a flag, a file or a value is not allowed, with one message for each; nothing was begun"),
-    ("130, 143", "stopped by Ctrl-C, by SIGTERM; a second signal ends it at once"),
+    ("3", "inconclusive: the bench has decided, not the ECU; see the table below"),
+    (
+        "130, 143",
+        "stopped by Ctrl-C, by SIGTERM before it was complete; a second signal ends it at once. `run`, `ecu` and "
+        "`dashboard` run until they are stopped: 0",
+    ),
 )
-_VERDICTS = "`test`, `judge` and `--scenario` end with the code of the worst verdict: {}. An error has 2."
+_VERDICTS = """\
+The worst verdict of a command that judges decides, in the order error, fail, inconclusive, pass. `run` and `demo`
+report on the bench: with `run --scenario` a failed expectation is no failure of the bench; `test` judges."""
+_WORST = (ERROR, FAIL, INCONCLUSIVE, PASS)
+_JUDGES = {"`test`, `judge`": EXIT_CODES, "`demo`": DEMO_EXIT_CODES, "`run`": RUN_EXIT_CODES}
 
 
 def command_line_page() -> str:
     """Return the text of the page."""
     found = next(each for each in whole_parser()._actions if isinstance(each, argparse._SubParsersAction))
-    verdicts = ", ".join(f"{code(str(verdict))} {number}" for verdict, number in EXIT_CODES.items())
+    rows = [(name, *(str(codes[verdict]) for verdict in _WORST)) for name, codes in _JUDGES.items()]
     return page(
         "Command line",
         _INTRO,
         table(["subcommand", "what it does"], [(code(name), text) for name, text in COMMANDS.items()]),
         "## Exit codes",
         table(["code", "meaning"], _CODES),
-        _VERDICTS.format(verdicts),
+        _VERDICTS,
+        table(["worst verdict", *map(str, _WORST)], rows),
         *(part for name, parser in found.choices.items() for part in _subcommand(name, parser)),
     )
 

@@ -13,7 +13,6 @@ ticks of --rate, each column as of its last sample:
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from typing import TYPE_CHECKING
 
@@ -21,7 +20,7 @@ from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.measurements import add_map
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_reports import add_reports, summarise, targets_of, write
+from liftgate_hil.cli.suite_reports import add_reports, summarise, targets_of, write_all
 from liftgate_hil.cli.test import add_set_parameter, naming_the_flag, parameters_of
 from liftgate_hil.errors import printable
 
@@ -79,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.testing import judged_suite, suite
     from liftgate_hil.testing.html_report import SuiteReport
     from liftgate_hil.testing.junit import as_junit
-    from liftgate_hil.testing.reports import as_json
+    from liftgate_hil.testing.reports import as_json, as_text
 
     targets = targets_of(args)
     about = _about(args)
@@ -95,13 +94,15 @@ def run(args: argparse.Namespace) -> int:
             progress.update(len(outcomes), text=f"{len(outcomes)}/{len(cases)} runs" if len(cases) > 1 else "")
     provenance = provenance_of(args.command_line, {})
     content = as_json(outcomes, provenance.as_dict())
-    for target in targets["json"]:
-        write(target, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).encode())
-    for target in targets["junit"]:
-        write(target, as_junit(outcomes))
     with teller.progress("report"):
-        for target in targets["html"]:
-            write(target, report.html(outcomes, provenance).encode())
+        write_all(
+            targets,
+            {
+                "json": lambda: as_text(content).encode(),
+                "junit": lambda: as_junit(outcomes),
+                "html": lambda: report.html(outcomes, provenance).encode(),
+            },
+        )
     summarise(outcomes, args, "recording" if len(runs) == 1 else "recordings")
     return stop.exit_code if stop.received else EXIT_CODES[suite.verdict_of(outcomes)]
 

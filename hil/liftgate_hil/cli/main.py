@@ -25,7 +25,7 @@ COMMANDS = {
     "campaign": "many variants of a scenario: grid, samples, search for the worst, probability",
     "convert": "a recording in another format; bus logs decoded into tables",
     "replay": "a recording's frames onto a bus, with the original timing",
-    "plot": "a picture of a recording",
+    "plot": "a picture of a recording or of a vehicle",
     "dashboard": "the operator's page of a running emulator, or of a recording",
     "compare": "two recordings: the largest difference of each column, and when; a picture",
     "simulate": "the plant alone, offline, as fast as it goes",

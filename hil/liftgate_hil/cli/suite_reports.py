@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,17 +65,33 @@ def reporting_issues(targets: Mapping[str, list[str]]) -> Iterator[None]:
     except ConfigError as error:
         from liftgate_hil.testing.junit import issues_as_junit
 
-        for target in targets["junit"]:
-            write(target, issues_as_junit(error.issues))
+        content = issues_as_junit(error.issues)
+        write_all(targets, {"junit": lambda: content})
         for target in (*targets["json"], *targets["html"]):
-            if Path(target).is_file():
+            if target != "-" and Path(target).is_file():
                 with contextlib.suppress(OSError):
                     Path(target).unlink()
         raise
 
 
-def write(target: str, content: bytes) -> None:
-    """Write a report to a file, or to stdout (-). Raises ConfigError."""
+def write_all(targets: Mapping[str, list[str]], contents: Mapping[str, Callable[[], bytes]]) -> None:
+    """Write the contents by their kinds, each into all files of its kind, or to stdout (-).
+
+    Raises ConfigError with all files that could not be written, after the others have been.
+    """
+    issues = []
+    for kind, content_of in contents.items():
+        content = content_of() if targets[kind] else b""
+        for target in targets[kind]:
+            try:
+                _write(target, content)
+            except ConfigError as error:
+                issues += error.issues
+    if issues:
+        raise ConfigError(issues)
+
+
+def _write(target: str, content: bytes) -> None:
     if target == "-":
         sys.stdout.write(content.decode() + "\n")
         return

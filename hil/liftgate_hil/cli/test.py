@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import math
 import os
 from collections.abc import Iterator, Sequence
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_reports import add_reports, reporting_issues, summarise, targets_of, write
+from liftgate_hil.cli.suite_reports import add_reports, reporting_issues, summarise, targets_of, write_all
 from liftgate_hil.config.kinds import SEED
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, printable
@@ -76,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.testing import suite
     from liftgate_hil.testing.html_report import SuiteReport
     from liftgate_hil.testing.junit import as_junit
-    from liftgate_hil.testing.reports import as_json
+    from liftgate_hil.testing.reports import as_json, as_text
 
     targets = targets_of(args)
     teller = Teller(args.quiet, is_json=args.json == "-")
@@ -104,13 +103,15 @@ def run(args: argparse.Namespace) -> int:
     content = as_json(ordered, provenance.as_dict())
     if matrix is not None:
         content["mutation"] = matrix.as_json()
-    for target in targets["json"]:
-        write(target, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).encode())
-    for target in targets["junit"]:
-        write(target, as_junit(ordered))
     with teller.progress("report"):
-        for target in targets["html"]:
-            write(target, report.html(ordered, provenance, matrix).encode())
+        write_all(
+            targets,
+            {
+                "json": lambda: as_text(content).encode(),
+                "junit": lambda: as_junit(ordered),
+                "html": lambda: report.html(ordered, provenance, matrix).encode(),
+            },
+        )
     if matrix is not None and args.json != "-":
         print("\n".join(map(printable, matrix.lines())), flush=True)
     summarise(ordered, args, "scenarios")

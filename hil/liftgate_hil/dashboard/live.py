@@ -49,7 +49,7 @@ class Live:
         self._row = np.full(len(self._names), np.nan)
         self._history: deque[tuple[float, Any, Any]] = deque()
         self._bus = BusView(Path(self._description["rig"]))
-        self._news: JsonObject = {"phase": COMPILING, "status": None, "in_force": {}, "verdicts": []}
+        self._news: JsonObject = {"phase": COMPILING, "status": None, "in_force": {}, "acting": {}, "verdicts": []}
         self._end: JsonObject | None = None
         self._lines: deque[list[Any]] = deque(maxlen=_LINES)
         self._asked = -1.0
@@ -189,6 +189,7 @@ class Live:
                 **{name: status.get(name) for name in ("command_age_s", "accepted", "rejected", "foreign")},
             },
             "in_force": self._news["in_force"],
+            "acting": self._news["acting"],
             "verdicts": self._news["verdicts"],
         }
 

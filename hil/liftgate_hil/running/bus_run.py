@@ -12,6 +12,7 @@ from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.loop.listener import Relay
+from liftgate_hil.running.attachment.acting import Acting
 from liftgate_hil.running.attachment.description import Description
 from liftgate_hil.running.attachment.server import Server
 from liftgate_hil.running.ecu_reset import restarts_of
@@ -189,6 +190,8 @@ def bus_run_of(execution: Execution, stack: contextlib.ExitStack) -> BusRun:
     if restarts is not None:
         stack.callback(restarts.stop)
     observers = observers_of(plan, stimuli, is_real, listener, peers, restarts, server)
+    if server is not None:
+        server.acting = Acting(plan.setup.vehicle, plan.config, stimuli, state.reception)
     is_judged = any(isinstance(each, Judge) for each in execution.sinks)
     log = CommandLog() if is_judged and not waits else None
     return BusRun(

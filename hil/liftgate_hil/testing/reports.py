@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -18,6 +19,11 @@ def as_json(outcomes: Sequence[Outcome], provenance: Mapping[str, Any]) -> dict[
         "scenarios": [_scenario(each) for each in outcomes],
         "provenance": dict(provenance),
     }
+
+
+def as_text(content: Mapping[str, Any]) -> str:
+    """Return the content for JSON as text."""
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
 
 
 def _scenario(outcome: Outcome) -> dict[str, Any]:

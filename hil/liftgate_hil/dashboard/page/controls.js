@@ -49,8 +49,8 @@ class Control {
 }
 
 class Controls {
-  constructor(can, post) {
-    this.can = can; this.post = post; this.set = {}; this.shown = "";
+  constructor(can, post, openAngle) {
+    this.can = can; this.openAngle = openAngle; this.post = post; this.set = {}; this.shown = "";
     this.makeRequests();
     for (const [name, spec] of Object.entries(can.set)) {
       this.set[name] = new Control(name, name === "hand_force_n" ? { ...spec, label: "Force, + opens" } : spec, (value) => post({ set: { [name]: value } }));
@@ -72,7 +72,7 @@ class Controls {
     const usual = { angle_deg: 35, stiffness: 10000 }, form = find("obstacle"), more = element("details", {}, element("summary", {}, "More"));
     this.rod = {};
     for (const [name, spec] of Object.entries(this.can.obstacle)) {
-      const range = name === "angle_deg" ? { slide_low: 0, slide_high: this.openAngle || 90 } : {};
+      const range = name === "angle_deg" ? { slide_low: 0, slide_high: this.openAngle } : {};
       const control = new Control(name, { ...spec, ...range }, () => {}, usual[name] ?? null);
       control.clear.remove();
       this.rod[name] = control;

@@ -205,8 +205,8 @@ class Drawing {
     path.setAttribute("d", `M${x.toFixed(1)} ${y.toFixed(1)}L${(x + length * way[0]).toFixed(1)} ${(y + length * way[1]).toFixed(1)}`);
   }
 
-  // Draws a state: `values` has the columns of truth, `rods` are the obstacles of the scenario that are there now.
-  show(values, obstacle, rods, lostSprings = []) {
+  // Draws a state: `values` has the columns of truth, `obstacle` was commanded, `acting` says what acts on the gate.
+  show(values, obstacle, acting) {
     const g = this.geometry, length = g.length_m, thick = Math.max(g.thickness_m, 0.03);
     if (typeof values.gate_angle_deg !== "number") return;
     this.angle = values.gate_angle_deg; this.slope = values.road_slope_deg || 0;
@@ -223,13 +223,12 @@ class Drawing {
     this.sweep.setAttribute("d", this.line(...g.edge));
     this.plate.setAttribute("d", this.line(this.onGate(0), this.onGate(length), this.onGate(length * 0.985, thick * 0.8), this.onGate(length * 0.6, thick), this.onGate(0.04 * length, thick * 0.7)) + "Z");
     this.plate.dataset.angle = this.angle.toFixed(3);
-    this.showDrives(values, lostSprings);
+    this.showDrives(values, acting.spring_health || {});
     this.showLatch(values);
-    this.showForces(values, obstacle);
-    this.given.replaceChildren(...rods.map((each) => {
-      const [x, y] = this.at(this.onGate(each.distance ?? length, -ROD_M, each.angle_deg));
-      return shape("circle", { class: "given", cx: x, cy: y, r: ROD_M * this.scale });
-    }));
+    const rod = acting.obstacle;
+    this.showForces(values, rod || obstacle);
+    const [x, y] = rod && !obstacle ? this.at(this.onGate(rod.distance, -ROD_M, rod.angle_deg)) : [];
+    this.given.replaceChildren(...(x === undefined ? [] : [shape("circle", { class: "given", cx: x, cy: y, r: ROD_M * this.scale })]));
     this.label("angle", `gate ${this.angle.toFixed(1)}°`);
     this.label("slope", this.slope ? `slope of the road ${this.slope.toFixed(1)}°` : "");
     if (this.act) this.showHandles(obstacle, values.hand_force_n || 0);
@@ -238,7 +237,7 @@ class Drawing {
   label(name, text) { this.labels[name].textContent = text; }
 
   // The drives lie side by side across the car; here the right one is drawn a little beside the left one.
-  showDrives(values, lostSprings) {
+  showDrives(values, springHealth) {
     for (const [side, drive] of Object.entries(this.drives)) {
       const own = this.geometry.drives[side], a = this.at(own.body_point), b = this.at(this.turned(own.gate_point[0]));
       const long = Math.hypot(b[0] - a[0], b[1] - a[1]), way = [(b[0] - a[0]) / long, (b[1] - a[1]) / long], off = side === "right" ? 7 : -7;
@@ -249,10 +248,10 @@ class Drawing {
       const turns = 12, coil = [];
       for (let k = 0; k <= 2 * turns; k += 1) coil.push(point(tube + (long - tube) * k / (2 * turns), k % 2 ? 4.5 : -4.5));
       drive.coil.setAttribute("d", path(...coil));
-      drive.coil.style.opacity = lostSprings.includes(side) ? 0.15 : 1;
+      const health = springHealth[side] ?? 1;
+      drive.coil.style.opacity = within(health, 0.15, 1);
       this.arrow(side, point(long, side === "right" ? 15 : -15), way, values[`${side}_force_n`] || 0);
-      const spring = lostSprings.includes(side) ? 0 : this.springAt(side);
-      this.arrow(`${side}_spring`, point(long, side === "right" ? 26 : -26), way, spring);
+      this.arrow(`${side}_spring`, point(long, side === "right" ? 26 : -26), way, health * this.springAt(side));
     }
   }
 
@@ -276,7 +275,7 @@ class Drawing {
   showForces(values, obstacle) {
     const g = this.geometry, tangent = (angle) => { const a = this.at(this.onGate(1, 0, angle)), b = this.at(this.onGate(1, 0.01, angle)); const long = Math.hypot(b[0] - a[0], b[1] - a[1]); return [(b[0] - a[0]) / long, (b[1] - a[1]) / long]; };
     const opens = tangent(this.angle), pinch = values.pinch_force_n || 0;
-    this.arrow("weight", this.at(this.turned(g.gravity_point[0])), [0, 1], g.mass_kg * 9.81);
+    this.arrow("weight", this.at(this.turned(g.gravity_point[0])), [0, 1], g.weight_n);
     const way = obstacle && obstacle.meets === "opening" ? opens : opens.map((each) => -each);
     this.arrow("pinch", this.at(this.onGate((obstacle && obstacle.distance) || g.length_m)), way, pinch);
     const hand = values.hand_force_n || 0;

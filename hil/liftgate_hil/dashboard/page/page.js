@@ -7,7 +7,7 @@ const path = (name) => `${name}${name.includes("?") ? "&" : "?"}token=${encodeUR
 const HISTORY_S = 300; // of a run that is kept here
 const PROBE_MS = 2000; // between two looks for a server that has gone
 const POINTS = 2000;
-const SCALE = "Gate, drives and obstacle are to scale, the car is an outline. A drive's force is that of its spindle, positive opens; the springs' forces are those of the vehicle file.";
+const SCALE = "Gate, drives and obstacle are to scale, the car is an outline. A drive's force is that of its spindle, positive opens; the springs' forces are those of the vehicle file, less what a fault takes away.";
 const PHASES = {
   compiling: "compiling", ready: "ready: before the scenario", running: "running", late: "late", ended: "ended", recorded: "recording", idle: "no run", lost: "no connection",
 };
@@ -37,21 +37,24 @@ function showPhase(phase, verdict = "") {
   find("phase").className = `badge ${verdict || phase}`;
 }
 
+// Whether the ECU of a run sends no commands now.
+function isSilent(told) {
+  const age = (told.bus || {}).command_age_s;
+  return ["running", "late"].includes(told.phase) && (age === null || age > 0.5);
+}
+
 function showHealth(told) {
   const loop = told.loop || {}, bus = told.bus || {}, said = [];
   const now = performance.now();
   if (told.time_s !== moved.time_s) moved = { time_s: told.time_s, at: now };
   if (told.phase === "late" && now > moved.at + 1000) said.push("the run stands still, for example as it waits for the ECU: commands take effect when it continues");
   if (loop.ticks_missed) said.push(`${loop.ticks_missed} ticks missed`);
-  if (loop.frames_dropped) said.push(`${loop.frames_dropped} frames dropped`);
+  if (loop.frames_dropped) said.push(`${loop.frames_dropped} received frame${loop.frames_dropped > 1 ? "s" : ""} not read in time`);
   if (bus.rejected) said.push(`${bus.rejected} frames rejected`);
   if (bus.overwritten) said.push(`${bus.overwritten} rows or frames were overwritten before this page saw them`);
   if (loop.stimuli_not_made) said.push("the bench has not made all that it was asked for");
   if (bus.unsent) said.push(`${bus.unsent} frames not sent`);
-  if (["running", "late"].includes(told.phase)) {
-    if (bus.command_age_s === null) said.push("no command of the ECU");
-    else if (bus.command_age_s > 0.5) said.push(`no command of the ECU for ${bus.command_age_s.toFixed(1)} s`);
-  }
+  if (isSilent(told)) said.push("no command of the ECU" + (bus.command_age_s === null ? "" : ` for ${bus.command_age_s.toFixed(1)} s`));
   const words = said.join(", ");
   if (find("health").textContent !== words) find("health").textContent = words;
 }
@@ -98,7 +101,7 @@ function showValues(told) {
 function showBus(told) {
   const bus = told.bus || {}, loop = told.loop || {}, late = loop.lateness_us, spread = (of) => of && [of.p50_us, of.p99_us, of.max_us].map((each) => text(each, 1)).join(", ");
   const figures = [["channel", bus.channel], ["bus load [%]", bus.load_percent], ["frames sent", bus.sent], ["frames received", bus.received],
-    ["commands accepted", bus.accepted], ["rejected", bus.rejected], ["foreign", bus.foreign], ["not sent", bus.unsent], ["dropped", bus.dropped],
+    ["commands accepted", bus.accepted], ["rejected", bus.rejected], ["foreign", bus.foreign], ["not sent", bus.unsent], ["dropped by the system", bus.dropped],
     ["clock", loop.clock], ["rate [Hz]", loop.rate_hz], ["ticks missed", loop.ticks_missed],
     ["lateness p50, p99, max [µs]", spread(late)], ["command to feedback p50, p99, max [µs]", spread(loop.command_delay_us)]];
   rows(find("bus"), figures.filter(([, value]) => value !== undefined && value !== null));
@@ -128,11 +131,12 @@ function showLog(lines) {
   }
 }
 
-function showCommand(command) {
+function showCommand(command, isOld) {
   const isThere = (name) => !name.startsWith("right_") || !about.geometry.drives || "right" in about.geometry.drives;
   const words = Object.entries(command || {}).filter(([name]) => isThere(name)).map(([name, { value, unit }]) => [name.replaceAll("_", " "), `${text(value, 1)}${unit && typeof value === "number" ? ` ${unit}` : ""}`]);
-  const said = words.length ? words : about.kind === "run" ? [["ECU", "no command yet"]] : [];
+  const said = !words.length && about.kind === "run" ? [["ECU", "no command yet"]] : isOld ? [["timed out", "last command:"], ...words] : words;
   const list = find("command");
+  list.classList.toggle("old", isOld);
   while (list.children.length > said.length) list.lastElementChild.remove();
   said.forEach(([name, value], k) => {
     const entry = list.children[k] || list.appendChild(element("div", {}, element("dt"), element("dd")));
@@ -185,16 +189,6 @@ function showEnd(end) {
   showVerdicts(end.expectations);
 }
 
-// The obstacles of the scenario that are there at a time: those of which the time is known.
-function rodsAt(time) {
-  return (about.obstacles || []).filter((each) => each.from_s !== null && each.from_s <= time && (each.to_s === null || time < each.to_s));
-}
-
-// The drives whose springs a command has taken away.
-function lostSprings({ faults = [] }) {
-  return faults.filter((each) => each.kind === "spring_lost").flatMap((each) => (each.where === "both" ? ["left", "right"] : [each.where]));
-}
-
 function show(told) {
   last = told;
   const theirs = about.ours || {}, fixed = (value, digits) => typeof value === "number" ? value.toFixed(digits) : "–";
@@ -206,11 +200,11 @@ function show(told) {
   find("peak").textContent = fixed(told.truth.pinch_force_peak_n, 0);
   find("peak").classList.toggle("over", told.truth.pinch_force_peak_n > about.geometry.pinch_limit_n);
   showHealth(told);
-  showCommand(about.kind === "recording" ? recordedCommand(told.truth) : told.command);
+  showCommand(about.kind === "recording" ? recordedCommand(told.truth) : told.command, isSilent(told));
   showGauge(one("pinch_force_n"), told.truth.pinch_force_peak_n, about.geometry.pinch_limit_n);
   if (drawing) {
     const seen = ["gate_angle_deg", "road_slope_deg", "left_force_n", "right_force_n", "pinch_force_n", "hand_force_n", "latched", "latch_position"];
-    drawing.show(Object.fromEntries(seen.map((name) => [name, one(name)])), (told.in_force || {}).obstacle, rodsAt(told.time_s), lostSprings(told.in_force || {}));
+    drawing.show(Object.fromEntries(seen.map((name) => [name, one(name)])), (told.in_force || {}).obstacle, told.acting || {});
   }
   if (controls) controls.show(told.truth, told.end ? { ...told.in_force, record: null } : told.in_force || {});
   if (find("values").open) showValues(told);
@@ -414,7 +408,7 @@ async function start() {
     seek: about.kind === "recording" ? seek : null,
   });
   await load();
-  if (isOpen) controls = new Controls(about.commands, command); else find("commands").hidden = true;
+  if (isOpen) controls = new Controls(about.commands, command, about.geometry.open_angle_deg); else find("commands").hidden = true;
   const act = isOpen ? { hand: (newtons) => command({ set: { hand_force_n: newtons } }), put: (changed) => controls.put(changed), remove: () => command({ clear: "obstacle" }) } : null;
   if (about.geometry.length_m) drawing = new Drawing(find("drawing"), about.geometry, act);
   find("scene").hidden = !drawing;

@@ -52,7 +52,6 @@ class Description:
             "geometry": geometry_of(setup.vehicle),
             "scenario": _whole(setup.scenario.source),
             "stimuli": stimuli_of(setup.scenario),
-            "obstacles": obstacles_of(setup.scenario),
             "duration_s": setup.scenario.duration if self.options.duration is None else self.options.duration,
             "rig": _whole(self.rig.source),
             "database": _whole(str(self.rig.database)),
@@ -85,23 +84,6 @@ def stimuli_of(scenario: Scenario) -> list[str]:
         place = f" {fault.where}" if fault.where else ""
         found.append(f"fault {fault.kind}{place}{own}{_span(fault.start, fault.end)}")
     found += [f"signal {each.signal} {each.value}{_when(each.when)}" for each in scenario.signals]
-    return found
-
-
-def obstacles_of(scenario: Scenario) -> list[dict[str, Any]]:
-    """Return a scenario's obstacles for a drawing [deg, m, s]; None: a condition decides the time, or no end."""
-    found = []
-    for each in scenario.stimuli.obstacles:
-        rod, begin, end = each.obstacle, each.start, each.end
-        found.append(
-            {
-                "angle_deg": math.degrees(rod.angle),
-                "distance": rod.distance,
-                "meets": "closing" if rod.direction > 0.0 else "opening",
-                "from_s": None if begin.condition else begin.time,
-                "to_s": None if end.condition or not math.isfinite(end.time) else end.time,
-            }
-        )
     return found
 
 

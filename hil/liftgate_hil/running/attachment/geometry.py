@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_plant.gate import Point, extension, linkage
+from liftgate_plant.gate import GRAVITY, Point, extension, linkage
 from liftgate_plant.spring import force
 from liftgate_plant.vehicle import Vehicle
 
@@ -49,7 +49,7 @@ def geometry_of(vehicle: Vehicle) -> dict[str, Any]:
         "stops_deg": [0.0, math.degrees(gate.open_angle)],
         "length_m": gate.length,
         "thickness_m": gate.thickness,
-        "mass_kg": gate.mass,
+        "weight_n": gate.mass * GRAVITY,
         "half_width_m": gate.half_width,
         "angles_deg": np.degrees(angles).tolist(),
         "edge": _turned((float(edge[0]), float(edge[1])), hinge, angles).tolist(),

@@ -24,6 +24,7 @@ from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.listener import Listener, Relay, Status
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.attachment import endpoint
+from liftgate_hil.running.attachment.acting import Acting
 from liftgate_hil.running.attachment.description import Description
 from liftgate_hil.running.attachment.phase import PhaseTracker
 from liftgate_hil.running.commands.operator import Operator
@@ -53,6 +54,7 @@ class Server(Relay):
         self._count = 0
         self._status: Status | None = None
         self._operator: Operator | None = None
+        self.acting: Acting | None = None  # set once the run has its stimuli
         self._waiting: queue.SimpleQueue[tuple[_Connection, Any]] = queue.SimpleQueue()
         self._connections: list[_Connection] = []
         self._lock = threading.Lock()
@@ -215,6 +217,7 @@ class Server(Relay):
             "verdicts": [_in_short(each) for each in self._verdicts()[:_MOST_VERDICTS]],
             "lines": lines,
             "in_force": {} if operator is None else operator.in_force(),
+            "acting": {} if self.acting is None or self._status is None else self.acting.at(self._status.time_s),
         }
 
     # Observer: called by the thread that supervises the loop.
