@@ -2,8 +2,10 @@
 
 from pathlib import Path
 
+from tools.docs.c_interface import c_interface_page
 from tools.docs.campaign_file import campaign_file_page
 from tools.docs.command_line import command_line_page
+from tools.docs.database import database_page
 from tools.docs.equations import equations_page
 from tools.docs.http_api import http_api_page
 from tools.docs.json_results import json_page
@@ -21,6 +23,8 @@ PAGES = {
     "campaign-file.md": campaign_file_page,
     "map-file.md": map_file_page,
     "signals.md": signals_page,
+    "database.md": database_page,
+    "c-interface.md": c_interface_page,
     "command-line.md": command_line_page,
     "http-api.md": http_api_page,
     "json.md": json_page,
