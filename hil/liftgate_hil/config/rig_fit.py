@@ -177,10 +177,19 @@ def _latched_by_angle(rig: Rig) -> Iterator[str]:
 
 
 def _other_scales(rig: Rig) -> Iterator[str]:
-    """Yield a note for each scale of the rig that is not what the database's unit says."""
+    """Yield a note for each scale or unit of the rig that is not what the database's unit says."""
     for section, wires, quantities in (("inputs", rig.inputs, BUS_INPUTS), ("outputs", rig.outputs, BUS_OUTPUTS)):
         for wire in wires:
             quantity = quantities[wire.quantity]
+            stated = (rig.messages[wire.message].get_signal_by_name(wire.signal).unit or "").strip()
+            if wire.basis == "unit" and conversion(quantity, stated) not in (
+                None,
+                conversion(quantity, wire.unit),
+            ):
+                yield (
+                    f"{rig.source}: {section}.{wire.quantity}: unit {wire.unit!r}, while the database's unit is "
+                    f"{stated!r}"
+                )
             if wire.basis != "rig" or not wire.unit or not quantity.unit:
                 continue
             by_unit = conversion(quantity, wire.unit)

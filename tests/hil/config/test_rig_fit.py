@@ -121,6 +121,8 @@ def test_a_cycle_of_no_whole_number_of_ticks_is_reported(tmp_path: Path):
         ("mA", ", scale = -0.001", ""),
         ("", ", scale = 1", ""),
         ("V", ', unit = "A"', ""),
+        ("mA", ', unit = "A"', "left_current: unit 'A', while the database's unit is 'mA'"),
+        ("mA", ', unit = "mA"', ""),
     ],
 )
 def test_a_scale_that_the_databases_unit_contradicts_is_reported(tmp_path: Path, unit: str, keys: str, said: str):
