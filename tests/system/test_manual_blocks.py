@@ -192,7 +192,7 @@ def test_no_command_hides_among_other_blocks() -> None:
 
 
 def test_no_python_hides_among_other_blocks() -> None:
-    known = {"commands", "python", "toml", "text", "plain", "yaml", "dockerfile", "{toctree}"}
+    known = {"commands", "python", "toml", "text", "plain", "c", "yaml", "dockerfile", "{toctree}"}
     for blocks in BLOCKS.values():
         for block in blocks:
             assert block.kind in known, (block.page, block.kind)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 from liftgate_hil.config.scenario import Scenario
@@ -9,7 +10,7 @@ from liftgate_hil.stimuli.moments import Instant
 
 
 def stimuli_after(scenario: Scenario, end: float) -> list[str]:
-    """Return a note for each stimulus that begins at a time at or after the end of a run [s]."""
+    """Return a note for each stimulus that begins, or profile that changes, at or after the end of a run [s]."""
     return [
         f"{what} at {instant.time:g} s is never made: the run ends at {end:g} s"
         for what, instant in _begins(scenario)
@@ -25,5 +26,9 @@ def _begins(scenario: Scenario) -> Iterator[tuple[str, Instant]]:
         yield "an obstacle", timed.start
     for fault in scenario.faults:
         yield f"fault {fault.kind}", fault.start
+    for name, profile in scenario.stimuli.profiles.items():
+        for (time, value), (later, other) in itertools.pairwise(profile.points):
+            if other != value:
+                yield f"change of {name}", Instant(time if profile.is_linear else later)
     for signal in scenario.signals:
         yield f"signal {signal.signal}", signal.when

@@ -267,7 +267,7 @@ def _parameters(
     for name, value in replaced.items():
         if name not in known:
             allowed = ", ".join(known) or "none, the file has no [parameters]"
-            issues.add(f"parameters.{name}", f"no such parameter; allowed: {allowed}")
+            issues.add(f"parameters.{name}", f"no such parameter in {parts[-1].path}; allowed: {allowed}")
             continue
         known[name] = number(issues, f"parameters.{name}", value, -1e15, 1e15)
         origins[name] = f"`parameters` {name}"

@@ -72,7 +72,7 @@ def find_config(kind: str, name: str, called: str = "") -> Path:
     issue = issue_with(path)
     if issue and not is_there(path):
         shipped = f"a shipped name ({_listed(kind)})"
-        issue = f"neither a file nor {shipped}" if is_name else f"{issue}; allowed: one, or {shipped}"
+        issue = f"neither a file nor {shipped}" if is_name else f"{issue}; allowed: a file, or {shipped}"
     if issue:
         raise ConfigError(f"{called} {shortened(name)}: {issue}")
     return path

@@ -233,6 +233,7 @@ def test_with_our_own_ecu_it_passes_and_writes_recordings_and_a_picture(
     assert f"(EN 12453, building doors; borrowed): {400.0 - float(force):.1f} N left" in told.out
     assert re.search(r"reversed \d\d ms after the first touch", told.out)
     assert "closed and latched" in told.out
+    assert told.out.splitlines()[-1].startswith("the demo has passed: ")
     assert "failed" not in told.err
     assert sorted(path.name for path in folder.iterdir()) == ["demo.csv", "demo.log", "demo.png"]
     assert (folder / "demo.png").read_bytes().startswith(b"\x89PNG")

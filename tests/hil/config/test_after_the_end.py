@@ -24,6 +24,9 @@ stiffness = 10000
 kind = "spring_lost"
 where = "left"
 start = 3.0
+[[profile]]
+quantity = "supply_voltage_v"
+points = [[0, 12], [1, 13], [40, 13], [41, 9]]
 [[expect]]
 name = "stays"
 always = "gate_angle_deg < 200"
@@ -38,5 +41,6 @@ def test_a_stimulus_that_is_never_made_is_noted(tmp_path: Path) -> None:
         "request close at 5 s is never made: the run ends at 3 s",
         "an obstacle at 50 s is never made: the run ends at 3 s",
         "fault spring_lost at 3 s is never made: the run ends at 3 s",
+        "change of supply_voltage_v at 40 s is never made: the run ends at 3 s",
     ]
     assert not [each for each in lh.run(path, duration=60.0).notes if "never made" in each]

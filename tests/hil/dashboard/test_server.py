@@ -112,9 +112,13 @@ def test_the_page_has_exactly_the_keys_of_a_state(client: Client) -> None:
     from tools.docs.json_state_keys import STATE_KEYS
 
     def is_whole(state: Any) -> bool:
-        return all(state["loop"][f"{name}_us"] for name in ("lateness", "execution", "command_delay"))
+        is_timed = all(state["loop"][f"{name}_us"] for name in ("lateness", "execution", "command_delay"))
+        return is_timed and bool(state["acting"].get("obstacle"))
 
+    assert client.command(obstacle={"angle_deg": 35})[0] == 200
     state = until(client, is_whole)
+    assert state["acting"]["obstacle"]["meets"] == "closing"
+    assert client.command(clear="obstacle")[0] == 200
     state["in_force"] = dict.fromkeys(state["in_force"])  # what tests have commanded has the keys of commands
     found = {*written(state, STATE_KEYS)}
     later = {path for path in STATE_KEYS if path.startswith(("end.", "verdicts[]."))}

@@ -94,7 +94,10 @@ def test_recordings_are_written(scenario: Path, tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         ({"clock": "fast"}, "`clock` 'fast': allowed: one of realtime, free, lockstep"),
-        ({"parameters": {"nix": 1}}, "`parameters` nix: no such parameter; allowed: rod, start"),
+        (
+            {"parameters": {"nix": 1}},
+            r"`parameters` nix: no such parameter in .*scenario\.toml; allowed: rod, start",
+        ),
         ({"ecu": "nix"}, "`ecu` nix: allowed: reference"),
         ({"ecu": "bus"}, "`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU"),
         ({"record": 3}, "`record` 3: allowed: a path, or a list of them"),

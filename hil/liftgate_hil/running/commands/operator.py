@@ -164,7 +164,7 @@ class Operator:
         return "set " + _words(content)
 
     def _send(self, content: dict[str, Any], now: float) -> str:
-        issues, numbers = ConfigIssues(""), {}
+        issues, numbers = ConfigIssues("signal"), {}
         for name, value in content.items():
             if value is None and name in self._signals:
                 numbers[name] = math.nan
@@ -174,7 +174,7 @@ class Operator:
             numbers[name] = math.nan if number is None else number
         both = {**self._signals, **content}
         if len(both) > MOST_SIGNALS:
-            issues.add("signal", f"{len(both)} signals; allowed: up to {MOST_SIGNALS} at a time")
+            issues.take([f"signal: {len(both)} signals; allowed: up to {MOST_SIGNALS} at a time"])
         issues.raise_if_any()
         self._target.set_signals(numbers)
         for name in numbers:

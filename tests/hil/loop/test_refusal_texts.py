@@ -1,0 +1,60 @@
+"""Texts on refused and foreign frames, from what the codec noted of the first one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from liftgate_hil.codec.frames import EXTENDED
+from liftgate_hil.codec.refusals import (
+    BAD_CHECKSUM,
+    FOREIGN,
+    REMOTE_FRAME,
+    no_refusals,
+    note_checksums,
+    note_evidence,
+    note_outcome,
+)
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.loop.refusal_texts import RefusalTexts
+from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.running.loop_start import loop_config_of
+from tests.plant.runs import suv
+
+
+def texts(rig: Rig, began_s: float = 0.0) -> RefusalTexts:
+    return RefusalTexts(rig, loop_config_of(suv(), rig, 1000.0, 0), began_s)
+
+
+def test_a_correct_checksum_leaves_a_counter_value_that_never_comes_or_another_data_id(rig: Rig) -> None:
+    for counter, said in (
+        (15.0, "AliveCounter is 15; expected one of its values"),
+        (None, "data ID does not belong to this message (Checksum is correct)"),
+    ):
+        refusals = no_refusals()
+        note_checksums(refusals, 0x51, 0x51)
+        if counter is not None:
+            note_evidence(refusals, BAD_CHECKSUM, -1, counter, np.nan)
+        note_outcome(refusals, BAD_CHECKSUM, 0, 2_500_000_000)
+        assert texts(rig).of_first(refusals, BAD_CHECKSUM) == f"2.500 s: DriveCommand refused: {said}"
+
+
+def test_times_count_from_the_scenario_s_time_0(rig: Rig) -> None:
+    refusals = no_refusals()
+    note_outcome(refusals, REMOTE_FRAME, 0, 2_500_000_000)
+    said = "DriveCommand refused: a remote frame; allowed: a data frame"
+    assert texts(rig, 2.0).of_first(refusals, REMOTE_FRAME) == f"0.500 s: {said}"
+    assert texts(rig, 3.0).of_first(refusals, REMOTE_FRAME) == f"precondition: {said}"
+
+
+def test_a_summary_names_the_first_foreign_identifier_with_its_length_and_what_is_awaited(rig: Rig) -> None:
+    refusals = no_refusals()
+    note_evidence(refusals, FOREIGN, -1, float(0x120 | EXTENDED), np.nan)
+    note_outcome(refusals, FOREIGN, -1, 0)
+    summary = Summary()
+    summary.received = summary.received._replace(foreign=3)
+    texts(rig).tell(summary, refusals)
+    assert summary.first_refused == []
+    assert summary.silence_reported() == (
+        "no command was accepted, 3 frames have identifiers that the rig does not receive, the first 0x120 "
+        "(extended, 29 bits); awaited: DriveCommand (0x120)"
+    )
