@@ -60,7 +60,7 @@ def test_parameters_are_replaced(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", path, "--set-parameter", "most=-1"]) == 1
     assert "rests: fail, margin -1 deg" in capsys.readouterr().out
     assert main(["test", path, "--set-parameter", "mots=-1"]) == 2
-    assert "--set-parameter mots: no such parameter; allowed: most" in capsys.readouterr().err
+    assert "--set-parameter mots: no such parameter in s.toml; allowed: most" in capsys.readouterr().err
     assert main(["test", path, "--set-parameter", "most"]) == 2
 
 

@@ -20,6 +20,7 @@ from liftgate_hil.signals import PANEL
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
+_MOST_OTHERS = 30  # messages without a drafted signal that are named
 _MOST = 12  # candidates of a quantity that are shown
 _WANTED = ("left_duty", "left_current", "gate_angle")  # an ECU hardly runs without these
 
@@ -77,9 +78,16 @@ def _unused(text: str, messages: Mapping[str, Message], used: set[str]) -> Itera
         yield "\n# Not drafted: signals with unknown names. docs/rig.md lists all quantities.\n"
     for each in sorted(left):
         yield f"#   {printable(each)}\n"
-    others = len(messages) - len(used)
+    others = [message for name, message in sorted(messages.items()) if name not in used]
     if others:
-        yield f"# Messages without a drafted signal: {others}.\n"
+        names = [printable(message.name) for message in others[:_MOST_OTHERS]]
+        more = f" and {len(others) - len(names)} more" if len(others) > len(names) else ""
+        yield f"# Messages without a drafted signal: {', '.join(names)}{more}.\n"
+    named = others[:_MOST_OTHERS]
+    tables = [line for message in named for line in protection_lines(message, is_cyclic=False, is_used=False)]
+    if tables:
+        yield "# Counters and checksums of these, for what the bench sends as restbus:\n"
+        yield "\n".join(tables) + "\n"
 
 
 def _all(lines: Mapping[str, list[Line]]) -> list[Line]:

@@ -7,7 +7,7 @@ const LEAST_N = 5; // below which a force has no arrow
 const HAND_N_PER_M = 1000, MOST_HAND_N = 300; // the hand pulls like a spring: chosen
 const HAND_MS = 100; // between two commands of the hand
 const FORCES = { left: "left drive", right: "right drive", left_spring: "left spring", right_spring: "right spring", weight: "weight", hand: "hand", pinch: "pinch" };
-const LINE = 22; // between two lines of text
+const LINE = 22, COLUMN = 155, ROWS = 4; // of the legend: between two lines and two columns of text; lines above the car's roof
 const ROD_M = 0.045; // radius of the obstacle as it is drawn
 
 function shape(name, attributes = {}, parent = null) {
@@ -104,9 +104,9 @@ class Drawing {
     this.arrows = {};
     for (const [name, words] of Object.entries(FORCES)) {
       if (name.startsWith("right") && !this.geometry.drives.right) continue;
-      const y = 18 + LINE * Object.keys(this.arrows).length;
-      add("path", { class: `arrow ${name.replace("_", " ")}`, d: `M10 ${y - 4}h20`, "marker-end": "url(#head)" });
-      this.arrows[name] = { path: add("path", { class: `arrow ${name.replace("_", " ")}`, "marker-end": "url(#head)" }), text: add("text", { x: 42, y }), words };
+      const place = Object.keys(this.arrows).length, x = 10 + COLUMN * Math.floor(place / ROWS), y = 18 + LINE * (place % ROWS);
+      add("path", { class: `arrow ${name.replace("_", " ")}`, d: `M${x} ${y - 4}h20`, "marker-end": "url(#head)" });
+      this.arrows[name] = { path: add("path", { class: `arrow ${name.replace("_", " ")}`, "marker-end": "url(#head)" }), text: add("text", { x: x + 32, y }), words };
     }
     this.band = add("path", { class: "band" });
     this.labels = {};

@@ -415,3 +415,18 @@ def test_a_draft_goes_to_stdout_and_what_is_open_to_stderr(capsys: pytest.Captur
     said = capsys.readouterr()
     assert tomllib.loads(said.out)["dbc"] == "no_units.dbc"
     assert "to be filled in: inputs.left_duty: no unit in the database (0 to 255)" in said.err
+
+
+def test_messages_without_a_drafted_signal_are_named_with_their_counters_for_the_restbus(tmp_path: Path) -> None:
+    path, target = tmp_path / "theirs.dbc", tmp_path / "theirs.toml"
+    path.write_text(
+        'VERSION ""\nBU_: PLG BCM\n'
+        'BO_ 256 PLG_Cmd: 8 PLG\n SG_ PLG_LeftDuty : 0|8@1+ (1,0) [0|100] "%" BCM\n'
+        'BO_ 512 BCM_Veh: 8 BCM\n SG_ BCM_VehSpd : 0|16@1+ (0.01,0) [0|300] "km/h" PLG\n'
+        ' SG_ BCM_AliveCnt : 16|4@1+ (1,0) [0|15] "" PLG\n',
+        encoding="utf-8",
+    )
+    assert main(["rig", "draft", str(path), "--output", str(target)]) == 0
+    text = target.read_text(encoding="utf-8")
+    assert "# Messages without a drafted signal: BCM_Veh.\n" in text
+    assert '# [messages."BCM_Veh"]\n# counter = "BCM_AliveCnt"\n' in text
