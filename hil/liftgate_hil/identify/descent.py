@@ -215,6 +215,15 @@ def _compared(problem: Problem, slopes: Floats) -> Floats:
     return slopes
 
 
+def equations_at(problem: Problem, place: Place, slopes: Floats) -> tuple[Floats, Floats]:
+    """Return the normal equations at a place by these slopes, priors included: matrix (n, n) and gradient (n,)."""
+    means, inverse_std = problem.priors()
+    matrix, gradient = normal_equations(slopes, place.errors, place.weighting.root)
+    matrix += np.diag(inverse_std**2)
+    gradient += (means - place.point) * inverse_std**2
+    return matrix, gradient
+
+
 def _step(
     problem: Problem, place: Place, slopes: Floats, free: Sequence[int], damping: float
 ) -> tuple[Floats, float, float]:
@@ -226,10 +235,7 @@ def _step(
     step = np.zeros(len(point))
     if not len(free):
         return step, 0.0, 0.0
-    means, inverse_std = problem.priors()
-    matrix, gradient = normal_equations(slopes, place.errors, place.weighting.root)
-    matrix += np.diag(inverse_std**2)
-    gradient += (means - point) * inverse_std**2
+    matrix, gradient = equations_at(problem, place, slopes)
     matrix, gradient = matrix[np.ix_(free, free)], gradient[free]
     low, high = problem.bounds
     reach = _REACH * np.maximum(np.abs(point), problem.sizes)

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.identify.descent import Descent, Place, Report, place_at
+from liftgate_hil.identify.descent import Descent, Place, Report, equations_at, place_at
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.search import better, past_kinks, search
-from liftgate_hil.identify.statistics import information, normal_equations, pseudo_inverse
+from liftgate_hil.identify.statistics import information, pseudo_inverse
 
 Floats = NDArray[np.float64]
 
@@ -97,10 +97,7 @@ def _adjusted(
 
 def _across(problem: Problem, found: Descent, place: Place, across: Floats) -> Floats:
     """Return the Gauss-Newton step (n,) at a place, by the minimum's slopes, that is orthogonal to `across`."""
-    means, inverse_std = problem.priors()
-    matrix, gradient = normal_equations(found.slopes, place.errors, place.weighting.root)
-    matrix += np.diag(inverse_std**2)
-    gradient += (means - place.point) * inverse_std**2
+    matrix, gradient = equations_at(problem, place, found.slopes)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(np.float64).tiny))
     count = len(scale)
     bordered = np.zeros((count + 1, count + 1))

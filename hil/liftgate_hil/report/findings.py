@@ -53,16 +53,17 @@ def warnings_of(result: Identification) -> list[str]:
         if each.identifiable and each.remark
     ]
     apart = [clean(each) for each in result.inseparable]
-    return [*not_identifiable, *apart, *remarks, *state_warnings(result), *experiment_warnings(result)]
+    return [*not_identifiable, *apart, *remarks, *validation_warnings(result)]
 
 
-def state_warnings(result: Identification | Validation) -> list[str]:
-    """Return a warning for each initial state that is not identifiable."""
-    return [
+def validation_warnings(result: Identification | Validation) -> list[str]:
+    """Return the warnings of initial states that are not identifiable, then those of the experiments."""
+    states = [
         f"initial state {clean(each.name)} is not identifiable{_because(each.remark)}"
         for each in result.initial_states
         if not each.identifiable
     ]
+    return [*states, *experiment_warnings(result)]
 
 
 def _because(remark: str) -> str:

@@ -7,14 +7,7 @@ from collections.abc import Sequence
 from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.report import figures, figures_estimates
 from liftgate_hil.report.drawing import svg
-from liftgate_hil.report.findings import (
-    EXCUSES,
-    experiment_warnings,
-    state_warnings,
-    strong_correlations,
-    warnings_of,
-    whiteness,
-)
+from liftgate_hil.report.findings import EXCUSES, strong_correlations, validation_warnings, warnings_of, whiteness
 from liftgate_hil.report.numbers import (
     column_label,
     deviation,
@@ -62,7 +55,7 @@ def validation_html(result: Validation, provenance: Provenance | None = None) ->
         f"Validation of {result.vehicle}",
         f"Model {result.model}; {len(experiments)} experiment{'s' * (len(experiments) != 1)}",
         [
-            alert([*state_warnings(result), *experiment_warnings(result)]),
+            alert(validation_warnings(result)),
             section("Initial states", _states(result.initial_states)),
             section("Fit", _fits(experiments, before=False)),
             section("Measured and simulated", *_traces(experiments)),

@@ -14,10 +14,9 @@ from liftgate_hil.identify.result import Estimate, Experiment, Identification, S
 from liftgate_hil.report.files import write_report
 from liftgate_hil.report.findings import (
     columns_of,
-    experiment_warnings,
     mean_over,
     series_of,
-    state_warnings,
+    validation_warnings,
     warnings_of,
     whiteness,
 )
@@ -86,7 +85,7 @@ def validation_json(result: Validation) -> dict[str, Any]:
         "initial_states": _states(result),
         "whiteness": {name: all(each.is_white for each in rows) for name, rows in columns.items()},
         "experiments": [_experiment(each, before=False) for each in experiments],
-        "warnings": [*state_warnings(result), *experiment_warnings(result)],
+        "warnings": validation_warnings(result),
         "notes": list(result.notes),
     }
 

@@ -6,14 +6,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 
 from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
-from liftgate_hil.report.findings import (
-    EXCUSES,
-    experiment_warnings,
-    state_warnings,
-    strong_correlations,
-    warnings_of,
-    whiteness,
-)
+from liftgate_hil.report.findings import EXCUSES, strong_correlations, validation_warnings, warnings_of, whiteness
 from liftgate_hil.report.numbers import (
     clean,
     deviation,
@@ -52,7 +45,7 @@ def validation_text(result: Validation) -> str:
     """Return fit, errors by phase and residuals of every experiment."""
     sections = [
         [f"model {clean(result.model)}, vehicle {clean(result.vehicle)}"],
-        _titled("Attention", _bullets([*state_warnings(result), *experiment_warnings(result)])),
+        _titled("Attention", _bullets(validation_warnings(result))),
         _titled("Initial states", _states(result.initial_states)),
         _titled("Fit", _fits(result.experiments, before=False)),
         _titled("Errors by phase", _phases(result.experiments)),

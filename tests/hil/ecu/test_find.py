@@ -1,4 +1,4 @@
-"""What `ecu` may name, and what the message says of a name that names nothing."""
+"""Check of an ECU's name before a run: names that are found, and the message for one that is not."""
 
 from __future__ import annotations
 

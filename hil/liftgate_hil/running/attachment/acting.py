@@ -1,7 +1,8 @@
-"""What acts on the gate now, for a drawing: the obstacle in its way, and how much force its springs have left."""
+"""Obstacle and springs of a running gate as they are now, for its drawing, whoever put or changed them."""
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Acting:
-    """What acts on a run's gate, by the stimuli and the reception that its loop reads and writes in place."""
+    """Obstacle and springs of a run's gate, from the stimuli and the reception that its loop writes in place."""
 
     vehicle: Vehicle
     config: LoopConfig
@@ -30,7 +31,7 @@ class Acting:
     reception: Reception
 
     def at(self, time_s: float) -> dict[str, Any]:
-        """Return it at a time [s] of the scenario.
+        """Return obstacle and springs at a time [s] of the scenario.
 
         `obstacle` has angle_deg, distance [m] and meets, None: there is none; `spring_health` the share of its
         force that each drive's spring has.
@@ -48,10 +49,14 @@ class Acting:
         return found
 
     def _springs(self) -> dict[str, float]:
+        return {side: float(self.stimuli.faults.row[place]) for side, place in self._places.items()}
+
+    @functools.cached_property
+    def _places(self) -> dict[str, int]:
+        """Places of the springs' health among the gate's constants, by drive."""
         names = list(numbers_of(constants_of(self.vehicle)))
         sides = ("left", "right")[: self.vehicle.drives]
-        row = self.stimuli.faults.row
-        return {side: float(row[names.index(f"plant.{side}.spring.health")]) for side in sides}
+        return {side: names.index(f"plant.{side}.spring.health") for side in sides}
 
 
 def _described(rod: Obstacle) -> dict[str, Any]:

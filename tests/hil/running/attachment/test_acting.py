@@ -1,4 +1,4 @@
-"""What acts on the gate of a run, as its page draws it."""
+"""Obstacle and springs of a running gate, as its page draws them."""
 
 from __future__ import annotations
 
