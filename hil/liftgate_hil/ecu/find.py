@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import functools
 import importlib.machinery
 import importlib.util
@@ -83,7 +82,9 @@ def _advice(name: str) -> str:
         return f"a Python file; name its class: {path.stem}:CLASS; "
     if path.is_file():
         return "neither a shared library (.so) nor a Python class; a program of its own is reached by a bus; "
-    near = difflib.get_close_matches(name.lower(), (REFERENCE, ON_A_BUS), 1)
+    from difflib import get_close_matches  # imported only where used, since the import takes time
+
+    near = get_close_matches(name.lower(), (REFERENCE, ON_A_BUS), 1)
     return f"did you mean {near[0]}? " if near else ""
 
 

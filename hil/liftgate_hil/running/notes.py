@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.ecu.node import PORT
 from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_hil.stimuli.requests import BUTTONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from liftgate_hil.ecu.adapter import Adapter
     from liftgate_hil.running.setup import Setup
 
-_RESET = "reset"
 _NEAR_DEG = 2.0  # from the end of its travel, where a motion counts as complete: a gate sags below its open stop
 
 
@@ -23,8 +23,8 @@ def notes_on(setup: Setup, adapter: Adapter, first_row: NDArray[Any] | None) -> 
     found = []
     scenario = setup.scenario
     actions = dict.fromkeys((*scenario.precondition, *(each.action for each in scenario.requests)))
-    # A reset that the ECU does not take ends the run.
-    missed = [each for each in actions if adapter.kind == PORT and each != _RESET and not adapter.takes(each)]
+    # A reset is none of these: one that the ECU does not take ends the run.
+    missed = [each for each in actions if each in BUTTONS and adapter.kind == PORT and not adapter.takes(each)]
     if missed:
         found.append(f"requests without effect: {', '.join(missed)}: the ECU has no {adapter.request_name}()")
     if scenario.precondition and first_row is not None:
