@@ -12,6 +12,7 @@ import math
 import signal
 import sys
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 
 _EXIT_CODES = frozenset((0, 1, 2, 128 + signal.SIGINT, 128 + signal.SIGTERM))  # exit codes of this command
+STARTED = "ECU"  # word with which the first message begins
 _PATIENCE_NS = 2_000_000_000  # without a frame from the gate until a message reports the wait
 
 
@@ -130,8 +132,10 @@ def _drive(
         requests = _requests(args.request) if args.request else list(scenario.requests)
         if args.no_requests:
             requests = []
-        peer = Peer(adapter, transport, alone(requests))
-        _take_turns(peer, adapter, rig, args.duration, stop, teller)
+        asked = alone(requests)
+        teller.say(f"{STARTED} {args.ecu} on {transport.name}; {_planned(requests)}")
+        peer = Peer(adapter, transport, asked)
+        _take_turns(peer, adapter, _Waiting(rig, transport.name, teller), args.duration, stop, teller)
     finally:
         transport.close()
         faults = [
@@ -141,14 +145,48 @@ def _drive(
             teller.say(f"link: {', '.join(faults)}")
 
 
+def _planned(requests: Sequence[Request]) -> str:
+    """Return a text on when the ECU is asked for what."""
+    if not requests:
+        return "no requests but those on the bus"
+    times = ", ".join(f"{each.action} at {each.when.time:g} s" for each in requests)
+    return f"requests, from the gate's first frame on: {times}"
+
+
+class _Waiting:
+    """Messages on the wait for the gate's first frame."""
+
+    def __init__(self, rig: Rig, bus: str, teller: Teller) -> None:
+        from liftgate_hil.loop.refusal_texts import identifier_text
+
+        names = dict.fromkeys(wire.message for wire in rig.outputs)
+        self._gates = ", ".join(f"{name} ({identifier_text(rig.identifier(name))})" for name in names)
+        self._bus, self._teller, self._text_of = bus, teller, identifier_text
+        self._is_told, self._has_told_other = False, False
+
+    def look(self, now: int, peer: Peer) -> None:
+        """Report the wait once it is long, what else is on the bus, and that it is over."""
+        other = peer.first_other
+        if peer.has_heard_the_gate:
+            if self._is_told:
+                self._teller.say("frames of the gate received")
+            self._is_told = False
+        elif now > _PATIENCE_NS and not (self._is_told and (self._has_told_other or other < 0)):
+            heard = (
+                "nothing received" if other < 0 else f"{self._text_of(other)} received, which is not the gate's"
+            )
+            self._teller.say(f"waits for frames of the gate on {self._bus}: {heard}; the rig's: {self._gates}")
+            self._is_told, self._has_told_other = True, other >= 0
+
+
 def _take_turns(
-    peer: Peer, adapter: Adapter, rig: Rig, duration: float | None, stop: StopSignals, teller: Teller
+    peer: Peer, adapter: Adapter, waiting: _Waiting, duration: float | None, stop: StopSignals, teller: Teller
 ) -> None:
     """Poll the ECU for `duration` [s] from the start; None: until it is stopped."""
     gc.collect()  # collects garbage of the start now, not for some 50 ms during a motion
     gc.freeze()
     start = time.monotonic_ns()
-    shown, is_waiting = 0, True
+    shown, has_heard = 0, False
     try:
         while not stop():
             now = time.monotonic_ns() - start
@@ -158,11 +196,9 @@ def _take_turns(
             for event in adapter.events(shown):
                 teller.happened(event.time, event.text)
                 shown += 1
-            if is_waiting and not peer.has_heard_the_gate and now > _PATIENCE_NS:
-                names = dict.fromkeys(wire.message for wire in rig.outputs)
-                gates = ", ".join(f"{name} (0x{rig.messages[name].frame_id:X})" for name in names)
-                teller.say(f"waiting for frames of the gate: {gates}")
-                is_waiting = False
+            if not has_heard:
+                waiting.look(now, peer)
+                has_heard = peer.has_heard_the_gate
             time.sleep(0.001)
     finally:
         peer.finish()

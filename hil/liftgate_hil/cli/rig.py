@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.rig_table import MappedMessage, MappedSignal
 
+_MOST_UNMAPPED = 12  # signals of a message without a quantity that are named
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags of both actions to the parser."""
@@ -115,6 +117,13 @@ def _lines(messages: list[MappedMessage]) -> list[str]:
         rows = [_cells(signal) for signal in each.signals]
         widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
         lines += ["    " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+        if each.unmapped:
+            how = "not read" if each.direction == "received" else "sent with their initial values"
+            names = ", ".join(each.unmapped[:_MOST_UNMAPPED])
+            more = (
+                f" and {len(each.unmapped) - _MOST_UNMAPPED} more" if len(each.unmapped) > _MOST_UNMAPPED else ""
+            )
+            lines.append(f"    not mapped, {how}: {names}{more}")
     return lines
 
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from liftgate_hil.codec.bus_config import LONGEST_MS, SignalMapping, cycle_of
 from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.config.drafting.candidates import is_protection
 from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.inject import FAULT
@@ -161,7 +162,26 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
                 f"{rig.source}: inputs.{wire.quantity}.values: {', '.join(missing)} missing: no frame can carry "
                 "it, and an ECU that sends it (the reference ECU does) cannot be used"
             )
-    return [*notes, *_other_scales(rig), *_latched_by_angle(rig)]
+    return [*notes, *_unprotected(rig), *_other_scales(rig), *_latched_by_angle(rig)]
+
+
+def _unprotected(rig: Rig) -> Iterator[str]:
+    """Yield a note for each signal that is a counter or a checksum by its name, and that the rig leaves out."""
+    received = {wire.message for wire in rig.inputs}
+    carried = {(wire.message, wire.signal) for wire in (*rig.inputs, *rig.outputs)}
+    for name in rig.mapped:
+        message, options = rig.messages[name], rig.options.get(name, MessageOptions())
+        for signal in message.signals:
+            kind = is_protection(message, signal)
+            if not kind or getattr(options, kind) is not None or (name, signal.name) in carried:
+                continue
+            what = (
+                "is not checked: wrong frames are accepted"
+                if name in received
+                else "is sent with its initial value"
+            )
+            key = f"{rig.source}: messages.{name}.{kind}"
+            yield f"{key} is missing: by its name {signal.name} is one, and it {what}"
 
 
 def _latched_by_angle(rig: Rig) -> Iterator[str]:

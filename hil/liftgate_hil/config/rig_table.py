@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from liftgate_hil.codec.bus_config import SignalMapping, cycle_of
 from liftgate_hil.codec.counter import Counting
@@ -17,6 +17,9 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.diagnostics.services import RESETS
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL
 from liftgate_plant.signals import Signal
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
 
 _MOST = 1.7976931348623157e308
 
@@ -47,6 +50,7 @@ class MappedMessage(NamedTuple):
     timeout_ms: float  # 0: its values never expire
     protection: str
     signals: Sequence[MappedSignal]
+    unmapped: Sequence[str]  # its other signals: not read, or sent with their initial values
 
 
 def mapped_messages(rig: Rig) -> list[MappedMessage]:
@@ -109,7 +113,14 @@ def _messages(
             timeout_ms=options.timeout_cycles * cycle if is_stale else 0.0,
             protection=_protection(options),
             signals=[_signal(rig, wire, quantities[wire.quantity]) for wire in own],
+            unmapped=_unmapped(message, options, own),
         )
+
+
+def _unmapped(message: Message, options: MessageOptions, own: Sequence[SignalMapping]) -> list[str]:
+    """Return the signals of a message that carry no quantity, no counter, no checksum and no multiplexer value."""
+    used = {wire.signal for wire in own} | {options.counter, options.checksum}
+    return [each.name for each in message.signals if each.name not in used and not each.is_multiplexer]
 
 
 def _signal(rig: Rig, wire: SignalMapping, quantity: Signal) -> MappedSignal:

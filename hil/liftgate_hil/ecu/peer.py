@@ -45,6 +45,7 @@ class Peer:
         self._transport = transport
         self._asked = asked or by_the_clock(())
         self._heard_ns = 0 if adapter.shares_clock else -1
+        self.first_other = -1  # identifier of the first frame that is not the gate's; -1: none yet
         self._guard = guard
         self._before_ns = before_ns
         self._commanded: list[tuple[Requests, Moments]] = []
@@ -107,7 +108,10 @@ class Peer:
     def _is_gates(self, frames: Frames) -> bool:
         """Whether one of these frames is the gate's."""
         theirs = frames.identifiers[: frames.count] & ~FD
-        return bool(np.isin(theirs, self._adapter.node.reference.inputs.messages.identifier).any())
+        are_gates = np.isin(theirs, self._adapter.node.reference.inputs.messages.identifier)
+        if self.first_other < 0 and not are_gates.all():
+            self.first_other = int(theirs[~are_gates][0])
+        return bool(are_gates.any())
 
     def _began_ns(self) -> int:
         """Return when the clock by which the ECU gets requests began [ns]; -1: not yet."""

@@ -128,10 +128,8 @@ class ProgressMonitor:
     def _foreign(self) -> str:
         """Return a text on the first foreign frame; "": there is none but those of a test bench."""
         first = self._texts.first_foreign(self._reception.refusals)
-        if not first:
-            return ""
-        apart = "" if self._has_reported_another else self._apart
-        return f"{first} is on the bus, but not received by this rig{apart}"
+        is_known = not first or self._has_reported_another
+        return "" if is_known else f"{first} is on the bus, but not received by this rig{self._apart}"
 
     def _status(self, moment: Moment) -> Status:
         counts = self._reception.refusals["count"]

@@ -34,6 +34,7 @@ class RefusalTexts:
 
     def __init__(self, rig: Rig, config: LoopConfig, began_s: float = 0.0) -> None:
         self._rig, self._config, self._began_s = rig, config, began_s
+        self._sent = {rig.identifier(wire.message) for wire in rig.outputs}
 
     def awaited(self) -> str:
         """Return the command message with its identifier."""
@@ -48,8 +49,10 @@ class RefusalTexts:
     def first_foreign(self, refusals: Any) -> str:
         """Return the first identifier that the rig does not receive; "": none, or that of a test bench."""
         others = refusals[FOREIGN]
-        is_known = not others.count or int(others.found) in self._rig.ordering
-        return "" if is_known else identifier_text(int(others.found))
+        if not others.count or int(others.found) in self._rig.ordering:
+            return ""
+        sent = ", which this gate sends: another gate is on the bus" if int(others.found) in self._sent else ""
+        return identifier_text(int(others.found)) + sent
 
     def of_first(self, refusals: Any, cause: int) -> str:
         """Return a text on the first frame that was refused for a cause."""

@@ -61,6 +61,9 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
             raise ConfigError(f"`bus` {text}: no channel; allowed: INTERFACE:CHANNEL@BITRATE")
         if not rate.isdigit() or int(rate) == 0:
             raise ConfigError(f"`bus` {text}: bit rate {rate!r}; allowed: a whole number of bit/s")
+        if interface in _NO_BITRATE:
+            where = "it is set with `ip link`" if interface == "socketcan" else "frames take no time on it"
+            raise ConfigError(f"`bus` {text}: a bit rate on {interface}, where {where}; allowed: no @{rate}")
         arguments |= {"channel": name, "bitrate": int(rate)}
     elif interface not in _NO_BITRATE:
         arguments["bitrate"] = int(default_bitrate)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hil_support import rig_of
 
+from liftgate_hil.cli.main import main
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import check_fit, expected_values, notes_on_fit
 from liftgate_hil.errors import ConfigError
@@ -142,3 +143,38 @@ def test_the_expected_values_are_the_vehicles():
     assert expected_values(weak)["terminal_voltage"].lowest == pytest.approx(12.0 - 3.39, abs=0.01)
     assert expected["gate_angle"].high == pytest.approx(80.0)
     assert expected["left_hall_count"].high == pytest.approx(2946.0, abs=1.0)
+
+
+def test_counters_and_checksums_that_the_rig_leaves_out_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    content = """VERSION ""
+BS_:
+BU_: ECU Gate
+BO_ 256 Cmd: 8 ECU
+ SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
+ SG_ AliveCounter : 16|4@1+ (1,0) [0|15] "" Gate
+ SG_ Crc : 24|8@1+ (1,0) [0|255] "" Gate
+ SG_ Spare : 32|8@1+ (1,0) [0|255] "" Gate
+BO_ 512 Out: 8 Gate
+ SG_ Current : 0|16@1- (0.01,0) [-300|300] "A" ECU
+ SG_ Crc : 24|8@1+ (1,0) [0|255] "" ECU
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 10;
+"""
+    text = """dbc = "their.dbc"
+[inputs]
+left_duty = "Cmd.Duty"
+[outputs]
+left_current = "Out.Current"
+[messages.Cmd]
+counter = "AliveCounter"
+"""
+    rig = rig_of(tmp_path, content, text)
+    unchecked, constant = notes_on_fit(rig, suv(), 1000.0)
+    assert "messages.Cmd.checksum is missing: by its name Crc is one, and it is not checked" in unchecked
+    assert "messages.Out.checksum is missing: by its name Crc is one, and it is sent with its" in constant
+    assert main(["rig", "check", str(tmp_path / "their.toml")]) == 0
+    out = capsys.readouterr().out
+    assert "    not mapped, not read: Crc, Spare\n" in out
+    assert "    not mapped, sent with their initial values: Crc\n" in out

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import c_ecu
+import can
 import pytest
 from echo_ecu import ECHO_REQUEST, Echo
 from hil_support import GATE, LEFT_DRIVE, OPEN, Wire, both, command_frame, with_checksum
@@ -181,3 +182,20 @@ def test_without_anybody_on_the_bus_lockstep_gives_up(bus: str) -> None:
     result = lh.run(scenario, "bus", "lockstep", bus=bus, wall_timeout=0.3)
     assert result.verdict == "error"
     assert result.reason.startswith("no command for 0.3 s at 0.000 s of model time")
+
+
+def test_an_ecu_in_a_process_of_its_own_says_where_it_is_and_what_it_hears(bus: str, ecu_on: Any) -> None:
+    ecu = ecu_on("--request", "0.2:open")
+    group = bus.removeprefix("udp_multicast:")
+    assert ecu.stderr.readline() == (
+        f"ECU reference on {group}; requests, from the gate's first frame on: open at 0.2 s\n"
+    )
+    waits = f"waits for frames of the gate on {group}: "
+    assert ecu.stderr.readline().startswith(f"{waits}nothing received; the rig's: LeftDrive (0x210), ")
+    with can.Bus(
+        interface="udp_multicast", channel=group, port=json.loads(os.environ["CAN_CONFIG"])["port"]
+    ) as other:
+        other.send(can.Message(arbitration_id=0x7A1, is_extended_id=False))
+        assert ecu.stderr.readline().startswith(f"{waits}0x7A1 received, which is not the gate's; the rig's: ")
+    lh.run(Scenario(NO_STIMULI, (), 0.5), "bus", "lockstep", bus=bus, wall_timeout=120.0)
+    assert ecu.stderr.readline() == "frames of the gate received\n"

@@ -168,6 +168,15 @@ def test_where_benches_meet_unawares_frames_of_others_tell_how_to_keep_apart():
     assert said.endswith(f"0x1A0 is on the bus, but not received by this rig; {APART}")
 
 
+def test_a_frame_of_another_gate_is_not_called_unknown_as_well():
+    bench = Bench()
+    bench.look()
+    bench.receive(bytes(8), identifier=0x210)
+    (another,) = bench.look(tick=1)
+    assert "which this gate sends" in another
+    assert bench.look(tick=2500, after=2.5) == ["2.500 s: waits for DriveCommand (0x120), motors off"]
+
+
 @pytest.mark.parametrize("apart", ["", APART])
 def test_another_gate_on_the_bus_is_reported_once_whether_or_not_commands_come(apart: str):
     bench = Bench(apart)

@@ -58,3 +58,10 @@ def test_a_summary_names_the_first_foreign_identifier_with_its_length_and_what_i
         "no command was accepted, 3 frames have identifiers that the rig does not receive, the first 0x120 "
         "(extended, 29 bits); awaited: DriveCommand (0x120)"
     )
+
+
+def test_the_first_foreign_identifier_may_be_that_of_another_gate(rig: Rig) -> None:
+    refusals = no_refusals()
+    note_evidence(refusals, FOREIGN, -1, float(0x210), np.nan)
+    note_outcome(refusals, FOREIGN, -1, 0)
+    assert texts(rig).first_foreign(refusals) == "0x210, which this gate sends: another gate is on the bus"

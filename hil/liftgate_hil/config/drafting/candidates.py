@@ -87,8 +87,15 @@ class Candidate:
 Found = dict[str, dict[str, list[Candidate]]]  # section: quantity: candidates
 
 
-def find_candidates(messages: Mapping[str, Message]) -> Found:
-    """Return all candidates; several for a quantity if nothing tells them apart."""
+class Search(NamedTuple):
+    """What a database offers."""
+
+    found: Found  # several candidates for a quantity if nothing tells them apart
+    passed_over: Mapping[str, tuple[str, str]]  # MESSAGE.SIGNAL: quantity it may be, and the signal closer to it
+
+
+def find_candidates(messages: Mapping[str, Message]) -> Search:
+    """Return the candidates for each quantity, and the signals that others are preferred to."""
     found: Found = {"inputs": {}, "outputs": {}}
     speaks_of_gate = any(map(_speaks_of_gate, messages.values()))
     for message, section, sender in _roles(messages):
@@ -104,9 +111,21 @@ def find_candidates(messages: Mapping[str, Message]) -> Found:
             for candidate in fitting:
                 each = replace(candidate, sender=sender)
                 found[section].setdefault(candidate.quantity, []).append(each)
-    return {
+    best = {
         section: {quantity: _best(candidates, speaks_of_gate) for quantity, candidates in each.items()}
         for section, each in found.items()
+    }
+    return Search(best, _passed_over(found, best))
+
+
+def _passed_over(found: Found, best: Found) -> dict[str, tuple[str, str]]:
+    chosen = {each.name for section in best.values() for several in section.values() for each in several}
+    return {
+        each.name: (quantity, best[section][quantity][0].name)
+        for section, quantities in found.items()
+        for quantity, several in quantities.items()
+        for each in several
+        if each.name not in chosen
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,7 +39,7 @@ def draft_rig(database: Path, target: Path) -> Draft:
     issues = ConfigIssues("draft")
     messages = load_messages(issues, database)
     issues.raise_if_any()
-    found = find_candidates(messages)
+    found, passed_over = find_candidates(messages)
     tells_sides = any("right_" in name for each in found.values() for name in each)
     lines = {section: list(_lines_of(section, _by_side(each, tells_sides))) for section, each in found.items()}
     _one_quantity_a_signal(lines)
@@ -62,17 +62,30 @@ def draft_rig(database: Path, target: Path) -> Draft:
         for signal in checksums_of(messages[name]):
             reason = f"{signal.name}: the database does not say which; without it wrong frames are accepted"
             waiting[f"messages.{name}.checksum"] = reason
-    text += "".join(_unused(text, messages, {line.message.name for line in _all(lines)}))
+    text += "".join(_passed_over(passed_over))
+    text += "".join(_unused(text, messages, {line.message.name for line in _all(lines)}, passed_over))
     return Draft(text, mapped, [*waiting.items(), *_missing(faults, waiting, mapped)])
 
 
-def _unused(text: str, messages: Mapping[str, Message], used: set[str]) -> Iterator[str]:
-    """Yield comments with the signals that are not in `text`, of the messages that are used."""
+def _passed_over(signals: Mapping[str, tuple[str, str]]) -> Iterator[str]:
+    """Yield comments with the signals that others are preferred to."""
+    if signals:
+        yield "\n# Not drafted: another signal is closer to the quantity.\n"
+    for signal, (quantity, other) in sorted(signals.items())[:_MOST_OTHERS]:
+        yield f"#   {printable(signal)}: {quantity}? {printable(other)} is closer by its name or unit\n"
+    if len(signals) > _MOST_OTHERS:
+        yield f"#   and {len(signals) - _MOST_OTHERS} more\n"
+
+
+def _unused(text: str, messages: Mapping[str, Message], used: set[str], told: Collection[str]) -> Iterator[str]:
+    """Yield comments with the signals of used messages that are neither in `text` nor already `told` of."""
     left = [
         f"{name}.{signal.name}"
         for name in used
         for signal in messages[name].signals
-        if quoted(f"{name}.{signal.name}") not in text and quoted(signal.name) not in text
+        if quoted(f"{name}.{signal.name}") not in text
+        and quoted(signal.name) not in text
+        and f"{name}.{signal.name}" not in told
     ]
     if left:
         yield "\n# Not drafted: signals with unknown names. docs/rig.md lists all quantities.\n"

@@ -12,7 +12,7 @@ from liftgate_hil.config.drafting.candidates import Candidate
 from liftgate_hil.config.drafting.words import concepts_in, named_values, words_of
 from liftgate_hil.config.units import allowed_units, conversion, dimension_of
 from liftgate_hil.errors import printable
-from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
+from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, TRUE_PREFIX
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
@@ -94,8 +94,12 @@ def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
         return line.withdrawn(f"{low:g} to {high:g} in {candidate.unit!r}: is that its unit?")
     if quantity.endswith("_edge_age"):  # it grows without limit while the motor stands
         line = replace(line, keys={"saturates": "true"})
-    is_same = factors == (1.0, 0.0)
-    return line if is_same else replace(line, remark=f"from {candidate.unit}")
+    remarks = [] if factors == (1.0, 0.0) else [f"from {candidate.unit}"]
+    if quantity.startswith(TRUE_PREFIX):
+        measured = quantity.removeprefix(TRUE_PREFIX).replace("_speed", "_period_speed")
+        instead = f"; as a Hall sensor measures it: {measured}" if measured in BUS_OUTPUTS else ""
+        remarks.append(f"the true value, without sensor and sensor faults{instead}")
+    return replace(line, remark="; ".join(remarks))
 
 
 def _share_by_range(line: Line, signal: Signal) -> Line:

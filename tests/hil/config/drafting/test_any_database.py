@@ -157,7 +157,18 @@ def test_a_duty_of_no_side_is_the_left_one_where_there_is_one_drive(tmp_path: Pa
 def test_of_two_signals_the_one_in_a_fitting_unit_is_taken(tmp_path: Path):
     text, _ = draft_of(tmp_path, COMMON, CURRENTS)
     assert '\nleft_current = "GateOut.CurrentLeft"' in text
-    assert "\n#   GateOut.CurrentSenseLeft\n" in text  # told as left over
+    assert (
+        "\n#   GateOut.CurrentSenseLeft: left_current? GateOut.CurrentLeft is closer by its name or unit\n" in text
+    )
+
+
+def test_a_motor_speed_is_mapped_with_a_remark_that_it_is_the_true_one(tmp_path: Path):
+    speed = CURRENTS.replace(
+        'CurrentSenseLeft : 32|16@1+ (0.01,0) [0|5] "V"', 'MotorSpeedLeft : 32|16@1- (1,0) "rpm"'
+    )
+    text, _ = draft_of(tmp_path, COMMON, speed.replace('(1,0) "rpm"', '(1,0) [-5000|5000] "rpm"'))
+    line = next(each for each in text.splitlines() if each.startswith("true_left_speed = "))
+    assert "without sensor and sensor faults; as a Hall sensor measures it: left_period_speed" in line
 
 
 def test_a_counter_that_does_not_use_its_bits_is_asked_for(tmp_path: Path):
