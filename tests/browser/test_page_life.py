@@ -37,7 +37,7 @@ def test_the_end_shows_the_verdict_and_the_next_run_is_picked_up(browser: Any, t
             first.terminate()
             assert first.wait(30) == 0
             until(browser, lambda _: text_of(browser, "#phase") == "ended")
-            assert text_of(browser, "#end-verdict") == "The run has ended (exit code 0). It had no expectations."
+            assert text_of(browser, "#end-verdict") == "The run has ended (exit code 0)."
             assert not found(browser, "#clear").is_enabled()
             with process(*run, folder=tmp_path) as second:
                 until(browser, lambda _: "· s · next" in browser.title)
@@ -81,6 +81,8 @@ def test_a_recording_shows_its_pinch_and_is_played(browser: Any, tmp_path: Path)
         drawn = "return Math.max(...charts.high.pinch_force_n)"
         assert browser.execute_script(drawn) == pytest.approx(peak, rel=1e-9)
         assert f"pinch {peak:.0f} N" in text_of(browser, "#drawing")  # the vehicle is in the file
+        assert browser.execute_script("return last.acting.obstacle.angle_deg") == pytest.approx(35.0, abs=0.5)
+        assert browser.execute_script("return document.querySelectorAll('circle.given').length") == 1
         click(browser, "#contacts button")
         until(browser, lambda _: browser.execute_script("return charts.range[1] - charts.range[0] < 3"))
         until(browser, lambda _: browser.execute_script(f"{drawn} && charts.times.length > 200"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -112,8 +112,15 @@ class RecordingSource:
         truth, sensed = split(self._names, row)
         own = dict(zip(self._names, row, strict=True))
         bench = {name: own[name] for name in Bench._fields if name in own}
-        known = {"time_s": row[0], "truth": truth, "sensed": sensed, "loop": bench}
+        known = {"time_s": row[0], "truth": truth, "sensed": sensed, "loop": bench, "acting": self._acting(own)}
         return {**nothing_known("recorded"), **known}
+
+    def _acting(self, row: Mapping[str, float]) -> JsonObject:
+        """Return the obstacle while the gate presses against it, at its edge; a recording does not say more."""
+        angle = row.get("pinch_contact_deg")
+        is_there = angle is not None and self._geometry and row.get("pinch_force_n", 0.0) > _TOUCH_N
+        rod = {"angle_deg": angle, "distance": self._geometry["length_m"]} if is_there else None
+        return {"obstacle": rod, "spring_health": {}}
 
     def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> JsonObject:
         """Return curves between two times [s], see `Source.plot`; one row more on either side is taken in."""

@@ -56,9 +56,9 @@ class Content:
 
     @property
     def bus_number(self) -> int:
-        """Bus number for formats without bus names: the one at the end of the name (can1), else 0."""
-        number = re.search(r"\d+$", self.channel)
-        return int(number[0]) if number and int(number[0]) <= _MOST_BUSES else 0
+        """Bus number for formats without bus names: the one at the end of the name (can1, 1), else 0."""
+        number = re.search(r"(?:^|[A-Za-z_])(\d+)$", self.channel)  # an address, 239.74.163.2, ends with none
+        return int(number[1]) if number and int(number[1]) <= _MOST_BUSES else 0
 
 
 def lines_about(about: str) -> list[str]:

@@ -66,6 +66,7 @@ _MOST_LISTED = 5  # injections or commands that are listed, at most
 _CYCLES_S = 0.1  # s in which every message of a rig is usually sent
 # Counters of a link that are printed with words of their own.
 _USUAL_FAULTS = ("losses", "send_failures", "send_queue_full", "receive_failures", "dropped")
+_IN_WORDS = {"stale_frames": "received frames ignored as they had waited longer than their message's time-out"}
 _NO_FAULTS = ("before_start",)
 
 
@@ -157,14 +158,14 @@ class Summary:
         if not any(link):
             return []
         rarer = [
-            f", {count} {name.replace('_', ' ')}"
+            f", {count} {_IN_WORDS.get(name) or name.replace('_', ' ')}"
             for name, count in link._asdict().items()
             if count and name not in _USUAL_FAULTS
         ]
         return [
             f"link: lost {link.losses} times, {link.send_failures} frames not sent "
             f"({link.send_queue_full} because the queue was full), {link.receive_failures} "
-            f"receive errors, {link.dropped} received frames dropped"
+            f"receive errors, {link.dropped} received frames dropped as the bench did not read them in time"
             + "".join(rarer)
             + (f", last: {self.link_error}" if self.link_error else "")
         ]

@@ -78,14 +78,18 @@ class FurtherRecording:
         """Write a mark to all recordings that can hold it. Raises ConfigError where there is none."""
         if not isinstance(text, str) or not 0 < len(text) <= _LONGEST or not text.isprintable():
             raise ConfigError(f"mark {show(text)[:80]}; allowed: 1 to {_LONGEST} printable characters")
-        process = self._process
-        holds = process is not None and self._path.suffix in WITH_MARKS
+        holds = self._process is not None and self._path.suffix in WITH_MARKS
         if not holds and not self._own_holds_marks:
             raise ConfigError(f"mark: no recording is open that holds marks; allowed: in {', '.join(WITH_MARKS)}")
-        taken = [process.mark(time_s, text)] if process is not None and holds else []
-        taken += [self._own_mark(time_s, text)] if self._own_holds_marks else []
-        if not all(taken):
+        if not self.note(time_s, text):
             raise ConfigError("mark: a recording does not keep up, or has ended; allowed: when it takes marks")
+
+    def note(self, time_s: float, text: str) -> bool:
+        """Write a text as a mark to the recordings that can hold it; False: one of them has not taken it."""
+        process = self._process
+        taken = [process.mark(time_s, text)] if process is not None and self._path.suffix in WITH_MARKS else []
+        taken += [self._own_mark(time_s, text)] if self._own_holds_marks else []
+        return all(taken)
 
     def close(self) -> None:
         """Complete the file at the end of the run."""

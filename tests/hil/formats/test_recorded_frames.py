@@ -176,3 +176,11 @@ def test_an_mf4_has_frames_and_rows_on_one_time(tmp_path: Path) -> None:
         frames = measured.get("CAN_DataFrame.ID")
         assert angle.timestamps == pytest.approx(frames.timestamps, abs=1e-12)
         assert len(angle.samples) == 50
+
+
+@pytest.mark.parametrize(
+    ("channel", "number"),
+    [("can1", 1), ("vcan0", 0), ("PCAN_USBBUS2", 2), ("3", 3), ("bench", 0), ("239.74.163.77", 0), ("can999", 0)],
+)
+def test_the_number_of_a_bus_is_at_the_end_of_its_name_and_not_of_an_address(channel: str, number: int) -> None:
+    assert Content(columns=("time_s",), channel=channel).bus_number == number

@@ -223,7 +223,7 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         "11 frames not sent",
         "5 because the queue was full",
         "12 receive errors",
-        "14 received frames dropped",
+        "14 received frames dropped as the bench",
         "lost 15 times",
         "16 unreadable frames",
         "17 refused frames",
@@ -233,7 +233,7 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         "21 bad crcs",
         "22 bad identifiers",
         "23 frames arrived before the loop was ready",
-        "24 stale frames",
+        "24 received frames ignored as they had waited longer",
         "time-outs 13",
     ):
         assert said in text

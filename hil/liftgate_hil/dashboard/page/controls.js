@@ -1,6 +1,7 @@
 "use strict";
 // Controls of a run: what an operator commands, and what of it is in force.
 
+const FIRST_DEG = 35; // where the form places an obstacle at first
 const SLIDE_MS = 100; // between two commands of a slider
 
 // Calls a function with the latest argument, at most once in a time [ms].
@@ -69,14 +70,14 @@ class Controls {
   }
 
   makeObstacle() {
-    const usual = { angle_deg: 35, stiffness: 10000 }, form = find("obstacle"), more = element("details", {}, element("summary", {}, "More"));
+    const form = find("obstacle"), more = element("details", {}, element("summary", {}, "More"));
     this.rod = {};
     for (const [name, spec] of Object.entries(this.can.obstacle)) {
       const range = name === "angle_deg" ? { slide_low: 0, slide_high: this.openAngle } : {};
-      const control = new Control(name, { ...spec, ...range }, () => {}, usual[name] ?? null);
+      const control = new Control(name, { ...spec, ...range }, () => {}, name === "angle_deg" ? FIRST_DEG : spec.default);
       control.clear.remove();
       this.rod[name] = control;
-      (name in usual ? form : more).append(control.element);
+      (["angle_deg", "stiffness"].includes(name) ? form : more).append(control.element);
     }
     this.meets = element("select", { title: "which way the gate meets it" }, element("option", {}, "closing"), element("option", {}, "opening"));
     this.meets.setAttribute("aria-label", "which way the gate meets the obstacle");
@@ -89,7 +90,7 @@ class Controls {
   put(changed) {
     const said = { meets: this.meets.value };
     for (const [name, value] of Object.entries(changed)) { this.rod[name].number.value = this.rod[name].slider.value = value; }
-    for (const [name, control] of Object.entries(this.rod)) if (control.value !== undefined) said[name] = control.value;
+    for (const [name, { value, spec }] of Object.entries(this.rod)) if (value !== undefined && value !== spec.default) said[name] = value;
     this.post({ obstacle: said });
   }
 

@@ -32,10 +32,14 @@ function element(name, attributes = {}, ...children) {
 // What is so now.
 
 function showPhase(phase, verdict = "") {
-  const words = verdict ? `${PHASES[phase]}: ${verdict}` : PHASES[phase] || phase;
+  const name = (phase === "late" && isStalled() ? "stalled" : PHASES[phase]) || phase;
+  const words = verdict ? `${name}: ${verdict}` : name;
   if (find("phase").textContent !== words) find("phase").textContent = words;
   find("phase").className = `badge ${verdict || phase}`;
 }
+
+// Whether a late run makes no ticks at all.
+function isStalled() { return performance.now() > moved.at + 1000; }
 
 // Whether the ECU of a run sends no commands now.
 function isSilent(told) {
@@ -45,9 +49,7 @@ function isSilent(told) {
 
 function showHealth(told) {
   const loop = told.loop || {}, bus = told.bus || {}, said = [];
-  const now = performance.now();
-  if (told.time_s !== moved.time_s) moved = { time_s: told.time_s, at: now };
-  if (told.phase === "late" && now > moved.at + 1000) said.push("the run stands still, for example as it waits for the ECU: commands take effect when it continues");
+  if (told.phase === "late" && isStalled()) said.push("the run stands still, for example as it waits for the ECU: commands take effect when it continues");
   if (loop.ticks_missed) said.push(`${loop.ticks_missed} ticks missed`);
   if (loop.frames_dropped) said.push(`${loop.frames_dropped} received frame${loop.frames_dropped > 1 ? "s" : ""} not read in time`);
   if (bus.rejected) said.push(`${bus.rejected} frames rejected`);
@@ -181,7 +183,7 @@ function showEnd(end) {
   showPhase("ended", isJudged ? end.verdict : "");
   find("end").hidden = false;
   find("end").className = isJudged ? end.verdict : "";
-  find("end-verdict").textContent = isJudged ? `The run has ended: ${end.verdict}${code && ` (${code})`}` : `The run has ended${code && ` (${code})`}. It had no expectations.`;
+  find("end-verdict").textContent = isJudged ? `The run has ended: ${end.verdict}${code && ` (${code})`}` : `The run has ended${code && ` (${code})`}.${about.scenario ? " It had no expectations." : ""}`;
   const reasons = {}; // one that several expectations share is told once
   for (const each of end.expectations) if (each.reason) (reasons[each.reason] ??= []).push(each.name);
   find("end-reason").textContent = end.reason || Object.entries(reasons).map(([reason, names]) => `${names.join(", ")}: ${reason}`).join("; ");
@@ -191,6 +193,7 @@ function showEnd(end) {
 
 function show(told) {
   last = told;
+  if (told.time_s !== moved.time_s) moved = { time_s: told.time_s, at: performance.now() };
   const theirs = about.ours || {}, fixed = (value, digits) => typeof value === "number" ? value.toFixed(digits) : "–";
   const one = (name) => told.truth[name] ?? told.truth[theirs[name]] ?? told.truth[theirs["sensed_" + name]];
   if (told.end) { if (!hasEnded) showEnd(told.end); } else showPhase(told.phase);

@@ -19,6 +19,7 @@ from liftgate_hil.config.schema import Key
 from liftgate_hil.formats.open import RECORDED
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.attachment.geometry import geometry_of
+from liftgate_hil.running.commands.by_hand import usual_obstacle
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.setup import Setup
 from liftgate_hil.signals import OBSTACLE, PROFILES, columns_of
@@ -111,8 +112,9 @@ def commands_of(setup: Setup, rig: Rig, has_ecu: bool) -> dict[str, Any]:
     """
     buttons = [*rig.driver.buttons, *(["reset"] if rig.driver.reset is not None else [])]
     requests = list(REQUESTS) if has_ecu else buttons
+    usual = usual_obstacle(setup.vehicle.gate.length)
     return {
-        "obstacle": {name: _of(each) for name, each in OBSTACLE.items()},
+        "obstacle": {name: {**_of(each), "default": usual.get(name)} for name, each in OBSTACLE.items()},
         "set": {name: _of(each) for name, each in PROFILES.items()},
         "fault": {name: _kind(each, setup, rig) for name, each in FAULT_KINDS.items()},
         "signal": {name: _signal(rig, name) for name in rig.sendable},

@@ -36,18 +36,22 @@ def surroundings_in(given: Mapping[str, object]) -> dict[str, float]:
     return held
 
 
+def usual_obstacle(edge: float) -> dict[str, float]:
+    """Return the values of an obstacle's keys where they are not given; `edge` [m] as in `obstacle_in`."""
+    return {"stiffness": STIFFNESS, "distance": edge, "damping": 0.0, "gap": 0.0, "lateral": 0.0}
+
+
 def obstacle_in(given: Mapping[str, object], edge: float) -> Obstacle:
     """Return the obstacle described by `given`: keys of OBSTACLE and `meets` (closing or opening).
 
     `angle_deg` is required; `distance` is `edge` [m], the distance of the gate's edge from its hinge, by default,
     the other keys have defaults, too. Raises ConfigError for a missing or unknown key, or an invalid value.
     """
-    usual = {"stiffness": STIFFNESS, "distance": edge, "damping": 0.0, "gap": 0.0, "lateral": 0.0}
     unknown = [name for name in given if name not in (*OBSTACLE, "meets")]
     if unknown:
         allowed = ", ".join([*OBSTACLE, "meets"])
         raise ConfigError(f"`obstacle` {', '.join(map(show, unknown))}: allowed: {allowed}")
-    values = {**usual, **{name: value for name, value in given.items() if value is not None}}
+    values = {**usual_obstacle(edge), **{name: value for name, value in given.items() if value is not None}}
     meets = values.pop("meets", MEETS[0])
     if "angle_deg" not in values:
         raise ConfigError("`angle_deg`: missing; allowed: where the gate meets it, in degrees")

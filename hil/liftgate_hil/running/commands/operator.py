@@ -107,6 +107,8 @@ class Operator:
             self.done.pop()
         if len(self.done) < _MOST_LISTED:
             self.done.append(f"{now:.3f} s: {done}")
+        if self.recording is not None and not self.continues:
+            self.recording.note(now, f"command: {done}")
         return done
 
     def _obey(self, command: object, now: float) -> str:
