@@ -70,13 +70,7 @@ class Ecu:
 
 
 """
-TOLD = {"tests.md": ECU_WITH_UDS}
-MY_ECU = """\
-import sys
-
-sys.path.append("docs/examples")
-from python_ecu import Ecu
-"""
+TOLD = {"pytest.md": ECU_WITH_UDS}
 
 
 def of_kind(kind: str) -> list[Block]:
@@ -143,9 +137,6 @@ def test_the_tests_on_a_page_pass(number: int, tmp_path: Path) -> None:
     block = blocks_with_tests()[number]
     folder = work(tmp_path, block.page)
     (folder / "test_of_the_page.py").write_text(TOLD.get(block.page, "") + block.text)
-    if block.page == "tests.md":
-        (folder / "scenario.toml").write_text(readme.block("duration = 25.0"))
-        (folder / "my_ecu.py").write_text(MY_ECU)
     out = readme.run("python -m pytest -q -p no:cacheprovider test_of_the_page.py", folder)
     assert re.search(r"\d+ passed", out), out
     assert "failed" not in out
@@ -177,9 +168,24 @@ def test_a_block_of_toml_is_loaded(number: int, tmp_path: Path) -> None:
 
 def test_a_part_of_the_workflow_is_in_the_workflow() -> None:
     workflow = (data_root() / "configs/starter/workflow.yml").read_text(encoding="utf-8").splitlines()
-    shown = [line for block in of_kind("yaml") for line in block.text.splitlines()]
+    blocks = [block for block in of_kind("yaml") if not block.text.startswith("# In .gitlab-ci.yml")]
+    shown = [line for block in blocks for line in block.text.splitlines()]
     assert shown
     assert [line for line in shown if line not in workflow] == []
+
+
+def test_what_other_ci_systems_are_told_to_run_runs(tmp_path: Path) -> None:
+    files = [*of_kind("yaml"), *of_kind("groovy")]
+    commands = {found for block in files for found in re.findall(r"(liftgate-hil test [^'\n]+)", block.text)}
+    assert commands
+    readme.run("liftgate-hil init gate", tmp_path)
+    for command in commands:
+        assert "4 pass" in readme.run(command, tmp_path)
+        assert {each.name for each in (tmp_path / "results").iterdir()} == {
+            "junit.xml",
+            "report.html",
+            "verdicts.json",
+        }
 
 
 def test_no_command_hides_among_other_blocks() -> None:
@@ -192,7 +198,7 @@ def test_no_command_hides_among_other_blocks() -> None:
 
 
 def test_no_python_hides_among_other_blocks() -> None:
-    known = {"commands", "python", "toml", "text", "plain", "c", "yaml", "dockerfile", "{toctree}"}
+    known = {"commands", "python", "toml", "text", "plain", "c", "yaml", "groovy", "dockerfile", "{toctree}"}
     for blocks in BLOCKS.values():
         for block in blocks:
             assert block.kind in known, (block.page, block.kind)

@@ -64,7 +64,7 @@ _VERDICTS = (
      "succeed or did not come to rest, a fault is not possible on this bus, or a reset of the ECU failed or had "
      "not ended. Real time: frames were dropped, or the bench itself was late by more than `timing_tolerance_s` "
      "in the window and"
-     " stepping the gate again does not confirm the verdict ([tests](tests.md))."),
+     " stepping the gate again does not confirm the verdict ([verdicts](verdicts.md))."),
     ("`fail`", "The expectation was not met."),
     ("`error`", "The run did not reach its end."),
 )  # fmt: skip

@@ -10,7 +10,9 @@ import argparse
 import contextlib
 import math
 import os
+import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +23,7 @@ from liftgate_hil.cli.suite_reports import add_reports, reporting_issues, summar
 from liftgate_hil.config.kinds import SEED
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, printable
+from liftgate_hil.judging.verdict import PASS
 
 if TYPE_CHECKING:
     from liftgate_hil.cli.teller import Teller
@@ -57,12 +60,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="run a scenario that is inconclusive again, up to N times: every attempt is reported, and a fail in "
         "any of them counts; default: 0",
     )
-    add_reports(parser, ", and a recording of each scenario")
+    add_reports(parser, ", and recordings (see --recordings)")
+    parser.add_argument(
+        "--recordings",
+        choices=("all", "failed", "none"),
+        default="all",
+        help="scenarios whose recordings stay in the folder of --results; failed: those that do not pass; "
+        "default: all, some 50 MB a minute of each",
+    )
     parser.add_argument(
         "--mutants",
         action="store_true",
         help="also run all scenarios with mutants of the reference ECU; report which scenario finds which defect, "
         "and which expectations prove nothing",
+    )
+    parser.add_argument(
+        "--mutation-threshold",
+        type=options.bounded(0.0, 100.0, "%"),
+        metavar="PERCENT",
+        help="with --mutants: fail, with exit code 1, if fewer of the mutants are killed; default: report only",
     )
     parser.add_argument("--quiet", action="store_true", help="print only what does not pass")
 
@@ -84,18 +100,21 @@ def run(args: argparse.Namespace) -> int:
         files = suite.scenario_files(args.paths)
         with naming_the_flag():
             cases = suite.cases_of(files, template)
-    if args.results:
+    if args.results and args.recordings != "none":
         cases = _recorded(cases, Path(args.results))
     stop = StopSignals()
     jobs = 1 if suite.is_alone(template) else args.jobs or len(os.sched_getaffinity(0))
     report = SuiteReport()
-    outcomes = {}
+    outcomes, told = dict[str, "Outcome"](), 0
     with teller.progress("scenarios") as progress:
         line = SuiteLine(progress, len(cases))
         for outcome in suite.run_suite(cases, jobs, stop, line.began, args.retry_inconclusive):
-            outcomes[outcome.case.file] = report.take(outcome)
+            kept = outcome if args.recordings == "all" else without_recordings(outcome)
+            outcomes[kept.case.file] = report.take(kept)
             with teller.aside():
-                _tell(outcome, len(outcomes), len(cases), args)
+                while told < len(cases) and cases[told].file in outcomes:  # in their order, whatever ends first
+                    _tell(outcomes[cases[told].file], told + 1, len(cases), args)
+                    told += 1
             line.ended(outcome)
     ordered = [outcomes[case.file] for case in cases]
     matrix = _mutated(args, ordered, jobs, stop, teller) if args.mutants else None
@@ -115,7 +134,17 @@ def run(args: argparse.Namespace) -> int:
     if matrix is not None and args.json != "-":
         print("\n".join(map(printable, matrix.lines())), flush=True)
     summarise(ordered, args, "scenarios")
-    return stop.exit_code if stop.received else EXIT_CODES[suite.verdict_of(ordered)]
+    if stop.received:
+        return stop.exit_code
+    code = EXIT_CODES[suite.verdict_of(ordered)]
+    if matrix is not None and matrix.score * 100.0 < (args.mutation_threshold or 0.0):
+        found = f"{100.0 * matrix.score:.1f} % of the mutants are killed"
+        print(
+            f"liftgate-hil: {found}; required by --mutation-threshold: {args.mutation_threshold:g} %",
+            file=sys.stderr,
+        )
+        code = code or EXIT_CODES["fail"]
+    return code
 
 
 def _mutated(
@@ -141,6 +170,8 @@ def _template(args: argparse.Namespace, listener: Listener) -> Job:
     wire = options.wire_choice(args)
     if wire.is_given and args.ecu != ON_A_BUS:
         raise ConfigError("`bus`: allowed together with --ecu bus; other ECUs run without a bus")
+    if args.mutation_threshold is not None and not args.mutants:
+        raise ConfigError("`mutation_threshold`: allowed with --mutants")
     if args.mutants and (args.ecu != REFERENCE or args.clock != "free"):
         raise ConfigError("`mutants`: allowed with --ecu reference and --clock free")
     return Job(
@@ -199,8 +230,6 @@ def parameters_of(given: Sequence[str]) -> dict[str, float]:
 
 def _recorded(cases: Sequence[Case], folder: Path) -> list[Case]:
     """Return the cases with recordings of each in a folder: frames, and one row per tick."""
-    from dataclasses import replace
-
     from liftgate_hil.running.plan import Plan
 
     kept, names = [], set()
@@ -216,6 +245,21 @@ def _recorded(cases: Sequence[Case], folder: Path) -> list[Case]:
         assert isinstance(case.plan, Plan)
         kept.append(replace(case, plan=case.plan.varied(job)))
     return kept
+
+
+def without_recordings(outcome: Outcome) -> Outcome:
+    """Return an outcome whose recordings are deleted if it passes."""
+    if outcome.verdict != PASS:
+        return outcome
+    return replace(_deleted(outcome), attempts=tuple(map(_deleted, outcome.attempts)))
+
+
+def _deleted(outcome: Outcome) -> Outcome:
+    if outcome.result is None:
+        return outcome
+    for path in outcome.result.recording:
+        path.unlink(missing_ok=True)
+    return replace(outcome, result=replace(outcome.result, recording=()))
 
 
 def _tell(outcome: Outcome, done: int, count: int, args: argparse.Namespace) -> None:

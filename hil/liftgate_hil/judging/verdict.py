@@ -40,6 +40,21 @@ class Verdict:
     uncertainty: float | None = None
     method: str = ""
 
+    @property
+    def has_margin(self) -> bool:
+        """Whether there is a margin to show: a state that is as it is compared (==) is at no distance from it."""
+        is_as_compared = self.margin == 0.0 and "==" in self.decided_by
+        return self.margin is not None and not is_as_compared
+
+
+class Verdicts(dict[str, Verdict]):
+    """Verdicts by the names of their expectations; the error on an unknown name lists these."""
+
+    def __missing__(self, name: str) -> Verdict:
+        """Raise KeyError."""
+        __tracebackhide__ = True  # so that pytest shows the test's line
+        raise KeyError(f"{name}: no such expectation; allowed: {', '.join(self) or 'none, as there are none'}")
+
 
 def worst(verdicts: Iterable[str]) -> str:
     """Return the worst of several verdicts; pass where there is none."""

@@ -18,7 +18,7 @@ from liftgate_hil.ecu.events import Event
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.stepped_again import LONGEST, StepAgain
 from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary
-from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, Verdict, worst
+from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, Verdict, Verdicts, worst
 from liftgate_hil.loop.closed_loop import Extremes, Trace
 from liftgate_hil.loop.observers import Sink
 from liftgate_hil.loop.statistics import Summary
@@ -76,7 +76,7 @@ def result_of(
     return Result(
         verdict=verdict,
         reason=reason or (given_up if verdict == INCONCLUSIVE else reason_of(verdicts, verdict)),
-        expectations={each.name: each for each in verdicts},
+        expectations=Verdicts({each.name: each for each in verdicts}),
         maxima=dict(zip(COLUMNS, high.tolist(), strict=True)),
         minima=dict(zip(COLUMNS, low.tolist(), strict=True)),
         events=adapter.events(),

@@ -16,7 +16,7 @@ from liftgate_hil.report.page import Markup, alert, page, pairs, section, table,
 from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.report.trace_plot import STYLE as TRACE_STYLE
 from liftgate_hil.testing.force_limits import limits_section
-from liftgate_hil.testing.mutants_section import mutants_section, score_of
+from liftgate_hil.testing.mutants_section import mutants_section
 from liftgate_hil.testing.mutation import Matrix
 from liftgate_hil.testing.picture import expectation_svgs, left_out, margin_text
 from liftgate_hil.testing.scenario_section import badge, figures_of, scenario_section, value_names
@@ -79,7 +79,7 @@ class SuiteReport:
         """Return the page; `matrix` is the result of mutation testing, where there was any."""
         title = f"Test report: {verdict_of(outcomes)}"
         if matrix is not None:  # these tests are what is tested, and the verdict of the sound ECU is no score
-            title = f"Mutation testing: {score_of(matrix).rstrip('.')}"
+            title = f"Mutation testing: {matrix.summary()}"
         return page(
             title,
             f"{_many(len(outcomes), subject_of(outcomes))}, liftgate-hil "

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from liftgate_hil.ecu.mutants import MUTANTS
 from liftgate_hil.report.page import Markup, section, table, text
-from liftgate_hil.testing.mutation import NEVER_REACHED, REACHED, Matrix
+from liftgate_hil.testing.mutation import Matrix
 
 _MOST = 6  # expectations that are named
 
 
 def mutants_section(matrix: Matrix) -> str:
-    """Return the section: the defects of the reference ECU that no expectation finds, then all others."""
+    """Return the section: the mutants of the reference ECU that survive, then all others."""
     tolerated, unreached = (
         [(name, MUTANTS[name].meaning) for name in names] for names in (matrix.tolerated, matrix.never_reached)
     )
@@ -21,23 +21,23 @@ def mutants_section(matrix: Matrix) -> str:
     ]
     nothing = [f"{file}: {name}" for file, name in matrix.prove_nothing]
     parts = [
-        "<p>Each mutant of the reference ECU has one defect. It is found if an expectation fails that the ECU "
+        "<p>Each mutant of the reference ECU has one defect. It is killed if an expectation fails that the ECU "
         "without a defect passes.</p>"
     ]
     if tolerated:
         parts += [
-            "<p>Not found, reached and tolerated: a scenario takes another course with these than with the ECU "
-            "without a defect, and no expectation fails. A stricter one would find them.</p>",
+            "<p>Survived, reached and tolerated: a scenario takes another course with these than with the ECU "
+            "without a defect, and no expectation fails. A stricter one would kill them.</p>",
             table(("mutant", "defect"), tolerated, ("", "")),
         ]
     if unreached:
         parts += [
-            "<p>Not found, never reached: in every scenario these behave as the ECU without a defect. It takes "
-            "another scenario to find them.</p>",
+            "<p>Survived, never reached: in every scenario these behave as the ECU without a defect. It takes "
+            "another scenario to kill them.</p>",
             table(("mutant", "defect"), unreached, ("", "")),
         ]
     if rows:
-        parts += ["<p>Found:</p>", table(("mutant", "defect", "found by"), rows, ("", "", ""))]
+        parts += ["<p>Killed:</p>", table(("mutant", "defect", "killed by"), rows, ("", "", ""))]
     if nothing:
         items = "".join(f"<li>{text(each)}</li>" for each in nothing)
         parts.append(
@@ -47,19 +47,8 @@ def mutants_section(matrix: Matrix) -> str:
     return section("Mutants", *parts)
 
 
-def score_of(matrix: Matrix) -> str:
-    """Return how many mutants are found, in words."""
-    alive = [
-        f"{len(names)} {what}"
-        for names, what in ((matrix.tolerated, REACHED), (matrix.never_reached, NEVER_REACHED))
-        if names
-    ]
-    score = f"{len(matrix.killed)} of {len(MUTANTS)} mutants found"
-    return f"{score}, {len(matrix.alive)} not: {', '.join(alive)}." if alive else f"{score}."
-
-
 def _killers(found: list[tuple[str, str]]) -> Markup:
-    """Return the first of the expectations that find a defect."""
+    """Return the first of the expectations that kill a mutant."""
     named = "; ".join(f"{file}: {name}" for file, name in found[:_MOST])
     more = f"; and {len(found) - _MOST} more" if len(found) > _MOST else ""
     return Markup(text(named + more))

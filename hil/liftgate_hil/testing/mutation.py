@@ -13,7 +13,7 @@ from liftgate_hil.running.plan import Plan
 from liftgate_hil.running.setup import Setup
 from liftgate_hil.testing.suite import Case, Outcome, run_suite
 
-REACHED, NEVER_REACHED = "reached and tolerated", "never reached"  # what becomes of a mutant that is alive
+REACHED, NEVER_REACHED = "reached and tolerated", "never reached"  # why a mutant survives
 SOUND = ""  # in place of a mutant's name: the reference ECU itself
 
 
@@ -55,7 +55,12 @@ class Matrix:
         return [name for name in MUTANTS if self.kills(name)]
 
     @property
-    def alive(self) -> list[str]:
+    def score(self) -> float:
+        """Share of the mutants that are killed."""
+        return len(self.killed) / len(MUTANTS)
+
+    @property
+    def survivors(self) -> list[str]:
         """Mutants that no scenario kills."""
         return [name for name in MUTANTS if not self.kills(name)]
 
@@ -67,12 +72,12 @@ class Matrix:
     @property
     def tolerated(self) -> list[str]:
         """Mutants that no scenario kills although their defect changes one."""
-        return [name for name in self.alive if self.is_reached(name)]
+        return [name for name in self.survivors if self.is_reached(name)]
 
     @property
     def never_reached(self) -> list[str]:
         """Mutants that behave in every scenario as the sound ECU does."""
-        return [name for name in self.alive if not self.is_reached(name)]
+        return [name for name in self.survivors if not self.is_reached(name)]
 
     @property
     def prove_nothing(self) -> list[tuple[str, str]]:
@@ -88,7 +93,7 @@ class Matrix:
     def as_json(self) -> dict[str, Any]:
         """Return the matrix for JSON."""
         return {
-            "score": len(self.killed) / len(MUTANTS),
+            "score": self.score,
             "mutants": [
                 {
                     "name": each.name,
@@ -101,16 +106,24 @@ class Matrix:
             "prove_nothing": [{"file": file, "expectation": name} for file, name in self.prove_nothing],
         }
 
+    def summary(self) -> str:
+        """Return how many mutants are killed, and how the others survive, in words."""
+        ways = ((self.tolerated, REACHED), (self.never_reached, NEVER_REACHED))
+        how = ", ".join(f"{len(names)} {what}" for names, what in ways if names)
+        return f"{len(self.killed)} of {len(MUTANTS)} mutants killed" + (
+            f", {len(self.survivors)} survived: {how}" if how else ""
+        )
+
     def lines(self) -> Iterator[str]:
         """Yield the matrix as lines: each mutant with the scenarios that kill it, then what proves nothing."""
         width = max(map(len, MUTANTS))
         for mutant in MUTANTS.values():
             files = list(dict.fromkeys(file for file, _ in self.kills(mutant.name)))
             more = f" and {len(files) - 3} more" if len(files) > 3 else ""
-            alive = REACHED if self.is_reached(mutant.name) else NEVER_REACHED
-            by = f"{', '.join(files[:3])}{more}" if files else f"ALIVE, {alive}: {mutant.meaning}"
+            how = REACHED if self.is_reached(mutant.name) else NEVER_REACHED
+            by = f"killed by {', '.join(files[:3])}{more}" if files else f"SURVIVED, {how}: {mutant.meaning}"
             yield f"{mutant.name:<{width}}  {by}"
-        yield f"{len(self.killed)} of {len(MUTANTS)} mutants killed"
+        yield self.summary()
         for file, name in self.prove_nothing:
             yield f"proves nothing: {file}: {name} (holds with every mutant, and with no ECU)"
 

@@ -59,7 +59,7 @@ def _span(view: View) -> float:
 
 def margin_text(verdict: Verdict) -> str:
     """Return the margin with its unit; a dash where there is none."""
-    if verdict.margin is None or not math.isfinite(verdict.margin):
+    if not verdict.has_margin or verdict.margin is None or not math.isfinite(verdict.margin):
         return "—"
     return f"{verdict.margin:.4g} {verdict.margin_unit}".rstrip()
 

@@ -13,9 +13,9 @@ import itertools
 import re
 import shutil
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pytest
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from liftgate_hil.running.result import Result
     from liftgate_hil.testing.suite import Case, Outcome
 
+_T = TypeVar("_T")
 _GROUP = "liftgate-bus"
 _NOT_IN_A_NODE = re.compile(r"::+|[\[\]\x00-\x1f\x7f]")
 _INSTEAD = {"[": "(", "]": ")", ":": "."}  # replacements, by the first character
@@ -222,7 +223,8 @@ class Liftgate:
             given = self._config.getoption(f"liftgate_{name}")
             if given is not None:
                 arguments.setdefault(name, given)
-        made = Gate(**arguments)
+        __tracebackhide__ = True
+        made = _without_our_frames(lambda: Gate(**arguments))
         self._gates.append(made)
         return made
 
@@ -242,7 +244,8 @@ class Liftgate:
         arguments.setdefault("record", [f"{stem}.log", f"{stem}.csv"])
         self._folder.mkdir(parents=True, exist_ok=True)
         _allow_imports_from_root(self._config)
-        return run(scenario, **arguments)
+        __tracebackhide__ = True
+        return _without_our_frames(lambda: run(scenario, **arguments))
 
     def close(self, is_kept: bool) -> None:
         """Close the gates, and delete the recordings unless they are kept."""
@@ -250,6 +253,17 @@ class Liftgate:
             each.close()
         if not is_kept:
             shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def _without_our_frames(call: Callable[[], _T]) -> _T:
+    """Return what a call returns; of an error pytest shows the message and the test's line, not this package."""
+    __tracebackhide__ = True
+    from liftgate_hil.errors import LiftgateError
+
+    try:
+        return call()
+    except LiftgateError as error:
+        raise error.with_traceback(None) from None
 
 
 @pytest.fixture

@@ -89,12 +89,12 @@ def expectation_json(verdict: Verdict) -> dict[str, Any]:
 def line_of(verdict: Verdict) -> str:
     """Return an expectation's verdict as one line; for a failure with a reason, the reason states the times."""
     parts = [verdict.verdict]
-    if verdict.margin is not None:
+    if verdict.has_margin:
         unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""
         doubt = f" ± {verdict.uncertainty:.2g}" if verdict.uncertainty else ""
         parts.append(f"margin {verdict.margin:.4g}{doubt}{unit}")
     has_times = verdict.time_s is not None and not (verdict.verdict == FAIL and verdict.reason)
-    if has_times and verdict.margin_time_s in (None, verdict.time_s):
+    if has_times and (not verdict.has_margin or verdict.margin_time_s in (None, verdict.time_s)):
         parts.append(f"at {verdict.time_s:.3f} s")
     elif has_times:
         parts[-1] += f" at {verdict.margin_time_s:.3f} s"

@@ -125,7 +125,7 @@ def _expectation(
 ) -> str:
     instant = decided(expectation, verdict)
     is_sharp = instant is not None and verdict.time_s != verdict.margin_time_s
-    margin = f"margin {margin_text(verdict)}" if verdict.margin is not None else ""
+    margin = f"margin {margin_text(verdict)}" if verdict.has_margin else ""
     rows = [
         ("formula", Markup(f"<code>{text(formula(expectation))}</code>")),
         ("window", window_words(expectation, verdict.window_s)),
@@ -146,7 +146,7 @@ def _expectation(
 
 
 def _margin(verdict: Verdict, hold: float) -> str:
-    if verdict.margin is None:
+    if not verdict.has_margin:
         return ""
     label = margin_text(verdict)
     if verdict.decided_by:

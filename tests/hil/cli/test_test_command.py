@@ -114,6 +114,37 @@ def test_a_folder_stands_for_its_scenarios_and_results_keep_recordings(tmp_path:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(("kept", "left"), [("failed", ["b.csv", "b.log"]), ("none", [])])
+def test_recordings_of_what_passes_can_be_left_out(tmp_path: Path, kept: str, left: list[str]) -> None:
+    scenario("a.toml", RESTS)
+    scenario("b.toml", RESTS, MOVES)
+    flags = ("--results", "out", "--recordings", kept, "--quiet", "--jobs", "2")
+    assert main(["test", "a.toml", "b.toml", *flags]) == 1
+    assert sorted(each.name for each in Path("out").iterdir() if each.suffix in (".csv", ".log")) == left
+    told = json.loads(Path("out/verdicts.json").read_text())
+    assert sorted(Path(name).name for each in told["scenarios"] for name in each["recordings"]) == left
+
+
+def test_verdicts_are_printed_in_the_order_of_the_files_whichever_ends_first(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    names = [scenario(f"{letter}.toml", RESTS) for letter in "abcdef"]
+    Path("a.toml").write_text(Path("a.toml").read_text().replace("duration = 0.5", "duration = 60"))
+    assert main(["test", *names, "--jobs", "2"]) == 0
+    out = capsys.readouterr().out
+    assert re.findall(r"\[(\d)/6\] pass +(\w)\.toml", out) == [
+        (str(k + 1), name[0]) for k, name in enumerate(names)
+    ]
+
+
+def test_a_state_that_is_as_expected_has_no_margin_to_show(capsys: pytest.CaptureFixture[str]) -> None:
+    state = '[[expect]]\nname = "shut"\nalways = "latched == 1"\n'
+    assert main(["test", scenario("s.toml", state), "--json", "out.json"]) == 0
+    assert "    shut: pass, at " in capsys.readouterr().out
+    told = json.loads(Path("out.json").read_text())["scenarios"][0]["expectations"][0]
+    assert told["margin"] == 0.0
+
+
 @pytest.mark.parametrize(
     "content",
     [
@@ -325,6 +356,7 @@ def test_all_mistakes_of_all_files_come_at_once(capsys: pytest.CaptureFixture[st
         (["s.toml", "--html", "-"], "--html -: allowed: a file"),
         (["s.toml", "--junit", "empty"], "--junit empty: is a folder"),
         (["s.toml", "--results", "s.toml"], "--results s.toml"),
+        (["s.toml", "--mutation-threshold", "90"], "--mutation-threshold: allowed with --mutants"),
         (["s.toml", "--ecu", "bus"], "--bus: missing"),
     ],
 )

@@ -78,15 +78,16 @@ def test_the_matrix_says_who_finds_what_and_what_proves_nothing(
     code = main(["test", file, "--mutants", "--json", told, "--html", page])
     assert code == 1  # of the sound ECU: "fails anyhow" fails
     out = capsys.readouterr().out
-    assert "1 of 4 mutants killed" in out
-    assert "ALIVE, never reached: motors start at any temperature" in out
+    score = "1 of 4 mutants killed, 3 survived: 1 reached and tolerated, 2 never reached"
+    assert score in out
+    assert "SURVIVED, never reached: motors start at any temperature" in out
     assert "proves nothing" in out
     found = json.loads(Path(told).read_text())["mutation"]
     assert found["score"] == pytest.approx(1 / 4)
     by_name = {each["name"]: each["killed_by"] for each in found["mutants"]}
     assert [each["expectation"] for each in by_name["stop_ignored"]] == ["stops"]
     assert by_name["latch_not_released"] == []  # it began at 40 degrees
-    assert "ALIVE, reached and tolerated: the right drive is not driven" in out
+    assert "SURVIVED, reached and tolerated: the right drive is not driven" in out
     reached = {each["name"]: each["is_reached"] for each in found["mutants"]}
     assert reached == {
         "stop_ignored": True,
@@ -97,9 +98,8 @@ def test_the_matrix_says_who_finds_what_and_what_proves_nothing(
     # What fails with the sound ECU, and what a gate without an ECU fails, is not among these.
     assert [each["expectation"] for each in found["prove_nothing"]] == ["can't fail"]
     html = Path(page).read_text()
-    score = "1 of 4 mutants found, 3 not: 1 reached and tolerated, 2 never reached"
     assert f"<h1>Mutation testing: {score}</h1>" in html
-    assert html.index("motors start at any temperature") < html.index("Found:") < html.index("command line")
+    assert html.index("motors start at any temperature") < html.index("Killed:") < html.index("command line")
     assert "can&#x27;t fail" in html or "can&#39;t fail" in html
 
 
@@ -112,8 +112,19 @@ def test_a_defect_that_changes_only_what_is_learned_is_reached(
     file.write_text(TRAPS)
     assert main(["test", str(file), "--mutants"]) == 0
     out = capsys.readouterr().out
-    assert "ALIVE, reached and tolerated: the load of a trapped obstacle is learned" in out
-    assert "ALIVE, never reached: motors start at any temperature" in out
+    assert "SURVIVED, reached and tolerated: the load of a trapped obstacle is learned" in out
+    assert "SURVIVED, never reached: motors start at any temperature" in out
+
+
+@pytest.mark.parametrize(("threshold", "code"), [("50", 0), ("51", 1)])
+def test_a_threshold_makes_survivors_a_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], threshold: str, code: int
+) -> None:
+    choose(monkeypatch, "stop_ignored", "heat_ignored")
+    file = tmp_path / "s.toml"
+    file.write_text(STOPS.replace('never = "gate_angle_deg > 1"', 'never = "gate_angle_deg > 89"'))
+    assert main(["test", str(file), "--mutants", "--mutation-threshold", threshold]) == code
+    assert ("required by --mutation-threshold: 51 %" in capsys.readouterr().err) == bool(code)
 
 
 def test_what_proves_nothing_is_found_where_requests_wait_for_the_gate(

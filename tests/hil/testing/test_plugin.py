@@ -93,6 +93,20 @@ def test_scenarios_and_the_fixture_are_tests(foreign: Path) -> None:
     assert told["verdict"].startswith("fail, margin -1 deg")
 
 
+def test_a_mistake_in_a_test_is_told_by_its_message_and_not_by_frames_of_the_package(foreign: Path) -> None:
+    (foreign / "tests" / "test_gate.py").write_text(
+        "def test_wrong_argument(liftgate):\n    liftgate.run('scenarios/opens.toml', vehicle='nope')\n"
+        "def test_wrong_gate(liftgate):\n    liftgate.gate(initial='ajar')\n"
+        "def test_wrong_name(liftgate):\n    liftgate.run('scenarios/opens.toml').expectations['closes']\n"
+    )
+    done = pytest_in(foreign, "tests/test_gate.py", "-k", "wrong")
+    assert "3 failed" in done.stdout, done.stdout + done.stderr
+    assert "`vehicle` nope: neither a file nor a shipped name" in done.stdout
+    assert "`initial` ajar" in done.stdout
+    assert "closes: no such expectation; allowed: opens" in done.stdout
+    assert "liftgate_hil/" not in done.stdout
+
+
 def test_a_dead_ecu_fails_them(foreign: Path) -> None:
     done = pytest_in(foreign, "--liftgate-ecu", "my_ecu:Dead", "-k", "opens or rests")
     assert "1 failed, 1 passed" in done.stdout, done.stdout + done.stderr
