@@ -197,7 +197,7 @@ def add_set_parameter(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="replace a parameter of the scenarios (repeatable)",
+        help="replace a parameter of the scenarios that have it (repeatable)",
     )
 
 

@@ -104,6 +104,12 @@ class ScenarioFile:
         """What stays the same of each file whatever its parameters are."""
         return [_kept_of(part.raw) for part in self.parts]
 
+    @property
+    def parameter_names(self) -> list[str]:
+        """The names of all parameters, of included files, too."""
+        tables = [part.raw.get("parameters") for part in self.parts]
+        return list(dict.fromkeys(name for each in tables if isinstance(each, dict) for name in each))
+
     def scenario(self, replaced: Mapping[str, float] | None = None) -> Scenario:
         """Return the scenario with parameters replaced. Raises ConfigError with all issues of its files."""
         return _scenario_of(self, replaced or {})

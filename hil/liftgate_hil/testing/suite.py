@@ -8,13 +8,14 @@ import difflib
 import os
 import re
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from liftgate_hil.codec.receive import rejected
 from liftgate_hil.config.files import is_there
+from liftgate_hil.config.scenario import read_scenario
 from liftgate_hil.config.scenario_schema import ScenarioTable
 from liftgate_hil.config.schema import keys_of
 from liftgate_hil.config.shipped import find_config, shipped_folder
@@ -181,12 +182,14 @@ def is_scenario(path: Path, above: tuple[Path, ...] = ()) -> bool:
 def cases_of(files: Iterable[Path], template: Job) -> list[Case]:
     """Return the cases of scenario files, each run as the template says.
 
-    Raises ConfigError with the issues of all.
+    Of several files each gets those of the template's parameters that it has. Raises ConfigError with all issues,
+    among them a parameter that no file has.
     """
     cases: list[Case] = []
-    issues: list[str] = []
-    for path in files:
-        job = replace(template, scenario=path)
+    files = list(files)
+    own, issues = _parameters_of(files, template.parameters)
+    for path, parameters in zip(files, own, strict=True):
+        job = replace(template, scenario=path, parameters=parameters)
         try:
             plan = plan_of(job)
             scenario = plan.setup.scenario
@@ -201,6 +204,24 @@ def cases_of(files: Iterable[Path], template: Job) -> list[Case]:
     if issues:
         raise ConfigError(issues)
     return cases
+
+
+def _parameters_of(
+    files: Sequence[Path], given: Mapping[str, float]
+) -> tuple[list[Mapping[str, float]], list[str]]:
+    """Return the parameters that each file gets of those `given`, and the issues: which of them no file has."""
+    if len(files) == 1 or not given:
+        return [given] * len(files), []
+    found: list[Mapping[str, float]] = []
+    known: dict[str, None] = {}
+    for path in files:
+        names: Iterable[str] = given
+        with contextlib.suppress(ConfigError):  # which is reported when the file is read again
+            names = read_scenario(path).parameter_names
+        known |= dict.fromkeys(names)
+        found.append({name: value for name, value in given.items() if name in names})
+    text = f"none of these scenarios has such a parameter; allowed: {', '.join(known) or 'none'}"
+    return found, [f"`parameters` {name}: {text}" for name in given if name not in known]
 
 
 def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome:

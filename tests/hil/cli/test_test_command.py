@@ -64,6 +64,18 @@ def test_parameters_are_replaced(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", path, "--set-parameter", "most"]) == 2
 
 
+def test_of_several_scenarios_each_gets_the_parameters_that_it_has(capsys: pytest.CaptureFixture[str]) -> None:
+    scenario("a.toml", RESTS)
+    Path("b.toml").write_text('duration = 0.5\n[[expect]]\nname = "waits"\nalways = "gate_angle_deg < 1"\n')
+    assert main(["test", "a.toml", "b.toml", "--set-parameter", "most=-1"]) == 1
+    out = capsys.readouterr().out
+    assert "rests: fail, margin -1 deg" in out
+    assert "waits: pass" in out
+    assert main(["test", "a.toml", "b.toml", "--set-parameter", "mots=-1"]) == 2
+    issue = "--set-parameter mots: none of these scenarios has such a parameter; allowed: most"
+    assert issue in capsys.readouterr().err
+
+
 def test_the_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names = [scenario("a.toml", RESTS, MOVES), scenario("b.toml", NEVER)]
     assert main(["test", *names, "--json", "out.json", "--junit", "out.xml", "--jobs", "2"]) == 1
