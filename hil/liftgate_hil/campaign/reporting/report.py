@@ -9,7 +9,7 @@ import numpy as np
 
 from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.campaign.reporting.heat_map import STYLE as HEAT_STYLE
-from liftgate_hil.campaign.reporting.heat_map import cells_of, heat_map
+from liftgate_hil.campaign.reporting.heat_map import Cells, cells_of, heat_map
 from liftgate_hil.campaign.reporting.sensitivity import Index, rest_of
 from liftgate_hil.campaign.reporting.summary import FORCE, Summary
 from liftgate_hil.campaign.results import MARGIN
@@ -166,7 +166,7 @@ def heat_section(summary: Summary, units: Mapping[str, str], has_margin: bool = 
         parts.append(
             f"<h3>Largest pinch force [N]</h3>{drawn}"
             f'<p class="key">The worst of all other varied values in each cell; framed: over {LIMIT:.0f} N '
-            f"({text(ORIGINS.get(LIMIT, 'borrowed'))}).</p>"
+            f"({text(ORIGINS.get(LIMIT, 'borrowed'))}).{_empty(cells)}</p>"
         )
     if summary.driver != FORCE and has_margin:
         cells = cells_of(summary.values[across], summary.values[down], summary.result, is_low_worst=True)
@@ -176,9 +176,14 @@ def heat_section(summary: Summary, units: Mapping[str, str], has_margin: bool = 
         )
         name = summary.driver.removeprefix(MARGIN)
         parts.append(
-            f'<h3>Smallest margin of “{text(name)}”</h3>{drawn}<p class="key">Framed: it fails there.</p>'
+            f"<h3>Smallest margin of “{text(name)}”</h3>{drawn}"
+            f'<p class="key">Framed: it fails there.{_empty(cells)}</p>'
         )
     return "".join(parts)
+
+
+def _empty(cells: Cells) -> str:
+    return " ·: no variant, or none that was decided." if np.isnan(cells.worst).any() else ""
 
 
 def _digits(values: Floats) -> int:
