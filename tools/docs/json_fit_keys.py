@@ -109,7 +109,8 @@ IDENTIFY = Document(
         "profiles": "profile likelihoods; empty without `--profile`",
         "profiles.NAME": "profile of a parameter",
         "profiles.NAME.values": "list: values of the parameter",
-        "profiles.NAME.deviance": "list: twice the drop of the log-likelihood there; 3.84 is the 95 % limit",
+        "profiles.NAME.deviance": "list: twice the drop of the log-likelihood there, less by what correlated "
+        "residuals widen the variance; 3.84 is the 95 % limit",
         "profiles.NAME.low": "begin of the 95 % interval; null: the profile does not reach it",
         "profiles.NAME.high": "end of the 95 % interval; null: the profile does not reach it",
         "experiments": "the measurements, see Experiment",

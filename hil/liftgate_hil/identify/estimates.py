@@ -43,12 +43,12 @@ def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Unc
             if unknown.experiment != ALL:
                 name = f"{problem.data[unknown.experiment].name}: {name}"
             quantity = Quantity("", _unit_of(unknown.name), -math.inf, math.inf, "")
-        remark = ""
+        remark, is_at_bound = "", min(value - low[k], high[k] - value) <= _AT_BOUND * problem.sizes[k]
         if k in known.silent:
             remark = "has no effect on the measured outputs"
         elif k in apart:
             remark = "cannot be separated from others"
-        elif min(value - low[k], high[k] - value) <= _AT_BOUND * problem.sizes[k]:
+        elif is_at_bound:
             remark = f"at its bound {float(low[k] if value - low[k] < high[k] - value else high[k]):g}"
         elif k in limits and len(limits) == 1:
             remark = f"at a limit for valid vehicles: {limits[k]}"
@@ -69,6 +69,7 @@ def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Unc
                 high=float(high[k]),
                 identifiable=not remark,
                 remark=remark or _along(limits.get(k, "")),
+                is_at_bound=bool(is_at_bound),
             )
         )
     return result

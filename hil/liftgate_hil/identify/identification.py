@@ -104,10 +104,19 @@ def identify(
         history=np.array(history),
         experiments=tuple(experiments_of(problem, found.point, problem.initial)),
         profiles=tuple(
-            profile(problem, found, names.index(name), estimates[names.index(name)], given_std)
-            for name in profiles
+            profile(problem, found, k, estimates[k], given_std, _widening(known.covariance, covariance, k))
+            for k in map(names.index, profiles)
         ),
     )
+
+
+def _widening(white: Floats, whole: Floats, k: int) -> float:
+    """Return by how much the variance of an estimate exceeds that of white residuals; 1 where it has none.
+
+    Both are covariances (p, p) of all unknowns.
+    """
+    ratio = float(whole[k, k] / white[k, k]) if 0.0 < white[k, k] < math.inf else 1.0
+    return max(ratio, 1.0) if math.isfinite(ratio) else 1.0
 
 
 def _criteria(problem: Problem, found: Descent) -> statistics.Criteria:

@@ -16,11 +16,18 @@ Floats = NDArray[np.float64]
 
 
 def profile(
-    problem: Problem, found: Descent, number: int, estimate: Estimate, given_std: Floats | None
+    problem: Problem,
+    found: Descent,
+    number: int,
+    estimate: Estimate,
+    given_std: Floats | None,
+    widening: float = 1.0,
 ) -> Profile:
     """Return the profile likelihood: one parameter held around its estimate, all others estimated anew.
 
-    Priors count as they do in the search.
+    Priors count as they do in the search. `widening` is the variance of the estimate over that of white residuals:
+    the likelihood takes them for white, so its deviance is divided by it (Chandler and Bate, Biometrika 94, 2007,
+    167-183).
     """
     best = found.deviance
     std = estimate.std if math.isfinite(estimate.std) else 0.5 * abs(estimate.value)
@@ -38,7 +45,7 @@ def profile(
             there = search(problem, None, given_std, point, (number,))
             point = there.point
             values.append(value)
-            deviances.append(there.deviance - best)
+            deviances.append((there.deviance - best) / widening)
     order = np.argsort(values)
     x, y = np.array(values)[order], np.array(deviances)[order]
     return Profile(estimate.name, x, y, _crossing(x, y, -1), _crossing(x, y, 1))

@@ -28,6 +28,7 @@ class Estimate:
     high: float
     identifiable: bool
     remark: str = ""  # why not identifiable, or at a bound
+    is_at_bound: bool = False  # of the search, which makes a standard deviation meaningless
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,8 @@ class Profile:
 
     name: str
     values: Floats
-    deviance: Floats  # 2 (log L_max - log L_profile); 3.84 is the 95 % limit
+    # 2 (log L_max - log L_profile), less by what correlated residuals widen the variance; 3.84 is the 95 % limit.
+    deviance: Floats
     low: float  # 95 % interval; nan where the range shown doesn't reach it
     high: float
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from liftgate_hil.identify.result import Experiment, Identification, Series, Validation
-from liftgate_hil.report.numbers import clean
+from liftgate_hil.report.numbers import clean, significant
 
 _STRONG = 0.9  # correlation of two parameters from which on it is reported
 
@@ -53,7 +53,21 @@ def warnings_of(result: Identification) -> list[str]:
         if each.identifiable and each.remark
     ]
     apart = [clean(each) for each in result.inseparable]
-    return [*not_identifiable, *apart, *remarks, *validation_warnings(result)]
+    return [*not_identifiable, *apart, *remarks, *_one_sided(result), *validation_warnings(result)]
+
+
+def _one_sided(result: Identification) -> list[str]:
+    """Return a warning for each profile that does not reach the 95 % limit on both sides."""
+    found = []
+    for each in result.profiles:
+        sides = [side for side, end in (("below", each.low), ("above", each.high)) if math.isnan(end)]
+        if sides:
+            first, last = (significant(end, 4) for end in (each.values[0], each.values[-1]))
+            found.append(
+                f"{clean(each.name)}: its profile likelihood, from {first} to {last}, has no 95 % limit "
+                f"{' and '.join(sides)}: its standard deviation does not hold there"
+            )
+    return found
 
 
 def validation_warnings(result: Identification | Validation) -> list[str]:

@@ -9,6 +9,7 @@ from liftgate_hil.report import figures, figures_estimates
 from liftgate_hil.report.drawing import svg
 from liftgate_hil.report.findings import EXCUSES, strong_correlations, validation_warnings, warnings_of, whiteness
 from liftgate_hil.report.numbers import (
+    NONE,
     column_label,
     deviation,
     fit,
@@ -80,8 +81,8 @@ def _parameters(estimates: Sequence[Estimate]) -> str:
             each.name,
             each.symbol,
             known_digits(each.value, each.std),
-            deviation(each.std),
-            percent(relative_error(each.value, each.std)),
+            NONE if each.is_at_bound else deviation(each.std),
+            NONE if each.is_at_bound else percent(relative_error(each.value, each.std)),
             plain(each.initial),
             percent(relative_change(each.value, each.initial), "+"),
             each.unit,

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.report.findings import EXCUSES, strong_correlations, validation_warnings, warnings_of, whiteness
 from liftgate_hil.report.numbers import (
+    NONE,
     clean,
     deviation,
     fit,
@@ -90,8 +91,8 @@ def _parameters(estimates: Sequence[Estimate]) -> list[str]:
         (
             clean(each.name, 30),
             known_digits(each.value, each.std),
-            deviation(each.std),
-            percent(relative_error(each.value, each.std)),
+            NONE if each.is_at_bound else deviation(each.std),
+            NONE if each.is_at_bound else percent(relative_error(each.value, each.std)),
             plain(each.initial),
             percent(relative_change(each.value, each.initial), "+"),
             clean(each.unit, 12),
@@ -114,7 +115,7 @@ def _states(estimates: Sequence[Estimate]) -> list[str]:
         (
             clean(each.name, 50),
             known_digits(each.value, each.std),
-            f"± {deviation(each.std)}",
+            NONE if each.is_at_bound else f"± {deviation(each.std)}",
             clean(each.unit, 12),
             f"initial {plain(each.initial)}",
             "" if each.identifiable else "not identifiable",

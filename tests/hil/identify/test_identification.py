@@ -13,6 +13,8 @@ from liftgate_hil.identify.data import Data, rows_of
 from liftgate_hil.identify.identification import NothingToTellError, identify, validate
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.statistics import criteria
+from liftgate_hil.report.findings import warnings_of
+from liftgate_hil.report.text import identification_text
 from liftgate_plant import gate
 from liftgate_plant.vehicle import plant_of
 from tests.hil.identify import many_seeds
@@ -190,10 +192,15 @@ def test_an_estimate_at_its_bound_says_so() -> None:
     limited = sought(["motor.resistance"], low=0.6, high=0.75, initial=0.7)
     other = sought(["motor.speed_constant"])
     outputs = list(data.outputs)
-    result = identify(Problem(vehicle, "third-order", limited + other, [data], outputs, 20.0))
+    problem = Problem(vehicle, "third-order", limited + other, [data], outputs, 20.0)
+    result = identify(problem, profiles=["motor.resistance"])
     assert result.parameters[0].remark == "at its bound 0.75"
     assert not result.parameters[0].identifiable
     assert result.parameters[1].identifiable
+    rows = [line.split() for line in identification_text(result).splitlines() if "motor.resistance " in line]
+    assert ["—", "—"] in [row[2:4] for row in rows]
+    (warning,) = [each for each in warnings_of(result) if "profile likelihood" in each]
+    assert "has no 95 % limit above: its standard deviation does not hold there" in warning
 
 
 def test_an_estimate_that_says_nothing_says_so() -> None:
@@ -286,6 +293,20 @@ def test_the_profile_with_unknown_noise_is_nearly_the_same() -> None:
     # N log(1 + z²/N) instead of z².
     expected = count * np.log1p(((profile.values - estimate.value) / estimate.std) ** 2 / count)
     assert profile.deviance == pytest.approx(expected, abs=1e-4)
+
+
+def test_the_profile_of_correlated_residuals_agrees_with_their_standard_deviation() -> None:
+    problem = linear(["sensors.current_offset"], 1)
+    data = problem.data[0]
+    noise, share = np.random.default_rng(1).normal(0.0, 2.0, len(data.outputs["left_current_a"])), 0.9
+    for k in range(1, len(noise)):
+        noise[k] = share * noise[k - 1] + math.sqrt(1.0 - share**2) * noise[k]
+    outputs = {"left_current_a": data.outputs["left_current_a"] + noise}
+    problem = dataclasses.replace(problem, data=[dataclasses.replace(data, outputs=outputs)])
+    result = identify(problem, profiles=["sensors.current_offset"])
+    assert result.covariance_kind.startswith("robust")
+    (profile,), (estimate,) = result.profiles, result.parameters
+    assert (profile.high - profile.low) / (2 * 1.96 * estimate.std) == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.parametrize("given_std", [np.array([0.5]), None])
