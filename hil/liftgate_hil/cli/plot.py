@@ -33,7 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--figure", choices=tuple(FIGURES), default="columns", help=f"{meanings}; default: columns"
     )
-    recordings.add_columns(parser, "angle, currents, pinch force and voltage, or the first few")
+    recordings.add_columns(
+        parser, "angle, currents, speeds, pinch force and voltage as far as they change, or the first few"
+    )
     options.add_vehicle(parser, None, f"with --figure {', '.join(_figures('of_vehicle'))}; default: suv")
     recordings.add_picture(parser, "FILE.png, FILE.FIGURE.png, VEHICLE.FIGURE.png")
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")

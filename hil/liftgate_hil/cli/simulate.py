@@ -133,6 +133,8 @@ def run(args: argparse.Namespace) -> int:
     ):
         _write(output, content, _rows_of(course.over(blocks, stopped), edge_file))
     if course.is_complete:
+        if output is not None:
+            teller.say(f"written: {output}, {course.rows} rows to {course.time:.3f} s")
         return 0
     names = " and ".join(name for name in (args.output, args.edges) if name)
     print(f"liftgate-hil simulate: {names} {course.remark()}", file=sys.stderr)
@@ -156,7 +158,8 @@ class _Course:
     def __init__(self, duration: float, progress: Progress) -> None:
         self._duration = duration
         self._progress = progress
-        self._time = 0.0
+        self.time = 0.0  # s
+        self.rows = 0
         self.is_complete = False
 
     def over(self, blocks: Iterable[Block], stopped: Callable[[], bool]) -> Iterator[Block]:
@@ -167,8 +170,9 @@ class _Course:
             if stopped():
                 return
             if len(block.rows):
-                self._time = float(block.rows[-1, COLUMN_PLACE["time_s"]])
-                self._progress.update(self._time, self._duration, f"{self._time:.1f} s of {self._duration:g} s")
+                self.time = float(block.rows[-1, COLUMN_PLACE["time_s"]])
+                self.rows += len(block.rows)
+                self._progress.update(self.time, self._duration, f"{self.time:.1f} s of {self._duration:g} s")
             yield block
         self.is_complete = True
 
@@ -176,7 +180,7 @@ class _Course:
         """Return a remark on an incomplete file; empty where it is complete."""
         if self.is_complete:
             return ""
-        return f"incomplete, stopped at {self._time:.3f} s of {self._duration:g} s"
+        return f"incomplete, stopped at {self.time:.3f} s of {self._duration:g} s"
 
 
 def _undriven(args: argparse.Namespace, samples: Samples, drives: int) -> Iterator[str]:

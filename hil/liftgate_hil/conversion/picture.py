@@ -10,7 +10,7 @@ import numpy as np
 
 from liftgate_hil.conversion.compare import differences_of
 from liftgate_hil.conversion.ours import ours_in
-from liftgate_hil.conversion.sheet import FONT, HEIGHT, WIDTH, finish, legend_above, settings
+from liftgate_hil.conversion.sheet import FONT, HEIGHT, SMALL, WIDTH, finish, legend_above, settings
 from liftgate_hil.conversion.table import Floats
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording
@@ -24,7 +24,16 @@ if TYPE_CHECKING:
 
 Columns = Mapping[str, Floats]
 MOST = 8  # most panels of a plot
-_USUAL = ("gate_angle_deg", "left_current_a", "right_current_a", "pinch_force_n", "terminal_voltage_v")
+_USUAL = (
+    "gate_angle_deg",
+    "left_current_a",
+    "right_current_a",
+    "left_speed_rps",
+    "right_speed_rps",
+    "pinch_force_n",
+    "terminal_voltage_v",
+)
+_MOST_MARKS = 20  # that the caption lists
 # A wide line under a narrow, dashed one shows that there are two, also in grey.
 _LOOKS: Sequence[tuple[str, Any, float]] = (
     (FINAL, "-", 2.6),
@@ -81,8 +90,14 @@ def one_of_each(names: Sequence[str]) -> list[str]:
     return list(found.values())
 
 
-def run_picture(title: str, columns: Columns, panels: Sequence[Sequence[str]], units: Mapping[str, str]) -> Figure:
-    """Plot columns of one recording over time, one panel below the other."""
+def run_picture(
+    title: str,
+    columns: Columns,
+    panels: Sequence[Sequence[str]],
+    units: Mapping[str, str],
+    marks: Sequence[tuple[float, str]] = (),
+) -> Figure:
+    """Plot columns of one recording over time, one panel below the other, with its marks (time [s], text)."""
     with style():
         settings()
         figure = new_figure(HEIGHT * len(panels) + 0.6, WIDTH)
@@ -95,8 +110,23 @@ def run_picture(title: str, columns: Columns, panels: Sequence[Sequence[str]], u
             if len(names) > 1:
                 legend_above(axis)
         axes[-1].set_xlabel("time [s]")
-        finish(figure)
+        finish(figure, _draw_marks(axes.tolist(), marks))
     return figure
+
+
+def _draw_marks(axes: Sequence[Axes], marks: Sequence[tuple[float, str]]) -> str:
+    """Draw numbered lines at the marks, and return their texts as a caption; "": there are none."""
+    texts = []
+    for number, (time, text) in enumerate(marks, 1):
+        for axis in axes:
+            axis.axvline(time, color=INK, linewidth=0.9, linestyle=":")
+        axes[0].annotate(
+            str(number), (time, 1.0), (0, 2), ("data", "axes fraction"), "offset points",
+            ha="center", fontsize=SMALL,
+        )  # fmt: skip
+        texts.append(f"{number}: {time:.3f} s, {text}")
+    more = f"; and {len(texts) - _MOST_MARKS} more" if len(texts) > _MOST_MARKS else ""
+    return f"Marks: {'; '.join(texts[:_MOST_MARKS])}{more}." if texts else ""
 
 
 def two_pictures(

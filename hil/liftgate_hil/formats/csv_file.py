@@ -76,6 +76,9 @@ _BLANK = re.compile(rb"\s*[\r\n]")
 _LINE_OF = re.compile(rb"[^\r\n]*[\r\n]?")
 _LONGEST = 1 << 22  # longest header, and longest last line [bytes]
 _NOT_FINITE = ("nan", "inf", "-inf")  # as recordings have them of a plant that has diverged
+_COMMA = re.compile(rb"\d,\d")
+COMMAS = "decimal commas are read as points"
+_AS_POINTS = bytes.maketrans(b",.", b".'")  # a point among decimal commas is none, so that its cell is refused
 _BLOCK = 1 << 22  # bytes that are parsed at a time, so that an interrupt does not wait for long
 
 
@@ -86,6 +89,7 @@ class CsvFile(Recording):
     delimiter: bytes
     head: int  # length of the header [bytes]
     last: bytes  # last line, if it does not end with a newline
+    has_commas: bool = False  # numbers have decimal commas
     is_strict: bool = False
 
     def as_recording(self) -> CsvFile:
@@ -122,12 +126,15 @@ class CsvFile(Recording):
                 text = _with_newlines(_checked(self.path, lines, at))
                 at += len(lines + newline)
                 if text.strip():
-                    yield text
+                    yield self._with_points(text)
             text = _with_newlines(_checked(self.path, rest, at))
-            if self.notes:  # the last line is ignored
+            if CUT in self.notes:  # the last line is ignored
                 text = text[: text.rfind(b"\n") + 1]
             if text.strip():
-                yield text
+                yield self._with_points(text)
+
+    def _with_points(self, text: bytes) -> bytes:
+        return text.translate(_AS_POINTS) if self.has_commas else text
 
     def _table(self, text: bytes, number: int, places: Sequence[int]) -> Floats:
         """Return these columns (n, len(places)) of n lines of text; an empty cell is NaN. Raises ConfigError.
@@ -257,7 +264,16 @@ def open_csv(path: Path) -> CsvFile:
     # A last line that is short was cut off, as by a full disk or a kill.
     is_short = bool(last.strip()) and last.count(delimiter.encode()) < len(names) - 1
     notes = (CUT,) if is_short and size - len(last) > end else ()
-    return CsvFile(path=path, names=names, notes=notes, delimiter=delimiter.encode(), head=end, last=last)
+    has_commas = delimiter != "," and b"." not in head[end:] and _COMMA.search(head, end) is not None
+    return CsvFile(
+        path=path,
+        names=names,
+        notes=(*notes, COMMAS) if has_commas else notes,
+        delimiter=delimiter.encode(),
+        head=end,
+        last=last,
+        has_commas=has_commas,
+    )
 
 
 def _checked(path: Path, text: bytes, at: int) -> bytes:

@@ -127,7 +127,12 @@ def open_file(path: Path, allowed: Sequence[str] = tuple(FORMATS)) -> Recording:
         return FORMATS[kind].read(path)
     if path.is_dir():
         raise ConfigError(f"{path}: is a folder; allowed: a file of {', '.join(allowed)}")
-    raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(allowed)}")
+    check_readable(path)
+    raise ConfigError(f"{path}: {_ending(path)}; allowed: {', '.join(allowed)}")
+
+
+def _ending(path: Path) -> str:
+    return f"format {path.suffix.lower()!r}" if path.suffix else "a name without a format's ending"
 
 
 def check_file(argument: str, name: str, allowed: tuple[str, ...] = RECORDED) -> Path:
@@ -137,7 +142,7 @@ def check_file(argument: str, name: str, allowed: tuple[str, ...] = RECORDED) ->
         if path.is_dir():
             raise ConfigError(f"{what}: is a folder; allowed: a file of {', '.join(allowed)}")
     if path.suffix not in allowed:
-        raise ConfigError(f"{what}: format {path.suffix or 'none'!r}; allowed: {', '.join(allowed)}")
+        raise ConfigError(f"{what}: {_ending(path)}; allowed: {', '.join(allowed)}")
     form = FORMATS[path.suffix]
     try:
         if not path.parent.is_dir():

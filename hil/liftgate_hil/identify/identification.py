@@ -17,6 +17,7 @@ from liftgate_hil.identify.delays import at_best_delay
 from liftgate_hil.identify.descent import Descent, Report, place_at
 from liftgate_hil.identify.estimates import estimates_of
 from liftgate_hil.identify.jitter import jitter_of
+from liftgate_hil.identify.mismatch import hints
 from liftgate_hil.identify.multiple_shooting import in_segments, is_far_off
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.profile import profile
@@ -65,7 +66,7 @@ def identify(
     kept = _comparable(problem)
     given_std = None if given_std is None else given_std[kept]
     found = _from_few_rows(problem, report, given_std)
-    _check_followed(problem, found.errors)
+    _check_followed(problem, found.point, found.errors)
     known, covariance, is_robust, jitter = _uncertainty(problem, found, given_std)
     initial = place_at(problem, problem.initial, given_std).loss
     is_first = not math.isfinite(initial) or found.history[0] == initial
@@ -264,8 +265,8 @@ def _comparable(problem: Problem) -> list[int]:
     return problem.leave_out_few()
 
 
-def _check_followed(problem: Problem, errors: Floats) -> None:
-    """Raise NothingToTellError where the best simulation does not follow the measurement."""
+def _check_followed(problem: Problem, point: Floats, errors: Floats) -> None:
+    """Raise NothingToTellError where the best simulation, at a point (p,), does not follow the measurement."""
     fits = {}
     for name, measured, own in zip(problem.outputs, problem.measured.T, errors.T, strict=True):
         there = np.isfinite(measured)
@@ -283,6 +284,7 @@ def _check_followed(problem: Problem, errors: Floats) -> None:
         raise NothingToTellError(
             f"the simulation does not follow {', '.join(off)}; allowed: a vehicle, inputs and an initial "
             "condition that match the measurement, units that match the columns, and currents of the right sign"
+            + "".join(f"; {hint}" for hint in hints(problem, point))
         )
 
 

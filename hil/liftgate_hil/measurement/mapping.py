@@ -17,9 +17,11 @@ from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion
 from liftgate_plant.signals import Signal
 
-_FORM = "OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, or FILE.toml"
+_FORM = "OURS=THEIRS, OURS=THEIRS[unit], either with *scale, or FILE.toml"
 _SCALE, _OFFSET = Number(-1e9, 1e9), Number(-1e12, 1e12)
 _WITH_UNIT = re.compile(r"(?P<name>.+?)\s*\[(?P<unit>[^\[\]]*)\](\s*\*\s*(?P<scale>\S+))?")
+_SCALED = re.compile(r"(?P<name>.+?)\s*\*\s*(?P<scale>[-+]?[\d.]+(?:[eE][-+]?\d+)?)")
+_HEADED = re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]*)\]\s*")
 
 
 @dataclass(frozen=True)
@@ -34,10 +36,23 @@ class Theirs:
     def found_in(self, names: Collection[str]) -> str | None:
         """Return the column's name in the file, where the unit may follow in brackets; None if it is missing."""
         choices = (self.name, f"{self.name} [{self.unit}]", f"{self.name}[{self.unit}]")
-        return next((choice for choice in choices if choice in names), None)
+        found = next((choice for choice in choices if choice in names), None)
+        if found is None and self.unit is None:
+            found = next((name for name in names if _headed(name)[0] == self.name), None)
+        return found
 
 
 ColumnMap = dict[str, Theirs]
+
+
+def headed_unit(name: str) -> str:
+    """Return the unit that a column's name ends with in brackets, as in `U [V]`; "" if there is none."""
+    return _headed(name)[1]
+
+
+def _headed(name: str) -> tuple[str, str]:
+    parts = _HEADED.fullmatch(name)
+    return (parts["name"], parts["unit"].strip()) if parts else (name, "")
 
 
 class MapTable(Record):
@@ -87,7 +102,7 @@ def _from_text(value: str, issues: ConfigIssues, known: Mapping[str, Signal]) ->
     ours, equals, theirs = (part.strip() for part in value.partition("="))
     if not equals or not ours or not theirs:
         raise ConfigError(f"{issues.source}: allowed: {_FORM}")
-    parts = _WITH_UNIT.fullmatch(theirs)
+    parts = _WITH_UNIT.fullmatch(theirs) or _SCALED.fullmatch(theirs)
     scale = 1.0
     if parts and parts["scale"]:
         try:
@@ -96,7 +111,7 @@ def _from_text(value: str, issues: ConfigIssues, known: Mapping[str, Signal]) ->
             scale = math.nan
         if not math.isfinite(scale) or scale == 0.0:
             issues.add(ours, f"scale {show(parts['scale'])}; allowed: a number, not 0")
-    column = Theirs(parts["name"], parts["unit"], scale) if parts else Theirs(theirs)
+    column = Theirs(parts["name"], parts.groupdict().get("unit"), scale) if parts else Theirs(theirs)
     return _checked(ours, column, issues, known)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording, Series
-from liftgate_hil.measurement.mapping import ColumnMap
+from liftgate_hil.measurement.mapping import ColumnMap, Theirs, headed_unit
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, near_miss
 
@@ -87,7 +87,8 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> R
         if not found
     ]
     names = {ours: found for ours, found in names.items() if found}
-    names |= {name: name for name in known if name in file.names and name not in mapping}
+    own = {name: Theirs(name).found_in(file.names) for name in known if name not in mapping}
+    names |= {ours: found for ours, found in own.items() if found}
     recorded = all(name in file.names for name in RECORDED)
     if recorded:
         names.setdefault("latch_released", "latched")
@@ -167,7 +168,7 @@ def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
 def _converted(reading: Reading, ours: str, series: Series, mapping: ColumnMap) -> Series:
     """Return a column in our unit."""
     theirs = mapping.get(ours)
-    scale, offset, unit = 1.0, 0.0, series.unit
+    scale, offset, unit = 1.0, 0.0, series.unit or headed_unit(reading.names[ours])
     if theirs is not None:
         scale, offset = theirs.scale, theirs.offset
         unit = theirs.unit if theirs.unit is not None else unit

@@ -303,7 +303,8 @@ def test_wrong_arguments_are_reported(tmp_path: Path, capsys: pytest.CaptureFixt
     for arguments, said in (
         ((table, table), "is the input file; allowed: another file"),
         ((table, str(tmp_path / "x.xyz")), "format '.xyz'; allowed: .csv, .parquet"),
-        ((str(tmp_path / "x.xyz"), table), "format '.xyz'; allowed: .csv, .parquet"),
+        ((str(tmp_path / "x.xyz"), table), "x.xyz: no such file"),
+        ((str(Path(__file__)), table), "format '.py'; allowed: .csv, .parquet"),
         ((str(tmp_path), table), "is a folder; allowed: a file of"),
         ((table, str(tmp_path / "no" / "x.csv")), "allowed: an existing folder"),
         ((table, str(tmp_path / "x.blf")), "cannot hold the rows of"),

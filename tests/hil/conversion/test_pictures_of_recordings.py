@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.dom import minidom
@@ -10,11 +11,16 @@ from xml.dom import minidom
 import numpy as np
 import pytest
 from conversion_support import FRAMES, ROWS, STAMPS, log, table
+from recording_support import rows_from
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.conversion import picture
+from liftgate_hil.conversion.figures.catalogue import drawn
+from liftgate_hil.conversion.figures.subject import Subject
 from liftgate_hil.conversion.table import Window, chosen, columns_in, open_table
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.open import open_writer
 
 HEAD = "time_s,left_current_a,right_current_a,sensed_left_current_a,gate_angle_deg,left_hall_count\n"
 RUN = [(t, a, -a, a + 0.1, b, float(k)) for k, (t, a, b) in enumerate(ROWS)]
@@ -167,3 +173,31 @@ def test_wrong_arguments_are_reported(
     assert said in err
     assert "Traceback" not in err
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_by_default_what_does_not_change_is_not_drawn_but_told(tmp_path: Path) -> None:
+    head = "time_s,gate_angle_deg,left_current_a,pinch_force_n\n"
+    run = open_table(table(tmp_path / "a.csv", [(0.01 * k, 1.0 * k, 2.0 * k, 0.0) for k in range(5)], head))
+    subject = Subject("a.csv", run)
+    made = drawn("columns", subject)
+    assert [axis.get_ylabel() for axis in made.figure.axes] == ["gate angle [deg]", "left current [A]"]
+    assert made.note == "not drawn, as they do not change: pinch_force_n"
+    asked = drawn("columns", replace(subject, columns=["pinch_force_n"]))
+    assert (len(asked.figure.axes), asked.note) == (1, "")
+
+
+def test_marks_are_numbered_lines_and_their_texts_a_caption(tmp_path: Path) -> None:
+    path = tmp_path / "a.mf4"
+    writer = open_writer(path, Content(("time_s", "gate_angle_deg")))
+    writer.begin(0)
+    writer.write_rows(rows_from(0, 100))
+    writer.write_mark(0.02, "it squeaks")
+    writer.write_mark(5.0, "later")
+    writer.close()
+    made = drawn(
+        "columns", Subject("a.mf4", open_table(path), columns=["gate_angle_deg"], window=Window(0.0, 0.05))
+    )
+    (axis,) = made.figure.axes
+    assert [each.get_xdata()[0] for each in axis.get_lines() if each.get_linestyle() == ":"] == [0.02]
+    assert [each.get_text() for each in axis.texts] == ["1"]
+    assert made.figure.get_supxlabel() == "Marks: 1: 0.020 s, it squeaks."

@@ -232,6 +232,28 @@ def test_an_input_that_excites_nothing_tells_nothing() -> None:
         estimated(vehicle, "third-order", names, [data])
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"left_speed_rps": 60.0}, "left_speed_rps is 60 times the simulation: is it in rpm?"),
+        ({"left_current_a": -1.0}, "left_current_a is -1 times the simulation: is its sign reversed?"),
+        ({"left_current_a": 1e3}, "left_current_a is 1e+03 times the simulation: is its unit a thousandth of"),
+        ({}, "with reversed inputs it follows (fit 9"),
+    ],
+)
+def test_what_the_simulation_does_not_follow_may_have_another_unit_or_sign(
+    change: dict[str, float], said: str
+) -> None:
+    vehicle = true_vehicle()
+    data = measured(vehicle, seed=1)
+    outputs = {name: change.get(name, 1.0) * values for name, values in data.outputs.items()}
+    inputs = data.inputs if change else -data.inputs
+    other = dataclasses.replace(data, outputs=outputs, inputs=inputs)
+    with pytest.raises(NothingToTellError) as caught:
+        estimated(vehicle, "third-order", ["motor.resistance"], [other])
+    assert said in str(caught.value)
+
+
 def test_parameters_without_any_effect_tell_nothing() -> None:
     vehicle = true_vehicle()
     names = ["environment.snow_distance", "seal.force"]

@@ -22,6 +22,8 @@ TIMES = np.arange(25) * 0.01
         ("left_current_a=Iq", "left_current_a", Theirs("Iq")),
         ("left_current_a=Iq[mA]", "left_current_a", Theirs("Iq", "mA")),
         (" left_current_a = Iq [mA] * -0.5", "left_current_a", Theirs("Iq", "mA", -0.5)),
+        ("left_current_a=IqL*-1", "left_current_a", Theirs("IqL", None, -1.0)),
+        ("left_current_a=Iq * 1e-3", "left_current_a", Theirs("Iq", None, 1e-3)),
         ("time_s=a=b*2[ms]", "time_s", Theirs("a=b*2", "ms")),
         ("voltage_v=U", "voltage_v", Theirs("U")),
     ],
@@ -89,6 +91,22 @@ def test_a_mapped_file_is_read_in_our_units(tmp_path: Path) -> None:
     assert np.allclose(measurement.columns["left_speed_rps"], -10.0 * TIMES, rtol=1e-12)
 
 
+def test_a_unit_in_a_header_counts_where_none_is_stated(tmp_path: Path) -> None:
+    columns = {
+        "time_s": TIMES,
+        "U [mV]": TIMES * 1e3,
+        "Iq[mA]": TIMES * 1e3,
+        "left_speed_rps [1/min]": TIMES * 600.0,
+    }
+    path = write_csv(tmp_path / "m.csv", columns)
+    measurement = read(path, "left_voltage_v=U*-1", "left_current_a=Iq")
+    assert np.allclose(measurement.columns["left_voltage_v"], -TIMES, rtol=1e-12)
+    assert np.allclose(measurement.columns["left_current_a"], TIMES, rtol=1e-12)
+    assert np.allclose(measurement.columns["left_speed_rps"], 10.0 * TIMES, rtol=1e-12)
+    with pytest.raises(ConfigError, match=r"left_current_a .U .mV.*unit 'mV'; allowed: A, mA"):
+        read(path, "left_current_a=U", "left_voltage_v=Iq[V]")
+
+
 def test_a_map_wins_over_a_column_of_our_name(tmp_path: Path) -> None:
     columns = {"time_s": TIMES, "voltage_v": TIMES, "left_current_a": TIMES, "other": -TIMES}
     measurement = read(write_csv(tmp_path / "m.csv", columns), "left_current_a=other")
@@ -111,7 +129,7 @@ def test_all_faults_of_all_maps_come_at_once(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_maps(["nothing", "left_speed_rps=n[mm]", "current=I", "time_s=t[s]*0", str(path)])
     assert caught.value.issues == [
-        "`map` nothing: allowed: OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, or FILE.toml",
+        "`map` nothing: allowed: OURS=THEIRS, OURS=THEIRS[unit], either with *scale, or FILE.toml",
         "`map` left_speed_rps=n[mm]: left_speed_rps: unit 'mm'; allowed: rev/s, rpm, rad/s, deg/s, mdeg/s",
         f"`map` current=I: current: unknown column; allowed: {allowed_names('current', KNOWN)}",
         "`map` time_s=t[s]*0: time_s: scale '0'; allowed: a number, not 0",

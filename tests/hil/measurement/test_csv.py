@@ -153,7 +153,7 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
         (HEAD + "0,1,1e999\n", ["left_current_a: 1e999 in row 1; allowed: a finite number"]),
         (HEAD + "0,1,1_0\n", ["left_current_a: 1_0 in row 1; allowed: a number"]),
         (
-            HEAD.replace(",", ";") + "0;1;1,5\n",
+            HEAD.replace(",", ";") + "0;1.0;1,5\n",  # a comma among points
             ["left_current_a: '1,5' in row 1; allowed: a number with a decimal point"],
         ),
         (HEAD + "0,5,1,2\n", ["row 1: 4 cells (is it a decimal comma?); allowed: 3, as in the header"]),
@@ -285,3 +285,25 @@ def test_rows_of_unlike_width_are_not_taken_for_each_other(tmp_path: Path) -> No
         for names in (["a"], ["a", "b", "c"]):
             with pytest.raises(ConfigError, match=r"row 1: \d cells"):
                 values_in(path, names)
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_decimal_commas_are_read_where_no_point_is_in_the_file(tmp_path: Path, delimiter: str) -> None:
+    path = tmp_path / "m.csv"
+    rows = ["0,0", "-1,5", "2"], ["0,1", "2,25e1", ""], ["0,2", "3", "-0,5"]
+    path.write_text(HEAD.replace(",", delimiter) + "".join(delimiter.join(row) + "\n" for row in rows))
+    measurement = read(path)
+    assert np.allclose(measurement.times, [0.0, 0.1, 0.2])
+    assert np.allclose(measurement.columns["left_voltage_v"], [-1.5, 22.5, 3.0])
+    assert np.allclose(measurement.columns["left_current_a"], [2.0, np.nan, -0.5], equal_nan=True)
+    assert measurement.notes == ("decimal commas are read as points",)
+
+
+def test_a_point_that_comes_later_among_decimal_commas_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(csv_file, "_LONGEST", 64)
+    path = tmp_path / "m.csv"
+    rows = [f"{k};1,5;2" for k in range(50)] + ["50;1.5;2"]
+    path.write_text(HEAD.replace(",", ";") + "\n".join(rows) + "\n")
+    assert faults_of(path) == ['left_voltage_v: "1\'5" in row 51; allowed: a number']
