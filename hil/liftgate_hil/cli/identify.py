@@ -10,7 +10,8 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from liftgate_hil.cli import fitting, options
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.identify.descent import Report
+    from liftgate_hil.identify.design import Plan
     from liftgate_hil.identify.problem import Sought
     from liftgate_hil.identify.result import Identification
     from liftgate_hil.report.provenance import Provenance
@@ -105,6 +107,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="duration of a planned experiment; default: 4",
     )
+    parser.add_argument(
+        "--save-inputs",
+        metavar="FOLDER",
+        help="with --plan: write the motor voltages of the best sequence, a CSV for each experiment, as `simulate "
+        "--input` takes it",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -126,6 +134,8 @@ def _run(args: argparse.Namespace, teller: Teller) -> int:
     origin = fitting.origin_of(args)
     if args.plan:
         return _plan(args, teller, origin)
+    if args.save_inputs is not None:
+        raise ConfigError("`save_inputs`: allowed with --plan")
     with teller.progress("identify") as progress:
 
         def tell(iteration: int, loss: float, step: float) -> None:
@@ -316,6 +326,21 @@ def _check_saved(text: str, target: str, sought: Sequence[str], identifiable: Ma
         ) from error
 
 
+def _write_inputs(folder: Path, result: Plan) -> Iterator[str]:
+    """Write the inputs of the best sequence, and yield a line on each file. Raises ConfigError."""
+    from liftgate_hil.report.plan import input_csv, input_name
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for number, each in enumerate(result.order, 1):
+            planned, path = each.candidate, folder / f"{number}-{input_name(each.candidate)}.csv"
+            path.write_text(input_csv(planned), encoding="utf-8")
+            where = f"from rest at {planned.angle_deg:g} deg, road_slope_deg {planned.road_slope_deg:g}"
+            yield f"written: {path}: {where}"
+    except OSError as error:
+        raise ConfigError(f"`save_inputs` {folder}: {error.strerror}; allowed: a folder") from error
+
+
 def _plan(args: argparse.Namespace, teller: Teller, origin: Provenance) -> int:
     """Rank experiments and report the plan. Raises ConfigError."""
     from liftgate_hil.identify.design import candidates, plan
@@ -335,6 +360,9 @@ def _plan(args: argparse.Namespace, teller: Teller, origin: Provenance) -> int:
     columns = [fitting.KINDS[kind][0] for kind in kinds]
     with teller.progress("plan"):
         result = plan(vehicle, model, sought, columns, candidates(vehicle, args.duration, 1000.0))
+    if args.save_inputs is not None:
+        for line in _write_inputs(Path(args.save_inputs), result):
+            teller.say(line)
     # No page: --html is refused above.
     fitting.deliver(args, teller, origin, plan_json(result), lambda: plan_text(result), str)
     return 0

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
-from liftgate_hil.identify.design import Plan, Ranked
+from liftgate_hil.identify.design import Candidate, Plan, Ranked
 from liftgate_hil.report.numbers import percent, significant
 from liftgate_hil.report.text import table
 
@@ -27,6 +28,19 @@ def _row(each: Ranked) -> list[str]:
         "not identifiable" if math.isinf(std) else f"{percent(100.0 * float(std))} %" for std in each.relative_std
     ]
     return [each.candidate.name, criterion, *stds]
+
+
+def input_name(planned: Candidate) -> str:
+    """Return the name of an experiment as a part of a file's name."""
+    return re.sub("[^a-z0-9.+-]+", "-", planned.name.lower())
+
+
+def input_csv(planned: Candidate) -> str:
+    """Return the motor voltage of an experiment as CSV, a row where it changes, which holds until the next one."""
+    last = len(planned.times) - 1
+    rows = [k for k in range(last + 1) if k in (0, last) or planned.voltage[k] != planned.voltage[k - 1]]
+    lines = [f"{planned.times[k]:.9g},{planned.voltage[k]:.9g}\n" for k in rows]
+    return "time_s,voltage_v\n" + "".join(lines)
 
 
 def plan_json(plan: Plan) -> dict[str, Any]:

@@ -478,6 +478,24 @@ def test_a_plan_ranks_experiments_and_writes_no_report_that_there_is_none_of(
     assert lines == ["liftgate-hil: --html: not with --plan"]
 
 
+def test_the_inputs_of_a_plan_are_those_that_simulate_takes(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    plan = ("identify", "--plan", "--estimate", "motor.resistance,spring.preload", "--duration", 1)
+    assert call(*plan, "--save-inputs", tmp_path / "inputs") == 0
+    told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("written: ")]
+    files = sorted((tmp_path / "inputs").iterdir())
+    assert [line.split(": ")[1] for line in told] == [str(path) for path in files]
+    assert len(files) == 3
+    for path in files:
+        assert call("simulate", "--input", path, "--output", tmp_path / "out.csv") == 0
+        assert (tmp_path / "out.csv").read_text().count("\n") == 1002  # a second at 1 kHz, and the header
+    capsys.readouterr()
+    assert complaint(capsys, "identify", "x.csv", "--save-inputs", tmp_path)[0].startswith(
+        "liftgate-hil: --save-inp"
+    )
+
+
 def test_an_interrupt_ends_it_without_a_crash_or_half_a_result(opening: Path, tmp_path: Path) -> None:
     """Steps so short that a simulation takes seconds: the interrupt comes while machine code runs."""
     result = tmp_path / "result.json"
