@@ -213,6 +213,7 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
 def identified(args: argparse.Namespace, report: Report | None = None) -> Identification:
     """Return the result of the identification of these flags; `report` gets its iterations. Raises ConfigError."""
     from liftgate_hil.identify.identification import NothingToTellError, identify
+    from liftgate_hil.report.findings import notes_of
 
     if not args.files:
         raise ConfigError("FILE: missing; allowed: one measurement or more, or --plan")
@@ -229,7 +230,7 @@ def identified(args: argparse.Namespace, report: Report | None = None) -> Identi
         raise ConfigError(
             f"{', '.join(args.files)}: nothing to identify from, with vehicle {args.vehicle}: {error}"
         ) from error
-    return dataclasses.replace(result, vehicle=args.vehicle, notes=notes)
+    return dataclasses.replace(result, vehicle=args.vehicle, notes=(*notes, *notes_of(result)))
 
 
 def _noise(args: argparse.Namespace, columns: Sequence[str]) -> NDArray[np.float64] | None:

@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
     ):
         _write(output, content, _rows_of(course.over(blocks, stopped), edge_file))
     if course.is_complete:
-        if output is not None:
+        if output is not None and sys.stderr is not None and sys.stderr.isatty():  # to a person
             teller.say(f"written: {output}, {course.rows} rows to {course.time:.3f} s")
         return 0
     names = " and ".join(name for name in (args.output, args.edges) if name)

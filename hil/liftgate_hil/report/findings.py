@@ -11,6 +11,7 @@ import numpy as np
 from liftgate_hil.identify.result import Experiment, Identification, Series, Validation
 from liftgate_hil.report.numbers import clean, significant
 
+_ROUNDING = 1e-9  # of an output's range: largest residual of data without noise
 _STRONG = 0.9  # correlation of two parameters from which on it is reported
 
 
@@ -90,6 +91,7 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
     One is for outputs that the model fits worse than their mean value does, one for residuals that are not white.
     """
     found: list[str] = []
+    has_std = isinstance(result, Identification)
     for experiment in result.experiments:
         worse = [each.output for each in experiment.series if each.fit_percent < 0.0]
         coloured = [each.output for each in experiment.series if not each.is_white and not each.excuse]
@@ -98,10 +100,19 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
             found.append(f"{name}: fit below 0 %, worse than the mean value: {_listed(worse)}")
         if coloured:
             found.append(
-                f"{name}: residuals are not white: {_listed(coloured)}. Model or timestamps leave "
-                "a part unexplained; the standard deviations account for its correlation, not for a bias"
+                f"{name}: residuals are not white: {_listed(coloured)}. "
+                "Model or timestamps leave a part unexplained"
+                + ("; the standard deviations account for its correlation, not for a bias" if has_std else "")
             )
     return found
+
+
+def notes_of(result: Identification) -> list[str]:
+    """Return a note on data in which the residuals are no more than rounding."""
+    series = [each for experiment in result.experiments for each in experiment.series]
+    is_exact = all(each.maximum <= _ROUNDING * float(np.ptp(each.measured)) for each in series)
+    text = "the data have no noise, as those of a simulation: standard deviations and criteria are rounding errors"
+    return [text] if series and is_exact else []
 
 
 EXCUSES = {"rounding": "not white: rounding of the data", "slopes": "not white: derived from the position"}

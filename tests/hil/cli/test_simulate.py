@@ -280,7 +280,7 @@ def test_motors_that_nothing_drives_are_reported(tmp_path: Path, capsys: pytest.
     source.write_text("time_s,left_voltage_v\n0,12\n0.01,12\n")
     simulate(tmp_path, "--input", str(source))
     note = f"{source}: no right_voltage_v or right_duty: 0 V, which brakes the right motor\n"
-    assert capsys.readouterr().err == f"{note}written: {tmp_path / 'out.csv'}, 11 rows to 0.010 s\n"
+    assert capsys.readouterr().err == note
     simulate(tmp_path, "--input", str(source), "--vehicle", "compact")
     simulate(tmp_path, "--voltage", "0", "--duration", "0.01")
     assert capsys.readouterr().err == ""

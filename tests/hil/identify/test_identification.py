@@ -13,7 +13,7 @@ from liftgate_hil.identify.data import Data, rows_of
 from liftgate_hil.identify.identification import NothingToTellError, identify, validate
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.statistics import criteria
-from liftgate_hil.report.findings import warnings_of
+from liftgate_hil.report.findings import notes_of, warnings_of
 from liftgate_hil.report.text import identification_text
 from liftgate_plant import gate
 from liftgate_plant.vehicle import plant_of
@@ -471,3 +471,10 @@ def test_an_output_whose_samples_all_lie_beyond_the_inputs_is_left_out() -> None
         true_vehicle(), "third-order", sought(["motor.resistance"]), [late], [*outputs], 20.0, is_delay_sought=True
     )
     assert "left_speed_rps" not in identify(problem).outputs
+
+
+def test_data_without_noise_are_told_as_such() -> None:
+    vehicle = true_vehicle()
+    for data, said in ((measured(vehicle), True), (measured(vehicle, seed=1), False)):
+        notes = notes_of(estimated(vehicle, "third-order", ["motor.resistance"], [data]))
+        assert [each.split(",")[0] for each in notes] == ["the data have no noise"] * said
