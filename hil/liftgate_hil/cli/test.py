@@ -269,12 +269,12 @@ def _tell(outcome: Outcome, done: int, count: int, args: argparse.Namespace) -> 
     if args.json == "-" or (args.quiet and outcome.verdict == "pass"):
         return
     lines = [f"[{done}/{count}] {outcome.verdict:<12} {outcome.case.file}  {outcome.wall_s:.2f} s"]
-    if outcome.reason:
-        lines.append(f"    {outcome.reason}")
-    lines += [
-        f"    {printable(each.name)}: {line_of(each)}"
-        for each in outcome.expectations
-        if not args.quiet or each.verdict != "pass"
-    ]
+    shown = [each for each in outcome.expectations if not args.quiet or each.verdict != PASS]
+    whole = outcome.reason
+    if whole and all(each.reason != whole for each in shown):
+        lines.append(f"    {whole}")
+    for each in shown:
+        is_told = bool(whole) and each.reason == whole and each is not shown[0]  # once is enough
+        lines.append(f"    {printable(each.name)}: {line_of(replace(each, reason='') if is_told else each)}")
     lines += [f"    note: {printable(each)}" for each in outcome.notes]
     print("\n".join(lines), flush=True)

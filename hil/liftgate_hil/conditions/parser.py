@@ -76,6 +76,10 @@ def parsed(text: str, parameters: Mapping[str, float], messages: Mapping[str, Me
             f"{error}: no such signal in the rig's database; allowed: "
             f"{', '.join(near) + ', …' if near else 'Message.Signal of it'}"
         ) from None
+    except _NoSuchColumnError as error:
+        name = str(error)
+        allowed = f"${name}, the parameter" if name in parameters else _near_columns(name)
+        raise ValueError(f"{name}: no such column; allowed: {allowed}") from None
 
 
 @functools.lru_cache(_KEPT)
@@ -88,6 +92,10 @@ def _parsed(
 
 class _NoSuchSignalError(ValueError):
     """Raised with the name of a signal that the database does not have."""
+
+
+class _NoSuchColumnError(ValueError):
+    """Raised with a name that is no column's."""
 
 
 class _Part(NamedTuple):
@@ -116,8 +124,10 @@ class _Parser:
             raise ValueError(f"{len(self.text)} characters; allowed: up to {_LONGEST}")
         self._read()
         part = self._either()
-        if self._here()[0] != "end":
-            self._wrong("and, or, or the end")
+        kind = self._here()[0]
+        if kind != "end":
+            no_unit = "; a number has no unit, it is in that of its column" if kind == "name" else ""
+            self._wrong(f"and, or, or the end{no_unit}")
         if not part.is_truth:
             raise ValueError(f"{self.text!r} is not a comparison; allowed: a comparison, e.g. gate_angle_deg > 20")
         return Condition(self.text, tuple(self.ops), tuple(self.units))
@@ -320,7 +330,7 @@ class _Parser:
                 self._put(SIGNAL, token)
                 return _Part(False, unit)
             raise _NoSuchSignalError(token)
-        raise ValueError(f"{token}: {_unknown(token)}")
+        raise _NoSuchColumnError(token)
 
 
 def _product_unit(a: str | None, b: str | None, token: str) -> str | None:
@@ -331,8 +341,8 @@ def _product_unit(a: str | None, b: str | None, token: str) -> str | None:
     return "" if a == b else f"{a or '1'}/{b}"
 
 
-def _unknown(token: str) -> str:
-    """Return what is wrong with a column's name, with the nearest known ones."""
+def _near_columns(token: str) -> str:
+    """Return the columns with the names nearest to an unknown one, as text."""
     from difflib import get_close_matches
 
     names = [
@@ -340,4 +350,4 @@ def _unknown(token: str) -> str:
         for name in COLUMNS
     ]
     near = get_close_matches(token, names, 3, 0.5)
-    return f"no such column; allowed: {', '.join(near) + ', …' if near else 'columns of recordings'}"
+    return f"{', '.join(near)}, …" if near else "columns of recordings"
