@@ -15,8 +15,8 @@ import numpy as np
 import scipy
 
 from liftgate_hil.cli import identify as command
+from liftgate_hil.identify.reporting.figures import trace_figure
 from liftgate_hil.report.drawing import png
-from liftgate_hil.report.figures import trace_figure
 from tools.benchmark.machine import machine_lines
 from tools.identification import coverage, dc_motor, thesis, versus
 from tools.identification.measurements import write_thesis_data

@@ -135,7 +135,7 @@ def problem_of(
 
 def _thinned(data: Sequence[Data], args: argparse.Namespace, vehicle: Vehicle) -> list[Data]:
     """Return the data after `--resample` and `--decimate`. Raises ConfigError with the issues of all files."""
-    from liftgate_hil.measurement.raster import thinned
+    from liftgate_hil.identify.raster import thinned
 
     quantum = 1.0 / vehicle.sensors.hall_counts
     result, issues = [], []
@@ -178,8 +178,8 @@ def deliver(
     page: Callable[[], str],
 ) -> None:
     """Print and write a result: `content` as JSON, `text` for the terminal, `page` as HTML. Raises ConfigError."""
+    from liftgate_hil.identify.reporting.json_result import write_json
     from liftgate_hil.report.files import write_report
-    from liftgate_hil.report.json_result import write_json
 
     content = {**content, "provenance": provenance.as_dict()}
     if args.json:

@@ -213,7 +213,7 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
 def identified(args: argparse.Namespace, report: Report | None = None) -> Identification:
     """Return the result of the identification of these flags; `report` gets its iterations. Raises ConfigError."""
     from liftgate_hil.identify.identification import NothingToTellError, identify
-    from liftgate_hil.report.findings import notes_of
+    from liftgate_hil.identify.reporting.findings import notes_of
 
     if not args.files:
         raise ConfigError("FILE: missing; allowed: one measurement or more, or --plan")
@@ -259,16 +259,16 @@ def _noise(args: argparse.Namespace, columns: Sequence[str]) -> NDArray[np.float
 
 def _deliver(args: argparse.Namespace, teller: Teller, origin: Provenance, result: Identification) -> None:
     """Print and write the result."""
+    from liftgate_hil.identify.reporting.json_result import identification_json
     from liftgate_hil.report.files import write_report
-    from liftgate_hil.report.json_result import identification_json
 
     def text() -> str:
-        from liftgate_hil.report.text import identification_text
+        from liftgate_hil.identify.reporting.text import identification_text
 
         return identification_text(result)
 
     def page() -> str:
-        from liftgate_hil.report.html import identification_html
+        from liftgate_hil.identify.reporting.html import identification_html
 
         return identification_html(result, origin)
 
@@ -284,7 +284,7 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
     from liftgate_hil.config.toml import read_toml
     from liftgate_hil.config.variant import settings_for
     from liftgate_hil.config.vehicle_file import vehicle_text
-    from liftgate_hil.report.json_result import identification_json
+    from liftgate_hil.identify.reporting.json_result import identification_json
     from liftgate_hil.running.setup import variant_of
 
     identifiable = [k for k, each in enumerate(result.parameters) if each.identifiable]
@@ -329,7 +329,7 @@ def _check_saved(text: str, target: str, sought: Sequence[str], identifiable: Ma
 
 def _write_inputs(folder: Path, result: Plan) -> Iterator[str]:
     """Write the inputs of the best sequence, and yield a line on each file. Raises ConfigError."""
-    from liftgate_hil.report.plan import input_csv, input_name
+    from liftgate_hil.identify.reporting.plan import input_csv, input_name
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -345,7 +345,7 @@ def _write_inputs(folder: Path, result: Plan) -> Iterator[str]:
 def _plan(args: argparse.Namespace, teller: Teller, origin: Provenance) -> int:
     """Rank experiments and report the plan. Raises ConfigError."""
     from liftgate_hil.identify.design import candidates, plan
-    from liftgate_hil.report.plan import plan_json, plan_text
+    from liftgate_hil.identify.reporting.plan import plan_json, plan_text
 
     issues = ["--plan: takes no FILE; allowed: one or the other"] if args.files else []
     unused = {"--html": args.html, "--save-vehicle": args.save_vehicle, "--profile": args.profile}

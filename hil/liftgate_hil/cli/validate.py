@@ -44,8 +44,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace, teller: Teller) -> int:
     from liftgate_hil.identify.identification import validate
+    from liftgate_hil.identify.reporting.json_result import validation_json
     from liftgate_hil.report.files import check_targets
-    from liftgate_hil.report.json_result import validation_json
 
     check_targets({"--result": args.result, "--html": args.html}, args.files)
     with teller.progress("validate"):
@@ -57,12 +57,12 @@ def _run(args: argparse.Namespace, teller: Teller) -> int:
         result = dataclasses.replace(validate(problem), vehicle=args.vehicle, notes=notes)
 
     def text() -> str:
-        from liftgate_hil.report.text import validation_text
+        from liftgate_hil.identify.reporting.text import validation_text
 
         return validation_text(result)
 
     def page() -> str:
-        from liftgate_hil.report.html import validation_html
+        from liftgate_hil.identify.reporting.html import validation_html
 
         return validation_html(result, origin)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 from liftgate_hil.measurement.checks import Expected
 from liftgate_hil.measurement.condition import noted
 from liftgate_hil.measurement.measurement import OUTPUTS, Floats, Measurement
-from liftgate_hil.measurement.raster import GAP, usual_spacing
 
+GAP = 1.5  # times the usual distance of samples, above which a distance is a gap
 HALF_WINDOW = 5  # samples
 _SIGMA = 1.4826  # standard deviation / median absolute deviation of a normal distribution
 
@@ -28,6 +29,11 @@ class Gaps:
     longest: float  # s, duration of the longest gap
     longest_at: float  # s, where the longest gap begins
     jitter: float  # standard deviation of the other distances / the usual one
+
+
+def usual_spacing(times: Floats) -> float:
+    """Return the median distance of samples [s]."""
+    return float(np.median(np.diff(times))) if len(times) > 1 else math.inf
 
 
 def gaps_in(times: Floats) -> Gaps:

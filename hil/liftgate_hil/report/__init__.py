@@ -1,1 +1,1 @@
-"""Reports of identification and validation: terminal text, JSON, figures, one HTML page."""
+"""What all reports share: numbers, drawing, tables, HTML pages, figures of a run, provenance, files."""

@@ -12,8 +12,8 @@ import numpy as np
 from liftgate_hil.identify.data import Data
 from liftgate_hil.identify.identification import identify
 from liftgate_hil.identify.problem import Problem
+from liftgate_hil.identify.raster import thinned
 from liftgate_hil.identify.result import Identification
-from liftgate_hil.measurement.raster import thinned
 from liftgate_hil.running.setup import vehicle_from
 from tests.hil.identify.simulated import (
     NOISE,

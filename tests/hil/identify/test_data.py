@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from liftgate_hil.identify import rigid
 from liftgate_hil.identify.data import Data, applied_voltage, first_sample, rows_of
 from liftgate_hil.identify.initial_condition import beginning_of, begins_at_rest
-from liftgate_hil.measurement.raster import thinned
+from liftgate_hil.identify.raster import thinned
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant import gate
 from liftgate_plant.rows import INPUT_COLUMNS

@@ -10,7 +10,7 @@ import pytest
 from liftgate_hil.identify.data import Data, part_of
 from liftgate_hil.identify.identification import identify, validate
 from liftgate_hil.identify.problem import Problem
-from liftgate_hil.measurement.raster import thinned
+from liftgate_hil.identify.raster import thinned
 from tests.hil.identify import many_seeds
 from tests.hil.identify.many_seeds import QUANTUM, THINNED, THINNED_TRUTH, opening, thinned_problem
 from tests.hil.identify.simulated import measured, scores, sought, true_vehicle

@@ -12,9 +12,9 @@ import pytest
 from liftgate_hil.identify.data import Data, rows_of
 from liftgate_hil.identify.identification import NothingToTellError, identify, validate
 from liftgate_hil.identify.problem import Problem
+from liftgate_hil.identify.reporting.findings import notes_of, warnings_of
+from liftgate_hil.identify.reporting.text import identification_text
 from liftgate_hil.identify.statistics import criteria
-from liftgate_hil.report.findings import notes_of, warnings_of
-from liftgate_hil.report.text import identification_text
 from liftgate_plant import gate
 from liftgate_plant.vehicle import plant_of
 from tests.hil.identify import many_seeds

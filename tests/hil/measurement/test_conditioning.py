@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.identify.data import Data, rows_of
+from liftgate_hil.identify.raster import thinned
 from liftgate_hil.measurement.checks import Expected
 from liftgate_hil.measurement.condition import cut_angle, cut_time
 from liftgate_hil.measurement.measurement import Floats, Measurement
 from liftgate_hil.measurement.quality import gaps_in, outliers, report_gaps, report_outliers
-from liftgate_hil.measurement.raster import thinned
 
 STEP = 0.001
 QUANTUM = 0.25  # rev

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import report_support
 
-from liftgate_hil.report.text import WIDTH, identification_text, validation_text
+from liftgate_hil.identify.reporting.text import WIDTH, identification_text, validation_text
 
 
 def test_the_tables_fit_a_terminal(found, judged, hostile):

@@ -5,8 +5,14 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 
+from liftgate_hil.identify.reporting.findings import (
+    EXCUSES,
+    strong_correlations,
+    validation_warnings,
+    warnings_of,
+    whiteness,
+)
 from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
-from liftgate_hil.report.findings import EXCUSES, strong_correlations, validation_warnings, warnings_of, whiteness
 from liftgate_hil.report.numbers import (
     NONE,
     clean,

@@ -7,8 +7,8 @@ import re
 from typing import Any
 
 from liftgate_hil.identify.design import Candidate, Plan, Ranked
+from liftgate_hil.identify.reporting.text import table
 from liftgate_hil.report.numbers import percent, significant
-from liftgate_hil.report.text import table
 
 
 def plan_text(plan: Plan) -> str:

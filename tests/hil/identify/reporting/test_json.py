@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.identify.reporting.json_result import identification_json, validation_json, write_json
 from liftgate_hil.report.files import check_target, write_report
-from liftgate_hil.report.json_result import identification_json, validation_json, write_json
 
 
 def strict(content):

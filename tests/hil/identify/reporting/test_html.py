@@ -5,7 +5,7 @@ import pytest
 import report_support
 from html_page import Page
 
-from liftgate_hil.report.html import identification_html, validation_html
+from liftgate_hil.identify.reporting.html import identification_html, validation_html
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from liftgate_hil.identify.reporting import figures, figures_estimates
 from liftgate_hil.identify.result import Experiment
-from liftgate_hil.report import figures, figures_estimates
 from liftgate_hil.report.drawing import limits, new_figure, png, style, svg, thin
 
 EXPERIMENT = (figures.trace_figure, figures.error_figure, figures.residual_figure)
@@ -163,7 +163,7 @@ def test_a_long_name_is_wrapped_beside_its_panel():
 
 def test_matplotlib_is_not_loaded_until_something_is_drawn():
     code = (
-        "import sys, liftgate_hil.report.html, liftgate_hil.report.text, liftgate_hil.report.json_result;"
+        "import sys; from liftgate_hil.identify.reporting import html, json_result, text;"
         "sys.exit('matplotlib' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

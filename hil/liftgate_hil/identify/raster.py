@@ -13,9 +13,8 @@ from liftgate_hil.identify.data import Data, is_count
 from liftgate_hil.identify.decimation import Decimation
 from liftgate_hil.measurement.checks import check
 from liftgate_hil.measurement.measurement import Floats, Measurement
+from liftgate_hil.measurement.quality import GAP, usual_spacing
 
-# A distance of samples of more than GAP times the usual one is a gap.
-GAP = 1.5
 _EVEN = 1e-3  # largest deviation of a row from an even raster, in periods
 _MOST = 50_000_000  # most rows of a raster
 _MOSTLY = 0.25  # share of unknown samples around a kept one above which it is unknown
@@ -28,11 +27,6 @@ def is_even(times: Floats) -> bool:
     period = (times[-1] - times[0]) / (len(times) - 1)
     off = times - (times[0] + period * np.arange(len(times)))
     return bool(np.max(np.abs(off)) <= _EVEN * period + 1e-9)
-
-
-def usual_spacing(times: Floats) -> float:
-    """Return the median distance of samples [s]."""
-    return float(np.median(np.diff(times))) if len(times) > 1 else math.inf
 
 
 def in_gap(times: Floats, values: Floats, at: Floats) -> NDArray[np.bool_]:

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from liftgate_hil.identify.reporting import figures, figures_estimates
+from liftgate_hil.identify.reporting.findings import (
+    EXCUSES,
+    strong_correlations,
+    validation_warnings,
+    warnings_of,
+    whiteness,
+)
 from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
-from liftgate_hil.report import figures, figures_estimates
 from liftgate_hil.report.drawing import svg
-from liftgate_hil.report.findings import EXCUSES, strong_correlations, validation_warnings, warnings_of, whiteness
 from liftgate_hil.report.numbers import (
     NONE,
     column_label,

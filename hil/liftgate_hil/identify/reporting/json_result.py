@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
-from liftgate_hil.report.files import write_report
-from liftgate_hil.report.findings import (
+from liftgate_hil.identify.reporting.findings import (
     columns_of,
     mean_over,
     series_of,
@@ -20,6 +18,8 @@ from liftgate_hil.report.findings import (
     warnings_of,
     whiteness,
 )
+from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
+from liftgate_hil.report.files import write_report
 from liftgate_hil.report.numbers import relative_error
 
 

@@ -1,0 +1,1 @@
+"""Reports of identification and validation: terminal text, JSON, figures, one HTML page."""
