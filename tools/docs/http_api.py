@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from liftgate_hil.dashboard.server import ENDPOINTS
 from liftgate_hil.running.commands import operator
+from tools.docs.json_page_keys import PAGES
 from tools.docs.json_state_keys import STATE_KEYS
 from tools.docs.markdown import code, page, table
 
@@ -34,6 +37,10 @@ A connection on which nothing comes for ten seconds is closed, as is a WebSocket
 does not answer pings, for that long. A client that is slower than the stream gets the latest state each time."""
 
 
+def _keys(keys: Mapping[str, str]) -> str:
+    return table(["key", "meaning"], ((code(name), meaning) for name, meaning in keys.items()))
+
+
 def http_api_page() -> str:
     """Return the text of the page."""
     endpoints = ((each.method, code(each.path), each.meaning) for each in ENDPOINTS)
@@ -42,9 +49,10 @@ def http_api_page() -> str:
         table(["", "path", ""], endpoints),
         _COMMANDS,
         "\n".join(["```", *forms, "```"]),
-        "## State",
+        "## State (`GET /api/state`)",
         _STATE,
-        table(["key", "meaning"], ((code(name), meaning) for name, meaning in STATE_KEYS.items())),
+        _keys(STATE_KEYS),
+        *(part for title, keys in PAGES.items() for part in (f"## {title}", _keys(keys))),
         "## Status codes and connections",
         table(["status", "meaning"], _CODES),
         _CONNECTIONS,

@@ -23,6 +23,7 @@ from websockets.sync.client import connect
 import liftgate_hil as lh
 from liftgate_hil.dashboard.guard import Guard, hosts_of
 from liftgate_hil.dashboard.live import _UNKNOWN_END
+from liftgate_hil.dashboard.recorded import RecordingSource
 from liftgate_hil.dashboard.source import STATE
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.running.attachment.server import _in_short
@@ -129,6 +130,18 @@ def test_the_page_has_exactly_the_keys_of_a_state(client: Client) -> None:
         *(f"end.{name}" for name in end),
         *(f"end.expectations[].{name}" for name in asdict(verdict)),
     }
+
+
+def test_what_else_the_server_answers_has_exactly_the_documented_keys(client: Client, tmp_path: Path) -> None:
+    from tools.docs.json_page_keys import GEOMETRY_KEYS, PLOT_KEYS, RECORDING_KEYS, RUN_KEYS
+
+    for path, keys in (("about", RUN_KEYS), ("geometry", GEOMETRY_KEYS), ("plot", PLOT_KEYS)):
+        assert {*written(client.ask(f"/api/{path}")[1], keys)} == {*keys}
+    lh.run("demo", record=tmp_path / "run.mf4")
+    recording = RecordingSource(tmp_path / "run.mf4").about()
+    recording["marks"] = [{"time_s": 1.0, "text": "it squeaks"}]
+    own = {path for path in RECORDING_KEYS if path not in ("number", "read_only", "starts", "ends_with_run")}
+    assert {*written(recording, RECORDING_KEYS)} == own
 
 
 def test_the_stream_brings_the_state_again_and_again_with_what_lay_between(client: Client) -> None:

@@ -68,3 +68,9 @@ def test_a_run_that_ends_at_once_says_why(starter: Starter, tmp_path: Path) -> N
     (tmp_path / "a.toml").write_text("nonsense = 1")
     with pytest.raises(RunGoneError, match=r"a.toml did not begin \(exit code 2\): .*nonsense"):
         starter.start("a.toml")
+
+
+def test_the_scenarios_that_can_be_started_have_the_documented_keys(starter: Starter) -> None:
+    from tools.docs.json_page_keys import SCENARIOS_KEYS
+
+    assert {*starter.state()} == {*SCENARIOS_KEYS}
