@@ -31,7 +31,10 @@ from liftgate_hil.errors import ConfigError, RunGoneError
 LARGEST = 65_536  # bytes of a command
 _BODY_S = 10.0  # s for a command to come
 _PAGE = Path(__file__).parent / "page"
-_PARTS = ("uPlot.min.css", "page.css", "uPlot.iife.min.js", "drawing.js", "charts.js", "controls.js", "page.js")
+_PARTS = (
+    "uPlot.min.css", "page.css", "uPlot.iife.min.js", "elements.js", "drawing.js", "charts.js", "controls.js",
+    "state.js", "timeline.js", "connection.js", "page.js",
+)  # fmt: skip
 
 
 class Endpoint(NamedTuple):

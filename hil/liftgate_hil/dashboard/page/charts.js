@@ -1,44 +1,84 @@
 "use strict";
 // Charts over one time axis. Of each column they draw what was lowest and highest in each stretch, so that no peak is lost.
 
-const CHART_HEIGHT = 128, AXIS_WIDTH = 54;
+const CHART_HEIGHT = 128,
+  AXIS_WIDTH = 54;
 // Columns of a panel by quantity, and the least that its axis shows.
 const PANELS = [
   { title: "Gate angle", least: 5, names: ["gate_angle_deg", "sensed_gate_angle_deg"] },
-  { title: "Motor current", least: 2, names: ["left_current_a", "right_current_a", "sensed_left_current_a", "sensed_right_current_a"] },
+  {
+    title: "Motor current",
+    least: 2,
+    names: ["left_current_a", "right_current_a", "sensed_left_current_a", "sensed_right_current_a"],
+  },
   { title: "Pinch and hand force", least: 10, names: ["pinch_force_n", "hand_force_n"] },
   { title: "Terminal voltage", least: 1, names: ["terminal_voltage_v", "sensed_terminal_voltage_v"] },
 ];
 // Colours and dashes of Okabe and Ito, by what a column is: the wide line under the narrow one shows that there are two.
-const LOOKS = { left: ["--left", [], 3], right: ["--right", [7, 4], 1.6], other: ["--fg", [], 1.8], hand: ["--hand", [6, 3], 1.8], third: ["--rod", [2, 3], 1.8], fourth: ["--ok", [9, 3, 2, 3], 1.8] };
+const LOOKS = {
+  left: ["--left", [], 3],
+  right: ["--right", [7, 4], 1.6],
+  other: ["--fg", [], 1.8],
+  hand: ["--hand", [6, 3], 1.8],
+  third: ["--rod", [2, 3], 1.8],
+  fourth: ["--ok", [9, 3, 2, 3], 1.8],
+};
 
 function looksOf(name, place, count) {
-  const isSensed = name.startsWith("sensed_"), plain = name.replace(/^sensed_/, "");
-  const side = /(^|[._])left/i.test(plain) ? "left" : /(^|[._])right/i.test(plain) ? "right" : plain.startsWith("hand_") ? "hand" : "";
-  const [color, dash, width] = LOOKS[side || (isSensed ? "third" : ["other", "left", "right", "fourth"][count > 1 ? place % 4 : 0])];
+  const isSensed = name.startsWith("sensed_"),
+    plain = name.replace(/^sensed_/, "");
+  const side = /(^|[._])left/i.test(plain)
+    ? "left"
+    : /(^|[._])right/i.test(plain)
+      ? "right"
+      : plain.startsWith("hand_")
+        ? "hand"
+        : "";
+  const [color, dash, width] =
+    LOOKS[side || (isSensed ? "third" : ["other", "left", "right", "fourth"][count > 1 ? place % 4 : 0])];
   return { color, dash: isSensed ? [2, 3] : dash, width: isSensed ? 1.2 : width };
 }
 
 class Charts {
   // `columns` are those of the source, with their `units`; `ours` maps our names to those of a bus log.
   constructor(box, { columns, units, ours = {} }, hooks) {
-    this.box = box; this.columns = columns; this.units = units; this.ours = ours; this.hooks = hooks;
-    this.times = []; this.low = {}; this.high = {}; this.hidden = new Set(); this.more = []; this.charts = []; this.now = null;
+    this.box = box;
+    this.columns = columns;
+    this.units = units;
+    this.ours = ours;
+    this.hooks = hooks;
+    this.times = [];
+    this.low = {};
+    this.high = {};
+    this.hidden = new Set();
+    this.more = [];
+    this.charts = [];
+    this.now = null;
     this.range = [0, 1];
     this.make();
     new ResizeObserver(() => this.resize()).observe(box);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { this.make(); this.draw(); });
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+      this.make();
+      this.draw();
+    });
   }
 
   panels() {
-    const known = new Set(this.columns), here = (name) => this.ours[name] || name;
-    let found = PANELS.map((panel) => ({ ...panel, names: [...new Set(panel.names.map(here))].filter((name) => known.has(name)) })).filter((panel) => panel.names.length);
-    if (!found.length) found = this.columns.slice(1, 5).map((name) => ({ title: name, least: 0, names: [name] }));
+    const known = new Set(this.columns),
+      here = (name) => this.ours[name] || name;
+    let found = PANELS.map((panel) => ({
+      ...panel,
+      names: [...new Set(panel.names.map(here))].filter((name) => known.has(name)),
+    })).filter((panel) => panel.names.length);
+    if (!found.length)
+      found = this.columns.slice(1, 5).map((name) => ({ title: name, least: 0, names: [name] }));
     return this.more.length ? [...found, { title: "Chosen", least: 0, names: this.more }] : found;
   }
 
   // Every column that is drawn.
-  get drawn() { return [...new Set(this.panels().flatMap((panel) => panel.names))]; }
+  get drawn() {
+    return [...new Set(this.panels().flatMap((panel) => panel.names))];
+  }
 
   make() {
     for (const { plot } of this.charts) plot.destroy();
@@ -49,50 +89,118 @@ class Charts {
   }
 
   chart({ title, names, least }, isLast) {
-    const style = getComputedStyle(document.documentElement), colour = (name) => style.getPropertyValue(name).trim();
-    const holder = element("div", {}), bar = element("div", { className: "panel" }), unit = this.units[names[0]];
+    const style = getComputedStyle(document.documentElement),
+      colour = (name) => style.getPropertyValue(name).trim();
+    const holder = element("div", {}),
+      bar = element("div", { className: "panel" }),
+      unit = this.units[names[0]];
     bar.append(element("b", {}, unit ? `${title} [${unit}]` : title));
-    const series = [{}], bands = [], values = [];
+    const series = [{}],
+      bands = [],
+      values = [];
     names.forEach((name, k) => {
-      const look = looksOf(name, k, names.length), stroke = colour(look.color), shown = !this.hidden.has(name);
-      for (let twice = 0; twice < 2; twice += 1) series.push({ stroke, width: look.width, dash: look.dash, show: shown, points: { show: false } });
+      const look = looksOf(name, k, names.length),
+        stroke = colour(look.color),
+        shown = !this.hidden.has(name);
+      for (let twice = 0; twice < 2; twice += 1)
+        series.push({ stroke, width: look.width, dash: look.dash, show: shown, points: { show: false } });
       bands.push({ series: [2 * k + 1, 2 * k + 2], fill: stroke + "40" });
-      const value = element("span", {}, "–"), sample = shape("svg", { viewBox: "0 0 26 8", "aria-hidden": "true" });
-      shape("path", { d: "M0 4H26", stroke, "stroke-width": look.width, "stroke-dasharray": look.dash.join(" ") }, sample);
-      const button = element("button", { type: "button", title: `show or hide ${name}` }, sample, this.called(name, names), value);
+      const value = element("span", {}, "–"),
+        sample = shape("svg", { viewBox: "0 0 26 8", "aria-hidden": "true" });
+      shape(
+        "path",
+        { d: "M0 4H26", stroke, "stroke-width": look.width, "stroke-dasharray": look.dash.join(" ") },
+        sample,
+      );
+      const button = element(
+        "button",
+        { type: "button", title: `show or hide ${name}` },
+        sample,
+        this.called(name, names),
+        value,
+      );
       button.setAttribute("aria-pressed", String(shown));
-      button.onclick = () => { if (this.hidden.has(name)) this.hidden.delete(name); else this.hidden.add(name); this.make(); this.draw(); };
-      bar.append(button); values.push(value);
+      button.onclick = () => {
+        if (this.hidden.has(name)) this.hidden.delete(name);
+        else this.hidden.add(name);
+        this.make();
+        this.draw();
+      };
+      bar.append(button);
+      values.push(value);
     });
     const canvas = element("div", {});
     holder.append(bar, canvas);
-    const dim = colour("--dim"), line = colour("--line"), axis = { stroke: dim, grid: { stroke: line, width: 1 }, ticks: { stroke: line } };
-    const plot = new uPlot({
-      width: 300, height: CHART_HEIGHT + (isLast ? 26 : 0), series, bands, padding: [6, 14, isLast ? 0 : 6, 0], legend: { show: false },
-      scales: { x: { time: false, range: () => this.range }, y: { range: rangeOf(least) } },
-      axes: [{ ...axis, show: isLast, size: 30, label: isLast ? "time [s]" : undefined, labelSize: isLast ? 16 : 0 }, { ...axis, size: AXIS_WIDTH }],
-      cursor: { sync: { key: "time", scales: ["x", null], filters: { sub: (kind) => kind === "mousemove" || kind === "mouseleave" } }, drag: { x: true, y: false, setScale: false }, focus: { prox: -1 } },
-      hooks: {
-        setSelect: [(it) => this.select(it)],
-        setCursor: [() => this.showValues()],
-        draw: [(it) => this.drawNow(it)],
+    const dim = colour("--dim"),
+      line = colour("--line"),
+      axis = { stroke: dim, grid: { stroke: line, width: 1 }, ticks: { stroke: line } };
+    const plot = new uPlot(
+      {
+        width: 300,
+        height: CHART_HEIGHT + (isLast ? 26 : 0),
+        series,
+        bands,
+        padding: [6, 14, isLast ? 0 : 6, 0],
+        legend: { show: false },
+        scales: { x: { time: false, range: () => this.range }, y: { range: rangeOf(least) } },
+        axes: [
+          {
+            ...axis,
+            show: isLast,
+            size: 30,
+            label: isLast ? "time [s]" : undefined,
+            labelSize: isLast ? 16 : 0,
+          },
+          { ...axis, size: AXIS_WIDTH },
+        ],
+        cursor: {
+          sync: {
+            key: "time",
+            scales: ["x", null],
+            filters: { sub: (kind) => kind === "mousemove" || kind === "mouseleave" },
+          },
+          drag: { x: true, y: false, setScale: false },
+          focus: { prox: -1 },
+        },
+        hooks: {
+          setSelect: [(it) => this.select(it)],
+          setCursor: [() => this.showValues()],
+          draw: [(it) => this.drawNow(it)],
+        },
       },
-    }, [[], ...names.flatMap(() => [[], []])], canvas);
-    plot.over.addEventListener("click", () => { if (plot.cursor.left >= 0 && this.hooks.seek) this.hooks.seek(plot.posToVal(plot.cursor.left, "x")); });
+      [[], ...names.flatMap(() => [[], []])],
+      canvas,
+    );
+    plot.over.addEventListener("click", () => {
+      if (plot.cursor.left >= 0 && this.hooks.seek) this.hooks.seek(plot.posToVal(plot.cursor.left, "x"));
+    });
     return { plot, names, holder, values };
   }
 
   // A column in its panel, without what all of it have in common.
   called(name, names) {
-    const words = [/(^|[._])left/i.test(name) && "left", /(^|[._])right/i.test(name) && "right", name.startsWith("sensed_") && "sensed"].filter(Boolean);
-    if (names.length === 1 || name === "hand_force_n" || name === "pinch_force_n" || this.more === names) return name === "pinch_force_n" ? "pinch" : name === "hand_force_n" ? "hand" : names.length === 1 ? "" : name;
+    const words = [
+      /(^|[._])left/i.test(name) && "left",
+      /(^|[._])right/i.test(name) && "right",
+      name.startsWith("sensed_") && "sensed",
+    ].filter(Boolean);
+    if (names.length === 1 || name === "hand_force_n" || name === "pinch_force_n" || this.more === names)
+      return name === "pinch_force_n"
+        ? "pinch"
+        : name === "hand_force_n"
+          ? "hand"
+          : names.length === 1
+            ? ""
+            : name;
     return words.join(" ") || "true";
   }
 
   resize() {
     const width = this.box.clientWidth - 10;
     if (width < 50) return;
-    this.charts.forEach(({ plot }, k) => plot.setSize({ width, height: CHART_HEIGHT + (k === this.charts.length - 1 ? 26 : 0) }));
+    this.charts.forEach(({ plot }, k) =>
+      plot.setSize({ width, height: CHART_HEIGHT + (k === this.charts.length - 1 ? 26 : 0) }),
+    );
   }
 
   // What was selected in one chart is shown in all: the same two times in each.
@@ -104,11 +212,17 @@ class Charts {
     this.hooks.zoomed(range);
   }
 
-  zoom(low, high) { this.range = [low, high > low ? high : low + 1e-3]; this.draw(); }
+  zoom(low, high) {
+    this.range = [low, high > low ? high : low + 1e-3];
+    this.draw();
+  }
 
   draw() {
     for (const { plot, names } of this.charts) {
-      plot.setData([this.times, ...names.flatMap((name) => [this.high[name] || [], this.low[name] || []])], false);
+      plot.setData(
+        [this.times, ...names.flatMap((name) => [this.high[name] || [], this.low[name] || []])],
+        false,
+      );
       plot.setScale("x", { min: this.range[0], max: this.range[1] });
     }
     this.showValues();
@@ -116,22 +230,38 @@ class Charts {
 
   drawNow(plot) {
     if (this.now === null) return;
-    const x = plot.valToPos(this.now, "x", true), { ctx, bbox } = plot;
+    const x = plot.valToPos(this.now, "x", true),
+      { ctx, bbox } = plot;
     if (x < bbox.left || x > bbox.left + bbox.width) return;
-    ctx.save(); ctx.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue("--accent"); ctx.lineWidth = 2;
-    ctx.beginPath(); ctx.moveTo(x, bbox.top); ctx.lineTo(x, bbox.top + bbox.height); ctx.stroke(); ctx.restore();
+    ctx.save();
+    ctx.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue("--accent");
+    ctx.lineWidth = 2;
+    ctx.beginPath();
+    ctx.moveTo(x, bbox.top);
+    ctx.lineTo(x, bbox.top + bbox.height);
+    ctx.stroke();
+    ctx.restore();
   }
 
   // Values at the cursor, else the latest ones.
   showValues() {
-    const cursor = this.charts.map(({ plot }) => plot.cursor.idx).find((each) => each !== null && each !== undefined);
+    const cursor = this.charts
+      .map(({ plot }) => plot.cursor.idx)
+      .find((each) => each !== null && each !== undefined);
     const now = this.now === null ? -1 : this.times.findIndex((each) => each >= this.now - 1e-9);
     const place = cursor ?? (now >= 0 ? now : this.times.length - 1);
-    for (const { names, values } of this.charts) names.forEach((name, k) => { values[k].textContent = valueText(this.low[name]?.[place], this.high[name]?.[place]); });
+    for (const { names, values } of this.charts)
+      names.forEach((name, k) => {
+        values[k].textContent = valueText(this.low[name]?.[place], this.high[name]?.[place]);
+      });
     this.hooks.pointed(cursor === undefined ? null : this.times[cursor]);
   }
 
-  take(plot) { this.times = plot.time_s; this.low = { ...plot.low }; this.high = { ...plot.high }; }
+  take(plot) {
+    this.times = plot.time_s;
+    this.low = { ...plot.low };
+    this.high = { ...plot.high };
+  }
 
   // Add a stretch that ends at a time; what is older than `history` seconds is dropped now and then.
   append(time, span, history) {
@@ -140,7 +270,10 @@ class Charts {
     this.times.push(time);
     for (const name of this.drawn) {
       const place = this.columns.indexOf(name);
-      for (const [kept, given] of [[this.low, span.low], [this.high, span.high]]) {
+      for (const [kept, given] of [
+        [this.low, span.low],
+        [this.high, span.high],
+      ]) {
         kept[name] ??= new Array(this.times.length - 1).fill(null);
         kept[name].push(given[place]);
       }
@@ -148,7 +281,8 @@ class Charts {
     const first = this.times.findIndex((each) => each >= time - history);
     if (first > 600) {
       this.times.splice(0, first);
-      for (const kept of [this.low, this.high]) for (const name of Object.keys(kept)) kept[name].splice(0, first);
+      for (const kept of [this.low, this.high])
+        for (const name of Object.keys(kept)) kept[name].splice(0, first);
     }
   }
 }
@@ -157,7 +291,8 @@ class Charts {
 function rangeOf(least) {
   return (plot, low, high) => {
     if (low === null) return [0, least || 1];
-    const middle = (low + high) / 2, half = Math.max(high - low, least || 1e-9) / 2 * 1.08;
+    const middle = (low + high) / 2,
+      half = (Math.max(high - low, least || 1e-9) / 2) * 1.08;
     return [middle - half, middle + half];
   };
 }
@@ -165,23 +300,35 @@ function rangeOf(least) {
 function valueText(low, high) {
   if (typeof low !== "number" || typeof high !== "number") return "–";
   const brief = (value) => text(value, Math.abs(value) < 10 ? 3 : 1);
-  return high - low > 0.02 * Math.max(Math.abs(high), Math.abs(low), 1) ? `${brief(low)} to ${brief(high)}` : brief(high);
+  return high - low > 0.02 * Math.max(Math.abs(high), Math.abs(low), 1)
+    ? `${brief(low)} to ${brief(high)}`
+    : brief(high);
 }
 
 // A histogram: bars [from, to, count] over a logarithmic axis of durations.
 function drawHistogram(svg, bars) {
   svg.replaceChildren();
   if (!bars.length) return;
-  const low = Math.max(bars[0][0], 0.1), high = bars[bars.length - 1][1], most = Math.log1p(Math.max(...bars.map(([, , count]) => count)));
-  const x = (value) => 6 + 348 * Math.log(Math.max(value, low) / low) / Math.log(high / low);
+  const low = Math.max(bars[0][0], 0.1),
+    high = bars[bars.length - 1][1],
+    most = Math.log1p(Math.max(...bars.map(([, , count]) => count)));
+  const x = (value) => 6 + (348 * Math.log(Math.max(value, low) / low)) / Math.log(high / low);
   for (let decade = 10 ** Math.ceil(Math.log10(low)); decade <= high; decade *= 10) {
     shape("path", { d: `M${x(decade)} 6V92` }, svg);
-    shape("text", { x: x(decade), y: 106, "text-anchor": x(decade) > 335 ? "end" : "middle" }, svg).textContent = text(decade);
+    shape(
+      "text",
+      { x: x(decade), y: 106, "text-anchor": x(decade) > 335 ? "end" : "middle" },
+      svg,
+    ).textContent = text(decade);
   }
   for (const [from, to, count] of bars) {
     if (!count) continue;
-    const height = Math.max(1.5, 82 * Math.log1p(count) / most);
-    const bar = shape("rect", { x: x(from), y: 92 - height, width: Math.max(1, x(to) - x(from) - 0.5), height }, svg);
+    const height = Math.max(1.5, (82 * Math.log1p(count)) / most);
+    const bar = shape(
+      "rect",
+      { x: x(from), y: 92 - height, width: Math.max(1, x(to) - x(from) - 0.5), height },
+      svg,
+    );
     shape("title", {}, bar).textContent = `${text(from, 2)} to ${text(to, 2)} µs: ${count}`;
   }
 }

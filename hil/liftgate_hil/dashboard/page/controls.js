@@ -6,55 +6,122 @@ const SLIDE_MS = 100; // between two commands of a slider
 
 // Calls a function with the latest argument, at most once in a time [ms].
 function paced(milliseconds, call) {
-  let timer = null, waiting = null;
-  const now = () => { if (waiting === null) { timer = null; return; } const [value] = waiting; waiting = null; call(value); timer = setTimeout(now, milliseconds); };
-  return (value) => { waiting = [value]; if (timer === null) now(); };
+  let timer = null,
+    waiting = null;
+  const now = () => {
+    if (waiting === null) {
+      timer = null;
+      return;
+    }
+    const [value] = waiting;
+    waiting = null;
+    call(value);
+    timer = setTimeout(now, milliseconds);
+  };
+  return (value) => {
+    waiting = [value];
+    if (timer === null) now();
+  };
 }
 
 // A quantity with a slider, a number and its unit; a switch is a button.
 class Control {
   constructor(name, spec, command, value = null) {
-    this.name = name; this.spec = spec;
-    const label = element("span", { className: "name", title: spec.meaning, id: `label-${name}` }, spec.label);
-    this.clear = element("button", { type: "button", className: "clear", title: `clear ${spec.label}`, onclick: () => command(null) }, "×");
+    this.name = name;
+    this.spec = spec;
+    const label = element(
+      "span",
+      { className: "name", title: spec.meaning, id: `label-${name}` },
+      spec.label,
+    );
+    this.clear = element(
+      "button",
+      { type: "button", className: "clear", title: `clear ${spec.label}`, onclick: () => command(null) },
+      "×",
+    );
     this.clear.setAttribute("aria-label", `clear ${spec.label}`);
     if (spec.labels.length) {
-      this.button = element("button", { type: "button", id: `switch-${name}`, onclick: () => command(this.isOn ? 0 : 1) }, `is ${spec.labels[0]}`);
+      this.button = element(
+        "button",
+        { type: "button", id: `switch-${name}`, onclick: () => command(this.isOn ? 0 : 1) },
+        `is ${spec.labels[0]}`,
+      );
       this.button.setAttribute("aria-labelledby", `label-${name} switch-${name}`);
       this.element = element("div", { className: "control switch" }, label, this.button, this.clear);
     } else {
-      const attributes = { step: "any", title: `${spec.meaning}; allowed: ${text(spec.low)} to ${text(spec.high)} ${spec.unit}` };
+      const attributes = {
+        step: "any",
+        title: `${spec.meaning}; allowed: ${text(spec.low)} to ${text(spec.high)} ${spec.unit}`,
+      };
       const step = 10 ** Math.floor(Math.log10((spec.slide_high - spec.slide_low) / 100));
-      this.slider = element("input", { type: "range", min: spec.slide_low, max: spec.slide_high, ...attributes, step });
+      this.slider = element("input", {
+        type: "range",
+        min: spec.slide_low,
+        max: spec.slide_high,
+        ...attributes,
+        step,
+      });
       this.number = element("input", { type: "number", min: spec.low, max: spec.high, ...attributes });
-      this.slider.setAttribute("aria-label", `${spec.label}, slider`); this.number.setAttribute("aria-label", spec.label);
+      this.slider.setAttribute("aria-label", `${spec.label}, slider`);
+      this.number.setAttribute("aria-label", spec.label);
       if (value !== null) this.slider.value = this.number.value = value;
       const slid = paced(SLIDE_MS, (given) => command(given));
-      this.slider.oninput = () => { this.number.value = this.slider.value; slid(+this.slider.value); };
-      this.number.onchange = () => { if (this.number.value !== "") { this.slider.value = this.number.value; command(+this.number.value); } };
-      this.element = element("div", { className: "control" }, label, this.slider, this.number, element("span", { className: "unit" }, spec.unit), this.clear);
+      this.slider.oninput = () => {
+        this.number.value = this.slider.value;
+        slid(+this.slider.value);
+      };
+      this.number.onchange = () => {
+        if (this.number.value !== "") {
+          this.slider.value = this.number.value;
+          command(+this.number.value);
+        }
+      };
+      this.element = element(
+        "div",
+        { className: "control" },
+        label,
+        this.slider,
+        this.number,
+        element("span", { className: "unit" }, spec.unit),
+        this.clear,
+      );
     }
   }
 
-  get value() { return this.number.value === "" ? undefined : +this.number.value; }
+  get value() {
+    return this.number.value === "" ? undefined : +this.number.value;
+  }
 
   // Shows the value now, unless it is being changed, and whether a command holds it.
   show(value, isHeld) {
     this.element.classList.toggle("on", isHeld);
     this.clear.style.visibility = isHeld ? "visible" : "hidden";
     if (typeof value !== "number") return;
-    if (this.button) { this.isOn = value !== 0; this.button.textContent = `is ${this.spec.labels[this.isOn ? 1 : 0]}`; return; }
+    if (this.button) {
+      this.isOn = value !== 0;
+      this.button.textContent = `is ${this.spec.labels[this.isOn ? 1 : 0]}`;
+      return;
+    }
     if (document.activeElement !== this.slider) this.slider.value = value;
-    if (document.activeElement !== this.number && document.activeElement !== this.slider) this.number.value = +value.toFixed(2);
+    if (document.activeElement !== this.number && document.activeElement !== this.slider)
+      this.number.value = +value.toFixed(2);
   }
 }
 
 class Controls {
   constructor(can, post, openAngle) {
-    this.can = can; this.openAngle = openAngle; this.post = post; this.set = {}; this.shown = "";
+    this.can = can;
+    this.openAngle = openAngle;
+    this.post = post;
+    this.set = {};
+    this.shown = "";
     this.makeRequests();
     for (const [name, spec] of Object.entries(can.set)) {
-      this.set[name] = new Control(name, name === "hand_force_n" ? { ...spec, label: "Force, + opens" } : spec, (value) => post({ set: { [name]: value } }));
+      this.set[name] = new Control(
+        name,
+        name === "hand_force_n" ? { ...spec, label: "Force, + opens" } : spec,
+        (value) => post({ set: { [name]: value } }),
+      );
       find(name === "hand_force_n" ? "hand" : "set").append(this.set[name].element);
     }
     this.makeObstacle();
@@ -66,147 +133,250 @@ class Controls {
 
   makeRequests() {
     const { request } = this.can;
-    find("requests").append(...(request.length ? request.map((action) => element("button", { type: "button", onclick: () => this.post({ request: action }) }, action)) : ["The rig has no [requests]."]));
+    find("requests").append(
+      ...(request.length
+        ? request.map((action) =>
+            element("button", { type: "button", onclick: () => this.post({ request: action }) }, action),
+          )
+        : ["The rig has no [requests]."]),
+    );
   }
 
   makeObstacle() {
-    const form = find("obstacle"), more = element("details", {}, element("summary", {}, "More"));
+    const form = find("obstacle"),
+      more = element("details", {}, element("summary", {}, "More"));
     this.rod = {};
     for (const [name, spec] of Object.entries(this.can.obstacle)) {
       const range = name === "angle_deg" ? { slide_low: 0, slide_high: this.openAngle } : {};
-      const control = new Control(name, { ...spec, ...range }, () => {}, name === "angle_deg" ? FIRST_DEG : spec.default);
+      const control = new Control(
+        name,
+        { ...spec, ...range },
+        () => {},
+        name === "angle_deg" ? FIRST_DEG : spec.default,
+      );
       control.clear.remove();
       this.rod[name] = control;
       (["angle_deg", "stiffness"].includes(name) ? form : more).append(control.element);
     }
-    this.meets = element("select", { title: "which way the gate meets it" }, element("option", {}, "closing"), element("option", {}, "opening"));
+    this.meets = element(
+      "select",
+      { title: "which way the gate meets it" },
+      element("option", {}, "closing"),
+      element("option", {}, "opening"),
+    );
     this.meets.setAttribute("aria-label", "which way the gate meets the obstacle");
-    more.append(element("div", { className: "control text" }, element("span", { className: "name" }, "Met while"), this.meets));
-    form.append(more, element("div", { className: "row" }, element("button", {}, "Put"), element("button", { type: "button", onclick: () => this.post({ clear: "obstacle" }) }, "Remove")));
+    more.append(
+      element(
+        "div",
+        { className: "control text" },
+        element("span", { className: "name" }, "Met while"),
+        this.meets,
+      ),
+    );
+    form.append(
+      more,
+      element(
+        "div",
+        { className: "row" },
+        element("button", {}, "Put"),
+        element("button", { type: "button", onclick: () => this.post({ clear: "obstacle" }) }, "Remove"),
+      ),
+    );
     submit(form, () => this.put({}));
   }
 
   // Puts the obstacle as the form describes it, with `changed` keys, which the form then shows.
   put(changed) {
-    const said = { meets: this.meets.value };
-    for (const [name, value] of Object.entries(changed)) { this.rod[name].number.value = this.rod[name].slider.value = value; }
-    for (const [name, { value, spec }] of Object.entries(this.rod)) if (value !== undefined && value !== spec.default) said[name] = value;
-    this.post({ obstacle: said });
+    const content = { meets: this.meets.value };
+    for (const [name, value] of Object.entries(changed)) {
+      this.rod[name].number.value = this.rod[name].slider.value = value;
+    }
+    for (const [name, { value, spec }] of Object.entries(this.rod))
+      if (value !== undefined && value !== spec.default) content[name] = value;
+    this.post({ obstacle: content });
   }
 
   makeFaults() {
-    const kinds = find("fault-kind"), keys = find("fault-keys"), groups = {};
+    const kinds = find("fault-kind"),
+      keys = find("fault-keys"),
+      groups = {};
     for (const [name, spec] of Object.entries(this.can.fault)) {
       groups[spec.group] ??= element("optgroup", { label: spec.group });
       groups[spec.group].append(element("option", { value: name }, spec.label));
     }
     kinds.append(...Object.values(groups));
-    const field = (label, made) => element("label", { className: "control text" }, element("span", { className: "name" }, label), made);
+    const field = (label, made) =>
+      element("label", { className: "control text" }, element("span", { className: "name" }, label), made);
     const change = () => {
-      const kind = this.can.fault[kinds.value], made = [];
+      const kind = this.can.fault[kinds.value],
+        made = [];
       find("fault-meaning").textContent = `${kind.meaning[0].toUpperCase()}${kind.meaning.slice(1)}.`;
       if (kind.where.length) {
         const all = kind.of === "a message" ? ["", ...kind.where] : kind.where;
-        made.push(field(kind.of === "a message" ? "Message" : "Drive", element("select", { name: "where" }, ...all.map((name) => element("option", { value: name }, name || "all")))));
+        made.push(
+          field(
+            kind.of === "a message" ? "Message" : "Drive",
+            element(
+              "select",
+              { name: "where" },
+              ...all.map((name) => element("option", { value: name }, name || "all")),
+            ),
+          ),
+        );
       }
-      for (const [name, spec] of Object.entries(kind.keys)) made.push(field(spec.unit ? `${spec.label} [${spec.unit}]` : spec.label, input(name, spec)));
+      for (const [name, spec] of Object.entries(kind.keys))
+        made.push(field(spec.unit ? `${spec.label} [${spec.unit}]` : spec.label, input(name, spec)));
       keys.replaceChildren(...made);
     };
     kinds.onchange = change;
     change();
     submit(find("fault"), () => {
-      const said = { kind: kinds.value }, specs = this.can.fault[kinds.value].keys;
+      const content = { kind: kinds.value },
+        specs = this.can.fault[kinds.value].keys;
       for (const each of keys.querySelectorAll("input, select")) {
-        const value = valueOf(each, specs[each.name] || { labels: ["x"] });
-        if (value !== undefined) said[each.name] = value;
+        const value = fieldValue(each, specs[each.name] || { labels: ["x"] });
+        if (value !== undefined) content[each.name] = value;
       }
-      this.post({ fault: said });
+      this.post({ fault: content });
     });
   }
 
   makeRestbus() {
-    const names = find("signal-name"), { signal } = this.can, shaped = (spec) => ({ ...spec, isSignal: true, default: spec.start });
+    const names = find("signal-name"),
+      { signal } = this.can,
+      shaped = (spec) => ({ ...spec, isSignal: true, default: spec.start });
     find("signal-names").append(...Object.keys(signal).map((name) => element("option", { value: name })));
     names.addEventListener("input", () => {
       const spec = signal[names.value];
-      find("signal-value").replaceChildren(...(spec ? [input(names.value, shaped(spec)), ` ${spec.unit}`] : []));
+      find("signal-value").replaceChildren(
+        ...(spec ? [input(names.value, shaped(spec)), ` ${spec.unit}`] : []),
+      );
       names.title = spec ? spec.meaning : "";
     });
     submit(find("signal"), () => {
-      const field = find("signal-value").querySelector("input"), spec = signal[names.value];
-      this.post({ signal: { [names.value]: field && spec ? valueOf(field, shaped(spec)) : null } }); // null: the server says what is allowed
+      const field = find("signal-value").querySelector("input"),
+        spec = signal[names.value];
+      this.post({ signal: { [names.value]: field && spec ? fieldValue(field, shaped(spec)) : null } }); // null: the server says what is allowed
     });
   }
 
   makeRecording() {
     const stamp = () => new Date().toISOString().slice(0, 19).replaceAll(":", "").replace("T", "-");
-    const formats = this.can.record, name = find("record-name");
+    const formats = this.can.record,
+      name = find("record-name");
     name.value = `run-${stamp()}${formats.includes(".mf4") ? ".mf4" : formats[0]}`;
     name.title = `a file in the folder of the run, in one of ${formats.join(", ")}`;
     submit(find("record"), () => {
-      if (this.recording) { this.post({ record: null }); name.value = `run-${stamp()}.${name.value.split(".").pop()}`; return; }
+      if (this.recording) {
+        this.post({ record: null });
+        name.value = `run-${stamp()}.${name.value.split(".").pop()}`;
+        return;
+      }
       this.post({ record: { file: name.value } });
     });
-    submit(find("mark"), async () => { if (await this.post({ mark: find("mark-text").value })) find("mark-text").value = ""; });
+    submit(find("mark"), async () => {
+      if (await this.post({ mark: find("mark-text").value })) find("mark-text").value = "";
+    });
   }
 
   // Shows the values now, and what is in force.
   show(truth, force) {
-    for (const [name, control] of Object.entries(this.set)) control.show(truth[name], name in (force.set || {}));
+    for (const [name, control] of Object.entries(this.set))
+      control.show(truth[name], name in (force.set || {}));
     this.recording = force.record || null;
-    const button = find("record-button"), words = this.recording ? (this.recording.phase === "recording" ? `Stop ${this.recording.file}` : `${this.recording.phase} …`) : "Record";
+    const button = find("record-button"),
+      words = this.recording
+        ? this.recording.phase === "recording"
+          ? `Stop ${this.recording.file}`
+          : `${this.recording.phase} …`
+        : "Record";
     if (button.textContent !== words) button.textContent = words;
     button.classList.toggle("on", Boolean(this.recording));
     find("record-name").hidden = Boolean(this.recording);
-    const said = JSON.stringify(force);
-    if (said === this.shown) return;
-    this.shown = said;
+    const shown = JSON.stringify(force);
+    if (shown === this.shown) return;
+    this.shown = shown;
     const label = (each) => this.can.fault[each.kind]?.label || each.kind;
-    const inWords = ({ kind, where, ...rest }) => [label({ kind }), where, ...Object.entries(rest).map(([name, value]) => `${name} ${text(value)}`)].filter(Boolean).join(" ");
-    this.chips("fault-on", (force.faults || []).map((each) => [inWords(each), { clear: { fault: each } }]));
-    const rod = force.obstacle, about = rod && Object.entries(rod).filter(([name, value]) => name !== "meets" || value !== "closing").map(([name, value]) => `${this.rod[name]?.spec.label.toLowerCase() || name} ${text(value)} ${this.rod[name]?.spec.unit || ""}`.trim());
+    const inWords = ({ kind, where, ...rest }) =>
+      [label({ kind }), where, ...Object.entries(rest).map(([name, value]) => `${name} ${text(value)}`)]
+        .filter(Boolean)
+        .join(" ");
+    this.chips(
+      "fault-on",
+      (force.faults || []).map((each) => [inWords(each), { clear: { fault: each } }]),
+    );
+    const rod = force.obstacle,
+      about =
+        rod &&
+        Object.entries(rod)
+          .filter(([name, value]) => name !== "meets" || value !== "closing")
+          .map(([name, value]) =>
+            `${this.rod[name]?.spec.label.toLowerCase() || name} ${text(value)} ${this.rod[name]?.spec.unit || ""}`.trim(),
+          );
     this.chips("obstacle-on", rod ? [[about.join(", "), { clear: "obstacle" }]] : []);
-    this.chips("signal-on", Object.entries(force.signals || {}).map(([name, value]) => [`${name} = ${text(value)}`, { clear: { signal: name } }]));
+    this.chips(
+      "signal-on",
+      Object.entries(force.signals || {}).map(([name, value]) => [
+        `${name} = ${text(value)}`,
+        { clear: { signal: name } },
+      ]),
+    );
   }
 
   chips(id, each) {
-    find(id).replaceChildren(...each.map(([said, command]) => {
-      const button = element("button", { type: "button", onclick: () => this.post(command) }, "×");
-      button.setAttribute("aria-label", `clear ${said}`);
-      return element("li", {}, said, button);
-    }));
+    find(id).replaceChildren(
+      ...each.map(([words, command]) => {
+        const button = element("button", { type: "button", onclick: () => this.post(command) }, "×");
+        button.setAttribute("aria-label", `clear ${words}`);
+        return element("li", {}, words, button);
+      }),
+    );
   }
 }
 
 // An input for a value: labels to choose from, else a number with its range, else a text.
 function input(key, spec) {
-  const labels = spec.labels || [], hasDefault = spec.default !== null && spec.default !== undefined;
+  const labels = spec.labels || [],
+    hasDefault = spec.default !== null && spec.default !== undefined;
   let made;
-  if (labels.length && spec.isSignal) { // which may have other values, too
+  if (labels.length && spec.isSignal) {
+    // which may have other values, too
     made = element("input", { type: "text", required: true });
     made.setAttribute("list", "signal-labels");
     find("signal-labels").replaceChildren(...labels.map((label) => element("option", { value: label })));
   } else if (labels.length) {
     made = element("select", {}, ...labels.map((label) => element("option", { value: label }, label)));
   } else if (spec.low !== undefined) {
-    made = element("input", { type: "number", step: "any", min: spec.low, max: spec.high, required: !hasDefault });
+    made = element("input", {
+      type: "number",
+      step: "any",
+      min: spec.low,
+      max: spec.high,
+      required: !hasDefault,
+    });
   } else {
     made = element("input", { type: "text", required: !hasDefault });
   }
   if (hasDefault && made.tagName === "INPUT") made.value = spec.default;
   made.name = key;
-  const range = spec.low === undefined ? spec.allowed || "" : `${text(spec.low)} to ${text(spec.high)} ${spec.unit || ""}`;
+  const range =
+    spec.low === undefined
+      ? spec.allowed || ""
+      : `${text(spec.low)} to ${text(spec.high)} ${spec.unit || ""}`;
   made.title = `${spec.meaning || key}; allowed: ${labels.length ? labels.join(", ") : range}`;
   made.setAttribute("aria-label", spec.label || key);
   return made;
 }
 
-function valueOf(field, spec) {
+function fieldValue(field, spec) {
   if (field.value === "") return undefined;
   if (spec.isSignal) return Number.isNaN(Number(field.value)) ? field.value : Number(field.value);
   return spec.low !== undefined && !(spec.labels || []).length ? Number(field.value) : field.value;
 }
 
 function submit(form, action) {
-  form.addEventListener("submit", (event) => { event.preventDefault(); action(); });
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    action();
+  });
 }

@@ -1,13 +1,25 @@
 "use strict";
 // Drawing of car and gate to scale, with what can be dragged in it: a hand on the gate, and the obstacle.
 
-const WIDTH = 640, HEIGHT = 400; // of the drawing, in its own units
+const WIDTH = 640,
+  HEIGHT = 400; // of the drawing, in its own units
 const METRES_PER_NEWTON = 0.0006; // of an arrow
 const LEAST_N = 5; // below which a force has no arrow
-const HAND_N_PER_M = 1000, MOST_HAND_N = 300; // the hand pulls like a spring: chosen
+const HAND_N_PER_M = 1000,
+  MOST_HAND_N = 300; // the hand pulls like a spring: chosen
 const HAND_MS = 100; // between two commands of the hand
-const FORCES = { left: "left drive", right: "right drive", left_spring: "left spring", right_spring: "right spring", weight: "weight", hand: "hand", pinch: "pinch" };
-const LINE = 22, COLUMN = 155, ROWS = 4; // of the legend: between two lines and two columns of text; lines above the car's roof
+const FORCES = {
+  left: "left drive",
+  right: "right drive",
+  left_spring: "left spring",
+  right_spring: "right spring",
+  weight: "weight",
+  hand: "hand",
+  pinch: "pinch",
+};
+const LINE = 22,
+  COLUMN = 155,
+  ROWS = 4; // of the legend: between two lines and two columns of text; lines above the car's roof
 const ROD_M = 0.045; // radius of the obstacle as it is drawn
 
 function shape(name, attributes = {}, parent = null) {
@@ -17,15 +29,22 @@ function shape(name, attributes = {}, parent = null) {
   return made;
 }
 
-const rad = (degrees) => degrees * Math.PI / 180;
+const rad = (degrees) => (degrees * Math.PI) / 180;
 const within = (value, low, high) => Math.min(high, Math.max(low, value));
 
 class Drawing {
   // `act` has `hand(newtons or null)`, `put({angle_deg, distance})` and `remove()`; null: nothing can be commanded.
   constructor(svg, geometry, act) {
-    this.svg = svg; this.geometry = geometry; this.act = act;
-    this.angle = 0; this.slope = 0; this.handAt = null; this.rodAt = null; this.rodInForce = null;
-    this.force = null; this.sent = null;
+    this.svg = svg;
+    this.geometry = geometry;
+    this.act = act;
+    this.angle = 0;
+    this.slope = 0;
+    this.handAt = null;
+    this.rodAt = null;
+    this.rodInForce = null;
+    this.force = null;
+    this.sent = null;
     this.fit();
     this.make();
     if (act) this.makeDraggable();
@@ -34,9 +53,10 @@ class Drawing {
   // Scale and origin, so that the gate has room from closed to open.
   fit() {
     const { hinge, edge, length_m: length } = this.geometry;
-    const xs = edge.map(([x]) => x), ys = edge.map(([, y]) => y);
-    const low = [hinge[0] - 1.05 * length, Math.min(...ys) - 0.70 * length];
-    const high = [Math.max(...xs, hinge[0]) + 0.30 * length, Math.max(...ys, hinge[1]) + 0.28 * length];
+    const xs = edge.map(([x]) => x),
+      ys = edge.map(([, y]) => y);
+    const low = [hinge[0] - 1.05 * length, Math.min(...ys) - 0.7 * length];
+    const high = [Math.max(...xs, hinge[0]) + 0.3 * length, Math.max(...ys, hinge[1]) + 0.28 * length];
     this.scale = Math.min(WIDTH / (high[0] - low[0]), HEIGHT / (high[1] - low[1]));
     this.centre = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
     this.ground = Math.min(...ys) - 0.52 * length;
@@ -44,47 +64,84 @@ class Drawing {
 
   // A point [m] of the car, turned by the slope of the road, in the drawing.
   at([x, y]) {
-    const [hx, hy] = this.geometry.hinge, c = Math.cos(rad(this.slope)), s = Math.sin(rad(this.slope));
-    const dx = x - hx, dy = y - hy;
+    const [hx, hy] = this.geometry.hinge,
+      c = Math.cos(rad(this.slope)),
+      s = Math.sin(rad(this.slope));
+    const dx = x - hx,
+      dy = y - hy;
     const [wx, wy] = [hx + c * dx - s * dy, hy + s * dx + c * dy];
     return [WIDTH / 2 + (wx - this.centre[0]) * this.scale, HEIGHT / 2 - (wy - this.centre[1]) * this.scale];
   }
 
   // The point [m] of the car at a place on the screen.
   pointAt(event) {
-    const found = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.svg.getScreenCTM().inverse());
-    const [hx, hy] = this.geometry.hinge, c = Math.cos(rad(this.slope)), s = Math.sin(rad(this.slope));
-    const wx = this.centre[0] + (found.x - WIDTH / 2) / this.scale - hx, wy = this.centre[1] - (found.y - HEIGHT / 2) / this.scale - hy;
+    const found = new DOMPoint(event.clientX, event.clientY).matrixTransform(
+      this.svg.getScreenCTM().inverse(),
+    );
+    const [hx, hy] = this.geometry.hinge,
+      c = Math.cos(rad(this.slope)),
+      s = Math.sin(rad(this.slope));
+    const wx = this.centre[0] + (found.x - WIDTH / 2) / this.scale - hx,
+      wy = this.centre[1] - (found.y - HEIGHT / 2) / this.scale - hy;
     return [hx + c * wx + s * wy, hy - s * wx + c * wy];
   }
 
   // The point at a distance from the hinge on the gate's inner face, and `out` of it, at an angle of the gate.
   onGate(distance, out = 0, angle = this.angle) {
-    const { hinge, closed_deg: closed } = this.geometry, way = rad(closed + angle);
-    return [hinge[0] + distance * Math.cos(way) - out * Math.sin(way), hinge[1] + distance * Math.sin(way) + out * Math.cos(way)];
+    const { hinge, closed_deg: closed } = this.geometry,
+      way = rad(closed + angle);
+    return [
+      hinge[0] + distance * Math.cos(way) - out * Math.sin(way),
+      hinge[1] + distance * Math.sin(way) + out * Math.cos(way),
+    ];
   }
 
   // A point of the closed gate, turned to the gate's angle.
   turned([x, y]) {
-    const [hx, hy] = this.geometry.hinge, c = Math.cos(rad(this.angle)), s = Math.sin(rad(this.angle));
+    const [hx, hy] = this.geometry.hinge,
+      c = Math.cos(rad(this.angle)),
+      s = Math.sin(rad(this.angle));
     return [hx + c * (x - hx) - s * (y - hy), hy + s * (x - hx) + c * (y - hy)];
   }
 
   // Angle of the gate and distance from the hinge at which its inner face passes a point.
   polar([x, y]) {
     const [hx, hy] = this.geometry.hinge;
-    let angle = Math.atan2(y - hy, x - hx) * 180 / Math.PI - this.geometry.closed_deg;
-    angle = ((angle + 180) % 360 + 360) % 360 - 180;
+    let angle = (Math.atan2(y - hy, x - hx) * 180) / Math.PI - this.geometry.closed_deg;
+    angle = ((((angle + 180) % 360) + 360) % 360) - 180;
     return { angle, distance: Math.hypot(x - hx, y - hy) };
   }
 
-  line(...points) { return "M" + points.map((each) => this.at(each).map((n) => n.toFixed(1)).join(" ")).join("L"); }
+  line(...points) {
+    return (
+      "M" +
+      points
+        .map((each) =>
+          this.at(each)
+            .map((n) => n.toFixed(1))
+            .join(" "),
+        )
+        .join("L")
+    );
+  }
 
   make() {
     this.svg.replaceChildren();
     const add = (name, attributes) => shape(name, attributes, this.svg);
     const defs = add("defs", {});
-    const head = shape("marker", { id: "head", viewBox: "0 0 10 10", refX: 7, refY: 5, markerWidth: 4, markerHeight: 4, orient: "auto-start-reverse" }, defs);
+    const head = shape(
+      "marker",
+      {
+        id: "head",
+        viewBox: "0 0 10 10",
+        refX: 7,
+        refY: 5,
+        markerWidth: 4,
+        markerHeight: 4,
+        orient: "auto-start-reverse",
+      },
+      defs,
+    );
     shape("path", { d: "M0 0L10 5L0 10z", fill: "context-stroke" }, head);
     this.groundLine = add("path", { class: "ground" });
     this.bodyShape = add("path", { class: "body" });
@@ -95,7 +152,9 @@ class Drawing {
     this.drives = {};
     for (const side of Object.keys(this.geometry.drives)) {
       this.drives[side] = {
-        shaft: add("path", { class: `shaft ${side}` }), tube: add("path", { class: `tube ${side}` }), coil: add("path", { class: `coil ${side}` }),
+        shaft: add("path", { class: `shaft ${side}` }),
+        tube: add("path", { class: `tube ${side}` }),
+        coil: add("path", { class: `coil ${side}` }),
       };
     }
     this.given = add("g", {});
@@ -104,40 +163,96 @@ class Drawing {
     this.arrows = {};
     for (const [name, words] of Object.entries(FORCES)) {
       if (name.startsWith("right") && !this.geometry.drives.right) continue;
-      const place = Object.keys(this.arrows).length, x = 10 + COLUMN * Math.floor(place / ROWS), y = 18 + LINE * (place % ROWS);
-      add("path", { class: `arrow ${name.replace("_", " ")}`, d: `M${x} ${y - 4}h20`, "marker-end": "url(#head)" });
-      this.arrows[name] = { path: add("path", { class: `arrow ${name.replace("_", " ")}`, "marker-end": "url(#head)" }), text: add("text", { x: x + 32, y }), words };
+      const place = Object.keys(this.arrows).length,
+        x = 10 + COLUMN * Math.floor(place / ROWS),
+        y = 18 + LINE * (place % ROWS);
+      add("path", {
+        class: `arrow ${name.replace("_", " ")}`,
+        d: `M${x} ${y - 4}h20`,
+        "marker-end": "url(#head)",
+      });
+      this.arrows[name] = {
+        path: add("path", { class: `arrow ${name.replace("_", " ")}`, "marker-end": "url(#head)" }),
+        text: add("text", { x: x + 32, y }),
+        words,
+      };
     }
     this.band = add("path", { class: "band" });
     this.labels = {};
-    for (const [k, name] of ["angle", "latch", "slope"].entries()) this.labels[name] = add("text", { x: WIDTH - 10, y: 18 + LINE * k, "text-anchor": "end" });
+    for (const [k, name] of ["angle", "latch", "slope"].entries())
+      this.labels[name] = add("text", { x: WIDTH - 10, y: 18 + LINE * k, "text-anchor": "end" });
   }
 
   makeDraggable() {
     const slider = (attributes) => shape("circle", { tabindex: 0, role: "slider", ...attributes }, this.svg);
     const { open_angle_deg: open, length_m: length } = this.geometry;
-    this.rod = slider({ class: "rod parked", id: "rod", r: ROD_M * this.scale, "aria-label": "Obstacle: angle at which the gate meets it", "aria-valuemin": 0, "aria-valuemax": open });
+    this.rod = slider({
+      class: "rod parked",
+      id: "rod",
+      r: ROD_M * this.scale,
+      "aria-label": "Obstacle: angle at which the gate meets it",
+      "aria-valuemin": 0,
+      "aria-valuemax": open,
+    });
     this.rodText = shape("text", {}, this.svg);
-    this.grip = slider({ class: "grip", id: "grip", r: 13, "aria-label": "Hand on the gate: force", "aria-valuemin": -MOST_HAND_N, "aria-valuemax": MOST_HAND_N, "aria-valuenow": 0 });
+    this.grip = slider({
+      class: "grip",
+      id: "grip",
+      r: 13,
+      "aria-label": "Hand on the gate: force",
+      "aria-valuemin": -MOST_HAND_N,
+      "aria-valuemax": MOST_HAND_N,
+      "aria-valuenow": 0,
+    });
     this.rodAt = { angle: 0.45 * open, distance: 1.22 * length }; // beside the gate's way
-    this.drags(this.rod, (point) => {
-      const { angle, distance } = this.polar(point);
-      this.rodAt = { angle: within(angle + ROD_M / distance * 57.3, -5, open + 5), distance: within(distance, 0.05, length) };
-      this.placeRod();
-    }, (hasMoved) => { if (hasMoved) this.putRod(); });
-    this.drags(this.grip, (point) => { this.handAt = point; this.pull(); }, () => { this.handAt = null; this.letGo(); });
-    this.timer = setInterval(() => { if (this.handAt) this.pull(); }, HAND_MS);
-    addEventListener("pagehide", () => { if (this.force !== null) this.letGo(); });
+    this.drags(
+      this.rod,
+      (point) => {
+        const { angle, distance } = this.polar(point);
+        this.rodAt = {
+          angle: within(angle + (ROD_M / distance) * 57.3, -5, open + 5),
+          distance: within(distance, 0.05, length),
+        };
+        this.placeRod();
+      },
+      (hasMoved) => {
+        if (hasMoved) this.putRod();
+      },
+    );
+    this.drags(
+      this.grip,
+      (point) => {
+        this.handAt = point;
+        this.pull();
+      },
+      () => {
+        this.handAt = null;
+        this.letGo();
+      },
+    );
+    this.timer = setInterval(() => {
+      if (this.handAt) this.pull();
+    }, HAND_MS);
+    addEventListener("pagehide", () => {
+      if (this.force !== null) this.letGo();
+    });
     this.rod.addEventListener("keydown", (event) => {
-      const step = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 5, PageDown: -5 }[event.key];
-      if (step) { this.rodAt.angle = within(this.rodAt.angle + step, 0, open); this.placeRod(); if (this.rodInForce) this.putRod(); }
-      else if (event.key === "Enter" || event.key === " ") this.putRod();
+      const step = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 5, PageDown: -5 }[
+        event.key
+      ];
+      if (step) {
+        this.rodAt.angle = within(this.rodAt.angle + step, 0, open);
+        this.placeRod();
+        if (this.rodInForce) this.putRod();
+      } else if (event.key === "Enter" || event.key === " ") this.putRod();
       else if (event.key === "Delete" || event.key === "Backspace") this.act.remove();
       else return;
       event.preventDefault();
     });
     this.grip.addEventListener("keydown", (event) => {
-      const step = { ArrowUp: 10, ArrowRight: 10, ArrowDown: -10, ArrowLeft: -10, PageUp: 50, PageDown: -50 }[event.key];
+      const step = { ArrowUp: 10, ArrowRight: 10, ArrowDown: -10, ArrowLeft: -10, PageUp: 50, PageDown: -50 }[
+        event.key
+      ];
       if (step) this.press((this.force || 0) + step);
       else if (["Escape", "Home", "Delete", "0"].includes(event.key)) this.letGo();
       else return;
@@ -149,7 +264,10 @@ class Drawing {
   drags(element, move, end) {
     let hasMoved = false;
     element.addEventListener("pointerdown", (event) => {
-      element.setPointerCapture(event.pointerId); element.classList.add("held"); hasMoved = false; event.preventDefault();
+      element.setPointerCapture(event.pointerId);
+      element.classList.add("held");
+      hasMoved = false;
+      event.preventDefault();
     });
     element.addEventListener("pointermove", (event) => {
       if (!element.hasPointerCapture(event.pointerId)) return;
@@ -157,7 +275,12 @@ class Drawing {
       move(this.pointAt(event));
     });
     for (const kind of ["pointerup", "pointercancel"]) {
-      element.addEventListener(kind, () => { if (element.classList.contains("held")) { element.classList.remove("held"); end(hasMoved); } });
+      element.addEventListener(kind, () => {
+        if (element.classList.contains("held")) {
+          element.classList.remove("held");
+          end(hasMoved);
+        }
+      });
     }
   }
 
@@ -173,7 +296,10 @@ class Drawing {
     this.sendForce();
   }
 
-  letGo() { this.force = null; this.sendForce(); }
+  letGo() {
+    this.force = null;
+    this.sendForce();
+  }
 
   // At most one command in HAND_MS, and only what has changed.
   sendForce() {
@@ -181,114 +307,217 @@ class Drawing {
     if (this.sent === this.force) return;
     this.sent = this.force;
     this.act.hand(this.force);
-    this.waiting = setTimeout(() => { this.waiting = null; this.sendForce(); }, HAND_MS);
+    this.waiting = setTimeout(() => {
+      this.waiting = null;
+      this.sendForce();
+    }, HAND_MS);
   }
 
-  putRod() { this.act.put({ angle_deg: +this.rodAt.angle.toFixed(2), distance: +Math.min(this.rodAt.distance, this.geometry.length_m).toFixed(3) }); }
+  putRod() {
+    this.act.put({
+      angle_deg: +this.rodAt.angle.toFixed(2),
+      distance: +Math.min(this.rodAt.distance, this.geometry.length_m).toFixed(3),
+    });
+  }
 
   placeRod() {
-    const { angle, distance } = this.rodAt, [x, y] = this.at(this.onGate(distance, -ROD_M, angle));
-    this.rod.setAttribute("cx", x); this.rod.setAttribute("cy", y);
+    const { angle, distance } = this.rodAt,
+      [x, y] = this.at(this.onGate(distance, -ROD_M, angle));
+    this.rod.setAttribute("cx", x);
+    this.rod.setAttribute("cy", y);
     this.rod.setAttribute("aria-valuenow", angle.toFixed(1));
-    this.rod.setAttribute("aria-valuetext", `${angle.toFixed(1)} degrees, ${this.rodInForce ? "in the way" : "not in the way"}`);
-    this.rodText.textContent = this.rodInForce || this.rod.classList.contains("held") ? `obstacle ${angle.toFixed(1)}°` : "obstacle: drag it";
-    this.rodText.setAttribute("x", within(x - 40, 2, WIDTH - 110)); this.rodText.setAttribute("y", y + ROD_M * this.scale + 13);
+    this.rod.setAttribute(
+      "aria-valuetext",
+      `${angle.toFixed(1)} degrees, ${this.rodInForce ? "in the way" : "not in the way"}`,
+    );
+    this.rodText.textContent =
+      this.rodInForce || this.rod.classList.contains("held")
+        ? `obstacle ${angle.toFixed(1)}°`
+        : "obstacle: drag it";
+    this.rodText.setAttribute("x", within(x - 40, 2, WIDTH - 110));
+    this.rodText.setAttribute("y", y + ROD_M * this.scale + 13);
   }
 
   // The arrow of a force, from a point in the drawing along a direction; the list beside says how large it is.
   arrow(name, from, way, newtons) {
-    const { path, text: label, words } = this.arrows[name], isShown = Math.abs(newtons) >= LEAST_N;
+    const { path, text: label, words } = this.arrows[name],
+      isShown = Math.abs(newtons) >= LEAST_N;
     label.textContent = `${words} ${Math.round(newtons)} N`;
     path.style.display = isShown ? "" : "none";
     if (!isShown) return;
-    const length = within(newtons * METRES_PER_NEWTON, -0.6, 0.6) * this.scale, [x, y] = from;
-    path.setAttribute("d", `M${x.toFixed(1)} ${y.toFixed(1)}L${(x + length * way[0]).toFixed(1)} ${(y + length * way[1]).toFixed(1)}`);
+    const length = within(newtons * METRES_PER_NEWTON, -0.6, 0.6) * this.scale,
+      [x, y] = from;
+    path.setAttribute(
+      "d",
+      `M${x.toFixed(1)} ${y.toFixed(1)}L${(x + length * way[0]).toFixed(1)} ${(y + length * way[1]).toFixed(1)}`,
+    );
   }
 
   // Draws a state: `values` has the columns of truth, `obstacle` was commanded, `acting` says what acts on the gate.
   show(values, obstacle, acting) {
-    const g = this.geometry, length = g.length_m, thick = Math.max(g.thickness_m, 0.03);
+    const g = this.geometry,
+      length = g.length_m,
+      thick = Math.max(g.thickness_m, 0.03);
     if (typeof values.gate_angle_deg !== "number") return;
-    this.angle = values.gate_angle_deg; this.slope = values.road_slope_deg || 0;
-    const edge = g.edge[0], [hx, hy] = g.hinge, y0 = this.ground;
+    this.angle = values.gate_angle_deg;
+    this.slope = values.road_slope_deg || 0;
+    const edge = g.edge[0],
+      [hx, hy] = g.hinge,
+      y0 = this.ground;
     this.groundLine.setAttribute("d", this.line([hx - 3 * length, y0], [hx + 3 * length, y0]));
-    const roof = 0.05 * length, front = hx - 1.6 * length;
-    this.bodyShape.setAttribute("d", this.line([front, hy - 0.02 * length], [front + 0.5 * length, hy + roof], [hx - 0.05 * length, hy + roof], [hx, hy + 0.01 * length], [hx - 0.02 * length, hy - 0.05 * length], [hx - 0.14 * length, hy - 0.08 * length],
-      [edge[0] - 0.36 * length, edge[1] + 0.03 * length], [edge[0] - 0.02 * length, edge[1] - 0.015 * length], [edge[0] + 0.10 * length, edge[1] - 0.05 * length], [edge[0] + 0.11 * length, edge[1] - 0.22 * length],
-      [edge[0] - 0.05 * length, edge[1] - 0.30 * length], [front, edge[1] - 0.30 * length]) + "Z");
-    this.pane.setAttribute("d", this.line([front + 0.12 * length, hy - 0.40 * length], [front + 0.55 * length, hy - 0.07 * length], [hx - 0.30 * length, hy - 0.07 * length], [edge[0] - 0.55 * length, hy - 0.40 * length]) + "Z");
-    const [wx, wy] = this.at([edge[0] - 0.75 * length, y0 + 0.30 * length]);
-    this.wheel.setAttribute("cx", wx); this.wheel.setAttribute("cy", wy); this.wheel.setAttribute("r", 0.30 * length * this.scale);
-    this.hub.setAttribute("cx", wx); this.hub.setAttribute("cy", wy); this.hub.setAttribute("r", 0.17 * length * this.scale);
+    const roof = 0.05 * length,
+      front = hx - 1.6 * length;
+    this.bodyShape.setAttribute(
+      "d",
+      this.line(
+        [front, hy - 0.02 * length],
+        [front + 0.5 * length, hy + roof],
+        [hx - 0.05 * length, hy + roof],
+        [hx, hy + 0.01 * length],
+        [hx - 0.02 * length, hy - 0.05 * length],
+        [hx - 0.14 * length, hy - 0.08 * length],
+        [edge[0] - 0.36 * length, edge[1] + 0.03 * length],
+        [edge[0] - 0.02 * length, edge[1] - 0.015 * length],
+        [edge[0] + 0.1 * length, edge[1] - 0.05 * length],
+        [edge[0] + 0.11 * length, edge[1] - 0.22 * length],
+        [edge[0] - 0.05 * length, edge[1] - 0.3 * length],
+        [front, edge[1] - 0.3 * length],
+      ) + "Z",
+    );
+    this.pane.setAttribute(
+      "d",
+      this.line(
+        [front + 0.12 * length, hy - 0.4 * length],
+        [front + 0.55 * length, hy - 0.07 * length],
+        [hx - 0.3 * length, hy - 0.07 * length],
+        [edge[0] - 0.55 * length, hy - 0.4 * length],
+      ) + "Z",
+    );
+    const [wx, wy] = this.at([edge[0] - 0.75 * length, y0 + 0.3 * length]);
+    this.wheel.setAttribute("cx", wx);
+    this.wheel.setAttribute("cy", wy);
+    this.wheel.setAttribute("r", 0.3 * length * this.scale);
+    this.hub.setAttribute("cx", wx);
+    this.hub.setAttribute("cy", wy);
+    this.hub.setAttribute("r", 0.17 * length * this.scale);
     this.sweep.setAttribute("d", this.line(...g.edge));
-    this.plate.setAttribute("d", this.line(this.onGate(0), this.onGate(length), this.onGate(length * 0.985, thick * 0.8), this.onGate(length * 0.6, thick), this.onGate(0.04 * length, thick * 0.7)) + "Z");
+    this.plate.setAttribute(
+      "d",
+      this.line(
+        this.onGate(0),
+        this.onGate(length),
+        this.onGate(length * 0.985, thick * 0.8),
+        this.onGate(length * 0.6, thick),
+        this.onGate(0.04 * length, thick * 0.7),
+      ) + "Z",
+    );
     this.plate.dataset.angle = this.angle.toFixed(3);
     this.showDrives(values, acting.spring_health || {});
     this.showLatch(values);
     const rod = acting.obstacle;
     this.showForces(values, rod || obstacle);
     const [x, y] = rod && !obstacle ? this.at(this.onGate(rod.distance, -ROD_M, rod.angle_deg)) : [];
-    this.given.replaceChildren(...(x === undefined ? [] : [shape("circle", { class: "given", cx: x, cy: y, r: ROD_M * this.scale })]));
+    this.given.replaceChildren(
+      ...(x === undefined ? [] : [shape("circle", { class: "given", cx: x, cy: y, r: ROD_M * this.scale })]),
+    );
     this.label("angle", `gate ${this.angle.toFixed(1)}°`);
     this.label("slope", this.slope ? `slope of the road ${this.slope.toFixed(1)}°` : "");
     if (this.act) this.showHandles(obstacle, values.hand_force_n || 0);
   }
 
-  label(name, text) { this.labels[name].textContent = text; }
+  label(name, text) {
+    this.labels[name].textContent = text;
+  }
 
   // The drives lie side by side across the car; here the right one is drawn a little beside the left one.
   showDrives(values, springHealth) {
     for (const [side, drive] of Object.entries(this.drives)) {
-      const own = this.geometry.drives[side], a = this.at(own.body_point), b = this.at(this.turned(own.gate_point[0]));
-      const long = Math.hypot(b[0] - a[0], b[1] - a[1]), way = [(b[0] - a[0]) / long, (b[1] - a[1]) / long], off = side === "right" ? 7 : -7;
-      const point = (along, across = 0) => [a[0] + along * way[0] - (off + across) * way[1], a[1] + along * way[1] + (off + across) * way[0]];
-      const tube = 0.58 * own.length_m[0] * this.scale, path = (...points) => "M" + points.map((each) => each.map((n) => n.toFixed(1)).join(" ")).join("L");
+      const own = this.geometry.drives[side],
+        a = this.at(own.body_point),
+        b = this.at(this.turned(own.gate_point[0]));
+      const long = Math.hypot(b[0] - a[0], b[1] - a[1]),
+        way = [(b[0] - a[0]) / long, (b[1] - a[1]) / long],
+        off = side === "right" ? 7 : -7;
+      const point = (along, across = 0) => [
+        a[0] + along * way[0] - (off + across) * way[1],
+        a[1] + along * way[1] + (off + across) * way[0],
+      ];
+      const tube = 0.58 * own.length_m[0] * this.scale,
+        path = (...points) => "M" + points.map((each) => each.map((n) => n.toFixed(1)).join(" ")).join("L");
       drive.tube.setAttribute("d", path(point(0), point(tube)));
       drive.shaft.setAttribute("d", path(point(tube), point(long)));
-      const turns = 12, coil = [];
-      for (let k = 0; k <= 2 * turns; k += 1) coil.push(point(tube + (long - tube) * k / (2 * turns), k % 2 ? 4.5 : -4.5));
+      const turns = 12,
+        coil = [];
+      for (let k = 0; k <= 2 * turns; k += 1)
+        coil.push(point(tube + ((long - tube) * k) / (2 * turns), k % 2 ? 4.5 : -4.5));
       drive.coil.setAttribute("d", path(...coil));
       const health = springHealth[side] ?? 1;
       drive.coil.style.opacity = within(health, 0.15, 1);
       this.arrow(side, point(long, side === "right" ? 15 : -15), way, values[`${side}_force_n`] || 0);
-      this.arrow(`${side}_spring`, point(long, side === "right" ? 26 : -26), way, health * this.springAt(side));
+      this.arrow(
+        `${side}_spring`,
+        point(long, side === "right" ? 26 : -26),
+        way,
+        health * this.springAt(side),
+      );
     }
   }
 
   // The force of a drive's spring as the vehicle file has it, at the gate's angle.
   springAt(side) {
-    const { angles_deg: angles, drives } = this.geometry, forces = drives[side].spring_n;
-    const share = within((this.angle - angles[0]) / (angles[angles.length - 1] - angles[0]), 0, 1) * (angles.length - 1);
+    const { angles_deg: angles, drives } = this.geometry,
+      forces = drives[side].spring_n;
+    const share =
+      within((this.angle - angles[0]) / (angles[angles.length - 1] - angles[0]), 0, 1) * (angles.length - 1);
     const low = Math.min(Math.floor(share), angles.length - 2);
     return forces[low] + (share - low) * (forces[low + 1] - forces[low]);
   }
 
   showLatch(values) {
-    const isOpen = !(values.latched >= 0.5), at = this.geometry.latch_distance_m || this.geometry.length_m;
+    const isOpen = !(values.latched >= 0.5),
+      at = this.geometry.latch_distance_m || this.geometry.length_m;
     const [x, y] = this.at(this.onGate(Math.min(at, this.geometry.length_m), 0, 0));
     this.latch.setAttribute("class", `latch ${isOpen ? "open" : "closed"}`);
     this.latch.setAttribute("d", isOpen ? `M${x - 4} ${y + 14}v-8h8` : `M${x - 6} ${y + 14}v-16h10v7`);
     const position = ["open", "half closed", "closed"][Math.round(values.latch_position)];
-    this.label("latch", `latch ${position && this.geometry.latch_has_positions ? position : isOpen ? "open" : "closed"}`);
+    this.label(
+      "latch",
+      `latch ${position && this.geometry.latch_has_positions ? position : isOpen ? "open" : "closed"}`,
+    );
   }
 
   showForces(values, obstacle) {
-    const g = this.geometry, tangent = (angle) => { const a = this.at(this.onGate(1, 0, angle)), b = this.at(this.onGate(1, 0.01, angle)); const long = Math.hypot(b[0] - a[0], b[1] - a[1]); return [(b[0] - a[0]) / long, (b[1] - a[1]) / long]; };
-    const opens = tangent(this.angle), pinch = values.pinch_force_n || 0;
+    const g = this.geometry,
+      tangent = (angle) => {
+        const a = this.at(this.onGate(1, 0, angle)),
+          b = this.at(this.onGate(1, 0.01, angle));
+        const long = Math.hypot(b[0] - a[0], b[1] - a[1]);
+        return [(b[0] - a[0]) / long, (b[1] - a[1]) / long];
+      };
+    const opens = tangent(this.angle),
+      pinch = values.pinch_force_n || 0;
     this.arrow("weight", this.at(this.turned(g.gravity_point[0])), [0, 1], g.weight_n);
     const way = obstacle && obstacle.meets === "opening" ? opens : opens.map((each) => -each);
     this.arrow("pinch", this.at(this.onGate((obstacle && obstacle.distance) || g.length_m)), way, pinch);
     const hand = values.hand_force_n || 0;
-    const grip = this.at(this.onGate(g.hand_distance_m, g.thickness_m + 0.04)), beside = Math.sign(hand) * 15;
+    const grip = this.at(this.onGate(g.hand_distance_m, g.thickness_m + 0.04)),
+      beside = Math.sign(hand) * 15;
     this.arrow("hand", [grip[0] + beside * opens[0], grip[1] + beside * opens[1]], opens, hand);
   }
 
   showHandles(obstacle, hand) {
     const grip = this.at(this.onGate(this.geometry.hand_distance_m, this.geometry.thickness_m + 0.04));
-    this.grip.setAttribute("cx", grip[0]); this.grip.setAttribute("cy", grip[1]);
+    this.grip.setAttribute("cx", grip[0]);
+    this.grip.setAttribute("cy", grip[1]);
     this.grip.setAttribute("aria-valuenow", Math.round(hand));
-    this.grip.setAttribute("aria-valuetext", hand ? `${Math.round(Math.abs(hand))} newtons, ${hand > 0 ? "opening" : "closing"}` : "no force");
-    this.band.setAttribute("d", this.handAt ? `M${grip[0]} ${grip[1]}L${this.at(this.handAt).join(" ")}` : "");
+    this.grip.setAttribute(
+      "aria-valuetext",
+      hand ? `${Math.round(Math.abs(hand))} newtons, ${hand > 0 ? "opening" : "closing"}` : "no force",
+    );
+    this.band.setAttribute(
+      "d",
+      this.handAt ? `M${grip[0]} ${grip[1]}L${this.at(this.handAt).join(" ")}` : "",
+    );
     this.rodInForce = obstacle;
     this.rod.classList.toggle("parked", !obstacle);
     if (obstacle && !this.rod.classList.contains("held") && document.activeElement !== this.rod) {

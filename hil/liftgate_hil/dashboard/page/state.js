@@ -1,0 +1,320 @@
+"use strict";
+// The state of a run or of a recording, as the server sends it, in the page's elements.
+
+const PHASES = {
+  compiling: "compiling",
+  ready: "ready: before the scenario",
+  running: "running",
+  late: "late",
+  ended: "ended",
+  recorded: "recording",
+  idle: "no run",
+  lost: "no connection",
+};
+let last = null; // state that is shown
+let hasEnded = false;
+let moved = { time_s: null, at: 0 }; // model time that is shown, and since when
+
+function showPhase(phase, verdict = "") {
+  const name = (phase === "late" && isStalled() ? "stalled" : PHASES[phase]) || phase;
+  const words = verdict ? `${name}: ${verdict}` : name;
+  if (find("phase").textContent !== words) find("phase").textContent = words;
+  find("phase").className = `badge ${verdict || phase}`;
+}
+
+// Whether a late run makes no ticks at all.
+function isStalled() {
+  return performance.now() > moved.at + 1000;
+}
+
+// Whether the ECU of a run sends no commands now.
+function isSilent(state) {
+  const age = (state.bus || {}).command_age_s;
+  return ["running", "late"].includes(state.phase) && (age === null || age > 0.5);
+}
+
+function showHealth(state) {
+  const loop = state.loop || {},
+    bus = state.bus || {},
+    notes = [];
+  if (state.phase === "late" && isStalled())
+    notes.push(
+      "the run stands still, for example as it waits for the ECU: commands take effect when it continues",
+    );
+  if (loop.ticks_missed) notes.push(`${loop.ticks_missed} ticks missed`);
+  if (loop.frames_dropped)
+    notes.push(`${loop.frames_dropped} received frame${loop.frames_dropped > 1 ? "s" : ""} not read in time`);
+  if (bus.rejected) notes.push(`${bus.rejected} frames rejected`);
+  if (bus.overwritten)
+    notes.push(`${bus.overwritten} rows or frames were overwritten before this page saw them`);
+  if (loop.stimuli_not_made) notes.push("the bench has not made all that it was asked for");
+  if (bus.unsent) notes.push(`${bus.unsent} frames not sent`);
+  if (isSilent(state))
+    notes.push(
+      "no command of the ECU" + (bus.command_age_s === null ? "" : ` for ${bus.command_age_s.toFixed(1)} s`),
+    );
+  const words = notes.join(", ");
+  if (find("health").textContent !== words) find("health").textContent = words;
+}
+
+// Buttons that put a column into the charts, made once each.
+const choosers = new Map();
+function chooser(name) {
+  if (!choosers.has(name)) {
+    const one = (column, word) =>
+      element("button", { type: "button", onclick: () => choose(column), title: `draw ${column}` }, word);
+    const both = ["", "sensed_"]
+      .map((prefix) => prefix + name)
+      .filter((column) => about.columns.includes(column));
+    choosers.set(
+      name,
+      element(
+        "span",
+        {},
+        ...both.map((column) => one(column, column.startsWith("sensed_") ? "draw sensed" : "draw")),
+      ),
+    );
+    choosers
+      .get(name)
+      .querySelectorAll("button")
+      .forEach((button) => button.setAttribute("aria-label", button.title));
+  }
+  return choosers.get(name);
+}
+
+async function choose(column) {
+  charts.more = charts.more.includes(column)
+    ? charts.more.filter((each) => each !== column)
+    : [...charts.more, column].slice(-4);
+  await load();
+  charts.make();
+  charts.draw();
+}
+
+function showValues(state) {
+  const names = [...new Set([...Object.keys(state.truth), ...Object.keys(state.sensed)])];
+  rows(
+    find("columns"),
+    names.map((name) => [
+      name,
+      chooser(name),
+      state.truth[name],
+      state.sensed[name],
+      about.units[name] ?? about.units["sensed_" + name],
+    ]),
+  );
+}
+
+function showBus(state) {
+  const bus = state.bus || {},
+    loop = state.loop || {},
+    late = loop.lateness_us,
+    spread = (of) => of && [of.p50_us, of.p99_us, of.max_us].map((each) => text(each, 1)).join(", ");
+  const figures = [
+    ["channel", bus.channel],
+    ["bus load [%]", bus.load_percent],
+    ["frames sent", bus.sent],
+    ["frames received", bus.received],
+    ["commands accepted", bus.accepted],
+    ["rejected", bus.rejected],
+    ["foreign", bus.foreign],
+    ["not sent", bus.unsent],
+    ["dropped by the system", bus.dropped],
+    ["clock", loop.clock],
+    ["rate [Hz]", loop.rate_hz],
+    ["ticks missed", loop.ticks_missed],
+    ["lateness p50, p99, max [µs]", spread(late)],
+    ["command to feedback p50, p99, max [µs]", spread(loop.command_delay_us)],
+  ];
+  rows(
+    find("bus"),
+    figures.filter(([, value]) => value !== undefined && value !== null),
+  );
+}
+
+function showMessages(messages, now) {
+  const ages = messages.map((each) => now - each.time_s);
+  rows(
+    find("messages"),
+    messages.map((each, k) => [
+      each.id,
+      each.name,
+      each.direction,
+      each.count,
+      each.cycle_ms === null ? "" : `${text(each.cycle_ms, 1)} ms`,
+      ages[k] < 1 ? "" : `${ages[k].toFixed(0)} s ago`,
+      each.data,
+      Object.entries(each.signals)
+        .map(([name, value]) => `${name} = ${text(value, 3)}`)
+        .join(",  "),
+    ]),
+  );
+  [...find("messages").tBodies[0].rows].forEach((row, k) => {
+    row.className = ages[k] > Math.max(0.5, 3e-3 * (messages[k].cycle_ms || 0)) ? "stale" : "";
+  });
+}
+
+function showLog(lines) {
+  for (const [id, own, shorten] of [
+    ["log", lines, (line) => line],
+    ["events", lines.filter(([, , line]) => line.startsWith("ecu ")), (line) => line.slice(4)],
+  ]) {
+    const list = find(id),
+      atEnd = list.scrollTop + list.clientHeight >= list.scrollHeight - 4;
+    for (const [number, when, line] of own) {
+      if (list.lastElementChild && number <= +list.lastElementChild.dataset.number) continue;
+      const entry = element(
+        "li",
+        {},
+        id === "log" ? `${new Date(when * 1000).toLocaleTimeString()}  ${line}` : shorten(line),
+      );
+      entry.dataset.number = number;
+      list.append(entry);
+    }
+    while (list.children.length > 200) list.firstElementChild.remove();
+    if (atEnd) list.scrollTop = list.scrollHeight;
+  }
+}
+
+function showCommand(command, isOld) {
+  const isThere = (name) =>
+    !name.startsWith("right_") || !about.geometry.drives || "right" in about.geometry.drives;
+  const words = Object.entries(command || {})
+    .filter(([name]) => isThere(name))
+    .map(([name, { value, unit }]) => [
+      name.replaceAll("_", " "),
+      `${text(value, 1)}${unit && typeof value === "number" ? ` ${unit}` : ""}`,
+    ]);
+  const entries =
+    !words.length && about.kind === "run"
+      ? [["ECU", "no command yet"]]
+      : isOld
+        ? [["timed out", "last command:"], ...words]
+        : words;
+  const list = find("command");
+  list.classList.toggle("old", isOld);
+  while (list.children.length > entries.length) list.lastElementChild.remove();
+  entries.forEach(([name, value], k) => {
+    const entry = list.children[k] || list.appendChild(element("div", {}, element("dt"), element("dd")));
+    if (entry.firstChild.textContent !== name) entry.firstChild.textContent = name;
+    if (entry.lastChild.textContent !== value) entry.lastChild.textContent = value;
+  });
+}
+
+// What a recording knows of the command: the share of the voltage on each motor.
+function recordedCommand(truth) {
+  const found = {};
+  for (const side of ["left", "right"]) {
+    const duty = truth[`${side}_duty`];
+    if (typeof duty === "number") found[`${side}_duty`] = { value: 100 * duty, unit: "%" };
+    if (truth[`${side}_coast`] === 1) found[`${side}_duty`] = { value: "coast", unit: "" };
+  }
+  return found;
+}
+
+function showGauge(now, peak, limit) {
+  const full = Math.max(2 * (limit || 100), peak || 0, now || 0),
+    x = (force) => 1 + 198 * within((force || 0) / full, 0, 1);
+  find("gauge-now").setAttribute("width", x(now) - 1);
+  find("gauge-now").classList.toggle("over", Boolean(limit) && now > limit);
+  find("gauge-peak").setAttribute("d", peak > 0 ? `M${x(peak)} 2V16` : "");
+  find("gauge-limit").setAttribute("d", limit ? `M${x(limit)} 1V20` : "");
+  const words = `Pinch force ${text(now, 0)} N${limit ? `, limit ${text(limit, 0)} N` : ""}`;
+  if (find("gauge-text").textContent !== words) find("gauge-text").textContent = words;
+}
+
+function showVerdicts(verdicts) {
+  if (!verdicts || !verdicts.length) return;
+  find("verdicts").hidden = false;
+  const table = find("verdicts").querySelector("table");
+  rows(
+    table,
+    verdicts.map((each) => [
+      each.name,
+      each.verdict,
+      each.margin === null ? "" : `${text(each.margin, 3)} ${each.margin_unit}`,
+      each.time_s === null ? "" : `${text(each.time_s, 3)} s`,
+    ]),
+  );
+  [...table.tBodies[0].rows].forEach((row, k) => {
+    row.cells[1].className = verdicts[k].verdict;
+  });
+}
+
+function showEnd(end) {
+  hasEnded = true;
+  find("commands").disabled = true;
+  const isJudged = end.expectations.length > 0 || end.verdict !== "pass",
+    code = end.exit_code === null ? "" : `exit code ${end.exit_code}`;
+  showPhase("ended", isJudged ? end.verdict : "");
+  find("end").hidden = false;
+  find("end").className = isJudged ? end.verdict : "";
+  find("end-verdict").textContent = isJudged
+    ? `The run has ended: ${end.verdict}${code && ` (${code})`}`
+    : `The run has ended${code && ` (${code})`}.${about.scenario ? " It had no expectations." : ""}`;
+  const reasons = {}; // one that several expectations share is shown once
+  for (const each of end.expectations) if (each.reason) (reasons[each.reason] ??= []).push(each.name);
+  find("end-reason").textContent =
+    end.reason ||
+    Object.entries(reasons)
+      .map(([reason, names]) => `${names.join(", ")}: ${reason}`)
+      .join("; ");
+  find("end-next").textContent = about.starts
+    ? "Start a scenario to go on."
+    : about.ends_with_run
+      ? "This page has ended with its run. It comes back if a run begins with the same address and LIFTGATE_HIL_TOKEN."
+      : "The next run on this bus is shown as soon as it begins.";
+  showVerdicts(end.expectations);
+}
+
+function show(state) {
+  last = state;
+  if (state.time_s !== moved.time_s) moved = { time_s: state.time_s, at: performance.now() };
+  const theirs = about.ours || {},
+    fixed = (value, digits) => (typeof value === "number" ? value.toFixed(digits) : "–");
+  const one = (name) =>
+    state.truth[name] ?? state.truth[theirs[name]] ?? state.truth[theirs["sensed_" + name]];
+  if (state.end) {
+    if (!hasEnded) showEnd(state.end);
+  } else showPhase(state.phase);
+  find("time").textContent = fixed(state.time_s, 2);
+  find("angle").textContent = fixed(one("gate_angle_deg"), 2);
+  find("pinch").textContent = fixed(one("pinch_force_n"), 1);
+  find("peak").textContent = fixed(state.truth.pinch_force_peak_n, 0);
+  find("peak").classList.toggle("over", state.truth.pinch_force_peak_n > about.geometry.pinch_limit_n);
+  showHealth(state);
+  showCommand(about.kind === "recording" ? recordedCommand(state.truth) : state.command, isSilent(state));
+  showGauge(one("pinch_force_n"), state.truth.pinch_force_peak_n, about.geometry.pinch_limit_n);
+  if (drawing) {
+    const seen = [
+      "gate_angle_deg",
+      "road_slope_deg",
+      "left_force_n",
+      "right_force_n",
+      "pinch_force_n",
+      "hand_force_n",
+      "latched",
+      "latch_position",
+    ];
+    drawing.show(
+      Object.fromEntries(seen.map((name) => [name, one(name)])),
+      (state.in_force || {}).obstacle,
+      state.acting || {},
+    );
+  }
+  if (controls)
+    controls.show(state.truth, state.end ? { ...state.in_force, record: null } : state.in_force || {});
+  if (find("values").open) showValues(state);
+  if (find("bus-view").open) {
+    showBus(state);
+    if (state.messages) showMessages(state.messages, state.time_s);
+  }
+  if (state.log) showLog(state.log);
+  if (!state.end) showVerdicts(state.verdicts);
+  if (state.histograms && state.histograms.lateness_us) {
+    find("histograms").hidden = !state.histograms.lateness_us.length;
+    drawHistogram(find("lateness"), state.histograms.lateness_us);
+    drawHistogram(find("execution"), state.histograms.execution_us);
+  }
+  if (about.starts && state.started !== undefined) find("stop-run").disabled = state.started === null;
+}
