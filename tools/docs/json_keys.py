@@ -228,6 +228,7 @@ VERDICTS = Document(
         "scenarios[].sources.PURPOSE.sha256": "SHA-256 of its content, in hexadecimal digits",
         "provenance": "see Provenance",
         "mutation": "`test --mutants` only: which defects of the reference ECU the scenarios find",
+        "mutation.threshold": "share of --mutation-threshold, 0 to 1; null: none was given",
         "mutation.score": "share of the mutants that are killed, 0 to 1",
         "mutation.mutants": "all mutants",
         "mutation.mutants[].name": "name of the mutant",

@@ -78,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=options.of_kind(SEED), help="seed of random values; default: the scenario's"
     )
-    add_set_parameter(parser)
+    add_set_parameter(parser, "replace a parameter of the scenario (repeatable)")
     options.add_options(parser, "rate", "duration")
     parser.add_argument(
         "--jobs", type=options.whole(1, 1024), metavar="N", help="processes on this machine; default: one per CPU"

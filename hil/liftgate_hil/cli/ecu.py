@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 
 _EXIT_CODES = frozenset((0, 1, 2, 128 + signal.SIGINT, 128 + signal.SIGTERM))  # exit codes of this command
-STARTED = "ECU"  # word with which the first message begins
 _PATIENCE_NS = 2_000_000_000  # without a frame from the gate until a message reports the wait
 
 
@@ -133,7 +132,7 @@ def _drive(
         if args.no_requests:
             requests = []
         asked = alone(requests)
-        teller.say(f"{STARTED} {args.ecu} on {transport.name}; {_planned(requests)}")
+        teller.say(f"ECU {args.ecu} on {transport.name}; {_planned(requests)}")
         peer = Peer(adapter, transport, asked)
         _take_turns(peer, adapter, _Waiting(rig, transport.name, teller), args.duration, stop, teller)
     finally:

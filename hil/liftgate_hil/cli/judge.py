@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME|FILE",
         help="a rig, or a database: decodes the frames; default: the scenario's, else liftgate",
     )
-    add_set_parameter(parser)
+    add_set_parameter(parser, "replace a parameter of the scenario (repeatable)")
     parser.add_argument(
         "--duration",
         type=options.bounded(1e-3, 1e9, "s"),

@@ -23,7 +23,7 @@ from liftgate_hil.cli.suite_reports import add_reports, reporting_issues, summar
 from liftgate_hil.config.kinds import SEED
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, printable
-from liftgate_hil.judging.verdict import PASS
+from liftgate_hil.judging.verdict import FAIL, PASS, worst
 
 if TYPE_CHECKING:
     from liftgate_hil.cli.teller import Teller
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=options.of_kind(SEED), help="seed of random values; default: each scenario's"
     )
-    add_set_parameter(parser)
+    add_set_parameter(parser, "replace a parameter of the scenarios that have it (repeatable)")
     parser.add_argument(
         "--jobs", type=options.whole(1, 1024), metavar="N", help="run N scenarios at a time; default: one per CPU"
     )
@@ -64,7 +64,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--recordings",
         choices=("all", "failed", "none"),
-        default="all",
         help="scenarios whose recordings stay in the folder of --results; failed: those that do not pass; "
         "default: all, some 50 MB a minute of each",
     )
@@ -100,7 +99,8 @@ def run(args: argparse.Namespace) -> int:
         files = suite.scenario_files(args.paths)
         with naming_the_flag():
             cases = suite.cases_of(files, template)
-    if args.results and args.recordings != "none":
+    keeps = args.recordings or "all"
+    if args.results and keeps != "none":
         cases = _recorded(cases, Path(args.results))
     stop = StopSignals()
     jobs = 1 if suite.is_alone(template) else args.jobs or len(os.sched_getaffinity(0))
@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
     with teller.progress("scenarios") as progress:
         line = SuiteLine(progress, len(cases))
         for outcome in suite.run_suite(cases, jobs, stop, line.began, args.retry_inconclusive):
-            kept = outcome if args.recordings == "all" else without_recordings(outcome)
+            kept = outcome if keeps == "all" else without_recordings(outcome)
             outcomes[kept.case.file] = report.take(kept)
             with teller.aside():
                 while told < len(cases) and cases[told].file in outcomes:  # in their order, whatever ends first
@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
     provenance = provenance_of(args.command_line, {})
     content = as_json(ordered, provenance.as_dict())
     if matrix is not None:
-        content["mutation"] = matrix.as_json()
+        content["mutation"] = {**matrix.as_json(), "threshold": _share(args.mutation_threshold)}
     with teller.progress("report"):
         write_all(
             targets,
@@ -136,15 +136,19 @@ def run(args: argparse.Namespace) -> int:
     summarise(ordered, args, "scenarios")
     if stop.received:
         return stop.exit_code
-    code = EXIT_CODES[suite.verdict_of(ordered)]
+    verdict = suite.verdict_of(ordered)
     if matrix is not None and matrix.score * 100.0 < (args.mutation_threshold or 0.0):
         found = f"{100.0 * matrix.score:.1f} % of the mutants are killed"
         print(
             f"liftgate-hil: {found}; required by --mutation-threshold: {args.mutation_threshold:g} %",
             file=sys.stderr,
         )
-        code = code or EXIT_CODES["fail"]
-    return code
+        verdict = worst([verdict, FAIL])
+    return EXIT_CODES[verdict]
+
+
+def _share(percent: float | None) -> float | None:
+    return None if percent is None else percent / 100.0
 
 
 def _mutated(
@@ -170,6 +174,8 @@ def _template(args: argparse.Namespace, listener: Listener) -> Job:
     wire = options.wire_choice(args)
     if wire.is_given and args.ecu != ON_A_BUS:
         raise ConfigError("`bus`: allowed together with --ecu bus; other ECUs run without a bus")
+    if args.recordings is not None and not args.results:
+        raise ConfigError("`recordings`: allowed with --results")
     if args.mutation_threshold is not None and not args.mutants:
         raise ConfigError("`mutation_threshold`: allowed with --mutants")
     if args.mutants and (args.ecu != REFERENCE or args.clock != "free"):
@@ -190,15 +196,9 @@ def _template(args: argparse.Namespace, listener: Listener) -> Job:
     )
 
 
-def add_set_parameter(parser: argparse.ArgumentParser) -> None:
-    """Add the flag that replaces parameters of scenarios; see `parameters_of`."""
-    parser.add_argument(
-        "--set-parameter",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="replace a parameter of the scenarios that have it (repeatable)",
-    )
+def add_set_parameter(parser: argparse.ArgumentParser, purpose: str) -> None:
+    """Add the flag that replaces parameters; see `parameters_of`."""
+    parser.add_argument("--set-parameter", action="append", default=[], metavar="NAME=VALUE", help=purpose)
 
 
 @contextlib.contextmanager
@@ -270,11 +270,12 @@ def _tell(outcome: Outcome, done: int, count: int, args: argparse.Namespace) -> 
         return
     lines = [f"[{done}/{count}] {outcome.verdict:<12} {outcome.case.file}  {outcome.wall_s:.2f} s"]
     shown = [each for each in outcome.expectations if not args.quiet or each.verdict != PASS]
-    whole = outcome.reason
-    if whole and all(each.reason != whole for each in shown):
-        lines.append(f"    {whole}")
+    whole, is_told = outcome.reason, False
     for each in shown:
-        is_told = bool(whole) and each.reason == whole and each is not shown[0]  # once is enough
-        lines.append(f"    {printable(each.name)}: {line_of(replace(each, reason='') if is_told else each)}")
+        is_again = is_told and each.reason == whole
+        is_told = is_told or (bool(whole) and each.reason == whole)
+        lines.append(f"    {printable(each.name)}: {line_of(replace(each, reason='') if is_again else each)}")
+    if whole and not is_told:
+        lines.insert(1, f"    {whole}")
     lines += [f"    note: {printable(each)}" for each in outcome.notes]
     print("\n".join(lines), flush=True)

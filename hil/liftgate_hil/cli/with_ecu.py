@@ -16,7 +16,6 @@ from dataclasses import replace
 from typing import IO, TYPE_CHECKING
 
 from liftgate_hil.cli import options
-from liftgate_hil.cli.ecu import STARTED
 from liftgate_hil.cli.panel import View
 from liftgate_hil.cli.progress import AFTER_S
 from liftgate_hil.cli.stopping import StopSignals
@@ -225,8 +224,6 @@ class EcuProcess:
                 self._events.append(Event(float(match[1]), IN_WORDS, match[2]))
                 self._teller.happened(float(match[1]), match[2])
                 continue
-            if line.startswith(f"{STARTED} "):
-                continue  # the run says where it is itself
             self._others.append(line.strip())
             self._teller.say(line.rstrip())
 

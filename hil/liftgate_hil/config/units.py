@@ -181,6 +181,13 @@ def dimensions_named(unit: str) -> list[str]:
     return [dimension for dimension, units in _known().items() if _folded(unit) in units]
 
 
+@functools.lru_cache(10_000)
+def headed_unit(name: str) -> str:
+    """Return the known unit that a column's name ends with in brackets, as in `U [V]`; "" if there is none."""
+    parts = re.fullmatch(r".*\S\s*\[([^\[\]]*)\]\s*", name)
+    return parts[1].strip() if parts and parts[1].strip() and dimensions_named(parts[1]) else ""
+
+
 @functools.cache
 def conversion(signal: Signal, unit: str) -> Conversion | None:
     """Return the conversion from a unit to a quantity's; None if it is none of its units or not known."""

@@ -78,6 +78,7 @@ _LONGEST = 1 << 22  # longest header, and longest last line [bytes]
 _NOT_FINITE = ("nan", "inf", "-inf")  # as recordings have them of a plant that has diverged
 _COMMA = re.compile(rb"\d,\d")
 COMMAS = "decimal commas are read as points"
+_AS_WRITTEN = str.maketrans(".'", ",.")
 _AS_POINTS = bytes.maketrans(b",.", b".'")  # a point among decimal commas is none, so that its cell is refused
 _BLOCK = 1 << 22  # bytes that are parsed at a time, so that an interrupt does not wait for long
 
@@ -96,7 +97,8 @@ class CsvFile(Recording):
         """Return it as a recording: the time first, the last line whole. Raises ConfigError if it is none."""
         check_time_first(self.path, self.names)
         signals = {name: column_signal(name) for name in self.names if name != START_COLUMN}
-        notes = (CUT,) if self.last else ()  # even if it has all cells, the last one may be cut off
+        # Even if the last line has all cells, the last one may be cut off.
+        notes = ((CUT,) if self.last else ()) + ((COMMAS,) if self.has_commas else ())
         found = replace(self, signals=signals, notes=notes, is_strict=True)
         if START_COLUMN not in self.names:
             return found
@@ -126,15 +128,12 @@ class CsvFile(Recording):
                 text = _with_newlines(_checked(self.path, lines, at))
                 at += len(lines + newline)
                 if text.strip():
-                    yield self._with_points(text)
+                    yield text
             text = _with_newlines(_checked(self.path, rest, at))
             if CUT in self.notes:  # the last line is ignored
                 text = text[: text.rfind(b"\n") + 1]
             if text.strip():
-                yield self._with_points(text)
-
-    def _with_points(self, text: bytes) -> bytes:
-        return text.translate(_AS_POINTS) if self.has_commas else text
+                yield text
 
     def _table(self, text: bytes, number: int, places: Sequence[int]) -> Floats:
         """Return these columns (n, len(places)) of n lines of text; an empty cell is NaN. Raises ConfigError.
@@ -142,6 +141,8 @@ class CsvFile(Recording):
         `number` is that of the first row in the file.
         """
         text = text.strip(b"\n")
+        if self.has_commas:
+            text = text.translate(_AS_POINTS)
         table = None
         is_plain = self.delimiter == b"," or b"," not in text
         if is_plain and b'"' not in text and b"\n\n" not in text:
@@ -223,6 +224,8 @@ class CsvFile(Recording):
                     table[row, column] = value
             if bad:
                 cell = rows[bad[0]][place].strip()
+                if self.has_commas:
+                    cell = cell.translate(_AS_WRITTEN)
                 issues.append(f"{self.names[place]}: {_refusal_of(cell, number, bad)}")
         if issues:
             raise ConfigError([f"{self.path}: {issue}" for issue in issues])

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.config.units import headed_unit
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.signals import COLUMNS
 from liftgate_plant.signals import Signal
@@ -76,7 +77,9 @@ class Recording:
                 text = f"{values[bad[0]]} in row {bad[0] + 1}; allowed: a finite number"
                 issues.append(f"{self.path}: {name}: {text}")
             else:
-                result[name] = Series(np.ascontiguousarray(values), unit=self.units.get(name) or None)
+                result[name] = Series(
+                    np.ascontiguousarray(values), unit=self.units.get(name) or headed_unit(name) or None
+                )
         return result
 
 

@@ -9,26 +9,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.config.units import spellings
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identify.data import Data
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.statistics import fit_percent
+from liftgate_hil.measurement.units import KNOWN
 from liftgate_plant.rows import AT
 
 Floats = NDArray[np.float64]
 
 _ALIKE = 0.95  # correlation from which on two courses have the same shape
 _OTHER = 2.0  # ratio of two courses of the same shape that the initial values do not explain
-_BETTER = 40.0  # % of fit by which reversed voltages must improve the mean of all outputs
-_NEAR = 0.15  # share by which a factor may differ from one of these
-_GUESSES = {
-    -1.0: "is its sign reversed?",
-    1e3: "is its unit a thousandth of the stated one?",
-    1e-3: "is its unit a thousand of the stated one?",
-    60.0: "is it in rpm?",
-    2.0 * math.pi: "is it in rad/s, or in rad?",
-    math.pi / 180.0: "is it in rad?",
-}
+_NEAR = 0.15  # share by which a factor may differ from that of a unit
+_GOOD = 50.0  # % of fit on average over the outputs from which on reversed inputs explain the measurement
 _DRIVEN = (AT.left_voltage_v, AT.left_duty, AT.right_voltage_v, AT.right_duty)
 
 
@@ -46,11 +40,22 @@ def _factors(problem: Problem, points: Sequence[Floats]) -> list[str]:
     for point in points:
         for name, measured, simulated in _courses(problem, point):
             factor = _factor(measured, simulated)
-            if factor is None or name in found:
-                continue
-            guess = next((text for each, text in _GUESSES.items() if abs(factor / each - 1.0) < _NEAR), "")
-            found[name] = f"{name} is {factor:.3g} times the simulation{f': {guess}' if guess else ''}"
+            if factor is not None and name not in found:
+                found[name] = f"{name} is {factor:.3g} times the simulation{_guess(name, factor)}"
     return list(found.values())
+
+
+def _guess(name: str, factor: float) -> str:
+    """Return which unit, or sign, of an output explains a factor, as the end of a hint; "": none does."""
+    known: dict[float, str] = {}
+    for unit, (ours, _) in spellings(KNOWN[name]).items():
+        known.setdefault(1.0 / ours, unit)  # the usual spelling comes first
+    near = min(known, key=lambda each: abs(math.log(abs(factor) / each)))
+    if abs(abs(factor) / near - 1.0) > _NEAR:
+        return ""
+    parts = ["is its sign reversed"] if factor < 0.0 else []
+    parts += [f"is it in {known[near]}"] if near != 1.0 else []
+    return f": {' and '.join(parts)}?"
 
 
 def _factor(measured: Floats, simulated: Floats) -> float | None:
@@ -71,7 +76,7 @@ def _reversed(problem: Problem) -> Iterator[str]:
     before = _fits(problem, begin)
     turned = replace(problem, data=[_turned(each) for each in problem.data], beginnings=())
     after = _fits(turned, turned.initial)
-    if before and after and np.mean(after) > np.mean(before) + _BETTER:
+    if before and after and float(np.mean(after)) > max(_GOOD, float(np.mean(before))):
         yield f"with reversed inputs it follows (fit {np.mean(after):.1f} %): are the voltages reversed?"
 
 

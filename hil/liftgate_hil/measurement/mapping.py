@@ -13,6 +13,7 @@ from liftgate_hil.config.files import check_file, is_there
 from liftgate_hil.config.kinds import Number, Subtable, Text
 from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.toml import Table, read_toml, show, table
+from liftgate_hil.config.units import headed_unit
 from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion
 from liftgate_plant.signals import Signal
@@ -21,7 +22,6 @@ _FORM = "OURS=THEIRS, OURS=THEIRS[unit], either with *scale, or FILE.toml"
 _SCALE, _OFFSET = Number(-1e9, 1e9), Number(-1e12, 1e12)
 _WITH_UNIT = re.compile(r"(?P<name>.+?)\s*\[(?P<unit>[^\[\]]*)\](\s*\*\s*(?P<scale>\S+))?")
 _SCALED = re.compile(r"(?P<name>.+?)\s*\*\s*(?P<scale>[-+]?[\d.]+(?:[eE][-+]?\d+)?)")
-_HEADED = re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]*)\]\s*")
 
 
 @dataclass(frozen=True)
@@ -38,21 +38,13 @@ class Theirs:
         choices = (self.name, f"{self.name} [{self.unit}]", f"{self.name}[{self.unit}]")
         found = next((choice for choice in choices if choice in names), None)
         if found is None and self.unit is None:
-            found = next((name for name in names if _headed(name)[0] == self.name), None)
+            alike = [name for name in names if headed_unit(name) and name.startswith(self.name)]
+            alike = [name for name in alike if name.partition("[")[0].rstrip() == self.name]
+            found = alike[0] if len(alike) == 1 else None
         return found
 
 
 ColumnMap = dict[str, Theirs]
-
-
-def headed_unit(name: str) -> str:
-    """Return the unit that a column's name ends with in brackets, as in `U [V]`; "" if there is none."""
-    return _headed(name)[1]
-
-
-def _headed(name: str) -> tuple[str, str]:
-    parts = _HEADED.fullmatch(name)
-    return (parts["name"], parts["unit"].strip()) if parts else (name, "")
 
 
 class MapTable(Record):

@@ -10,7 +10,7 @@ import numpy as np
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording, Series
-from liftgate_hil.measurement.mapping import ColumnMap, Theirs, headed_unit
+from liftgate_hil.measurement.mapping import ColumnMap, Theirs
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, near_miss
 
@@ -168,7 +168,7 @@ def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
 def _converted(reading: Reading, ours: str, series: Series, mapping: ColumnMap) -> Series:
     """Return a column in our unit."""
     theirs = mapping.get(ours)
-    scale, offset, unit = 1.0, 0.0, series.unit or headed_unit(reading.names[ours])
+    scale, offset, unit = 1.0, 0.0, series.unit
     if theirs is not None:
         scale, offset = theirs.scale, theirs.offset
         unit = theirs.unit if theirs.unit is not None else unit

@@ -15,7 +15,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.open import BUS_LOGS, open_file
 from liftgate_hil.formats.recording import FRAME, Recording, Series
 from liftgate_hil.measurement.log_frames import LogFrames
-from liftgate_hil.measurement.mapping import ColumnMap, Theirs, headed_unit
+from liftgate_hil.measurement.mapping import ColumnMap, Theirs
 from liftgate_hil.measurement.table import time_issue
 from liftgate_hil.measurement.units import allowed_units, conversion
 from liftgate_hil.signals import COLUMNS, Bench
@@ -89,9 +89,7 @@ class RunFile:
             series = file.read(list(dict.fromkeys([name, *names])), issues)
             if name not in series:
                 return
-            shared = converted(
-                series[name].values, "time_s", theirs, series[name].unit or headed_unit(name), self.path, issues
-            )
+            shared = converted(series[name].values, "time_s", theirs, series[name].unit, self.path, issues)
             if not self._is_sound(shared, issues):
                 return
         else:
@@ -100,7 +98,7 @@ class RunFile:
             times = shared if shared is not None else each.times
             assert times is not None
             there = np.isfinite(each.values)
-            self.samples[name] = times[there], each.values[there], each.unit or headed_unit(name)
+            self.samples[name] = times[there], each.values[there], each.unit or ""
         ends = [(own[0], own[-1]) for own, *_ in self.samples.values() if len(own)]
         if self.span is None and ends:
             self.span = float(min(low for low, _ in ends)), float(max(high for _, high in ends))

@@ -107,6 +107,17 @@ def test_a_unit_in_a_header_counts_where_none_is_stated(tmp_path: Path) -> None:
         read(path, "left_current_a=U", "left_voltage_v=Iq[V]")
 
 
+def test_a_bracket_that_is_no_unit_belongs_to_the_name_and_two_units_are_told_apart(tmp_path: Path) -> None:
+    columns = {"time_s": TIMES, "voltage_v": TIMES, "I[0]": TIMES, "Iq [A]": TIMES, "Iq [mA]": TIMES * 1e3}
+    path = write_csv(tmp_path / "m.csv", columns)
+    file = tmp_path / "map.toml"
+    file.write_text('[columns]\nleft_current_a = "I[0]"\n')
+    assert np.allclose(read(path, str(file)).columns["left_current_a"], TIMES)
+    assert np.allclose(read(path, "left_current_a=Iq[mA]").columns["left_current_a"], TIMES)
+    with pytest.raises(ConfigError, match=r"no column 'Iq'; allowed: .*Iq \[A\], Iq \[mA\]"):
+        read(path, "left_current_a=Iq")
+
+
 def test_a_map_wins_over_a_column_of_our_name(tmp_path: Path) -> None:
     columns = {"time_s": TIMES, "voltage_v": TIMES, "left_current_a": TIMES, "other": -TIMES}
     measurement = read(write_csv(tmp_path / "m.csv", columns), "left_current_a=other")

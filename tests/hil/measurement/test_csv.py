@@ -16,6 +16,7 @@ from measurement_files import csv_text, read, write_csv
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats import csv_file
 from liftgate_hil.formats.csv_file import open_csv
+from liftgate_hil.formats.open import open_recording
 from liftgate_hil.measurement.measurement import INPUTS
 
 TIMES = np.arange(30) * 0.01
@@ -306,4 +307,13 @@ def test_a_point_that_comes_later_among_decimal_commas_is_refused(
     path = tmp_path / "m.csv"
     rows = [f"{k};1,5;2" for k in range(50)] + ["50;1.5;2"]
     path.write_text(HEAD.replace(",", ";") + "\n".join(rows) + "\n")
-    assert faults_of(path) == ['left_voltage_v: "1\'5" in row 51; allowed: a number']
+    assert faults_of(path) == ["left_voltage_v: 1.5 in row 51; allowed: a number"]
+
+
+def test_a_recording_saved_with_decimal_commas_is_still_one_with_its_start(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("time_s;gate_angle_deg;run_start_s\n0;0,5;1764160000,5\n0,001;0,75;1764160000,5\n")
+    recording = open_recording(path)
+    assert recording.start_ns == 1764160000_500_000_000
+    assert recording.notes == ("decimal commas are read as points",)
+    assert np.concatenate([*recording.rows(["gate_angle_deg"])]).ravel().tolist() == [0.5, 0.75]
