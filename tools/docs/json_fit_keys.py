@@ -13,6 +13,7 @@ _ESTIMATE = {
     "low": "lower bound of the search, in `unit`; null: none",
     "high": "upper bound of the search, in `unit`; null: none",
     "relative_error": "`std` divided by the size of `value`: 0.01 is 1 %; null: unknown",
+    "is_at_bound": "whether it is at a bound of the search, where `std` means nothing",
     "remark": "why it is not identifiable, or at a bound; else empty",
 }
 _PHASE = {
@@ -109,8 +110,8 @@ IDENTIFY = Document(
         "profiles": "profile likelihoods; empty without `--profile`",
         "profiles.NAME": "profile of a parameter",
         "profiles.NAME.values": "list: values of the parameter",
-        "profiles.NAME.deviance": "list: twice the drop of the log-likelihood there, less by what correlated "
-        "residuals widen the variance; 3.84 is the 95 % limit",
+        "profiles.NAME.deviance": "list: twice the drop of the log-likelihood there, divided by the ratio of the "
+        "robust to the white variance; 3.84 is the 95 % limit",
         "profiles.NAME.low": "begin of the 95 % interval; null: the profile does not reach it",
         "profiles.NAME.high": "end of the 95 % interval; null: the profile does not reach it",
         "experiments": "the measurements, see Experiment",

@@ -90,6 +90,14 @@ class ProtectionTables(Protocol):
         """Add a row of tables.END_TO_END."""
 
 
+def signals_made(message: Message, options: MessageOptions | None) -> set[str]:
+    """Return the signals of a message that its protection or multiplexer sets."""
+    own = options or MessageOptions()
+    nibble = own.e2e.nibble if own.e2e else None
+    multiplexers = [each.name for each in message.signals if each.is_multiplexer]
+    return {each for each in (own.counter, own.checksum, nibble, *multiplexers) if each}
+
+
 def protection_row(
     message: Message, options: MessageOptions, tables: ProtectionTables, issues: ConfigIssues
 ) -> dict[str, Any]:

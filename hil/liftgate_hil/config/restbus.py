@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.codec.bus_config import LONGEST_MS, cycle_of, needs_fd, physical_range
 from liftgate_hil.codec.frames import MAX_BYTES
 from liftgate_hil.codec.multiplexing import MAX_PAGES, pages_of
-from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.codec.protection import MessageOptions, signals_made
 from liftgate_hil.config.signal_name import find_signal, listed, listed_signals
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigIssues
@@ -101,7 +101,8 @@ def sendable(tables: BusTables, taken: Sequence[str], is_fd: bool) -> tuple[str,
     """
     found = []
     for message in tables.messages.values():
-        options, made = tables.options.get(message.name, MessageOptions()), _made(message, tables)
+        options = tables.options.get(message.name, MessageOptions())
+        made = signals_made(message, options)
         own = [
             signal.name
             for signal in message.signals
@@ -122,7 +123,7 @@ def _signal_in(
 ) -> DatabaseSignal | None:
     """Return the database's signal of a name if the bench may send it; else None and an issue."""
     message = tables.messages.get(name.partition(".")[0])
-    made = set() if message is None else _made(message, tables)
+    made = set() if message is None else signals_made(message, tables.options.get(message.name))
     free = [each for each in tables.messages if each not in taken]
     signal = find_signal(issues, key, name, tables.messages, free, made)
     if signal is None or message is None:
@@ -136,14 +137,6 @@ def _signal_in(
         issues.add(key, f"{show(name)}: {wrong}")
         return None
     return signal
-
-
-def _made(message: Message, tables: BusTables) -> set[str]:
-    """Return the signals that a message's protection or multiplexer sets."""
-    options = tables.options.get(message.name, MessageOptions())
-    nibble = options.e2e.nibble if options.e2e else None
-    multiplexers = [each.name for each in message.signals if each.is_multiplexer]
-    return {each for each in (options.counter, options.checksum, nibble, *multiplexers) if each}
 
 
 def _why_not(message: Message, is_taken: bool, options: MessageOptions, signal: DatabaseSignal) -> str:

@@ -9,7 +9,7 @@ from liftgate_hil.codec.bus_config import SignalMapping, cycle_of
 from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.multiplexing import pages_of
-from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.codec.protection import MessageOptions, signals_made
 from liftgate_hil.codec.rocksoft import Covered, Rocksoft
 from liftgate_hil.config.inject import REQUEST, SIGNAL
 from liftgate_hil.config.restbus import Press
@@ -118,9 +118,9 @@ def _messages(
 
 
 def _unmapped(message: Message, options: MessageOptions, own: Sequence[SignalMapping]) -> list[str]:
-    """Return the signals of a message that carry no quantity, no counter, no checksum and no multiplexer value."""
-    used = {wire.signal for wire in own} | {options.counter, options.checksum}
-    return [each.name for each in message.signals if each.name not in used and not each.is_multiplexer]
+    """Return the signals of a message that carry no quantity, and that neither protection nor multiplexer sets."""
+    used = {wire.signal for wire in own} | signals_made(message, options)
+    return [each.name for each in message.signals if each.name not in used]
 
 
 def _signal(rig: Rig, wire: SignalMapping, quantity: Signal) -> MappedSignal:

@@ -32,23 +32,28 @@ def profile(
     best = found.deviance
     std = estimate.std if math.isfinite(estimate.std) else 0.5 * abs(estimate.value)
     values, deviances = [estimate.value], [0.0]
+    ends: list[str] = []
     for direction in (-1.0, 1.0):
         point = found.point.copy()
         for distance in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0):
             value = estimate.value + direction * distance * std
             if not estimate.low <= value <= estimate.high:
+                ends.append("at the bound of the search")
                 break
             point = point.copy()
             point[number] = value
             if problem.refusals(point):
+                ends.append("where the vehicle is no longer valid")
                 break
             there = search(problem, None, given_std, point, (number,))
             point = there.point
             values.append(value)
             deviances.append((there.deviance - best) / widening)
+        else:
+            ends.append("")
     order = np.argsort(values)
     x, y = np.array(values)[order], np.array(deviances)[order]
-    return Profile(estimate.name, x, y, _crossing(x, y, -1), _crossing(x, y, 1))
+    return Profile(estimate.name, x, y, _crossing(x, y, -1), _crossing(x, y, 1), (ends[0], ends[1]))
 
 
 def _crossing(values: Floats, deviances: Floats, side: int) -> float:

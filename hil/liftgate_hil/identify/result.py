@@ -5,6 +5,7 @@ Parameters are in the units of the vehicle file, initial states in rad, rad/s, r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -28,7 +29,12 @@ class Estimate:
     high: float
     identifiable: bool
     remark: str = ""  # why not identifiable, or at a bound
-    is_at_bound: bool = False  # of the search, which makes a standard deviation meaningless
+    is_at_bound: bool = False  # of the search
+
+    @property
+    def shown_std(self) -> float:
+        """The standard deviation, for people; NaN at a bound of the search, where it means nothing."""
+        return math.nan if self.is_at_bound else self.std
 
 
 @dataclass(frozen=True)
@@ -70,10 +76,11 @@ class Profile:
 
     name: str
     values: Floats
-    # 2 (log L_max - log L_profile), less by what correlated residuals widen the variance; 3.84 is the 95 % limit.
+    # 2 (log L_max - log L_profile) over the ratio of the robust to the white variance; 3.84 is the 95 % limit.
     deviance: Floats
     low: float  # 95 % interval; nan where the range shown doesn't reach it
     high: float
+    ends: tuple[str, str] = ("", "")  # why the range ends, below and above; "": after 3 standard deviations
 
 
 @dataclass(frozen=True)

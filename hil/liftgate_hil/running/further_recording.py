@@ -85,7 +85,11 @@ class FurtherRecording:
             raise ConfigError("mark: a recording does not keep up, or has ended; allowed: when it takes marks")
 
     def note(self, time_s: float, text: str) -> bool:
-        """Write a text as a mark to the recordings that can hold it; False: one of them has not taken it."""
+        """Write a text as a mark to the recordings that can hold it; False: one of them has not taken it.
+
+        Of a longer text than a mark may have the end is left out.
+        """
+        text = text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
         process = self._process
         taken = [process.mark(time_s, text)] if process is not None and self._path.suffix in WITH_MARKS else []
         taken += [self._own_mark(time_s, text)] if self._own_holds_marks else []

@@ -466,7 +466,7 @@ def test_a_run_is_recorded_and_marked_from_the_page(client: Client, folder: Path
     state = until(client, lambda state: (state["in_force"]["record"] or {}).get("phase") == "recording")
     later = state["time_s"] + 0.3
     assert client.command(mark="it squeaks")[1]["done"] == "mark it squeaks"
-    for slope in (1.0, 2.0, 3.0):  # of a slider's steps the first is a mark
+    for slope in (1.0, 2.0, 3.0):  # of a slider's steps the first and the last one are marks
         client.command(set={"road_slope_deg": slope})
     client.command(obstacle={"angle_deg": 35})
     until(client, lambda state: state["time_s"] > later)
@@ -477,6 +477,7 @@ def test_a_run_is_recorded_and_marked_from_the_page(client: Client, folder: Path
         assert [each.name for each in measured.events] == [
             "it squeaks",
             "command: set road_slope_deg 1",
+            "command: set road_slope_deg 3",
             "command: obstacle angle_deg 35",
         ]
         assert times[0] < measured.events[0].value < times[-1]

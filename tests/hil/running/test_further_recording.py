@@ -240,3 +240,9 @@ def test_one_that_is_stopped_before_a_row_came_can_be_read(bench: Bench, tmp_pat
         bench.recording.stop()
         until(bench.recording, None)
         assert holds_nothing(tmp_path / f"none{suffix}")
+
+
+def test_a_note_that_is_too_long_for_a_mark_is_cut_off(memory: Memory, tmp_path: Path) -> None:
+    bench = Bench(memory, tmp_path, "run.mf4")
+    assert bench.recording.note(1.0, "é" * 5000)
+    assert bench.marks == [(1.0, "é" * 199 + "…")]

@@ -96,8 +96,9 @@ def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
         line = replace(line, keys={"saturates": "true"})
     remarks = [] if factors == (1.0, 0.0) else [f"from {candidate.unit}"]
     if quantity.startswith(TRUE_PREFIX):
-        measured = quantity.removeprefix(TRUE_PREFIX).replace("_speed", "_period_speed")
-        instead = f"; as a Hall sensor measures it: {measured}" if measured in BUS_OUTPUTS else ""
+        plain = quantity.removeprefix(TRUE_PREFIX)
+        sensed = plain if plain in BUS_OUTPUTS else plain.replace("_speed", "_period_speed")  # by Hall edges
+        instead = f"; as sensed: {sensed}" if sensed in BUS_OUTPUTS else ""
         remarks.append(f"the true value, without sensor and sensor faults{instead}")
     return replace(line, remark="; ".join(remarks))
 

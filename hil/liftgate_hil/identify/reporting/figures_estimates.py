@@ -69,7 +69,7 @@ def parameter_figure(result: Identification) -> Figure:
         figure = new_figure(0.9 + 0.36 * max(len(shown), 1))
         axis = figure.subplots()
         ratios = np.array([each.value / each.initial for each in shown])
-        errors = np.array([2.0 * each.std / abs(each.initial) for each in shown])
+        errors = np.array([2.0 * each.shown_std / abs(each.initial) for each in shown])
         identifiable = np.array([each.identifiable for each in shown], dtype=bool) & np.isfinite(errors)
         low, high = _ratio_limits(ratios, errors, identifiable)
         for row, (ratio, error) in enumerate(zip(ratios, errors, strict=True)):

@@ -58,17 +58,17 @@ def warnings_of(result: Identification) -> list[str]:
 
 
 def _one_sided(result: Identification) -> list[str]:
-    """Return a warning for each profile that does not reach the 95 % limit on both sides."""
-    found = []
-    for each in result.profiles:
-        sides = [side for side, end in (("below", each.low), ("above", each.high)) if math.isnan(end)]
-        if sides:
-            first, last = (significant(end, 4) for end in (each.values[0], each.values[-1]))
-            found.append(
-                f"{clean(each.name)}: its profile likelihood, from {first} to {last}, has no 95 % limit "
-                f"{' and '.join(sides)}: its standard deviation does not hold there"
-            )
-    return found
+    """Return a warning for each side of a profile on which it does not reach the 95 % limit."""
+    return [
+        f"{clean(each.name)}: its profile likelihood has no 95 % limit {side} the estimate: it ends at "
+        f"{significant(last, 4)}, {why or 'after 3 standard deviations'}"
+        for each in result.profiles
+        for side, limit, last, why in (
+            ("below", each.low, each.values[0], each.ends[0]),
+            ("above", each.high, each.values[-1], each.ends[1]),
+        )
+        if math.isnan(limit)
+    ]
 
 
 def validation_warnings(result: Identification | Validation) -> list[str]:

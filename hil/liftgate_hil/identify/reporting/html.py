@@ -15,7 +15,6 @@ from liftgate_hil.identify.reporting.findings import (
 from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.report.drawing import svg
 from liftgate_hil.report.numbers import (
-    NONE,
     column_label,
     deviation,
     fit,
@@ -86,9 +85,9 @@ def _parameters(estimates: Sequence[Estimate]) -> str:
         (
             each.name,
             each.symbol,
-            known_digits(each.value, each.std),
-            NONE if each.is_at_bound else deviation(each.std),
-            NONE if each.is_at_bound else percent(relative_error(each.value, each.std)),
+            known_digits(each.value, each.shown_std),
+            deviation(each.shown_std),
+            percent(relative_error(each.value, each.shown_std)),
             plain(each.initial),
             percent(relative_change(each.value, each.initial), "+"),
             each.unit,
@@ -138,8 +137,8 @@ def _states(estimates: Sequence[Estimate]) -> str:
     rows = [
         (
             each.name,
-            known_digits(each.value, each.std),
-            deviation(each.std),
+            known_digits(each.value, each.shown_std),
+            deviation(each.shown_std),
             plain(each.initial),
             each.unit,
             "yes" if each.identifiable else "no",

@@ -121,6 +121,7 @@ def _estimate(each: Estimate) -> dict[str, Any]:
         "low": _number(each.low),
         "high": _number(each.high),
         "relative_error": _number(relative_error(each.value, each.std) / 100.0),
+        "is_at_bound": each.is_at_bound,
         "remark": each.remark,
     }
 

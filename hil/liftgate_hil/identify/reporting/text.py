@@ -14,7 +14,6 @@ from liftgate_hil.identify.reporting.findings import (
 )
 from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.report.numbers import (
-    NONE,
     clean,
     deviation,
     fit,
@@ -96,9 +95,9 @@ def _parameters(estimates: Sequence[Estimate]) -> list[str]:
     rows = [
         (
             clean(each.name, 30),
-            known_digits(each.value, each.std),
-            NONE if each.is_at_bound else deviation(each.std),
-            NONE if each.is_at_bound else percent(relative_error(each.value, each.std)),
+            known_digits(each.value, each.shown_std),
+            deviation(each.shown_std),
+            percent(relative_error(each.value, each.shown_std)),
             plain(each.initial),
             percent(relative_change(each.value, each.initial), "+"),
             clean(each.unit, 12),
@@ -120,8 +119,8 @@ def _states(estimates: Sequence[Estimate]) -> list[str]:
     rows = [
         (
             clean(each.name, 50),
-            known_digits(each.value, each.std),
-            NONE if each.is_at_bound else f"± {deviation(each.std)}",
+            known_digits(each.value, each.shown_std),
+            f"± {deviation(each.shown_std)}",
             clean(each.unit, 12),
             f"initial {plain(each.initial)}",
             "" if each.identifiable else "not identifiable",

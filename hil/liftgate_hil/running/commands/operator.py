@@ -73,6 +73,7 @@ class Operator:
         self.kinds: set[str] = set()  # of faults that were injected
         self.continues = False  # the last command was one of a series of settings, as a slider makes them
         self._series, self._series_at = "", -math.inf
+        self._last_of_series: tuple[float, str] | None = None  # when, and what was done
         self.count = 0  # commands executed that act on the gate
         self.done: list[str] = []  # the first of these in words, with their times; of a series the last one
 
@@ -87,8 +88,10 @@ class Operator:
         }
 
     def look(self, now: float) -> None:
-        """Release the buttons whose hold time is over, at a time [s] of the scenario."""
+        """Release the buttons whose hold time is over, at a time [s] of the scenario, and end a series."""
         self._buttons.release(now)
+        if now - self._series_at > _SERIES_S:
+            self._note_last()
 
     def obey(self, command: object, now: float) -> str:
         """Execute a command that was given at a time [s] of the scenario, and return in words what was done.
@@ -107,9 +110,23 @@ class Operator:
             self.done.pop()
         if len(self.done) < _MOST_LISTED:
             self.done.append(f"{now:.3f} s: {done}")
-        if self.recording is not None and not self.continues:
-            self.recording.note(now, f"command: {done}")
+        if not self.continues:
+            self._note_last()
+            self._note(now, done)
+        else:
+            self._last_of_series = now, done
         return done
+
+    def _note(self, now: float, done: str) -> None:
+        """Note what was commanded in the recordings."""
+        if self.recording is not None:
+            self.recording.note(now, f"command: {done}")
+
+    def _note_last(self) -> None:
+        """Note the last value of a series of settings, the first of which was noted when it came."""
+        if self._last_of_series is not None:
+            self._note(*self._last_of_series)
+            self._last_of_series = None
 
     def _obey(self, command: object, now: float) -> str:
         allowed = "; allowed: one of " + ", ".join(COMMANDS)

@@ -168,7 +168,7 @@ def test_a_motor_speed_is_mapped_with_a_remark_that_it_is_the_true_one(tmp_path:
     )
     text, _ = draft_of(tmp_path, COMMON, speed.replace('(1,0) "rpm"', '(1,0) [-5000|5000] "rpm"'))
     line = next(each for each in text.splitlines() if each.startswith("true_left_speed = "))
-    assert "without sensor and sensor faults; as a Hall sensor measures it: left_period_speed" in line
+    assert "without sensor and sensor faults; as sensed: left_period_speed" in line
 
 
 def test_a_counter_that_does_not_use_its_bits_is_asked_for(tmp_path: Path):
