@@ -110,8 +110,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--save-inputs",
         metavar="FOLDER",
-        help="with --plan: write the motor voltages of the best sequence, a CSV for each experiment, as `simulate "
-        "--input` takes it",
+        help="with --plan: write the motor voltages of the best sequence, a CSV for each experiment, for "
+        "--input of `simulate`",
     )
 
 

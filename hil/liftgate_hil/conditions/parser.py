@@ -126,8 +126,9 @@ class _Parser:
         part = self._either()
         kind = self._here()[0]
         if kind != "end":
-            no_unit = "; a number has no unit, it is in that of its column" if kind == "name" else ""
-            self._wrong(f"and, or, or the end{no_unit}")
+            is_number = self.tokens[self.next - 1][0] == "number"
+            is_unit = is_number and kind == "name" and self._here()[1].lower() not in ("and", "or", "not")
+            self._wrong(f"and, or, or the end{'; a number is in the unit of its column' if is_unit else ''}")
         if not part.is_truth:
             raise ValueError(f"{self.text!r} is not a comparison; allowed: a comparison, e.g. gate_angle_deg > 20")
         return Condition(self.text, tuple(self.ops), tuple(self.units))

@@ -26,7 +26,8 @@ STATE = {
     "loop": "clock, rate, ticks done and missed; lateness, execution time and command delay [µs] as quantiles",
     "bus": "channel, load, frames sent, received, accepted, rejected, foreign, dropped; age of the last command",
     "in_force": "what was commanded and has not been cleared, in the form of commands",
-    "acting": "what acts on the gate, from the scenario, a panel or commands; empty: not known",
+    "acting": "what acts on the gate, from the scenario, a panel or commands; of a recording the obstacle that "
+    "the gate presses against, at its edge, without `meets`; empty: not known",
     "verdicts": "of each expectation the verdict so far (`pending`: undecided), margin and time; the bench's "
     "lateness may still change it",
     "messages": "the last frame of each message on the bus, decoded; in the stream five times a second",
@@ -78,7 +79,7 @@ class NoSource:
 
 def nothing_known(phase: str) -> JsonObject:
     """Return a state of which no more than the phase is known, with the keys of STATE but `number`."""
-    tables = ("truth", "sensed", "command", "loop", "bus", "in_force", "histograms")
+    tables = ("truth", "sensed", "command", "loop", "bus", "in_force", "acting", "histograms")
     return {
         "phase": phase,
         "end": None,

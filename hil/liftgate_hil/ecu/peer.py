@@ -70,8 +70,8 @@ class Peer:
         """Receive frames, run the ECU at a time [ns], and send its frames. Raises EcuError."""
         adapter = self._adapter
         frames = self._transport.receive()
-        if self._heard_ns < 0 and self._is_gates(frames):
-            self._heard_ns = now_ns
+        if self.first_other < 0 or self._heard_ns < 0:
+            self._note_senders(frames, now_ns)
         began = self._began_ns()
         with self._guard():
             while self._commanded:
@@ -105,13 +105,14 @@ class Peer:
         """Whether the ECU has heard the gate yet."""
         return self._began_ns() >= 0
 
-    def _is_gates(self, frames: Frames) -> bool:
-        """Whether one of these frames is the gate's."""
+    def _note_senders(self, frames: Frames, now_ns: int) -> None:
+        """Note when the first frame of the gate came, and the first one that is not the gate's."""
         theirs = frames.identifiers[: frames.count] & ~FD
         are_gates = np.isin(theirs, self._adapter.node.reference.inputs.messages.identifier)
         if self.first_other < 0 and not are_gates.all():
             self.first_other = int(theirs[~are_gates][0])
-        return bool(are_gates.any())
+        if self._heard_ns < 0 and are_gates.any():
+            self._heard_ns = now_ns
 
     def _began_ns(self) -> int:
         """Return when the clock by which the ECU gets requests began [ns]; -1: not yet."""

@@ -57,8 +57,13 @@ class Content:
     @property
     def bus_number(self) -> int:
         """Bus number for formats without bus names: the one at the end of the name (can1, 1), else 0."""
-        number = re.search(r"(?:^|[A-Za-z_])(\d+)$", self.channel)  # an address, 239.74.163.2, ends with none
-        return int(number[1]) if number and int(number[1]) <= _MOST_BUSES else 0
+        number = None if _is_address(self.channel) else re.search(r"\d+$", self.channel)
+        return int(number[0]) if number and int(number[0]) <= _MOST_BUSES else 0
+
+
+def _is_address(channel: str) -> bool:
+    """Whether a channel is an IP address, as of a multicast group, whose end numbers nothing."""
+    return channel.count(".") == 3 or channel.count(":") > 1
 
 
 def lines_about(about: str) -> list[str]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from liftgate_hil.codec.refusals import ACCEPTED, FOREIGN
 from liftgate_hil.loop.listener import Listener, Status
-from liftgate_hil.loop.refusal_texts import REFUSED, RefusalTexts, identifier_text
+from liftgate_hil.loop.refusal_texts import ANOTHER, REFUSED, RefusalTexts, identifier_text
 from liftgate_hil.signals import COLUMN_PLACE
 
 if TYPE_CHECKING:
@@ -64,7 +64,6 @@ class ProgressMonitor:
         self._reported_events = 0
         self._listed_causes: set[int] = set()
         self._apart = f"; {apart}" if apart else ""
-        self._sent = {rig.identifier(wire.message): wire.message for wire in rig.outputs}
         self._has_reported_another = False
         self._command = rig.command_message()
         self._row = _row_of(config, rig.command_identifier())
@@ -97,12 +96,12 @@ class ProgressMonitor:
     def _look_for_another(self, time_s: float) -> None:
         """Report another gate on the bus if the first foreign frame is one that this gate sends."""
         others = self._reception.refusals[FOREIGN]
-        name = self._sent.get(int(others.found)) if others.count else None
+        name = self._texts.sent.get(int(others.found)) if others.count else None
         if name is not None and not self._has_reported_another:
             self._has_reported_another = True
             self._listener.say(
                 f"{time_s:.3f} s: received {name} ({identifier_text(int(others.found))}), which this gate sends: "
-                f"another bench or a replay is on this bus{self._apart}"
+                f"{ANOTHER}{self._apart}"
             )
 
     def _look_at_command(self, time_s: float, now: float) -> None:
@@ -128,8 +127,8 @@ class ProgressMonitor:
     def _foreign(self) -> str:
         """Return a text on the first foreign frame; "": there is none but those of a test bench."""
         first = self._texts.first_foreign(self._reception.refusals)
-        is_known = not first or self._has_reported_another
-        return "" if is_known else f"{first} is on the bus, but not received by this rig{self._apart}"
+        has_news = bool(first) and not self._has_reported_another
+        return f"{first} is on the bus, but not received by this rig{self._apart}" if has_news else ""
 
     def _status(self, moment: Moment) -> Status:
         counts = self._reception.refusals["count"]

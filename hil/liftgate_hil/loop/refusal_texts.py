@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.statistics import Summary
     from liftgate_hil.loop.tick import LoopConfig
 
+ANOTHER = "another bench or a replay is on this bus"
 REFUSED = (REMOTE_FRAME, WRONG_LENGTH, OUT_OF_RANGE, BAD_CHECKSUM, BAD_COUNTER)
 
 
@@ -34,7 +35,7 @@ class RefusalTexts:
 
     def __init__(self, rig: Rig, config: LoopConfig, began_s: float = 0.0) -> None:
         self._rig, self._config, self._began_s = rig, config, began_s
-        self._sent = {rig.identifier(wire.message) for wire in rig.outputs}
+        self.sent = {rig.identifier(wire.message): wire.message for wire in rig.outputs}  # names by identifier
 
     def awaited(self) -> str:
         """Return the command message with its identifier."""
@@ -51,7 +52,7 @@ class RefusalTexts:
         others = refusals[FOREIGN]
         if not others.count or int(others.found) in self._rig.ordering:
             return ""
-        sent = ", which this gate sends: another gate is on the bus" if int(others.found) in self._sent else ""
+        sent = f", which this gate sends: {ANOTHER}" if int(others.found) in self.sent else ""
         return identifier_text(int(others.found)) + sent
 
     def of_first(self, refusals: Any, cause: int) -> str:

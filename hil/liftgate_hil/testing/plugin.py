@@ -256,13 +256,18 @@ class Liftgate:
 
 
 def _without_our_frames(call: Callable[[], _T]) -> _T:
-    """Return what a call returns; of an error pytest shows the message and the test's line, not this package."""
+    """Return what a call returns; of a wrong argument pytest shows the message and the test's line.
+
+    An error with a cause, such as one in an ECU's own module, is shown whole.
+    """
     __tracebackhide__ = True
-    from liftgate_hil.errors import LiftgateError
+    from liftgate_hil.errors import ConfigError
 
     try:
         return call()
-    except LiftgateError as error:
+    except ConfigError as error:
+        if error.__cause__ is not None:
+            raise
         raise error.with_traceback(None) from None
 
 

@@ -62,12 +62,16 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
         if not rate.isdigit() or int(rate) == 0:
             raise ConfigError(f"`bus` {text}: bit rate {rate!r}; allowed: a whole number of bit/s")
         if interface in _NO_BITRATE:
-            where = "it is set with `ip link`" if interface == "socketcan" else "frames take no time on it"
-            raise ConfigError(f"`bus` {text}: a bit rate on {interface}, where {where}; allowed: no @{rate}")
+            raise ConfigError(f"`bus` {text}: {_no_bitrate(interface)}; allowed: no @{rate}")
         arguments |= {"channel": name, "bitrate": int(rate)}
     elif interface not in _NO_BITRATE:
         arguments["bitrate"] = int(default_bitrate)
     return arguments
+
+
+def _no_bitrate(interface: str) -> str:
+    where = "it is set with `ip link`" if interface == "socketcan" else "frames take no time"
+    return f"a bit rate on {interface}, where {where}"
 
 
 def bus_arguments(choice: WireChoice, rig: Rig) -> dict[str, Any]:
@@ -83,6 +87,8 @@ def bus_arguments(choice: WireChoice, rig: Rig) -> dict[str, Any]:
         raise ConfigError("`bus` and -i/-c: allowed: one or the other")
     else:
         given = parse_bus(bus, bitrate or rig.bitrate)
+    if bitrate is not None and (choice.interface or (bus or "").partition(":")[0]) in _NO_BITRATE:
+        raise ConfigError(f"-b {bitrate}: {_no_bitrate(choice.interface or (bus or '').partition(':')[0])}")
     found = _with_configuration({key: each for key, each in given.items() if each is not None})
     if not found.get("interface") or found.get("channel") is None:
         raise ConfigError(_MISSING)

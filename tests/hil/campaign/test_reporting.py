@@ -260,6 +260,16 @@ def test_a_report_says_how_to_run_the_worst_variant_again(tmp_path: Path) -> Non
     assert line in Page(worst(summary, "out/a & b")).text
 
 
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_an_empty_cell_of_a_heat_map_is_explained(tmp_path: Path, is_whole: bool) -> None:
+    x = {"a": np.array([0.0, 0.0, 1.0, 1.0]), "b": np.array([0.0, 1.0, 0.0, 1.0])}
+    force = np.array([10.0, 20.0, 30.0, 40.0 if is_whole else np.nan])
+    summary = summary_of(write(tmp_path / "r", ["pass"] * 4, x, {}, force=force), list(x), [])
+    html = heat_section(summary, {})
+    assert "Largest pinch force" in html
+    assert (" ·: no variant, or none that was decided." in html) != is_whole
+
+
 def test_heat_maps_are_over_the_two_values_that_matter_most(tmp_path: Path) -> None:
     generator = np.random.default_rng(1)
     x = {name: generator.integers(0, 4, 300).astype(float) for name in ("idle", "strong", "weak")}

@@ -39,7 +39,11 @@ def test_units_of_products(text: str, unit: str) -> None:
         ("gate_angle_deg >", "the condition ends; allowed"),
         ("1 < gate_angle_deg < 3", "one comparison at a time"),
         ("gate_angle_deg > 3 )", ") at character 20; allowed: and, or, or the end"),
-        ("gate_angle_deg > 3 deg", "deg at character 20; allowed: and, or, or the end; a number has no unit"),
+        (
+            "gate_angle_deg > 3 deg",
+            "deg at character 20; allowed: and, or, or the end; a number is in the unit of its column",
+        ),
+        ("gate_angle_deg > 3 AND time_s > 1", "AND at character 20; allowed: and, or, or the end"),
         ("gate_angle_deg > p", "p: no such column; allowed: $p, the parameter"),
         ("(gate_angle_deg > 3", "the condition ends; allowed: )"),
         ("gate_angle_deg + left_current_a > 3", "combines deg and A"),

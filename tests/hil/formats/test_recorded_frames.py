@@ -180,7 +180,18 @@ def test_an_mf4_has_frames_and_rows_on_one_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("channel", "number"),
-    [("can1", 1), ("vcan0", 0), ("PCAN_USBBUS2", 2), ("3", 3), ("bench", 0), ("239.74.163.77", 0), ("can999", 0)],
+    [
+        ("can1", 1),
+        ("vcan0", 0),
+        ("PCAN_USBBUS2", 2),
+        ("3", 3),
+        ("bench", 0),
+        ("239.74.163.77", 0),
+        ("ff15::7", 0),
+        ("bus-4", 4),
+        ("ch.1", 1),
+        ("can999", 0),
+    ],
 )
 def test_the_number_of_a_bus_is_at_the_end_of_its_name_and_not_of_an_address(channel: str, number: int) -> None:
     assert Content(columns=("time_s",), channel=channel).bus_number == number

@@ -64,4 +64,7 @@ def test_the_first_foreign_identifier_may_be_that_of_another_gate(rig: Rig) -> N
     refusals = no_refusals()
     note_evidence(refusals, FOREIGN, -1, float(0x210), np.nan)
     note_outcome(refusals, FOREIGN, -1, 0)
-    assert texts(rig).first_foreign(refusals) == "0x210, which this gate sends: another gate is on the bus"
+    assert (
+        texts(rig).first_foreign(refusals)
+        == "0x210, which this gate sends: another bench or a replay is on this bus"
+    )

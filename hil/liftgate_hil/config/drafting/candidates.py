@@ -88,10 +88,10 @@ Found = dict[str, dict[str, list[Candidate]]]  # section: quantity: candidates
 
 
 class Search(NamedTuple):
-    """What a database offers."""
+    """Candidates for each quantity, and the signals that were not chosen."""
 
     found: Found  # several candidates for a quantity if nothing tells them apart
-    passed_over: Mapping[str, tuple[str, str]]  # MESSAGE.SIGNAL: quantity it may be, and the signal closer to it
+    not_chosen: Mapping[str, tuple[str, str]]  # MESSAGE.SIGNAL: quantity that it may be, and why it was not chosen
 
 
 def find_candidates(messages: Mapping[str, Message]) -> Search:
@@ -115,18 +115,27 @@ def find_candidates(messages: Mapping[str, Message]) -> Search:
         section: {quantity: _best(candidates, speaks_of_gate) for quantity, candidates in each.items()}
         for section, each in found.items()
     }
-    return Search(best, _passed_over(found, best))
+    return Search(best, _not_chosen(found, best))
 
 
-def _passed_over(found: Found, best: Found) -> dict[str, tuple[str, str]]:
+def _not_chosen(found: Found, best: Found) -> dict[str, tuple[str, str]]:
     chosen = {each.name for section in best.values() for several in section.values() for each in several}
     return {
-        each.name: (quantity, best[section][quantity][0].name)
+        each.name: (quantity, _why_rather(each, best[section][quantity][0]))
         for section, quantities in found.items()
         for quantity, several in quantities.items()
         for each in several
         if each.name not in chosen
     }
+
+
+def _why_rather(one: Candidate, chosen: Candidate) -> str:
+    """Return why another candidate was chosen, see `_best`."""
+    if chosen.fits and not one.fits:
+        return f"{chosen.name} has a fitting unit"
+    return (
+        f"{chosen.name} has its name" if chosen.is_named and not one.is_named else f"{chosen.name} names the gate"
+    )
 
 
 def _panel(message: Message) -> dict[str, Candidate]:

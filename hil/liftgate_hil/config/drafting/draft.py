@@ -39,7 +39,7 @@ def draft_rig(database: Path, target: Path) -> Draft:
     issues = ConfigIssues("draft")
     messages = load_messages(issues, database)
     issues.raise_if_any()
-    found, passed_over = find_candidates(messages)
+    found, not_chosen = find_candidates(messages)
     tells_sides = any("right_" in name for each in found.values() for name in each)
     lines = {section: list(_lines_of(section, _by_side(each, tells_sides))) for section, each in found.items()}
     _one_quantity_a_signal(lines)
@@ -62,17 +62,17 @@ def draft_rig(database: Path, target: Path) -> Draft:
         for signal in checksums_of(messages[name]):
             reason = f"{signal.name}: the database does not say which; without it wrong frames are accepted"
             waiting[f"messages.{name}.checksum"] = reason
-    text += "".join(_passed_over(passed_over))
-    text += "".join(_unused(text, messages, {line.message.name for line in _all(lines)}, passed_over))
+    text += "".join(_not_chosen(not_chosen))
+    text += "".join(_unused(text, messages, {line.message.name for line in _all(lines)}, not_chosen))
     return Draft(text, mapped, [*waiting.items(), *_missing(faults, waiting, mapped)])
 
 
-def _passed_over(signals: Mapping[str, tuple[str, str]]) -> Iterator[str]:
-    """Yield comments with the signals that others are preferred to."""
+def _not_chosen(signals: Mapping[str, tuple[str, str]]) -> Iterator[str]:
+    """Yield comments with the signals that others were preferred to, and why."""
     if signals:
-        yield "\n# Not drafted: another signal is closer to the quantity.\n"
-    for signal, (quantity, other) in sorted(signals.items())[:_MOST_OTHERS]:
-        yield f"#   {printable(signal)}: {quantity}? {printable(other)} is closer by its name or unit\n"
+        yield "\n# Not drafted: another signal was chosen for the quantity.\n"
+    for signal, (quantity, why) in sorted(signals.items())[:_MOST_OTHERS]:
+        yield f"#   {printable(signal)}: {quantity}? {printable(why)}\n"
     if len(signals) > _MOST_OTHERS:
         yield f"#   and {len(signals) - _MOST_OTHERS} more\n"
 

@@ -157,9 +157,7 @@ def test_a_duty_of_no_side_is_the_left_one_where_there_is_one_drive(tmp_path: Pa
 def test_of_two_signals_the_one_in_a_fitting_unit_is_taken(tmp_path: Path):
     text, _ = draft_of(tmp_path, COMMON, CURRENTS)
     assert '\nleft_current = "GateOut.CurrentLeft"' in text
-    assert (
-        "\n#   GateOut.CurrentSenseLeft: left_current? GateOut.CurrentLeft is closer by its name or unit\n" in text
-    )
+    assert "\n#   GateOut.CurrentSenseLeft: left_current? GateOut.CurrentLeft has a fitting unit\n" in text
 
 
 def test_a_motor_speed_is_mapped_with_a_remark_that_it_is_the_true_one(tmp_path: Path):
