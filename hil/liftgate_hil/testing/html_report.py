@@ -86,7 +86,7 @@ class SuiteReport:
             f"{provenance.versions.get('liftgate-hil', '')}, {provenance.date}",
             [
                 mutants_section(matrix) if matrix is not None else "",
-                _summary(outcomes, provenance),
+                _summary(outcomes),
                 section("Not passed", _not_passed(outcomes)),
                 section("Requirements", _matrix(outcomes)),
                 limits_section(outcomes),
@@ -112,7 +112,7 @@ class SuiteReport:
         return f'<p class="soft">{text(note)}</p>'
 
 
-def _summary(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
+def _summary(outcomes: Sequence[Outcome]) -> str:
     counts = counts_of(outcomes)
     total = sum(counts[name] for name in (PASS, FAIL, INCONCLUSIVE, ERROR))
     counted = ", ".join(f"{counts[name]} {name}" for name in (PASS, FAIL, INCONCLUSIVE, ERROR))
@@ -139,10 +139,6 @@ def _summary(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
         (f"{what}s", f"{len(outcomes)}: {by_scenario}"),
         ("folder", str(_folder(outcomes))),
         *run,
-        ("command line", Markup(f"<code>{text(provenance.command_line)}</code>")),
-        ("date", provenance.date),
-        ("machine", f"{provenance.platform}, {provenance.libc}, {provenance.processor}"),
-        ("versions", ", ".join(f"{name} {each}" for name, each in provenance.versions.items())),
     ]
     stopped = [each for each in outcomes if each.reason.startswith("stopped")]
     warning = f"Incomplete: stopped early, and {_many(len(stopped), what)} did not end."
@@ -260,7 +256,7 @@ def _link(place: int, label: str, number: int | None = None) -> Markup:
 
 
 def _origin(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
-    """Return the HTML of the results' origin: all source files, and processor features.
+    """Return the HTML of the results' origin: command, machine, versions, all source files, processor features.
 
     Each file has one row in a table, with its SHA-256; the features are those that the machine code was compiled
     for.
@@ -268,10 +264,17 @@ def _origin(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
     found: Mapping[tuple[str, str], str] = {
         (each.path, each.sha256): name for outcome in outcomes for name, each in outcome.case.plan.sources.items()
     }
+    made = [
+        ("command line", Markup(f"<code>{text(provenance.command_line)}</code>")),
+        ("date", provenance.date),
+        ("machine", f"{provenance.platform}, {provenance.libc}, {provenance.processor}"),
+        ("versions", ", ".join(f"{name} {each}" for name, each in provenance.versions.items())),
+    ]
     rows = [(name, path, digest) for (path, digest), name in found.items()]
     features = f"processor features: {provenance.processor_features}"
     return (
-        table(("source", "file", "SHA-256"), rows, ("n", "", ""))
+        pairs(made)
+        + table(("source", "file", "SHA-256"), rows, ("n", "", ""))
         + f'<details><summary class="soft">machine code compiled for</summary>'
         f"<p>{text(features)}</p></details>"
     )

@@ -28,16 +28,16 @@ def mutants_section(matrix: Matrix) -> str:
         parts += [
             "<p>Survived, reached and tolerated: a scenario takes another course with these than with the ECU "
             "without a defect, and no expectation fails. A stricter one would kill them.</p>",
-            table(("mutant", "defect"), tolerated, ("", "")),
+            table(("mutant", "defect"), tolerated, ("n", "")),
         ]
     if unreached:
         parts += [
             "<p>Survived, never reached: in every scenario these behave as the ECU without a defect. It takes "
             "another scenario to kill them.</p>",
-            table(("mutant", "defect"), unreached, ("", "")),
+            table(("mutant", "defect"), unreached, ("n", "")),
         ]
     if rows:
-        parts += ["<p>Killed:</p>", table(("mutant", "defect", "killed by"), rows, ("", "", ""))]
+        parts += ["<p>Killed:</p>", table(("mutant", "defect", "killed by"), rows, ("n", "", ""))]
     if nothing:
         items = "".join(f"<li>{text(each)}</li>" for each in nothing)
         parts.append(
