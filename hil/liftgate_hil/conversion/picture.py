@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from liftgate_hil.config.drafting.words import concepts_in
 from liftgate_hil.conversion.compare import differences_of
 from liftgate_hil.conversion.ours import ours_in
 from liftgate_hil.conversion.sheet import FONT, HEIGHT, SMALL, WIDTH, finish, legend_above, settings
@@ -44,7 +45,7 @@ _LOOKS: Sequence[tuple[str, Any, float]] = (
 )
 _DIFFERENCE = "#a8246e"
 # What distinguishes the columns of a panel: the drive, and whether it is a sensor's value.
-_PROTECTION = re.compile(r"crc|check_?sum|alive|rolling|(msg|message)_?(cnt|counter)", re.IGNORECASE)
+_MEASURED = {"hall", "current", "motor", "position", "left", "right"}  # what a counter of messages does not count
 _SIDES = re.compile(r"^sensed_|left_?|right_?", re.IGNORECASE)
 
 
@@ -56,7 +57,7 @@ def usual_columns(table: Recording, rig: str | None = None) -> list[str]:
     """
     names = [name for name in _USUAL if name in table.signals]
     others = [name for name in table.signals if name != "time_s"]
-    telling = [name for name in others if not _PROTECTION.search(name.rpartition(".")[2])]
+    telling = [name for name in others if not _is_protection(name.rpartition(".")[2])]
     if names:
         return names
     wired = {} if rig is None else ours_in(rig, others)
@@ -64,6 +65,12 @@ def usual_columns(table: Recording, rig: str | None = None) -> list[str]:
     ordered = list(dict.fromkeys([*first, *(telling or others)]))
     shown = list(dict.fromkeys(_panel_of(name, table) for name in ordered))[:MOST]
     return [name for name in ordered if _panel_of(name, table) in shown]
+
+
+def _is_protection(name: str) -> bool:
+    """Whether a signal is a counter or a checksum of its message by its name."""
+    concepts = concepts_in(name)
+    return "checksum" in concepts or ("counter" in concepts and not concepts & _MEASURED)
 
 
 def panels_of(names: Sequence[str], table: Recording) -> list[list[str]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from liftgate_hil.config.database import KINDS, load_messages
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.conversion.decode import Decoder, seen_in
-from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
 from liftgate_hil.formats.open import open_recording
 from liftgate_hil.formats.recording import Recording
 
@@ -97,8 +96,8 @@ def chosen(table: Recording, columns: Sequence[str], argument: str = "columns") 
     issues = []
     for name in columns:
         if name not in table.signals or name == "time_s":
-            near = difflib.get_close_matches(name, table.signals, n=3) or list(table.signals)[1:9]
-            issues.append(f"`{argument}` {name}: not in {table.path}; allowed: {', '.join(near)}, …")
+            known = [each for each in table.signals if each != "time_s"]
+            issues.append(f"`{argument}` {name}: not in {table.path}; allowed: {allowed_names(name, known)}")
     if issues:
         raise ConfigError(issues)
     return list(dict.fromkeys(columns))
