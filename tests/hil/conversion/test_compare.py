@@ -190,7 +190,7 @@ def test_bus_logs_are_compared_by_their_frames_or_what_they_say(
     [
         (["--tolerance", "x"], "--tolerance x: allowed: X or NAME=X, X at least 0"),
         (["--tolerance", "-1"], "--tolerance"),
-        (["--columns", "gate_angl_deg"], "allowed: gate_angle_deg"),
+        (["--columns", "gate_angl_deg"], "allowed: left_current_a, gate_angle_deg"),
         (["--from", "2", "--to", "1"], "--from 2: after --to 1; allowed: before it"),
         (["--output", "x.gif"], "--output x.gif: allowed: a file of .png, .svg, .pdf, .html"),
         (["--rig", "liftgate"], "allowed with a recording that holds frames"),
