@@ -32,10 +32,10 @@ _FREEZE = """
 const draw = show;
 let most = 0;
 window.isFrozen = false;
-show = (told) => {
-  draw(told);
-  most = Math.max(most, told.truth.pinch_force_n || 0);
-  if (most > 20 && told.truth.pinch_force_n < most) { wire.onmessage = null; window.isFrozen = true; }
+show = (state) => {
+  draw(state);
+  most = Math.max(most, state.truth.pinch_force_n || 0);
+  if (most > 20 && state.truth.pinch_force_n < most) { wire.onmessage = null; window.isFrozen = true; }
 };
 """
 
