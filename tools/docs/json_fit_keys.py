@@ -14,6 +14,7 @@ _ESTIMATE = {
     "high": "upper bound of the search, in `unit`; null: none",
     "relative_error": "`std` divided by the size of `value`: 0.01 is 1 %; null: unknown",
     "is_at_bound": "whether it is at a bound of the search, where `std` means nothing",
+    "is_held": "whether that bound was given, e.g. by `--bounds`: the others are estimated with that value",
     "remark": "why it is not identifiable, or at a bound; else empty",
 }
 _PHASE = {

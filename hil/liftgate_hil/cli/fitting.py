@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from liftgate_hil.report.provenance import Provenance
     from liftgate_plant.vehicle import Vehicle
 
+_NEAR_DEG = 5.0  # from a stated angle: more than a sensor is wrong by
+_STILL_RPS, _STILL_SHARE = 2.0, 0.05  # speed, and share of the largest one, up to which a motor counts as at rest
 MODEL_NAMES = ("full", "third-order", "second-order")
 # Kinds of outputs, and their columns.
 KINDS = {
@@ -94,6 +96,7 @@ def problem_of(
         dataclasses.replace(data_of(each, vehicle), after_motion=pause)
         for each, pause in zip(measurements, pauses, strict=True)
     ]
+    _check_beginnings(data, angles, args.initial)
     data = _thinned(data, args, vehicle)
     delay, is_delay_sought = delay_of(args.input_delay, data)
     try:
@@ -131,6 +134,30 @@ def problem_of(
                 "--initial gives the angle of a gate that has rested for long"
             )
     return problem, tuple(notes)
+
+
+def _check_beginnings(data: Sequence[Data], angles: Sequence[float | None], given: str) -> None:
+    """Raise ConfigError where a measurement does not begin at rest at the angle that --initial states."""
+    import numpy as np
+
+    from liftgate_hil.identify.data import first_sample
+
+    issues = []
+    for each, angle in zip(data, angles, strict=True):
+        if angle is None:
+            continue
+        first = first_sample(each.outputs.get("gate_angle_deg"))
+        if abs(first - angle) > _NEAR_DEG:
+            issues.append(f"{each.name}: its first gate_angle_deg is {first:.4g}, while it states {angle:.4g}")
+        for name in ("left_speed_rps", "right_speed_rps"):
+            speed, values = first_sample(each.outputs.get(name)), each.outputs.get(name)
+            if values is not None and abs(speed) > max(
+                _STILL_RPS, _STILL_SHARE * float(np.nanmax(np.abs(values)))
+            ):
+                issues.append(f"{each.name}: its first {name} is {speed:.4g}, while it states a gate at rest")
+    if issues:
+        allowed = "; allowed: auto, or the angle at which each file begins"
+        raise ConfigError([f"--initial {given}: {issue}{allowed}" for issue in issues])
 
 
 def _thinned(data: Sequence[Data], args: argparse.Namespace, vehicle: Vehicle) -> list[Data]:

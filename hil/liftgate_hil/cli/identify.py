@@ -278,7 +278,11 @@ def _deliver(args: argparse.Namespace, teller: Teller, origin: Provenance, resul
 
 
 def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
-    """Return the vehicle file with the estimates; what is not identifiable keeps its initial value."""
+    """Return the vehicle file with the estimates.
+
+    What is not identifiable keeps its initial value. What a given bound holds has that bound: the others are
+    estimated with it.
+    """
     from liftgate_hil.config.settings import settings_of
     from liftgate_hil.config.shipped import find_config
     from liftgate_hil.config.toml import read_toml
@@ -299,7 +303,7 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
         "not_identifiable": [each.name for each in result.parameters if not each.identifiable],
         "fit_percent": {key: value for key, value in content["fit_percent"].items() if value is not None},
     }
-    values = {result.parameters[k].name: result.parameters[k].value for k in identifiable}
+    values = {each.name: each.value for each in result.parameters if each.identifiable or each.is_held}
     source, variant = find_config("vehicles", args.vehicle), variant_of(args.draw, args.ideal)
     settings = settings_for(read_toml(source), variant, settings_of(args.settings), str(source))
     text = vehicle_text(source, settings, values, origin)

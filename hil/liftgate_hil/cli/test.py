@@ -122,13 +122,16 @@ def run(args: argparse.Namespace) -> int:
     content = as_json(ordered, provenance.as_dict())
     if matrix is not None:
         content["mutation"] = {**matrix.as_json(), "threshold": _share(args.mutation_threshold)}
+    required = None if matrix is None else _required(matrix, args.mutation_threshold)
     with teller.progress("report"):
         write_all(
             targets,
             {
                 "json": lambda: as_text(content).encode(),
-                "junit": lambda: as_junit(ordered),
-                "html": lambda: report.html(ordered, provenance, matrix).encode(),
+                "junit": lambda: as_junit(ordered, required),
+                "html": lambda: report.html(
+                    ordered, provenance, matrix, "" if required is None else required[0]
+                ).encode(),
             },
         )
     if matrix is not None and args.json != "-":
@@ -137,14 +140,18 @@ def run(args: argparse.Namespace) -> int:
     if stop.received:
         return stop.exit_code
     verdict = suite.verdict_of(ordered)
-    if matrix is not None and matrix.score * 100.0 < (args.mutation_threshold or 0.0):
-        found = f"{100.0 * matrix.score:.1f} % of the mutants are killed"
-        print(
-            f"liftgate-hil: {found}; required by --mutation-threshold: {args.mutation_threshold:g} %",
-            file=sys.stderr,
-        )
+    if required is not None and not required[1]:
+        print(f"liftgate-hil: {required[0]}", file=sys.stderr)
         verdict = worst([verdict, FAIL])
     return EXIT_CODES[verdict]
+
+
+def _required(matrix: Matrix, percent: float | None) -> tuple[str, bool] | None:
+    """Return score and threshold in words, and whether it is met; None: no threshold is required."""
+    if percent is None:
+        return None
+    found = f"{100.0 * matrix.score:.1f} % of the mutants are killed"
+    return f"{found}; required by --mutation-threshold: {percent:g} %", matrix.score * 100.0 >= percent
 
 
 def _share(percent: float | None) -> float | None:
@@ -220,6 +227,8 @@ def parameters_of(given: Sequence[str]) -> dict[str, float]:
             number = float(value.replace("_", ""))
         except ValueError:
             number = float("nan")
+        if name.strip() in found:
+            issues.append(f"`set_parameter` {text}: {name.strip()} is given twice; allowed: once")
         if not equals or not name.strip() or not math.isfinite(number):
             issues.append(f"`set_parameter` {text}: allowed: NAME=VALUE with a finite number")
         found[name.strip()] = number
@@ -259,7 +268,8 @@ def _deleted(outcome: Outcome) -> Outcome:
         return outcome
     for path in outcome.result.recording:
         path.unlink(missing_ok=True)
-    return replace(outcome, result=replace(outcome.result, recording=()))
+    summary = replace(outcome.result.summary, recordings=[])
+    return replace(outcome, result=replace(outcome.result, recording=(), summary=summary))
 
 
 def _tell(outcome: Outcome, done: int, count: int, args: argparse.Namespace) -> None:

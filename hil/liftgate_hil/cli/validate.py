@@ -71,13 +71,17 @@ def _run(args: argparse.Namespace, teller: Teller) -> int:
 
 
 def _with_result(vehicle: Vehicle, path: Path) -> Vehicle:
-    """Return the vehicle with the identifiable values of a result. Raises ConfigError."""
+    """Return the vehicle with a result's values that are identifiable, or held by a bound. Raises ConfigError."""
     from liftgate_hil.config.parameters import find_parameter, with_value
 
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
         sound = content["identifiable"]
-        values = {name: float(each["value"]) for name, each in content["parameters"].items() if sound[name]}
+        values = {
+            name: float(each["value"])
+            for name, each in content["parameters"].items()
+            if sound[name] or each.get("is_held")
+        }
     except OSError as error:
         raise ConfigError(f"--parameters {path}: cannot be read: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:

@@ -43,12 +43,13 @@ def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Unc
             if unknown.experiment != ALL:
                 name = f"{problem.data[unknown.experiment].name}: {name}"
             quantity = Quantity("", _unit_of(unknown.name), -math.inf, math.inf, "")
-        remark, is_at_bound = "", min(value - low[k], high[k] - value) <= _AT_BOUND * problem.sizes[k]
+        remark, is_at_bound = "", False
         if k in known.silent:
             remark = "has no effect on the measured outputs"
         elif k in apart:
             remark = "cannot be separated from others"
-        elif is_at_bound:
+        elif min(value - low[k], high[k] - value) <= _AT_BOUND * problem.sizes[k]:
+            is_at_bound = True
             remark = f"at its bound {float(low[k] if value - low[k] < high[k] - value else high[k]):g}"
         elif k in limits and len(limits) == 1:
             remark = f"at a limit for valid vehicles: {limits[k]}"
@@ -69,7 +70,8 @@ def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Unc
                 high=float(high[k]),
                 identifiable=not remark,
                 remark=remark or _along(limits.get(k, "")),
-                is_at_bound=bool(is_at_bound),
+                is_at_bound=is_at_bound,
+                is_held=is_at_bound and (float(low[k]), float(high[k])) != (quantity.low, quantity.high),
             )
         )
     return result

@@ -1,4 +1,4 @@
-"""Hints on why a simulation does not follow a measurement: a factor (unit or sign), or reversed voltages."""
+"""Hints on why a simulation does not follow a measurement: another unit or sign of outputs or voltages."""
 
 from __future__ import annotations
 
@@ -20,10 +20,18 @@ from liftgate_plant.rows import AT
 Floats = NDArray[np.float64]
 
 _ALIKE = 0.95  # correlation from which on two courses have the same shape
-_OTHER = 2.0  # ratio of two courses of the same shape that the initial values do not explain
+_OTHER = 1.5  # ratio of two courses of the same shape that the initial values do not explain
 _NEAR = 0.15  # share by which a factor may differ from that of a unit
-_GOOD = 50.0  # % of fit on average over the outputs from which on reversed inputs explain the measurement
+_GOOD = 50.0  # % of fit on average over the outputs from which on other inputs explain the measurement
 _DRIVEN = (AT.left_voltage_v, AT.left_duty, AT.right_voltage_v, AT.right_duty)
+# Factors of the inputs that are tried, and what they mean.
+_INPUTS = {
+    -1.0: "reversed inputs",
+    1000.0: "inputs 1000 times as large",
+    2.0: "inputs twice as large",
+    0.5: "inputs half as large",
+    -1000.0: "reversed inputs 1000 times as large",
+}
 
 
 def hints(problem: Problem, point: Floats) -> list[str]:
@@ -31,10 +39,10 @@ def hints(problem: Problem, point: Floats) -> list[str]:
 
     `point` (p,) is where the search has ended.
     """
-    return list(_reversed(problem)) or _factors(problem, [point, problem.initial])
+    return _by_other_inputs(problem) or _by_factors(problem, [point, problem.initial])
 
 
-def _factors(problem: Problem, points: Sequence[Floats]) -> list[str]:
+def _by_factors(problem: Problem, points: Sequence[Floats]) -> list[str]:
     """Return hints on outputs that have the shape of the simulation at one of the points, and another size."""
     found: dict[str, str] = {}
     for point in points:
@@ -46,16 +54,27 @@ def _factors(problem: Problem, points: Sequence[Floats]) -> list[str]:
 
 
 def _guess(name: str, factor: float) -> str:
-    """Return which unit, or sign, of an output explains a factor, as the end of a hint; "": none does."""
-    known: dict[float, str] = {}
+    """Return which unit, or sign, of an output explains a factor, as the end of a hint; "": none does.
+
+    Our own unit comes first: the values are in another one, or in ours although another one is stated.
+    """
+    units: dict[float, str] = {}
     for unit, (ours, _) in spellings(KNOWN[name]).items():
-        known.setdefault(1.0 / ours, unit)  # the usual spelling comes first
-    near = min(known, key=lambda each: abs(math.log(abs(factor) / each)))
-    if abs(abs(factor) / near - 1.0) > _NEAR:
-        return ""
-    parts = ["is its sign reversed"] if factor < 0.0 else []
-    parts += [f"is it in {known[near]}"] if near != 1.0 else []
-    return f": {' and '.join(parts)}?"
+        units.setdefault(ours, unit)  # the usual spelling comes first
+    own = units[1.0]
+    pairs = {(unit, own): 1.0 / size for size, unit in units.items()}
+    pairs |= {(own, unit): size for size, unit in units.items()}
+    if not any(_is_near(factor, each) for each in pairs.values()):
+        pairs = {(one, other): b / a for a, one in units.items() for b, other in units.items()}
+    fitting = [pair for pair, each in pairs.items() if _is_near(factor, each)]
+    texts = [f"in {unit}{'' if stated == own else f' where {stated} is stated'}" for unit, stated in fitting[:2]]
+    parts = ["is its sign reversed"] if factor < 0.0 and fitting else []
+    parts += [] if (own, own) in fitting or not texts else [f"is it {' or '.join(texts)}"]
+    return f": {' and '.join(parts)}?" if parts else ""
+
+
+def _is_near(factor: float, other: float) -> bool:
+    return abs(abs(factor) / other - 1.0) <= _NEAR
 
 
 def _factor(measured: Floats, simulated: Floats) -> float | None:
@@ -66,28 +85,42 @@ def _factor(measured: Floats, simulated: Floats) -> float | None:
         return None
     across = float(measured @ simulated)
     factor = across / power
-    is_alike = abs(across) > _ALIKE * np.sqrt(power * own)
+    is_alike = abs(across) > _ALIKE * math.sqrt(power * own)
     return factor if is_alike and not 1.0 / _OTHER < factor < _OTHER else None
 
 
-def _reversed(problem: Problem) -> Iterator[str]:
-    """Yield a hint where the simulation follows the measurement with the voltages reversed."""
-    begin = problem.initial
-    before = _fits(problem, begin)
-    turned = replace(problem, data=[_turned(each) for each in problem.data], beginnings=())
-    after = _fits(turned, turned.initial)
-    if before and after and float(np.mean(after)) > max(_GOOD, float(np.mean(before))):
-        yield f"with reversed inputs it follows (fit {np.mean(after):.1f} %): are the voltages reversed?"
+def _by_other_inputs(problem: Problem) -> list[str]:
+    """Return a hint where the simulation follows with other inputs, and maybe outputs of the opposite sign."""
+    before = _fits(problem, problem.initial)
+    for factor, text in _INPUTS.items():
+        data = [_driven(each, factor) for each in problem.data]
+        other = replace(problem, data=data, beginnings=())
+        after = _fits(other, other.initial)
+        if not after or np.mean([each for each, _ in after.values()]) < max(_GOOD, _mean(before)):
+            continue
+        turned = [name for name, (_, sign) in after.items() if sign < 0.0]
+        also = f" and the sign of {', '.join(turned)} reversed" if turned else ""
+        fit = _mean(after)
+        return [f"with {text}{also} it follows (fit {fit:.1f} %): is that what the columns mean?"]
+    return []
 
 
-def _turned(data: Data) -> Data:
+def _mean(fits: dict[str, tuple[float, float]]) -> float:
+    return float(np.mean([each for each, _ in fits.values()])) if fits else -math.inf
+
+
+def _driven(data: Data, factor: float) -> Data:
     inputs = data.inputs.copy()
-    inputs[:, _DRIVEN] *= -1.0
+    inputs[:, _DRIVEN] *= factor
     return replace(data, inputs=inputs)
 
 
-def _fits(problem: Problem, point: Floats) -> list[float]:
-    return [fit_percent(measured, simulated) for _, measured, simulated in _courses(problem, point)]
+def _fits(problem: Problem, point: Floats) -> dict[str, tuple[float, float]]:
+    """Return by output the better fit [%] of both signs, and that sign."""
+    return {
+        name: max((fit_percent(measured, sign * simulated), sign) for sign in (1.0, -1.0))
+        for name, measured, simulated in _courses(problem, point)
+    }
 
 
 def _courses(problem: Problem, point: Floats) -> Iterator[tuple[str, Floats, Floats]]:

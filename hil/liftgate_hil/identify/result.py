@@ -30,6 +30,7 @@ class Estimate:
     identifiable: bool
     remark: str = ""  # why not identifiable, or at a bound
     is_at_bound: bool = False  # of the search
+    is_held: bool = False  # by a bound that was given, narrower than the range of the quantity
 
     @property
     def shown_std(self) -> float:

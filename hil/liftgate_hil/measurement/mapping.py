@@ -67,9 +67,9 @@ class ColumnTable(Record):
 def parse_maps(given: Sequence[str], known: Mapping[str, Signal] = KNOWN) -> ColumnMap:
     """Return the map that all `map` values make up; `known` are our columns that may be mapped.
 
-    Raises ConfigError with all issues.
+    What is mapped directly overrides what a file maps. Raises ConfigError with all issues.
     """
-    result: ColumnMap = {}
+    maps: dict[bool, ColumnMap] = {True: {}, False: {}}  # of files, and those given directly
     lines: list[str] = []
     for value in given:
         is_file = value.endswith(".toml") and ("=" not in value or is_there(Path(value)))
@@ -81,13 +81,13 @@ def parse_maps(given: Sequence[str], known: Mapping[str, Signal] = KNOWN) -> Col
             lines += error.issues
             continue
         for ours in found:
-            if ours in result:
+            if ours in maps[is_file]:
                 issues.add(ours, "mapped twice; allowed: once")
-        result |= found
+        maps[is_file] |= found
         lines += issues.lines
     if lines:
         raise ConfigError(lines)
-    return result
+    return maps[True] | maps[False]
 
 
 def _from_text(value: str, issues: ConfigIssues, known: Mapping[str, Signal]) -> ColumnMap:

@@ -13,6 +13,7 @@ from liftgate_hil.formats.recording import Recording, Series
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, near_miss
+from liftgate_hil.signals import SENSED_PREFIX
 
 SIDES = ("left", "right")
 Kinds = tuple[tuple[str, tuple[str, ...]], ...]
@@ -24,6 +25,7 @@ RECORDED_NOTE = "a recording of the emulator: each input is taken from the next 
 _VOLTAGES = ("voltage_v", "left_voltage_v", "right_voltage_v")
 # Columns that state what drives the motors.
 DRIVES = (*_VOLTAGES, *(f"{side}_{what}" for side in SIDES for what in ("duty", "coast")))
+_SLOPE, _LEVEL_DEG = "road_slope_deg", 0.5
 # Unit that a column out of its range probably has, by the ending of its name.
 _RATHER = {"_duty": "%", "_a": "mA", "_v": "mV"}
 
@@ -240,12 +242,23 @@ def _own_samples(series: Series, shared: Floats | None) -> tuple[Floats, Floats]
     return times[there], series.values[there]
 
 
+def _unread_slope(reading: Reading) -> list[str]:
+    """Return a note on a slope that only a sensor's column states, and that is not read."""
+    name = SENSED_PREFIX + _SLOPE
+    if _SLOPE in reading.names or name not in reading.file.names:
+        return []
+    series = reading.file.read([name], []).get(name)
+    if series is None or not abs(mean := float(np.nanmean(series.values))) > _LEVEL_DEG:
+        return []
+    return [f"{_SLOPE} is that of the vehicle, {name} {mean:.3g} on average: `map` {_SLOPE}={name} reads it"]
+
+
 def _measurement(
     reading: Reading, times: Floats, own: Mapping[str, tuple[Floats, Floats]], by_rows: bool
 ) -> Measurement:
     """Return the measurement: all columns over one time base."""
     columns: dict[str, Floats] = {}
-    notes = list(reading.file.notes)
+    notes = [*reading.file.notes, *_unread_slope(reading)]
     start = times[0] if len(times) else 0.0
     for name, (at, values) in own.items():
         if name in OUTPUTS:

@@ -46,6 +46,10 @@ class Result:
     ecu_digest: str = ""  # of the ECU's memory at the end; "": unknown
     late: str = ""  # when the bench was too late, or what it has not done; "": neither is known
 
+    def __bool__(self) -> bool:
+        """Raise TypeError: a result that fails would be true, too."""
+        raise TypeError('a Result is neither true nor false; allowed: result.verdict == "pass"')
+
 
 def result_of(
     sinks: Sequence[Sink],

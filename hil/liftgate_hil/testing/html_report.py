@@ -75,8 +75,13 @@ class SuiteReport:
                 self._figures[outcome.case.file, expectation.name] = found
         return replace(outcome, result=replace(result, trace_summaries={}))
 
-    def html(self, outcomes: Sequence[Outcome], provenance: Provenance, matrix: Matrix | None = None) -> str:
-        """Return the page; `matrix` is the result of mutation testing, where there was any."""
+    def html(
+        self, outcomes: Sequence[Outcome], provenance: Provenance, matrix: Matrix | None = None, required: str = ""
+    ) -> str:
+        """Return the page; `matrix` is the result of mutation testing, where there was any.
+
+        `required` says which share of the mutants must be killed.
+        """
         title = f"Test report: {verdict_of(outcomes)}"
         if matrix is not None:  # these tests are what is tested, and the verdict of the sound ECU is no score
             title = f"Mutation testing: {matrix.summary()}"
@@ -85,8 +90,8 @@ class SuiteReport:
             f"{_many(len(outcomes), subject_of(outcomes))}, liftgate-hil "
             f"{provenance.versions.get('liftgate-hil', '')}, {provenance.date}",
             [
-                mutants_section(matrix) if matrix is not None else "",
-                _summary(outcomes),
+                *([] if matrix is None else [mutants_section(matrix, required)]),
+                _summary(outcomes) if matrix is None else section("The ECU without a defect", _summary(outcomes)),
                 section("Not passed", _not_passed(outcomes)),
                 section("Requirements", _matrix(outcomes)),
                 limits_section(outcomes),

@@ -24,17 +24,31 @@ _NOT_IN_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010fff
 _NOT_IN_A_CLASS = re.compile(r"[\s.]+")
 
 
-def as_junit(outcomes: Sequence[Outcome]) -> bytes:
+def as_junit(outcomes: Sequence[Outcome], threshold: tuple[str, bool] | None = None) -> bytes:
     """Return JUnit XML: a suite for each scenario or recorded run, a test case for each expectation.
 
-    One that fails is a failure, one that is inconclusive or an error is an error, nothing is skipped.
+    One that fails is a failure, one that is inconclusive or an error is an error, nothing is skipped. `threshold`
+    adds a case for the mutation threshold: score and threshold in words, and whether it is met.
     """
     command = "judge" if subject_of(outcomes) == "recording" else "test"
     root = ElementTree.Element("testsuites", name=f"liftgate-hil {command}")
     classes = class_names([_subject(each) for each in outcomes])
     for number, (outcome, name) in enumerate(zip(outcomes, classes, strict=True)):
         root.append(_suite(outcome, number, name))
+    if threshold is not None:
+        root.append(_of_mutants(len(outcomes), *threshold))
     return _written(root)
+
+
+def _of_mutants(number: int, text: str, is_met: bool) -> ElementTree.Element:
+    suite = _testsuite("mutants", number, "", time.time(), 0.0, [PASS if is_met else FAIL])
+    ElementTree.SubElement(suite, "properties")
+    case = ElementTree.SubElement(suite, "testcase", classname="mutants", name="mutation threshold", time="0.000")
+    if not is_met:
+        ElementTree.SubElement(case, "failure", type=FAIL, message=text).text = text
+    ElementTree.SubElement(suite, "system-out").text = text
+    ElementTree.SubElement(suite, "system-err")
+    return suite
 
 
 def issues_as_junit(issues: Sequence[str]) -> bytes:

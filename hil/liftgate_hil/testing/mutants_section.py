@@ -9,7 +9,7 @@ from liftgate_hil.testing.mutation import Matrix
 _MOST = 6  # expectations that are named
 
 
-def mutants_section(matrix: Matrix) -> str:
+def mutants_section(matrix: Matrix, required: str | None = None) -> str:
     """Return the section: the mutants of the reference ECU that survive, then all others."""
     tolerated, unreached = (
         [(name, MUTANTS[name].meaning) for name in names] for names in (matrix.tolerated, matrix.never_reached)
@@ -20,7 +20,8 @@ def mutants_section(matrix: Matrix) -> str:
         if each.name in matrix.killed
     ]
     nothing = [f"{file}: {name}" for file, name in matrix.prove_nothing]
-    parts = [
+    parts = [f"<p><b>{text(required)}.</b></p>"] if required else []
+    parts += [
         "<p>Each mutant of the reference ECU has one defect. It is killed if an expectation fails that the ECU "
         "without a defect passes.</p>"
     ]

@@ -214,6 +214,7 @@ class Liftgate:
         self._folder = folder
         self._gates: list[Gate] = []
         self._runs = 0
+        self._results: list[Result] = []
 
     def gate(self, **arguments: Any) -> Gate:
         """Return a `liftgate_hil.Gate`, which is closed with the test."""
@@ -245,7 +246,23 @@ class Liftgate:
         self._folder.mkdir(parents=True, exist_ok=True)
         _allow_imports_from_root(self._config)
         __tracebackhide__ = True
-        return _without_our_frames(lambda: run(scenario, **arguments))
+        result = _without_our_frames(lambda: run(scenario, **arguments))
+        self._results.append(result)
+        return result
+
+    def told(self) -> dict[str, str]:
+        """Return what a failed test is reported with: verdicts that are no pass, and where the recordings are."""
+        from liftgate_hil.testing.reports import line_of
+
+        lines = [
+            f"{each.name}: {line_of(each)}"
+            for result in self._results
+            for each in result.expectations.values()
+            if each.verdict != "pass"
+        ]
+        lines += [result.reason for result in self._results if result.verdict == "error"]
+        has_files = self._folder.is_dir() and any(self._folder.iterdir())
+        return {"verdicts": "\n".join(lines), "recordings": str(self._folder) if has_files else ""}
 
     def close(self, is_kept: bool) -> None:
         """Close the gates, and delete the recordings unless they are kept."""
@@ -289,6 +306,6 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
     if report.failed and "liftgate" in getattr(item, "fixturenames", ()):
         item.stash[_FAILED] = True
         used = getattr(item, "funcargs", {}).get("liftgate")
-        if isinstance(used, Liftgate) and used._runs:
-            report.sections.append(("liftgate recordings", str(used._folder)))
+        if isinstance(used, Liftgate):
+            report.sections += [(f"liftgate {what}", text) for what, text in used.told().items() if text]
     return report

@@ -28,6 +28,9 @@ from fitting_files import (
     write_columns,
 )
 
+from liftgate_hil.cli.fitting import _check_beginnings
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.identify.data import Data
 from liftgate_hil.running.setup import vehicle_from
 
 SIGMAS = 4.0  # six seeds out of ten thousand are further off
@@ -563,3 +566,31 @@ def test_what_cannot_be_distinguished_in_data_without_noise_is_said_and_warns_of
     flags = ("--estimate", names, "--set", "motor.rotor_inertia=1.5e-5", "--quiet")
     lines = complaint(capsys, "identify", path, *flags)
     assert "nothing to identify from, with vehicle suv: " in lines[0]
+
+
+def test_what_a_given_bound_holds_is_saved_with_that_bound(opening: Path, tmp_path: Path) -> None:
+    saved, result = tmp_path / "saved.toml", tmp_path / "result.json"
+    flags = (
+        "--estimate",
+        "motor.resistance,motor.speed_constant",
+        "--bounds",
+        "motor.resistance=0.5:0.72",
+        "--quiet",
+    )
+    assert call("identify", opening, *flags, "--save-vehicle", saved, "--result", result) == 0
+    told = json.loads(result.read_text())["parameters"]["motor.resistance"]
+    assert (told["value"], told["is_held"]) == (0.72, True)
+    assert vehicle_from(str(saved)).left.motor.resistance == 0.72
+
+
+def test_a_stated_beginning_that_the_data_contradict_is_refused(
+    opening: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = ("--estimate", "motor.resistance")
+    (line,) = complaint(capsys, "identify", opening, *flags, "--initial", "open")
+    assert "opening.csv: its first gate_angle_deg is" in line
+    assert line.endswith("while it states 80; allowed: auto, or the angle at which each file begins")
+    data = Data("a.csv", np.arange(3.0), np.zeros((3, 14)), {"left_speed_rps": np.array([40.0, 45.0, 50.0])})
+    with pytest.raises(ConfigError, match=r"--initial closed: a.csv: its first left_speed_rps is 40, while"):
+        _check_beginnings([data], [0.0], "closed")
+    _check_beginnings([data], [None], "auto")

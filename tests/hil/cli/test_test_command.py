@@ -62,6 +62,9 @@ def test_parameters_are_replaced(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", path, "--set-parameter", "mots=-1"]) == 2
     assert "--set-parameter mots: no such parameter in s.toml; allowed: most" in capsys.readouterr().err
     assert main(["test", path, "--set-parameter", "most"]) == 2
+    capsys.readouterr()
+    assert main(["test", path, "--set-parameter", "most=1", "--set-parameter", "most=2"]) == 2
+    assert "--set-parameter most=2: most is given twice" in capsys.readouterr().err
 
 
 def test_of_several_scenarios_each_gets_the_parameters_that_it_has(capsys: pytest.CaptureFixture[str]) -> None:
@@ -135,6 +138,7 @@ def test_recordings_of_what_passes_can_be_left_out(tmp_path: Path, kept: str, le
     assert sorted(each.name for each in Path("out").iterdir() if each.suffix in (".csv", ".log")) == left
     told = json.loads(Path("out/verdicts.json").read_text())
     assert sorted(Path(name).name for each in told["scenarios"] for name in each["recordings"]) == left
+    assert "a.csv" not in Path("out/report.html").read_text().replace("a.toml", "")
 
 
 def test_verdicts_are_printed_in_the_order_of_the_files_whichever_ends_first(

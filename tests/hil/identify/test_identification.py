@@ -233,27 +233,31 @@ def test_an_input_that_excites_nothing_tells_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("voltage", "change", "said"),
     [
-        ({"left_speed_rps": 60.0}, "left_speed_rps is 60 times the simulation: is it in rpm?"),
-        ({"left_current_a": -1.0}, "left_current_a is -1 times the simulation: is its sign reversed?"),
+        (1.0, {"left_speed_rps": 60.0}, "left_speed_rps is 60 times the simulation: is it in rpm?"),
+        (1.0, {"left_speed_rps": 9.549}, "left_speed_rps is 9.55 times the simulation: is it in rpm where"),
+        (1.0, {"left_current_a": -1.0}, "left_current_a is -1 times the simulation: is its sign reversed?"),
+        (1.0, {"left_current_a": -1e3}, "left_current_a is -1e+03 times the simulation: is its sign reversed and"),
+        (1.0, {"left_current_a": 1e-3}, "left_current_a is 0.001 times the simulation: is it in kA or in A"),
+        (1.0, {"left_current_a": 55.0}, "left_current_a is 55 times the simulation"),
+        (-1.0, {}, "with reversed inputs it follows (fit 9"),
         (
-            {"left_current_a": -1e3},
-            "left_current_a is -1e+03 times the simulation: is its sign reversed and is it in mA?",
+            -1.0,
+            {"left_current_a": -1.0, "left_speed_rps": -1.0},
+            "with reversed inputs and the sign of left_current_a, left_speed_rps reversed it follows (fit 9",
         ),
-        ({"left_current_a": 1e-3}, "left_current_a is 0.001 times the simulation: is it in kA?"),
-        ({"left_current_a": 55.0}, "left_current_a is 55 times the simulation"),
-        ({}, "with reversed inputs it follows (fit 9"),
+        (0.5, {}, "with inputs twice as large it follows (fit 9"),
+        (2.0, {}, "with inputs half as large it follows (fit 9"),
     ],
 )
 def test_what_the_simulation_does_not_follow_may_have_another_unit_or_sign(
-    change: dict[str, float], said: str
+    voltage: float, change: dict[str, float], said: str
 ) -> None:
     vehicle = true_vehicle()
     data = measured(vehicle, seed=1)
     outputs = {name: change.get(name, 1.0) * values for name, values in data.outputs.items()}
-    inputs = data.inputs if change else -data.inputs
-    other = dataclasses.replace(data, outputs=outputs, inputs=inputs)
+    other = dataclasses.replace(data, outputs=outputs, inputs=voltage * data.inputs)
     with pytest.raises(NothingToTellError) as caught:
         estimated(vehicle, "third-order", ["motor.resistance"], [other])
     assert str(caught.value).split("; ")[-1].startswith(said)
@@ -484,3 +488,13 @@ def test_data_without_noise_are_told_as_such() -> None:
     for data, said in ((measured(vehicle), True), (measured(vehicle, seed=1), False)):
         notes = notes_of(estimated(vehicle, "third-order", ["motor.resistance"], [data]))
         assert [each.split(",")[0] for each in notes] == ["the data have no noise"] * said
+
+
+def test_an_output_of_another_scale_that_others_outweigh_is_told() -> None:
+    vehicle = true_vehicle()
+    data = measured(vehicle, seed=1)
+    outputs = {**data.outputs, "left_speed_rps": 1.6 * data.outputs["left_speed_rps"]}
+    result = estimated(vehicle, "third-order", ["motor.resistance"], [dataclasses.replace(data, outputs=outputs)])
+    found = [each for each in warnings_of(result) if "times the simulation: is its scale right?" in each]
+    assert len(found) == 1
+    assert found[0].startswith("run: left_speed_rps is 1.6")

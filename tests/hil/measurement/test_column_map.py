@@ -118,6 +118,23 @@ def test_a_bracket_that_is_no_unit_belongs_to_the_name_and_two_units_are_told_ap
         read(path, "left_current_a=Iq")
 
 
+def test_a_map_given_directly_overrides_that_of_a_file(tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "m.csv", {"time_s": TIMES, "voltage_v": TIMES, "a": TIMES, "b": -TIMES})
+    file = tmp_path / "map.toml"
+    file.write_text('[columns]\nleft_current_a = "a"\n')
+    for maps in ((str(file), "left_current_a=b"), ("left_current_a=b", str(file))):
+        assert np.allclose(read(path, *maps).columns["left_current_a"], -TIMES)
+
+
+def test_a_slope_that_only_its_sensor_states_gets_a_note(tmp_path: Path) -> None:
+    columns = {"time_s": TIMES, "voltage_v": TIMES, "left_current_a": TIMES}
+    steep = {"sensed_road_slope_deg": np.full(len(TIMES), 8.0)}
+    path = write_csv(tmp_path / "m.csv", columns | steep)
+    (note,) = read(path).notes
+    assert note.startswith("road_slope_deg is that of the vehicle, sensed_road_slope_deg 8 on average")
+    assert read(path, "road_slope_deg=sensed_road_slope_deg").notes == ()
+
+
 def test_a_map_wins_over_a_column_of_our_name(tmp_path: Path) -> None:
     columns = {"time_s": TIMES, "voltage_v": TIMES, "left_current_a": TIMES, "other": -TIMES}
     measurement = read(write_csv(tmp_path / "m.csv", columns), "left_current_a=other")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -123,7 +124,21 @@ def test_a_threshold_makes_survivors_a_failure(
     choose(monkeypatch, "stop_ignored", "heat_ignored")
     file = tmp_path / "s.toml"
     file.write_text(STOPS.replace('never = "gate_angle_deg > 1"', 'never = "gate_angle_deg > 89"'))
-    assert main(["test", str(file), "--mutants", "--mutation-threshold", threshold]) == code
+    reports = [
+        "--junit",
+        str(tmp_path / "j.xml"),
+        "--html",
+        str(tmp_path / "h.html"),
+        "--json",
+        str(tmp_path / "v.json"),
+    ]
+    assert main(["test", str(file), "--mutants", "--mutation-threshold", threshold, *reports]) == code
+    told = "50.0 % of the mutants are killed; required by --mutation-threshold"
+    assert told in (tmp_path / "h.html").read_text()
+    case = ElementTree.parse(tmp_path / "j.xml").getroot()[-1].find("testcase")
+    assert case is not None
+    assert (case.find("failure") is not None) == bool(code)
+    assert json.loads((tmp_path / "v.json").read_text())["mutation"]["threshold"] == float(threshold) / 100.0
     assert ("required by --mutation-threshold: 51 %" in capsys.readouterr().err) == bool(code)
 
 

@@ -107,6 +107,20 @@ def test_a_mistake_in_a_test_is_told_by_its_message_and_not_by_frames_of_the_pac
     assert "liftgate_hil/" not in done.stdout
 
 
+def test_a_result_is_compared_by_its_verdict_and_the_report_says_why_it_failed(foreign: Path) -> None:
+    (foreign / "tests" / "test_gate.py").write_text(
+        "def test_truth(liftgate):\n    assert liftgate.run('scenarios/opens.toml', ecu='my_ecu:Dead')\n"
+        "def test_verdict(liftgate):\n"
+        "    assert liftgate.run('scenarios/opens.toml', ecu='my_ecu:Dead').verdict == 'pass'\n"
+        "def test_vehicle(liftgate):\n    liftgate.run('scenarios/opens.toml', vehicle='nope')\n"
+    )
+    done = pytest_in(foreign, "tests/test_gate.py")
+    assert "3 failed" in done.stdout, done.stdout + done.stderr
+    assert "a Result is neither true nor false" in done.stdout
+    assert done.stdout.count("liftgate verdicts") == done.stdout.count("liftgate recordings") == 2
+    assert "opens: fail, margin" in done.stdout
+
+
 def test_a_dead_ecu_fails_them(foreign: Path) -> None:
     done = pytest_in(foreign, "--liftgate-ecu", "my_ecu:Dead", "-k", "opens or rests")
     assert "1 failed, 1 passed" in done.stdout, done.stdout + done.stderr

@@ -12,6 +12,10 @@ from liftgate_hil.identify.result import Experiment, Identification, Series, Val
 from liftgate_hil.report.numbers import clean, significant
 
 _ROUNDING = 1e-9  # of an output's range: largest residual of data without noise
+_FAR = 2.0  # ratio of the errors of two phases from which on the larger one is named
+_ALIKE = 0.98  # correlation of two courses of the same shape
+_OTHER = 1.3  # ratio of their sizes that is reported
+_WELL_PERCENT = 80.0  # fit above which it is not
 _STRONG = 0.9  # correlation of two parameters from which on it is reported
 
 
@@ -94,17 +98,36 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
     has_std = isinstance(result, Identification)
     for experiment in result.experiments:
         worse = [each.output for each in experiment.series if each.fit_percent < 0.0]
-        coloured = [each.output for each in experiment.series if not each.is_white and not each.excuse]
+        coloured = [each for each in experiment.series if not each.is_white and not each.excuse]
         name = clean(experiment.name, 60)
+        found += [f"{name}: {text}" for text in map(_scaled, experiment.series) if text]
         if worse:
             found.append(f"{name}: fit below 0 %, worse than the mean value: {_listed(worse)}")
         if coloured:
             found.append(
-                f"{name}: residuals are not white: {_listed(coloured)}. "
+                f"{name}: residuals are not white: {_listed(map(_with_phase, coloured))}. "
                 "Model or timestamps leave a part unexplained"
                 + ("; the standard deviations account for its correlation, not for a bias" if has_std else "")
             )
     return found
+
+
+def _with_phase(series: Series) -> str:
+    """Return an output with the phase in which its errors are by far the largest, if there is one."""
+    sizes = sorted(((rms, phase) for phase, (rms, _, count) in series.phases.items() if count), reverse=True)
+    if len(sizes) < 2 or not sizes[0][0] > _FAR * sizes[1][0]:
+        return series.output
+    return f"{series.output} (mostly in the phase “{sizes[0][1]}”, rms {significant(sizes[0][0], 2)})"
+
+
+def _scaled(series: Series) -> str:
+    """Return a warning on an output that has the shape of the simulation and another size; "": it has not."""
+    power, across = float(series.simulated @ series.simulated), float(series.measured @ series.simulated)
+    alike = across > _ALIKE * math.sqrt(power * float(series.measured @ series.measured)) > 0.0
+    factor = across / power if power > 0.0 else 1.0
+    if not alike or abs(math.log(factor)) < math.log(_OTHER) or series.fit_percent > _WELL_PERCENT:
+        return ""
+    return f"{clean(series.output)} is {significant(factor, 3)} times the simulation: is its scale right?"
 
 
 def notes_of(result: Identification) -> list[str]:

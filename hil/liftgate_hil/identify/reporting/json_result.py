@@ -122,6 +122,7 @@ def _estimate(each: Estimate) -> dict[str, Any]:
         "high": _number(each.high),
         "relative_error": _number(relative_error(each.value, each.std) / 100.0),
         "is_at_bound": each.is_at_bound,
+        "is_held": each.is_held,
         "remark": each.remark,
     }
 

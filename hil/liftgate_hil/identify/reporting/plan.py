@@ -8,7 +8,7 @@ from typing import Any
 
 from liftgate_hil.identify.design import Candidate, Plan, Ranked
 from liftgate_hil.identify.reporting.text import table
-from liftgate_hil.report.numbers import percent, significant
+from liftgate_hil.report.numbers import significant
 
 
 def plan_text(plan: Plan) -> str:
@@ -25,7 +25,8 @@ def plan_text(plan: Plan) -> str:
 def _row(each: Ranked) -> list[str]:
     criterion = significant(each.log_det) if math.isfinite(each.log_det) else "not all identifiable"
     stds = [
-        "not identifiable" if math.isinf(std) else f"{percent(100.0 * float(std))} %" for std in each.relative_std
+        "not identifiable" if math.isinf(std) else f"{significant(100.0 * float(std), 2)} %"
+        for std in each.relative_std
     ]
     return [each.candidate.name, criterion, *stds]
 
@@ -36,11 +37,12 @@ def input_name(planned: Candidate) -> str:
 
 
 def input_csv(planned: Candidate) -> str:
-    """Return the motor voltage of an experiment as CSV, a row where it changes, which holds until the next one."""
+    """Return voltage and slope of an experiment as CSV, a row where they change, which holds until the next."""
     last = len(planned.times) - 1
     rows = [k for k in range(last + 1) if k in (0, last) or planned.voltage[k] != planned.voltage[k - 1]]
-    lines = [f"{planned.times[k]:.9g},{planned.voltage[k]:.9g}\n" for k in rows]
-    return "time_s,voltage_v\n" + "".join(lines)
+    slope = f"{planned.road_slope_deg:g}"
+    lines = [f"{planned.times[k]:.9g},{planned.voltage[k]:.9g},{slope}\n" for k in rows]
+    return "time_s,voltage_v,road_slope_deg\n" + "".join(lines)
 
 
 def plan_json(plan: Plan) -> dict[str, Any]:

@@ -41,6 +41,7 @@ def identification_text(result: Identification) -> str:
         _titled("Noise variance (NoiseVar)", _noise(result)),
         _titled("Criteria", _criteria(result)),
         _titled("Fit", _fits(result.experiments, before=True)),
+        _titled("Errors by phase", _phases(result.experiments)),
         _titled("Search", _search(result)),
         _titled("Notes", _bullets(result.notes)),
     ]

@@ -29,7 +29,7 @@ def test_the_public_keys_are_there(found):
     assert resistance == {
         "value": 2.12797, "std": 0.0217914, "initial": 0.708, "unit": "ohm", "symbol": "R", "low": 0.1,
         "high": 10.0, "relative_error": pytest.approx(0.0217914 / 2.12797), "is_at_bound": False,
-        "remark": "",
+        "is_held": False, "remark": "",
     }  # fmt: skip
     assert content["identifiable"]["motor.inductance"] is False
     assert content["parameter_names"] == list(content["parameters"])
