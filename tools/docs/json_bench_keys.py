@@ -58,7 +58,7 @@ RIG = Document(
         "messages[].pages": "number of multiplexer values with which it is sent in turn",
         "messages[].timeout_ms": "timeout [ms]; 0: its values never expire",
         "messages[].protection": "counter and checksum, in words",
-        "messages[].unmapped": "its other signals: not read, or sent with their initial values",
+        "messages[].unmapped": "its other signals: by name the value with which each is sent; empty: not read",
         "messages[].signals": "its mapped signals",
         "messages[].signals[].quantity": "quantity of the [rig file](rig.md)",
         "messages[].signals[].signal": "signal in the database",

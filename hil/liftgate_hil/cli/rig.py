@@ -20,6 +20,7 @@ from liftgate_hil.errors import ConfigError, printable
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.rig_table import MappedMessage, MappedSignal
+    from liftgate_plant.vehicle import Vehicle
 
 _MOST_UNMAPPED = 12  # signals of a message without a quantity that are named
 
@@ -63,7 +64,7 @@ def _check(args: argparse.Namespace) -> int:
     vehicle = options.vehicle_of(args)
     with Teller(is_quiet=False, is_json=args.json).progress(f"reading {printable(path.name)}"):
         rig, issues = read_rig(path)
-    notes = notes_on_fit(rig, vehicle, args.rate)
+    notes = [*notes_on_fit(rig, vehicle, args.rate), *_not_for_ours(rig, vehicle)]
     try:
         check_fit(rig, vehicle, args.rate)
     except ConfigError as error:
@@ -102,6 +103,17 @@ def _check(args: argparse.Namespace) -> int:
     return 0
 
 
+def _not_for_ours(rig: Rig, vehicle: Vehicle) -> list[str]:
+    """Return a note where the reference ECU cannot use a rig, whose feedback may be enough for another one."""
+    from liftgate_hil.ecu.needs import FEEDBACK
+
+    mapped = {wire.quantity for wire in rig.outputs}
+    sides = ("left", "right")[: vehicle.drives]
+    lacking = [f"{side}_{name}" for side in sides for name in FEEDBACK if f"{side}_{name}" not in mapped]
+    text = f"{rig.source}: the reference ECU cannot use this rig, as it lacks {', '.join(lacking)}; yours may"
+    return [text] if lacking else []
+
+
 def _lines(messages: list[MappedMessage]) -> list[str]:
     """Return the table: one line per message, and below it one line per quantity."""
     lines = []
@@ -118,12 +130,10 @@ def _lines(messages: list[MappedMessage]) -> list[str]:
         widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
         lines += ["    " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
         if each.unmapped:
-            how = "not read" if each.direction == "received" else "sent with their initial values"
-            names = ", ".join(each.unmapped[:_MOST_UNMAPPED])
-            more = (
-                f" and {len(each.unmapped) - _MOST_UNMAPPED} more" if len(each.unmapped) > _MOST_UNMAPPED else ""
-            )
-            lines.append(f"    not mapped, {how}: {names}{more}")
+            shown = [f"{name} = {value}" if value else name for name, value in each.unmapped.items()]
+            how = "not read" if each.direction == "received" else "sent as"
+            more = f" and {len(shown) - _MOST_UNMAPPED} more" if len(shown) > _MOST_UNMAPPED else ""
+            lines.append(f"    not mapped, {how}: {', '.join(shown[:_MOST_UNMAPPED])}{more}")
     return lines
 
 

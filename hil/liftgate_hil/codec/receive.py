@@ -34,6 +34,14 @@ from liftgate_hil.codec.refusals import (
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_plant.compiler import compilable, outlined
 
+FOREIGN_SLOTS = 4096
+
+
+@compilable
+def slot_of(identifier: int) -> int:
+    """Return the place of an identifier in `Reception.foreign`; those of two may be the same."""
+    return (identifier ^ (identifier >> 12)) & (FOREIGN_SLOTS - 1)
+
 
 class Counts(NamedTuple):
     """Counts of received frames by outcome."""
@@ -66,6 +74,7 @@ class Reception(NamedTuple):
     stale_ns: NDArray[np.int64]  # (1,) time at which the first message goes stale
     read: NDArray[np.float64]  # per signal, value in the current frame
     refusals: Any  # (9,) refusals.REFUSAL
+    foreign: NDArray[np.int64]  # (FOREIGN_SLOTS,) identifiers that are not received, each at its slot; -1: none
 
 
 def nothing_received(bus: BusConfig, quantities: int) -> Reception:
@@ -80,6 +89,7 @@ def nothing_received(bus: BusConfig, quantities: int) -> Reception:
         np.full(1, _NEVER, dtype=np.int64),
         np.full(len(bus.signals), np.nan),
         no_refusals(),
+        np.full(FOREIGN_SLOTS, -1, dtype=np.int64),
     )
 
 
@@ -212,6 +222,7 @@ def judge(
     message = find_message(bus, identifier & ~REMOTE)
     if message < 0:
         note_evidence(current.refusals, FOREIGN, -1, float(identifier), np.nan)
+        current.foreign[slot_of(identifier)] = identifier
         return FOREIGN, -1, 0
     if identifier & REMOTE:
         return REMOTE_FRAME, message, 0

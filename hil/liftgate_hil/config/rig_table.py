@@ -50,7 +50,7 @@ class MappedMessage(NamedTuple):
     timeout_ms: float  # 0: its values never expire
     protection: str
     signals: Sequence[MappedSignal]
-    unmapped: Sequence[str]  # its other signals: not read, or sent with their initial values
+    unmapped: Mapping[str, str]  # its other signals with the value that is sent; "": they are not read
 
 
 def mapped_messages(rig: Rig) -> list[MappedMessage]:
@@ -113,14 +113,17 @@ def _messages(
             timeout_ms=options.timeout_cycles * cycle if is_stale else 0.0,
             protection=_protection(options),
             signals=[_signal(rig, wire, quantities[wire.quantity]) for wire in own],
-            unmapped=_unmapped(message, options, own),
+            unmapped=_unmapped(message, options, own, direction == "sent"),
         )
 
 
-def _unmapped(message: Message, options: MessageOptions, own: Sequence[SignalMapping]) -> list[str]:
+def _unmapped(
+    message: Message, options: MessageOptions, own: Sequence[SignalMapping], is_sent: bool
+) -> dict[str, str]:
     """Return the signals of a message that carry no quantity, and that neither protection nor multiplexer sets."""
     used = {wire.signal for wire in own} | signals_made(message, options)
-    return [each.name for each in message.signals if each.name not in used]
+    others = [each for each in message.signals if each.name not in used]
+    return {each.name: f"{each.initial or 0} {each.unit or ''}".rstrip() if is_sent else "" for each in others}
 
 
 def _signal(rig: Rig, wire: SignalMapping, quantity: Signal) -> MappedSignal:

@@ -14,7 +14,7 @@ from liftgate_hil.conversion.ours import ours_in
 from liftgate_hil.conversion.sheet import FONT, HEIGHT, SMALL, WIDTH, finish, legend_above, settings
 from liftgate_hil.conversion.table import Floats
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.recording import Recording
+from liftgate_hil.formats.recording import COMMAND, Recording
 from liftgate_hil.report.drawing import FINAL, GRID, INK, MARK, MEASURED, ORANGE, line, new_figure, style
 from liftgate_hil.report.numbers import axis_label, clean, significant
 from liftgate_hil.signals import COLUMNS, SENSED_PREFIX
@@ -35,6 +35,7 @@ _USUAL = (
     "terminal_voltage_v",
 )
 _MOST_MARKS = 20  # that the caption lists
+_LABEL = 0.03  # of the width: marks that are nearer to each other share a label
 # A wide line under a narrow, dashed one shows that there are two, also in grey.
 _LOOKS: Sequence[tuple[str, Any, float]] = (
     (FINAL, "-", 2.6),
@@ -123,15 +124,22 @@ def run_picture(
 
 def _draw_marks(axes: Sequence[Axes], marks: Sequence[tuple[float, str]]) -> str:
     """Draw numbered lines at the marks, and return their texts as a caption; "": there are none."""
-    texts = []
+    texts, span = [], (marks[-1][0] - marks[0][0]) if marks else 0.0
+    numbers: list[tuple[float, int, int]] = []  # time [s] of a label, its first and last number
     for number, (time, text) in enumerate(marks, 1):
+        dashes: Any = (0, (1, 4)) if text.startswith(COMMAND) else ":"
         for axis in axes:
-            axis.axvline(time, color=INK, linewidth=0.9, linestyle=":")
-        axes[0].annotate(
-            str(number), (time, 1.0), (0, 2), ("data", "axes fraction"), "offset points",
-            ha="center", fontsize=SMALL,
-        )  # fmt: skip
+            axis.axvline(time, color=INK, linewidth=0.9, linestyle=dashes)
+        if numbers and time - numbers[-1][0] < _LABEL * max(span, axes[0].get_xlim()[1] - axes[0].get_xlim()[0]):
+            numbers[-1] = (numbers[-1][0], numbers[-1][1], number)
+        else:
+            numbers.append((time, number, number))
         texts.append(f"{number}: {time:.3f} s, {text}")
+    for time, first, last in numbers:
+        axes[0].annotate(
+            str(first) if first == last else f"{first}–{last}", (time, 1.0), (0, 2), ("data", "axes fraction"),
+            "offset points", ha="center", fontsize=SMALL,
+        )  # fmt: skip
     more = f"; and {len(texts) - _MOST_MARKS} more" if len(texts) > _MOST_MARKS else ""
     return f"Marks: {'; '.join(texts[:_MOST_MARKS])}{more}." if texts else ""
 

@@ -12,13 +12,16 @@ if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
 
 
+FEEDBACK = ("current", "hall_count")  # of each drive
+
+
 def check_rig(rig: Rig, drives: int) -> None:
     """Raise ConfigError where the reference ECU could not drive a gate of `drives` drives through a rig."""
     issues = ConfigIssues(rig.source)
     heard = {mapping.quantity for mapping in rig.outputs}
     sides = ("left", "right")[:drives]
     for side in sides:
-        for quantity in (f"{side}_current", f"{side}_hall_count"):
+        for quantity in (f"{side}_{name}" for name in FEEDBACK):
             if quantity not in heard:
                 issues.add(
                     f"outputs.{quantity}",

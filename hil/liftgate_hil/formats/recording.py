@@ -20,6 +20,9 @@ FRAME = "CAN_DataFrame"  # of ASAM MDF bus logging; among a file's names if it h
 _ALL = float("inf")
 
 
+COMMAND = "command: "  # with which a mark begins that an operator's command has made
+
+
 @dataclass(frozen=True)
 class Series:
     """Column of a file, as the file has it, in the file's unit."""

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from liftgate_hil.codec.receive import slot_of
 from liftgate_hil.codec.refusals import ACCEPTED, FOREIGN
 from liftgate_hil.loop.listener import Listener, Status
 from liftgate_hil.loop.refusal_texts import ANOTHER, REFUSED, RefusalTexts, identifier_text
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.tick import LoopConfig
 
 _EVERY_S = 0.1  # between two looks
+_MANY, _MISSING = 50, 0.3  # frames of the command, and share that is missing, from which on that is reported
 _PATIENCE_S = 2.0  # without a command, after which it reports that it waits
 _ANGLE, _LEFT, _RIGHT = (COLUMN_PLACE[name] for name in ("gate_angle_deg", "left_current_a", "right_current_a"))
 
@@ -65,6 +67,7 @@ class ProgressMonitor:
         self._listed_causes: set[int] = set()
         self._apart = f"; {apart}" if apart else ""
         self._has_reported_another = False
+        self._has_reported_gaps = False
         self._command = rig.command_message()
         self._row = _row_of(config, rig.command_identifier())
         self._next = 0.0
@@ -90,18 +93,33 @@ class ProgressMonitor:
                 self._listener.say(self._texts.of_first(self._reception.refusals, cause))
         if not is_last:
             self._look_for_another(time_s)
+            self._look_for_gaps(time_s)
             self._look_at_command(time_s, now)
             self._listener.status(self._status(moment))
 
     def _look_for_another(self, time_s: float) -> None:
-        """Report another gate on the bus if the first foreign frame is one that this gate sends."""
-        others = self._reception.refusals[FOREIGN]
-        name = self._texts.sent.get(int(others.found)) if others.count else None
-        if name is not None and not self._has_reported_another:
-            self._has_reported_another = True
+        """Report another gate on the bus once one of the foreign frames is one that this gate sends."""
+        if self._has_reported_another or not self._reception.refusals[FOREIGN].count:
+            return
+        seen = self._reception.foreign
+        for identifier, name in self._texts.sent.items():
+            if seen[slot_of(identifier)] == identifier:
+                self._has_reported_another = True
+                self._listener.say(
+                    f"{time_s:.3f} s: received {name} ({identifier_text(identifier)}), which this gate sends: "
+                    f"{ANOTHER}{self._apart}"
+                )
+                return
+
+    def _look_for_gaps(self, time_s: float) -> None:
+        """Report once that many frames of the command message are missing by their counter."""
+        cycles = int(self._reception.cycles[self._row])
+        missing = cycles - int(self._reception.refusals[ACCEPTED].count)
+        if not self._has_reported_gaps and cycles > _MANY and missing > _MISSING * cycles:
+            self._has_reported_gaps = True
             self._listener.say(
-                f"{time_s:.3f} s: received {name} ({identifier_text(int(others.found))}), which this gate sends: "
-                f"{ANOTHER}{self._apart}"
+                f"{time_s:.3f} s: {missing} of {cycles} {self._command} frames are missing by their counter: they "
+                "are lost, the counter goes in other steps, or two nodes send them"
             )
 
     def _look_at_command(self, time_s: float, now: float) -> None:

@@ -206,7 +206,7 @@ class Summary:
             lines.append(self.injections_reported())
         if self.commands:
             first = "; ".join(self.commanded[:_MOST_LISTED])
-            more = "; …" if self.commands > _MOST_LISTED else ""
+            more = f"; and {self.commands - _MOST_LISTED} more (--json)" if self.commands > _MOST_LISTED else ""
             lines.append(f"commanded by the operator {self.commands} times: {first}{more}")
         if self.ecu_dropped_frames:
             lines.append(f"the ECU had no room for {self.ecu_dropped_frames} frames")

@@ -177,4 +177,5 @@ counter = "AliveCounter"
     assert main(["rig", "check", str(tmp_path / "their.toml")]) == 0
     out = capsys.readouterr().out
     assert "    not mapped, not read: Crc, Spare\n" in out
-    assert "    not mapped, sent with their initial values: Crc\n" in out
+    assert "    not mapped, sent as: Crc = 0\n" in out
+    assert "the reference ECU cannot use this rig, as it lacks left_hall_count, right_current" in out

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hil_support import command_payload, frames_of
 
-from liftgate_hil.codec.frames import REMOTE
+from liftgate_hil.codec.frames import EXTENDED, REMOTE
 from liftgate_hil.codec.receive import NO_COUNTS, receive
 from liftgate_hil.codec.refusals import BAD_CHECKSUM, BAD_COUNTER
 from liftgate_hil.ecu.events import IN_WORDS, Event
@@ -166,6 +166,28 @@ def test_where_benches_meet_unawares_frames_of_others_tell_how_to_keep_apart():
     bench.receive(b"\1\2", identifier=0x1A0)
     (said,) = bench.look(tick=2500, after=2.5)
     assert said.endswith(f"0x1A0 is on the bus, but not received by this rig; {APART}")
+
+
+def test_a_counter_that_jumps_all_the_time_is_reported_once():
+    bench = Bench()
+    bench.look()
+    for number in range(40):
+        bench.receive(command_payload(bench.rig, 3 * number % 16), tick=10 * number)
+    said = [each for each in bench.look(tick=400) if "missing by their counter" in each]
+    assert said == [
+        "0.400 s: 78 of 118 DriveCommand frames are missing by their counter: they are lost, the counter goes in "
+        "other steps, or two nodes send them"
+    ]
+    assert not [each for each in bench.look(tick=500) if "missing" in each]
+
+
+def test_another_gate_is_reported_though_other_control_units_were_heard_before():
+    bench = Bench()
+    bench.look()
+    for identifier in (0x3B3, 0x18FF0102 | EXTENDED, 0x210):
+        bench.receive(bytes(8), identifier=identifier)
+    (said,) = [each for each in bench.look(tick=1) if "which this gate sends" in each]
+    assert "received LeftDrive (0x210)" in said
 
 
 def test_a_frame_of_another_gate_is_not_called_unknown_as_well():

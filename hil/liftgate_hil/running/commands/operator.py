@@ -25,6 +25,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario_tables import Fault, fault_of
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError, ConfigIssues, printable
+from liftgate_hil.formats.recording import COMMAND
 from liftgate_hil.running.commands.buttons import Buttons
 from liftgate_hil.running.commands.by_hand import held_obstacle, obstacle_in, surroundings_in
 from liftgate_hil.running.commands.loop_target import Target
@@ -120,7 +121,7 @@ class Operator:
     def _note(self, now: float, done: str) -> None:
         """Note what was commanded in the recordings."""
         if self.recording is not None:
-            self.recording.note(now, f"command: {done}")
+            self.recording.note(now, f"{COMMAND}{done}")
 
     def _note_last(self) -> None:
         """Note the last value of a series of settings, the first of which was noted when it came."""
