@@ -53,8 +53,10 @@ def value(reception: Reception, name: str) -> float:
 
 
 def same(first: Reception, second: Reception) -> bool:
-    """Whether the same is known; what a refused frame said is forgotten with the next one."""
-    first, second = (each._replace(read=each.values, refusals=each.values) for each in (first, second))
+    """Whether the same is known of the messages, whatever is noted about refused and foreign frames."""
+    first, second = (
+        each._replace(read=each.values, refusals=each.values, foreign=each.values) for each in (first, second)
+    )
     return all(
         np.array_equal(a, b, equal_nan=True) if a.dtype.kind == "f" else np.array_equal(a, b)
         for a, b in zip(first, second, strict=True)
