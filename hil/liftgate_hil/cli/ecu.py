@@ -174,6 +174,8 @@ class _Waiting:
             heard = (
                 "nothing received" if other < 0 else f"{self._text_of(other)} received, which is not the gate's"
             )
+            if peer.has_received:
+                heard = "they come, but are refused: another rig, a wrong checksum or length"
             self._teller.say(f"waits for frames of the gate on {self._bus}: {heard}; the rig's: {self._gates}")
             self._is_told, self._has_told_other = True, other >= 0
 

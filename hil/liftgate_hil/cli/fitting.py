@@ -203,21 +203,34 @@ def deliver(
     content: Mapping[str, Any],
     text: Callable[[], str],
     page: Callable[[], str],
+    more: Sequence[Callable[[], None]] = (),
 ) -> None:
-    """Print and write a result: `content` as JSON, `text` for the terminal, `page` as HTML. Raises ConfigError."""
+    """Write and print a result: `content` as JSON, `text` for the terminal, `page` as HTML, then `more` files.
+
+    What can be written is written, and printed last, before ConfigError is raised with what could not.
+    """
     from liftgate_hil.identify.reporting.json_result import write_json
     from liftgate_hil.report.files import write_report
 
     content = {**content, "provenance": provenance.as_dict()}
-    if args.json:
-        print(json.dumps(content, allow_nan=False))
-    elif not args.quiet:
-        print(text())
-    if args.result:
-        write_json(args.result, "--result", content)
+    writers = [*more]
     if args.html:
-        with teller.progress("report"):
-            write_report(args.html, "--html", page())
+        writers.insert(0, lambda: write_report(args.html, "--html", page()))
+    if args.result:
+        writers.insert(0, lambda: write_json(args.result, "--result", content))
+    issues: list[str] = []
+    with teller.progress("report"):
+        for write in writers:
+            try:
+                write()
+            except ConfigError as error:
+                issues += error.issues
+    if args.json:
+        print(json.dumps(content, allow_nan=False), flush=True)
+    elif not args.quiet:
+        print(text(), flush=True)
+    if issues:
+        raise ConfigError(issues)
 
 
 def data_of(measurement: Measurement, vehicle: Vehicle) -> Data:

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from liftgate_plant.vehicle import Vehicle
 
 
+_LEAST_STD = 1e-100  # of a prior: its weight is the square of the inverse
+
+
 class Preset(NamedTuple):
     """A predefined choice of free parameters, model and outputs."""
 
@@ -200,7 +203,7 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
             )
         is_known = name in priors
         mean, std = priors.pop(name, (math.nan, math.inf))
-        if is_known and not (math.isfinite(mean) and 0.0 < std < math.inf):
+        if is_known and not (math.isfinite(mean) and _LEAST_STD <= std < math.inf):
             issues.append(f"--prior {name}={mean:g}:{std:g}: allowed: a finite mean, a standard deviation above 0")
         found[name] = Sought(parameter, initial, low, high, mean, std)
     issues += [f"--bounds {name}: not among --estimate" for name in bounds]
@@ -272,9 +275,11 @@ def _deliver(args: argparse.Namespace, teller: Teller, origin: Provenance, resul
 
         return identification_html(result, origin)
 
-    fitting.deliver(args, teller, origin, identification_json(result), text, page)
-    if args.save_vehicle:
+    def save() -> None:
         write_report(args.save_vehicle, "--save-vehicle", _vehicle_text(args, result))
+
+    more = [save] if args.save_vehicle else []
+    fitting.deliver(args, teller, origin, identification_json(result), text, page, more)
 
 
 def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
@@ -354,8 +359,11 @@ def _plan(args: argparse.Namespace, teller: Teller, origin: Provenance) -> int:
     issues = ["--plan: takes no FILE; allowed: one or the other"] if args.files else []
     unused = {"--html": args.html, "--save-vehicle": args.save_vehicle, "--profile": args.profile}
     issues += [f"{flag}: not with --plan" for flag, value in unused.items() if value is not None]
+    if args.save_inputs == "":
+        issues.append("--save-inputs: empty; allowed: a folder")
     if issues:
         raise ConfigError(issues)
+    saves = args.save_inputs is not None
     vehicle, model, sought, outputs = _wanted(args)
     given = "current,position" if outputs is None else outputs
     kinds = list(dict.fromkeys(each.strip() for each in given.split(",")))
@@ -365,9 +373,13 @@ def _plan(args: argparse.Namespace, teller: Teller, origin: Provenance) -> int:
     columns = [fitting.KINDS[kind][0] for kind in kinds]
     with teller.progress("plan"):
         result = plan(vehicle, model, sought, columns, candidates(vehicle, args.duration, 1000.0))
-    if args.save_inputs is not None:
+
+    def save() -> None:
         for line in _write_inputs(Path(args.save_inputs), result):
             teller.say(line)
+
     # No page: --html is refused above.
-    fitting.deliver(args, teller, origin, plan_json(result), lambda: plan_text(result), str)
+    fitting.deliver(
+        args, teller, origin, plan_json(result), lambda: plan_text(result), str, [save] if saves else []
+    )
     return 0

@@ -20,7 +20,7 @@ from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.measurements import add_map
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_reports import add_reports, summarise, targets_of, write_all
+from liftgate_hil.cli.suite_reports import Output, add_reports, summary_of, targets_of, write_all
 from liftgate_hil.cli.test import add_set_parameter, naming_the_flag, parameters_of
 from liftgate_hil.errors import printable
 
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.testing.junit import as_junit
     from liftgate_hil.testing.reports import as_json, as_text
 
-    targets = targets_of(args)
+    targets, out = targets_of(args), Output()
     about = _about(args)
     runs = judged_suite.runs_of(args.recordings, args.one_run)
     cases = judged_suite.cases_of(runs, about, is_reported=any(targets.values()))
@@ -90,7 +90,8 @@ def run(args: argparse.Namespace) -> int:
         for outcome, notes in judged_suite.judge_suite(cases, about, bool(targets["html"]), stop):
             outcomes.append(report.take(outcome))
             with teller.aside():
-                _tell(outcome, notes, len(runs) > 1, args)
+                _tell(notes)
+                out.put(_lines_of(outcome, len(runs) > 1, args))
             progress.update(len(outcomes), text=f"{len(outcomes)}/{len(cases)} runs" if len(cases) > 1 else "")
     provenance = provenance_of(args.command_line, {})
     content = as_json(outcomes, provenance.as_dict())
@@ -103,7 +104,8 @@ def run(args: argparse.Namespace) -> int:
                 "html": lambda: report.html(outcomes, provenance).encode(),
             },
         )
-    summarise(outcomes, args, "recording" if len(runs) == 1 else "recordings")
+    out.put(summary_of(outcomes, args, "recording" if len(runs) == 1 else "recordings"))
+    out.raise_if_lost()
     return stop.exit_code if stop.received else EXIT_CODES[suite.verdict_of(outcomes)]
 
 
@@ -123,20 +125,25 @@ def _about(args: argparse.Namespace) -> Expectations:
     return replace(about, duration=args.duration, mapping=mapping, rate=args.rate, longest_gap=args.longest_gap)
 
 
-def _tell(outcome: Outcome, notes: Sequence[str], is_named: bool, args: argparse.Namespace) -> None:
-    """Print the verdicts of a run, and its notes."""
-    from liftgate_hil.testing.reports import line_of
-
+def _tell(notes: Sequence[str]) -> None:
+    """Print the notes on how a run was read."""
     for note in notes:
         print(printable(f"liftgate-hil judge: note: {note}"), file=sys.stderr)
+
+
+def _lines_of(outcome: Outcome, is_named: bool, args: argparse.Namespace) -> list[str]:
+    """Return what is printed of the verdicts of a run."""
+    from liftgate_hil.testing.reports import line_of
+
     if args.json == "-":
-        return
-    indent = "    " if is_named else ""
+        return []
+    indent, lines = "    " if is_named else "", list[str]()
     if is_named and not (args.quiet and outcome.verdict == "pass"):
-        print(printable(f"{outcome.verdict:<12} {', '.join(map(str, outcome.case.recordings))}"))
+        lines.append(printable(f"{outcome.verdict:<12} {', '.join(map(str, outcome.case.recordings))}"))
     if outcome.reason:
-        print(f"{indent}{printable(options.as_flags(outcome.reason))}", flush=True)
-        return
-    for each in outcome.expectations:
-        if not (args.quiet and each.verdict == "pass"):
-            print(f"{indent}{printable(each.name)}: {line_of(each)}", flush=True)
+        return [*lines, f"{indent}{printable(options.as_flags(outcome.reason))}"]
+    return lines + [
+        f"{indent}{printable(each.name)}: {line_of(each)}"
+        for each in outcome.expectations
+        if not (args.quiet and each.verdict == "pass")
+    ]

@@ -5,16 +5,39 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from liftgate_hil.cli import streams
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from liftgate_hil.testing.suite import Outcome
+
+
+class Output:
+    """Lines to stdout; where nobody takes them, the program goes on, so that its reports are written."""
+
+    def __init__(self) -> None:
+        self._lost: OSError | None = None
+
+    def put(self, lines: Iterable[str]) -> None:
+        """Print lines at once."""
+        text = "\n".join(lines)
+        if text and self._lost is None:
+            try:
+                print(text, flush=True)
+            except OSError as error:
+                self._lost = error
+                streams.abandon(sys.stdout)
+
+    def raise_if_lost(self) -> None:
+        """Raise the error with which stdout was lost, if it was."""
+        if self._lost is not None:
+            raise self._lost
 
 
 def add_reports(parser: argparse.ArgumentParser, and_what: str) -> None:
@@ -92,28 +115,29 @@ def write_all(targets: Mapping[str, list[str]], contents: Mapping[str, Callable[
 
 
 def _write(target: str, content: bytes) -> None:
-    if target == "-":
-        sys.stdout.write(content.decode() + "\n")
-        return
     try:
+        if target == "-":
+            sys.stdout.write(content.decode() + "\n")
+            sys.stdout.flush()
+            return
         Path(target).write_bytes(content)
     except OSError as error:
         raise ConfigError(f"{target}: cannot be written: {error.strerror}") from error
 
 
-def summarise(outcomes: Sequence[Outcome], args: argparse.Namespace, what: str) -> None:
-    """Print the last line: how many expectations have which verdict. Nothing if JSON goes to stdout.
+def summary_of(outcomes: Sequence[Outcome], args: argparse.Namespace, what: str) -> list[str]:
+    """Return the last line: how many expectations have which verdict. None if JSON goes to stdout.
 
     `what` names what was judged, in the plural: "scenarios", "recordings".
     """
     from liftgate_hil.testing.suite import counts_of
 
     if args.json == "-":
-        return
+        return []
     counts: dict[str, Any] = counts_of(outcomes)
     share = counts.pop("inconclusive_share")
     text = ", ".join(f"{number} {name}" for name, number in counts.items() if number)
     runs = f"{len(outcomes)} {what if len(outcomes) != 1 else what.removesuffix('s')}"
     number = sum(counts.values())
     judged = f"{number} expectation{'s' if number != 1 else ''}"
-    print(f"{runs}, {judged}: {text}; {100.0 * share:.0f} % inconclusive", flush=True)
+    return [f"{runs}, {judged}: {text}; {100.0 * share:.0f} % inconclusive"]

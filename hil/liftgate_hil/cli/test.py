@@ -10,6 +10,7 @@ import argparse
 import contextlib
 import math
 import os
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_reports import add_reports, reporting_issues, summarise, targets_of, write_all
+from liftgate_hil.cli.suite_reports import Output, add_reports, reporting_issues, summary_of, targets_of, write_all
 from liftgate_hil.config.kinds import SEED
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, printable
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
     from liftgate_hil.running.job import Job
     from liftgate_hil.testing.mutation import Matrix
     from liftgate_hil.testing.suite import Case, Outcome
+
+
+_ATTEMPT = re.compile(r"-attempt-\d+$")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -92,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.testing.junit import as_junit
     from liftgate_hil.testing.reports import as_json, as_text
 
-    targets = targets_of(args)
+    targets, out = targets_of(args), Output()
     teller = Teller(args.quiet, is_json=args.json == "-")
     with reporting_issues(targets):
         template = _template(args, CompilingOnly(teller))
@@ -113,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
             outcomes[kept.case.file] = report.take(kept)
             with teller.aside():
                 while told < len(cases) and cases[told].file in outcomes:  # in their order, whatever ends first
-                    _tell(outcomes[cases[told].file], told + 1, len(cases), args)
+                    out.put(_lines_of(outcomes[cases[told].file], told + 1, len(cases), args))
                     told += 1
             line.ended(outcome)
     ordered = [outcomes[case.file] for case in cases]
@@ -135,8 +139,9 @@ def run(args: argparse.Namespace) -> int:
             },
         )
     if matrix is not None and args.json != "-":
-        print("\n".join(map(printable, matrix.lines())), flush=True)
-    summarise(ordered, args, "scenarios")
+        out.put(map(printable, matrix.lines()))
+    out.put(summary_of(ordered, args, "scenarios"))
+    out.raise_if_lost()
     if stop.received:
         return stop.exit_code
     verdict = suite.verdict_of(ordered)
@@ -245,7 +250,7 @@ def _recorded(cases: Sequence[Case], folder: Path) -> list[Case]:
     for case in cases:
         name = stem = Path(case.file).stem
         count = 1
-        while name in names:
+        while name in names or _ATTEMPT.search(name):  # which further attempts of another scenario may have
             count += 1
             name = f"{stem}-{count}"
         names.add(name)
@@ -272,12 +277,12 @@ def _deleted(outcome: Outcome) -> Outcome:
     return replace(outcome, result=replace(outcome.result, recording=(), summary=summary))
 
 
-def _tell(outcome: Outcome, done: int, count: int, args: argparse.Namespace) -> None:
-    """Print the verdict of a scenario, its expectations and notes."""
+def _lines_of(outcome: Outcome, done: int, count: int, args: argparse.Namespace) -> list[str]:
+    """Return what is printed of a scenario: its verdict, its expectations and notes."""
     from liftgate_hil.testing.reports import line_of
 
     if args.json == "-" or (args.quiet and outcome.verdict == "pass"):
-        return
+        return []
     lines = [f"[{done}/{count}] {outcome.verdict:<12} {outcome.case.file}  {outcome.wall_s:.2f} s"]
     shown = [each for each in outcome.expectations if not args.quiet or each.verdict != PASS]
     whole, is_told = outcome.reason, False
@@ -288,4 +293,4 @@ def _tell(outcome: Outcome, done: int, count: int, args: argparse.Namespace) -> 
     if whole and not is_told:
         lines.insert(1, f"    {whole}")
     lines += [f"    note: {printable(each)}" for each in outcome.notes]
-    print("\n".join(lines), flush=True)
+    return lines

@@ -23,7 +23,7 @@ from liftgate_hil.signals import Bench
 _MOST_VALUES = 30_000_000  # that are kept, 240 MB
 _TOUCH_N = 1.0  # N of pinch force above which there is a contact
 _APART_S = 0.5  # s without contact between two of them
-_MOST_CONTACTS = 100
+_MOST_CONTACTS, _MOST_MARKS = 100, 500
 
 
 class RecordingSource:
@@ -37,7 +37,10 @@ class RecordingSource:
         self._path = path
         self._names = ["time_s", *(each for each in table.signals if each != "time_s")]
         self._units = {name: table.signals[name].unit for name in self._names}
-        self._marks = [{"time_s": time, "text": text} for time, text in table.marks[:_MOST_CONTACTS]]
+        self._marks = [{"time_s": time, "text": text} for time, text in table.marks[:_MOST_MARKS]]
+        if len(table.marks) > _MOST_MARKS:
+            more = f"and {len(table.marks) - _MOST_MARKS} more marks"
+            self._marks.append({"time_s": table.marks[_MOST_MARKS][0], "text": more})
         self._ours = {} if rig is None else ours_in(rig, self._names)
         self._every = max(1, -(-_count(table) * len(self._names) // _MOST_VALUES))
         self._last, self._low, self._high = self._thinned(table)
@@ -117,8 +120,8 @@ class RecordingSource:
 
     def _acting(self, row: Mapping[str, float]) -> JsonObject:
         """Return the obstacle while the gate presses against it, at its edge; a recording does not say more."""
-        angle = row.get("pinch_contact_deg")
-        is_there = angle is not None and self._geometry and row.get("pinch_force_n", 0.0) > _TOUCH_N
+        angle = row.get("pinch_contact_deg", math.nan)
+        is_there = math.isfinite(angle) and self._geometry and row.get("pinch_force_n", 0.0) > _TOUCH_N
         rod = {"angle_deg": angle, "distance": self._geometry["length_m"]} if is_there else None
         return {"obstacle": rod, "spring_health": {}}
 

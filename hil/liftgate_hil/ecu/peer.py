@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from liftgate_hil.codec.frames import FD, empty_frames
+from liftgate_hil.codec.frames import ERROR, FD, REMOTE, empty_frames
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.node import NO_ECU, REFERENCE, ask, turn
 from liftgate_hil.errors import EcuError
@@ -101,13 +101,19 @@ class Peer:
             self._transport.send(frames)
 
     @property
+    def has_received(self) -> bool:
+        """Whether a frame with an identifier of the gate has been received, valid or not."""
+        return self._heard_ns >= 0
+
+    @property
     def has_heard_the_gate(self) -> bool:
         """Whether the ECU has heard the gate yet."""
         return self._began_ns() >= 0
 
     def _note_senders(self, frames: Frames, now_ns: int) -> None:
         """Note when the first frame of the gate came, and the first one that is not the gate's."""
-        theirs = frames.identifiers[: frames.count] & ~FD
+        identifiers = frames.identifiers[: frames.count]
+        theirs = identifiers[identifiers & (ERROR | REMOTE) == 0] & ~FD
         are_gates = np.isin(theirs, self._adapter.node.reference.inputs.messages.identifier)
         if self.first_other < 0 and not are_gates.all():
             self.first_other = int(theirs[~are_gates][0])

@@ -73,12 +73,11 @@ _EMPTY = b"9.87654321e300"  # stands for an empty cell while numbers are parsed
 _LATEST_START = 1e10  # latest plausible start of a run, s since 1970
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _BLANK = re.compile(rb"\s*[\r\n]")
-_LINE_OF = re.compile(rb"[^\r\n]*[\r\n]?")
+_LINE_OF = re.compile(rb"[^\r\n]*(?:\r\n|\r|\n)?")
 _LONGEST = 1 << 22  # longest header, and longest last line [bytes]
 _NOT_FINITE = ("nan", "inf", "-inf")  # as recordings have them of a plant that has diverged
-_COMMA = re.compile(rb"\d,\d")
+_COMMA, _POINT = re.compile(rb"[+-]?\d*,\d+([eE][+-]?\d+)?"), re.compile(rb"[+-]?\d*\.\d+([eE][+-]?\d+)?")
 COMMAS = "decimal commas are read as points"
-_AS_WRITTEN = str.maketrans(".'", ",.")
 _AS_POINTS = bytes.maketrans(b",.", b".'")  # a point among decimal commas is none, so that its cell is refused
 _BLOCK = 1 << 22  # bytes that are parsed at a time, so that an interrupt does not wait for long
 
@@ -105,9 +104,11 @@ class CsvFile(Recording):
         with as_config_errors(self.path), self.path.open("rb") as stream:
             stream.seek(self.head)
             first = stream.readline(_LONGEST)
+            while first and not first.strip():
+                first = stream.readline(_LONGEST)
         if not first.endswith(b"\n"):
             return found
-        start = found._table(first, 1, [self.names.index(START_COLUMN)])[0, 0]
+        start = found._table(_with_newlines(first), 1, [self.names.index(START_COLUMN)])[0, 0]
         return replace(found, start_ns=round(start * 1e6) * 1000 if 0.0 < start < _LATEST_START else 0)
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
@@ -140,7 +141,7 @@ class CsvFile(Recording):
 
         `number` is that of the first row in the file.
         """
-        text = text.strip(b"\n")
+        text = written = text.strip(b"\n")
         if self.has_commas:
             text = text.translate(_AS_POINTS)
         table = None
@@ -150,7 +151,7 @@ class CsvFile(Recording):
                 table = self._whole(text, places)
             if table is None:
                 table = self._cells(text, places)
-        return self._by_cell(text, number, places) if table is None else table
+        return self._by_cell(text, written, number, places) if table is None else table
 
     def _whole(self, text: bytes, places: Sequence[int]) -> Floats | None:
         """Return the columns by parsing all cells as JSON; None if that is not possible."""
@@ -198,13 +199,12 @@ class CsvFile(Recording):
         values[values == float(_EMPTY)] = np.nan
         return values.reshape(len(ends), len(places))
 
-    def _by_cell(self, text: bytes, number: int, places: Sequence[int]) -> Floats:
-        """Return the columns by parsing cell by cell, so that ConfigError can name the row and the cell."""
-        lines = [line for line in text.decode().split("\n") if line.strip()]
-        try:
-            rows = list(csv.reader(lines, delimiter=self.delimiter.decode()))
-        except csv.Error as error:
-            raise ConfigError(f"{self.path}: cannot be read: {error}") from error
+    def _by_cell(self, text: bytes, written: bytes, number: int, places: Sequence[int]) -> Floats:
+        """Return the columns by parsing cell by cell, so that ConfigError can name the row and the cell.
+
+        `text` has decimal points, `written` is what the file has.
+        """
+        rows, as_written = (self._rows_of(each) for each in (text, written))
         width = len(self.names)
         for row, cells in enumerate(rows):
             if len(cells) < width or any(cell.strip() for cell in cells[width:]):
@@ -223,13 +223,18 @@ class CsvFile(Recording):
                 else:
                     table[row, column] = value
             if bad:
-                cell = rows[bad[0]][place].strip()
-                if self.has_commas:
-                    cell = cell.translate(_AS_WRITTEN)
+                cell = as_written[bad[0]][place].strip()
                 issues.append(f"{self.names[place]}: {_refusal_of(cell, number, bad)}")
         if issues:
             raise ConfigError([f"{self.path}: {issue}" for issue in issues])
         return table
+
+    def _rows_of(self, text: bytes) -> list[list[str]]:
+        lines = [line for line in text.decode().split("\n") if line.strip()]
+        try:
+            return list(csv.reader(lines, delimiter=self.delimiter.decode()))
+        except csv.Error as error:
+            raise ConfigError(f"{self.path}: cannot be read: {error}") from error
 
     def _number(self, cell: str) -> float | None:
         """Return a cell's value, NaN for an empty one; None if it is not allowed."""
@@ -257,7 +262,10 @@ def open_csv(path: Path) -> CsvFile:
     if not header:
         raise ConfigError(f"{path}: empty; allowed: a header and rows")
     delimiter = max(",;\t", key=header.count)
-    names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter))]
+    try:
+        names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter))]
+    except csv.Error as error:
+        raise ConfigError(f"{path}: its first line cannot be read: {error}; allowed: a header") from error
     if all(_NUMBER.fullmatch(name) for name in names):
         raise ConfigError(f"{path}: no header; allowed: the columns' names in the first row")
     twice = sorted(name for name, count in Counter(names).items() if name and count > 1)
@@ -267,7 +275,7 @@ def open_csv(path: Path) -> CsvFile:
     # A last line that is short was cut off, as by a full disk or a kill.
     is_short = bool(last.strip()) and last.count(delimiter.encode()) < len(names) - 1
     notes = (CUT,) if is_short and size - len(last) > end else ()
-    has_commas = delimiter != "," and b"." not in head[end:] and _COMMA.search(head, end) is not None
+    has_commas = delimiter != "," and _has_commas(head[end:], delimiter.encode())
     return CsvFile(
         path=path,
         names=names,
@@ -277,6 +285,12 @@ def open_csv(path: Path) -> CsvFile:
         last=last,
         has_commas=has_commas,
     )
+
+
+def _has_commas(text: bytes, delimiter: bytes) -> bool:
+    """Whether the numbers of a text have decimal commas: some cells are such numbers, and none has a point."""
+    cells = [cell.strip() for cell in text.replace(b"\r", b"\n").replace(b"\n", delimiter).split(delimiter)]
+    return any(map(_COMMA.fullmatch, cells)) and not any(map(_POINT.fullmatch, cells))
 
 
 def _checked(path: Path, text: bytes, at: int) -> bytes:

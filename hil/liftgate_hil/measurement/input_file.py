@@ -52,7 +52,7 @@ def _as_simulated(reading: Reading, columns: dict[str, Floats]) -> dict[str, Flo
 
 
 def _notes(reading: Reading, times: Floats) -> tuple[str, ...]:
-    notes = [RECORDED_NOTE] if reading.recorded else []
+    notes = [*reading.file.notes, *([RECORDED_NOTE] if reading.recorded else [])]
     if times[0] != 0.0:
         notes.append(f"begins at {times[0]:.9g} s, which is time 0 here")
     return tuple(notes)

@@ -101,8 +101,8 @@ def _from_text(value: str, issues: ConfigIssues, known: Mapping[str, Signal]) ->
             scale = float(parts["scale"])
         except ValueError:
             scale = math.nan
-        if not math.isfinite(scale) or scale == 0.0:
-            issues.add(ours, f"scale {show(parts['scale'])}; allowed: a number, not 0")
+        if not abs(scale) <= _SCALE.high or scale == 0.0:
+            issues.add(ours, f"scale {show(parts['scale'])}; allowed: {_SCALE.low:g} to {_SCALE.high:g}, not 0")
     column = Theirs(parts["name"], parts.groupdict().get("unit"), scale) if parts else Theirs(theirs)
     return _checked(ours, column, issues, known)
 

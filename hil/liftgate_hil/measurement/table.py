@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from liftgate_hil.config.units import SAME
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording, Series
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
@@ -200,7 +201,8 @@ def _check_range(reading: Reading, ours: str, series: Series) -> None:
         hint = ""
         rather = next((unit for ending, unit in _RATHER.items() if ours.endswith(ending)), None)
         factor = (conversion(ours, rather or "") or (1.0, 0.0))[0]
-        if rather and low <= factor * np.nanmin(values) and factor * np.nanmax(values) <= high:
+        is_ours = conversion(ours, series.unit or "") == SAME
+        if rather and is_ours and low <= factor * np.nanmin(values) and factor * np.nanmax(values) <= high:
             hint = f"; is it {rather}? `map` '{ours}={theirs}[{rather}]'"
         reading.issues.append(
             f"{reading.path}: {called}: {float(values[bad[0]]):.9g} in {word} {bad[0] + 1}{more}; "

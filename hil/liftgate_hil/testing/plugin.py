@@ -165,9 +165,10 @@ class ExpectationItem(pytest.Item):
 
 class _VerdictError(Exception):
     def __init__(self, verdict: Verdict) -> None:
+        from liftgate_hil.errors import printable
         from liftgate_hil.testing.reports import line_of
 
-        super().__init__(f"{verdict.name}: {line_of(verdict)}")
+        super().__init__(printable(f"{verdict.name}: {line_of(verdict)}"))
 
 
 class NotAsExpectedError(_VerdictError):

@@ -198,12 +198,18 @@ def cases_of(files: Iterable[Path], template: Job) -> list[Case]:
             elif scenario.duration is None and job.options.duration is None:
                 issues.append(f"{path}: duration: missing; allowed: 0 to 1e+06 s")
             else:
-                cases.append(Case(os.path.relpath(path), plan))
+                cases.append(Case(_label(path), plan))
         except ConfigError as error:
             issues += [line for line in error.issues if line not in issues]
     if issues:
         raise ConfigError(issues)
     return cases
+
+
+def _label(path: Path) -> str:
+    """Return a path from the working folder, or as it is where `..` after a symbolic link would lead elsewhere."""
+    found = os.path.relpath(path)
+    return found if os.path.realpath(found) == os.path.realpath(path) else str(path)
 
 
 def _parameters_of(

@@ -594,3 +594,30 @@ def test_a_stated_beginning_that_the_data_contradict_is_refused(
     with pytest.raises(ConfigError, match=r"--initial closed: a.csv: its first left_speed_rps is 40, while"):
         _check_beginnings([data], [0.0], "closed")
     _check_beginnings([data], [None], "auto")
+
+
+def test_what_can_be_written_is_written_whatever_fails(opening: Path, tmp_path: Path) -> None:
+    html, vehicle = tmp_path / "ok.html", tmp_path / "ok.toml"
+    flags = ("--estimate", "motor.resistance", "--result", "/dev/full", "--html", html, "--save-vehicle", vehicle)
+    assert call("identify", opening, *flags) == 2
+    assert html.is_file()
+    assert vehicle.is_file()
+    command = [
+        sys.executable,
+        "-m",
+        "liftgate_hil",
+        *map(str, ("identify", opening, *flags[:2], "--result", html)),
+    ]
+    with Path("/dev/full").open("w") as full:
+        assert (
+            subprocess.run(command, stdout=full, stderr=subprocess.DEVNULL, check=False, timeout=300).returncode
+            == 1
+        )
+    assert json.loads(html.read_text())["parameters"]
+
+
+def test_a_prior_that_is_too_sharp_to_be_weighed_is_refused(
+    opening: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = ("--estimate", "motor.resistance", "--prior", "motor.resistance=0.6:1e-300")
+    assert "--prior motor.resistance=0.6:1e-300" in complaint(capsys, "identify", opening, *flags)[0]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -381,3 +383,40 @@ def test_wrong_usage_is_reported(arguments: list[str], said: str, capsys: pytest
     Path("empty").mkdir()
     assert main(["test", *arguments]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_two_files_of_one_lexical_path_are_two_scenarios(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "real" / "sub").mkdir(parents=True)
+    Path("link").symlink_to("real/sub")
+    scenario("a.toml", RESTS)
+    scenario("real/a.toml", MOVES)
+    for order in (("link/../a.toml", "a.toml"), ("a.toml", "link/../a.toml")):
+        assert main(["test", *order]) == 1
+        assert "2 scenarios, 2 expectations: 1 pass, 1 fail" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+@pytest.mark.parametrize("more", [(), ("--json", "-")])
+def test_reports_are_written_though_stdout_takes_nothing(more: tuple[str, ...]) -> None:
+    scenario("a.toml", RESTS)
+    command = [sys.executable, "-m", "liftgate_hil", "test", "a.toml", "--results", "out", *more]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=300, check=False)
+    assert done.returncode == 2
+    assert "No space left on device" in done.stderr
+    assert {"verdicts.json", "junit.xml", "report.html"} <= {each.name for each in Path("out").iterdir()}
+
+
+def test_a_further_attempt_does_not_take_the_recording_of_another_scenario() -> None:
+    Path("suite").mkdir()
+    scenario("suite/a.toml", NEVER)
+    scenario("suite/a-attempt-1.toml", RESTS)
+    assert main(["test", "suite", "--results", "out", "--retry-inconclusive", "1", "--quiet"]) == 3
+    told = json.loads(Path("out/verdicts.json").read_text())["scenarios"]
+    files = [
+        name
+        for each in told
+        for name in (*each["recordings"], *(n for a in each["attempts"] for n in a["recordings"]))
+    ]
+    assert len(files) == len(set(files)) == 6
+    assert all(Path(name).is_file() for name in files)

@@ -201,3 +201,10 @@ def test_marks_are_numbered_lines_and_their_texts_a_caption(tmp_path: Path) -> N
     assert [each.get_xdata()[0] for each in axis.get_lines() if each.get_linestyle() == ":"] == [0.02]
     assert [each.get_text() for each in axis.texts] == ["1"]
     assert made.figure.get_supxlabel() == "Marks: 1: 0.020 s, it squeaks."
+
+
+def test_a_recording_without_a_column_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("time_s\n0\n1\n")
+    assert main(["plot", str(path)]) == 2
+    assert "no column besides time_s" in capsys.readouterr().err

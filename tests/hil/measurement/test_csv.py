@@ -317,3 +317,32 @@ def test_a_recording_saved_with_decimal_commas_is_still_one_with_its_start(tmp_p
     assert recording.start_ns == 1764160000_500_000_000
     assert recording.notes == ("decimal commas are read as points",)
     assert np.concatenate([*recording.rows(["gate_angle_deg"])]).ravel().tolist() == [0.5, 0.75]
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+@pytest.mark.parametrize("blank", ["", "\n"])
+def test_a_recording_with_other_line_ends_is_still_one(tmp_path: Path, newline: str, blank: str) -> None:
+    path = tmp_path / "run.csv"
+    text = f"time_s,gate_angle_deg,run_start_s\n{blank}0,1,1764160000.5\n1,2,1764160000.5\n"
+    path.write_bytes(text.replace("\n", newline).encode())
+    recording = open_recording(path)
+    assert recording.start_ns == 1764160000_500_000_000
+    assert np.concatenate([*recording.rows(["gate_angle_deg"])]).ravel().tolist() == [1.0, 2.0]
+
+
+def test_a_header_that_is_too_long_for_csv_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text('{"a":"' + "x" * 140_000 + '"}\n')
+    assert faults_of(path)[0].startswith("its first line cannot be read: ")
+
+
+def test_a_date_beside_decimal_commas_does_not_matter(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text("time_s;left_voltage_v;left_current_a;Datum\n0;1,5;2;01.02.2024\n1;2,5;2;01.02.2024\n")
+    assert read(path).columns["left_voltage_v"].tolist() == [1.5, 2.5]
+
+
+def test_a_refused_cell_is_shown_as_it_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(HEAD.replace(",", ";") + "0;1'234,5;2\n1;2,5;2\n")
+    assert faults_of(path) == ['left_voltage_v: "1\'234,5" in row 1; allowed: a number']

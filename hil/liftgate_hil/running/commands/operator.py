@@ -163,6 +163,7 @@ class Operator:
             self.recording.mark(now, content)
             return f"mark {content}"
         if content is None:
+            self._note_last()
             self.recording.stop()
             return "record: stopped"
         if not isinstance(content, dict) or set(content) != {"file"}:
