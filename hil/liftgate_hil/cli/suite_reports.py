@@ -35,7 +35,7 @@ class Output:
                 streams.abandon(sys.stdout)
 
     def raise_if_lost(self) -> None:
-        """Raise the error with which stdout was lost, if it was: ConfigError, or BrokenPipeError if nobody reads."""
+        """Raise the error with which stdout was lost: ConfigError, or BrokenPipeError where nobody reads."""
         if self._lost is not None and not isinstance(self._lost, BrokenPipeError):
             raise ConfigError(f"stdout: {self._lost.strerror}") from self._lost
         if self._lost is not None:
