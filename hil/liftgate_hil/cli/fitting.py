@@ -213,11 +213,12 @@ def deliver(
     from liftgate_hil.report.files import write_report
 
     content = {**content, "provenance": provenance.as_dict()}
-    writers = [*more]
-    if args.html:
-        writers.insert(0, lambda: write_report(args.html, "--html", page()))
+    writers: list[Callable[[], None]] = []
     if args.result:
-        writers.insert(0, lambda: write_json(args.result, "--result", content))
+        writers.append(lambda: write_json(args.result, "--result", content))
+    if args.html:
+        writers.append(lambda: write_report(args.html, "--html", page()))
+    writers += more
     issues: list[str] = []
     with teller.progress("report"):
         for write in writers:

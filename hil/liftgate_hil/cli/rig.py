@@ -105,11 +105,9 @@ def _check(args: argparse.Namespace) -> int:
 
 def _not_for_ours(rig: Rig, vehicle: Vehicle) -> list[str]:
     """Return a note where the reference ECU cannot use a rig, whose feedback may be enough for another one."""
-    from liftgate_hil.ecu.needs import FEEDBACK
+    from liftgate_hil.ecu.needs import lacking_feedback
 
-    mapped = {wire.quantity for wire in rig.outputs}
-    sides = ("left", "right")[: vehicle.drives]
-    lacking = [f"{side}_{name}" for side in sides for name in FEEDBACK if f"{side}_{name}" not in mapped]
+    lacking = lacking_feedback(rig, vehicle.drives)
     text = f"{rig.source}: the reference ECU cannot use this rig, as it lacks {', '.join(lacking)}; yours may"
     return [text] if lacking else []
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.config.drafting.words import concepts_in
+from liftgate_hil.config.drafting.words import concepts_in, is_message_counter
 from liftgate_hil.conversion.compare import differences_of
 from liftgate_hil.conversion.ours import ours_in
 from liftgate_hil.conversion.sheet import FONT, HEIGHT, SMALL, WIDTH, finish, legend_above, settings
@@ -46,7 +46,6 @@ _LOOKS: Sequence[tuple[str, Any, float]] = (
 )
 _DIFFERENCE = "#a8246e"
 # What distinguishes the columns of a panel: the drive, and whether it is a sensor's value.
-_MEASURED = {"hall", "current", "motor", "position", "left", "right"}  # what a counter of messages does not count
 _SIDES = re.compile(r"^sensed_|left_?|right_?", re.IGNORECASE)
 
 
@@ -71,7 +70,7 @@ def usual_columns(table: Recording, rig: str | None = None) -> list[str]:
 def _is_protection(name: str) -> bool:
     """Whether a signal is a counter or a checksum of its message by its name."""
     concepts = concepts_in(name)
-    return "checksum" in concepts or ("counter" in concepts and not concepts & _MEASURED)
+    return "checksum" in concepts or is_message_counter(concepts)
 
 
 def panels_of(names: Sequence[str], table: Recording) -> list[list[str]]:

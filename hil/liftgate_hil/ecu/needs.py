@@ -12,23 +12,20 @@ if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
 
 
+SIDES = ("left", "right")
 FEEDBACK = ("current", "hall_count")  # of each drive
 
 
 def check_rig(rig: Rig, drives: int) -> None:
     """Raise ConfigError where the reference ECU could not drive a gate of `drives` drives through a rig."""
     issues = ConfigIssues(rig.source)
-    heard = {mapping.quantity for mapping in rig.outputs}
-    sides = ("left", "right")[:drives]
-    for side in sides:
-        for quantity in (f"{side}_{name}" for name in FEEDBACK):
-            if quantity not in heard:
-                issues.add(
-                    f"outputs.{quantity}",
-                    f"missing, and the reference ECU does not move without it; allowed: the signal with the "
-                    f"{side} drive's feedback, or another `ecu`",
-                )
-    commands = {name for name in COMMANDS if name.startswith(sides)} | {"latch_release"}
+    for quantity in lacking_feedback(rig, drives):
+        issues.add(
+            f"outputs.{quantity}",
+            f"missing, and the reference ECU does not move without it; allowed: the signal with the "
+            f"{quantity.partition('_')[0]} drive's feedback, or another `ecu`",
+        )
+    commands = {name for name in COMMANDS if name.startswith(SIDES[:drives])} | {"latch_release"}
     for mapping in rig.inputs:
         missing = missing_values(mapping)
         if missing and mapping.quantity in commands:
@@ -38,3 +35,10 @@ def check_rig(rig: Rig, drives: int) -> None:
                 "another `ecu`",
             )
     issues.raise_if_any()
+
+
+def lacking_feedback(rig: Rig, drives: int) -> list[str]:
+    """Return the quantities of a gate of `drives` drives that the reference ECU needs and a rig does not send."""
+    sent = {mapping.quantity for mapping in rig.outputs}
+    needed = (f"{side}_{name}" for side in SIDES[:drives] for name in FEEDBACK)
+    return [quantity for quantity in needed if quantity not in sent]

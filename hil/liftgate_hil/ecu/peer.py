@@ -45,7 +45,7 @@ class Peer:
         self._transport = transport
         self._asked = asked or by_the_clock(())
         self._heard_ns = 0 if adapter.shares_clock else -1
-        self.first_other = -1  # identifier of the first frame that is not the gate's; -1: none yet
+        self.first_other = -1  # identifier of the first frame before the gate's that is not its own; -1: none yet
         self._guard = guard
         self._before_ns = before_ns
         self._commanded: list[tuple[Requests, Moments]] = []
@@ -70,7 +70,7 @@ class Peer:
         """Receive frames, run the ECU at a time [ns], and send its frames. Raises EcuError."""
         adapter = self._adapter
         frames = self._transport.receive()
-        if self.first_other < 0 or self._heard_ns < 0:
+        if self._heard_ns < 0:
             self._note_senders(frames, now_ns)
         began = self._began_ns()
         with self._guard():
@@ -117,7 +117,7 @@ class Peer:
         are_gates = np.isin(theirs, self._adapter.node.reference.inputs.messages.identifier)
         if self.first_other < 0 and not are_gates.all():
             self.first_other = int(theirs[~are_gates][0])
-        if self._heard_ns < 0 and are_gates.any():
+        if are_gates.any():
             self._heard_ns = now_ns
 
     def _began_ns(self) -> int:

@@ -96,11 +96,11 @@ def _by_other_inputs(problem: Problem) -> list[str]:
         data = [_driven(each, factor) for each in problem.data]
         other = replace(problem, data=data, beginnings=())
         after = _fits(other, other.initial)
-        if not after or np.mean([each for each, _ in after.values()]) < max(_GOOD, _mean(before)):
+        fit = _mean(after)
+        if fit < max(_GOOD, _mean(before)):
             continue
         turned = [name for name, (_, sign) in after.items() if sign < 0.0]
         also = f" and the sign of {', '.join(turned)} reversed" if turned else ""
-        fit = _mean(after)
         return [f"with {text}{also} it follows (fit {fit:.1f} %): is that what the columns mean?"]
     return []
 

@@ -1,1 +1,1 @@
-"""What all reports share: numbers, drawing, tables, HTML pages, figures of a run, provenance, files."""
+"""Shared parts of reports: numbers, drawing, tables, HTML pages, figures of a run, provenance, files."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from liftgate_hil.config.drafting.words import concepts_in, side_of, words_of
+from liftgate_hil.config.drafting.words import concepts_in, is_message_counter, side_of, words_of
 from liftgate_hil.config.units import dimensions_named
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL, TRUE_PREFIX, Rod
 
@@ -211,8 +211,7 @@ def is_protection(message: Message, signal: Signal) -> str:
         return ""
     if "checksum" in concepts and signal.length in (8, 16):
         return "checksum"
-    others = {"hall", "current", "motor", "position", "left", "right"}
-    if "counter" in concepts and not concepts & others and 2 <= signal.length <= 8:
+    if is_message_counter(concepts) and 2 <= signal.length <= 8:
         return "counter"
     return ""
 

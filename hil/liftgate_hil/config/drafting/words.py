@@ -83,6 +83,7 @@ _FILLING = {
     "tg", "hkl", "rel", "ltch",
 }  # fmt: skip
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue"})
+_MEASURED = {"hall", "current", "motor", "position", "left", "right"}  # concepts of what a sensor counts
 _PREFIX = re.compile(r"(?<![A-Za-z])[lr](?=[A-Z])")  # prefix of a ratio or a length, not of right or left
 _PART = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 
@@ -107,6 +108,11 @@ def _speaks(spelled: Iterable[str], words: Collection[str], whole: str) -> bool:
         each.removeprefix("=") in words or (len(each) >= 4 and each[0] != "=" and each in whole)
         for each in spelled
     )
+
+
+def is_message_counter(concepts: frozenset[str]) -> bool:
+    """Whether a signal with these concepts in its name counts messages, and not what a sensor measures."""
+    return "counter" in concepts and not concepts & _MEASURED
 
 
 def side_of(*names: str) -> str:
