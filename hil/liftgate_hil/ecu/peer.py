@@ -45,7 +45,7 @@ class Peer:
         self._transport = transport
         self._asked = asked or by_the_clock(())
         self._heard_ns = 0 if adapter.shares_clock else -1
-        self.first_other = -1  # identifier of the first frame before the gate's that is not its own; -1: none yet
+        self.first_other = -1  # identifier of the first frame of others before the gate is heard; -1: none
         self._guard = guard
         self._before_ns = before_ns
         self._commanded: list[tuple[Requests, Moments]] = []

@@ -204,7 +204,7 @@ class CsvFile(Recording):
 
         `text` has decimal points, `written` is what the file has.
         """
-        rows, as_written = (self._rows_of(each) for each in (text, written))
+        rows = self._rows_of(text)
         width = len(self.names)
         for row, cells in enumerate(rows):
             if len(cells) < width or any(cell.strip() for cell in cells[width:]):
@@ -223,7 +223,7 @@ class CsvFile(Recording):
                 else:
                     table[row, column] = value
             if bad:
-                cell = as_written[bad[0]][place].strip()
+                cell = self._rows_of(written)[bad[0]][place].strip()
                 issues.append(f"{self.names[place]}: {_refusal_of(cell, number, bad)}")
         if issues:
             raise ConfigError([f"{self.path}: {issue}" for issue in issues])

@@ -83,7 +83,7 @@ _FILLING = {
     "tg", "hkl", "rel", "ltch",
 }  # fmt: skip
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue"})
-_MEASURED = {"hall", "current", "motor", "position", "left", "right"}  # concepts of what a sensor counts
+_MEASURED = {"hall", "current", "motor", "position", "left", "right"}  # not of a message counter
 _PREFIX = re.compile(r"(?<![A-Za-z])[lr](?=[A-Z])")  # prefix of a ratio or a length, not of right or left
 _PART = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 
