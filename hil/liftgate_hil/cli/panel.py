@@ -92,5 +92,10 @@ def _age(status: Status) -> tuple[str, str]:
 
 def _wrong(status: Status) -> list[tuple[str, str]]:
     """Return the counts of what goes wrong, those that are not zero, and their style."""
-    counts = (("overruns", status.overruns), ("rejected", status.rejected), ("foreign", status.foreign))
+    counts = (
+        ("overruns", status.overruns),
+        ("not sent", status.unsent),
+        ("rejected", status.rejected),
+        ("foreign", status.foreign),
+    )
     return [(f"{count} {name}", _WARNING) for name, count in counts if count]

@@ -18,6 +18,7 @@ class Status(NamedTuple):
     rejected: int  # frames for the gate that were refused
     foreign: int  # frames with other identifiers
     overruns: int  # periods skipped
+    unsent: int = 0  # frames that could not be sent
 
 
 class Listener:

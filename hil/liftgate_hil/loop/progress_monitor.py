@@ -16,6 +16,7 @@ from liftgate_hil.codec.refusals import ACCEPTED, FOREIGN
 from liftgate_hil.loop.listener import Listener, Status
 from liftgate_hil.loop.refusal_texts import ANOTHER, REFUSED, RefusalTexts, identifier_text
 from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_hil.transport.base import NO_ERRORS, LinkCounts
 
 if TYPE_CHECKING:
     from liftgate_hil.codec.receive import Reception
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 _EVERY_S = 0.1  # between two looks
 _MANY, _MISSING = 50, 0.3  # frames of the command, and share that is missing, from which on that is reported
 _PATIENCE_S = 2.0  # without a command, after which it reports that it waits
+_WHY_FULL = ": the queue is full, as no other node acknowledges them or the bus is overloaded"
+_CALM_S = 1.0  # without a failure to send, after which it reports that frames are sent again
 _ANGLE, _LEFT, _RIGHT = (COLUMN_PLACE[name] for name in ("gate_angle_deg", "left_current_a", "right_current_a"))
 
 
@@ -36,6 +39,7 @@ class Moment(NamedTuple):
     row: Any  # (ROW_WIDTH,) of the last tick
     sent: int  # frames
     overruns: int
+    link: LinkCounts = NO_ERRORS
 
 
 class ProgressMonitor:
@@ -75,6 +79,9 @@ class ProgressMonitor:
         self._was_heard = False
         self._is_waiting = False
         self._has_named_foreign = False
+        self._link = NO_ERRORS  # at the last look
+        self._unsent_from: int | None = None  # frames not sent before those that fail now; None: none fails
+        self._failed = -math.inf  # when frames were last found unsent
 
     def look(self, moment: Moment, is_last: bool = False) -> None:
         """Report what is new; most calls come too soon, and cost nothing."""
@@ -95,6 +102,7 @@ class ProgressMonitor:
             self._look_for_another(time_s)
             self._look_for_gaps(time_s)
             self._look_at_command(time_s, now)
+            self._look_at_sending(time_s, now, moment.link)
             self._listener.status(self._status(moment))
 
     def _look_for_another(self, time_s: float) -> None:
@@ -142,6 +150,20 @@ class ProgressMonitor:
                 self._listener.say(f"{time_s:.3f} s: {foreign}; waits for {self._texts.awaited()}")
                 self._has_named_foreign = True
 
+    def _look_at_sending(self, time_s: float, now: float, link: LinkCounts) -> None:
+        """Report when frames cannot be sent, and when they are sent again."""
+        before, self._link = self._link, link
+        if link.send_failures > before.send_failures:
+            self._failed = now
+            if self._unsent_from is None:
+                self._unsent_from = before.send_failures
+                is_full = link.send_queue_full > before.send_queue_full
+                self._listener.say(f"{time_s:.3f} s: frames cannot be sent{_WHY_FULL if is_full else ''}")
+        elif self._unsent_from is not None and now - self._failed > _CALM_S:
+            missing = link.send_failures - self._unsent_from
+            self._listener.say(f"{time_s:.3f} s: frames are sent again; {missing} were not sent")
+            self._unsent_from = None
+
     def _foreign(self) -> str:
         """Return a text on the first foreign frame; "": there is none but those of a test bench."""
         first = self._texts.first_foreign(self._reception.refusals)
@@ -164,6 +186,7 @@ class ProgressMonitor:
             rejected=sum(int(counts[cause]) for cause in REFUSED),
             foreign=int(counts[FOREIGN]),
             overruns=moment.overruns,
+            unsent=moment.link.send_failures,
         )
 
 

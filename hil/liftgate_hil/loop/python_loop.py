@@ -156,7 +156,8 @@ class Loop:
         for observer in self.observers:
             observer.look(seen, self.time)
         if self.monitor is not None:
-            moment = Moment(self.ticks, row[0], self.frames_sent, self.ticks_missed)
+            link = self.transport.counts()
+            moment = Moment(self.ticks, row[0], self.frames_sent, self.ticks_missed, link)
             self.monitor.look(moment, is_last=is_stop)
         if not is_sound:
             at, angle, current = (row[0, COLUMN_PLACE[name]] for name in _DIVERGED)

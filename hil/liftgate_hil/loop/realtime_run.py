@@ -31,7 +31,7 @@ from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
 from liftgate_hil.stimuli.command_queue import post_values
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
-from liftgate_hil.transport.base import Line
+from liftgate_hil.transport.base import Line, LinkCounts
 from liftgate_plant.compiler import compiled
 
 _WATCH = 0.02  # s between two looks at the wire
@@ -172,18 +172,21 @@ class RealtimeRun:
         rows = self.memory.shared.histograms
         return Timing(*(distribution(rows[row]) for row in (LATENESS, EXECUTION, DELAY)))
 
+    def _link(self) -> LinkCounts:
+        """Return the counts of errors on the way to or from the wire: the loop's, and the line's own."""
+        control, line = self.memory.shared.control[0], self.line.counts()
+        return line._replace(
+            send_failures=int(control.unsent) + line.send_failures,
+            send_queue_full=int(control.unsent_full) + line.send_queue_full,
+            receive_failures=int(control.receive_errors) + line.receive_failures,
+            dropped=int(control.dropped) + line.dropped,
+            stale_frames=int(control.stale) + line.stale_frames,
+        )
+
     def summary(self) -> Summary:
         """Return the figures so far."""
         control = self.memory.shared.control[0]
         seconds = self._ticks * self.config.step
-        mine = self.line.counts()
-        link = mine._replace(
-            send_failures=int(control.unsent) + mine.send_failures,
-            send_queue_full=int(control.unsent_full) + mine.send_queue_full,
-            receive_failures=int(control.receive_errors) + mine.receive_failures,
-            dropped=int(control.dropped) + mine.dropped,
-            stale_frames=int(control.stale) + mine.stale_frames,
-        )
         load = 100.0 * int(control.bits) / (self.bitrate * seconds) if seconds > 0.0 else 0.0
         return Summary(
             clock="realtime",
@@ -195,7 +198,7 @@ class RealtimeRun:
             frames_sent=int(control.sent),
             command_timeouts=self.state.timeouts,
             received=self.state.counts,
-            link=link,
+            link=self._link(),
             link_error=os.strerror(int(control.last_error)) if control.last_error else "",
             unseen_rows=self._unseen,
         )
@@ -275,7 +278,7 @@ class RealtimeRun:
         shared = self.memory.shared
         control = shared.control[0]
         row = shared.rows[(int(control.rows) - 1) % len(shared.rows)]
-        moment = Moment(int(control.tick), row, int(control.sent), int(control.overruns))
+        moment = Moment(int(control.tick), row, int(control.sent), int(control.overruns), self._link())
         self.monitor.look(moment, is_last)
 
     def _hand_on(self, rows: RingReader, frames: RingReader) -> None:

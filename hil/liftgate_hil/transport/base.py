@@ -33,6 +33,9 @@ class LinkCounts(NamedTuple):
     stale_frames: int = 0  # frames that had waited longer than their message's timeout
 
 
+NO_ERRORS = LinkCounts()
+
+
 class Transport(Protocol):
     """Sends and receives frames, for the loops that hold the interpreter lock.
 

@@ -51,9 +51,9 @@ def test_without_a_duration_the_time_has_no_bar():
 
 
 def test_what_goes_wrong_is_seen():
-    lines = lines_of(STATUS._replace(command_age_s=None, rejected=2, foreign=9, overruns=7))
+    lines = lines_of(STATUS._replace(command_age_s=None, rejected=2, foreign=9, overruns=7, unsent=4))
     assert lines[3] == "command  no command"
-    assert lines[-1] == "         7 overruns  2 rejected  9 foreign"
+    assert lines[-1] == "         7 overruns  4 not sent  2 rejected  9 foreign"
     assert "0 foreign" not in text_of(STATUS)
 
 

@@ -15,6 +15,7 @@ from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
 from liftgate_hil.running.loop_start import loop_config_of, start_of
 from liftgate_hil.running.setup import rig_from, vehicle_from
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
+from liftgate_hil.transport.base import LinkCounts
 
 COMMAND = 0x120
 
@@ -45,6 +46,7 @@ class Bench:
         self.counts = NO_COUNTS
         self.told = NotingListener()
         self.events: list[Event] = []
+        self.link = LinkCounts()
         self.monitor = ProgressMonitor(
             self.rig,
             self.config,
@@ -66,7 +68,7 @@ class Bench:
     def look(self, tick: int = 0, after: float = 1.0, is_last: bool = False) -> list[str]:
         self.now += after
         before = len(self.told.said)
-        self.monitor.look(Moment(tick, self.row, 7, 3), is_last)
+        self.monitor.look(Moment(tick, self.row, 7, 3, self.link), is_last)
         return self.told.said[before:]
 
 
@@ -117,6 +119,25 @@ def test_what_is_waited_for_is_reported_when_it_is_long_in_coming(bench: Bench):
     assert bench.look(tick=9200) == ["9.200 s: DriveCommand timed out: motors off"]
     bench.receive(command_payload(bench.rig, 2), tick=9300)
     assert bench.look(tick=9301) == ["9.301 s: DriveCommand received"]
+
+
+def test_frames_that_cannot_be_sent_are_reported_once_and_again_when_they_can(bench: Bench):
+    bench.receive(command_payload(bench.rig, 1), tick=0)
+    assert bench.look(tick=100) == []
+    bench.link = LinkCounts(send_failures=12, send_queue_full=12)
+    assert bench.look(tick=200) == [
+        "0.200 s: frames cannot be sent: the queue is full, as no other node acknowledges them or the bus is "
+        "overloaded"
+    ]
+    assert bench.told.seen[-1].unsent == 12
+    bench.link = LinkCounts(send_failures=40, send_queue_full=40)
+    assert bench.look(tick=300) == []
+    assert bench.look(tick=400, after=0.5) == []
+    assert bench.look(tick=500, after=0.6) == ["0.500 s: frames are sent again; 40 were not sent"]
+    assert bench.look(tick=600) == []
+    bench.link = LinkCounts(send_failures=41, send_queue_full=40)
+    assert bench.look(tick=700) == ["0.700 s: frames cannot be sent"]
+    assert bench.look(tick=800, after=1.5) == ["0.800 s: frames are sent again; 1 were not sent"]
 
 
 def test_what_the_ecu_tells_is_handed_on_as_it_happens(bench: Bench):
