@@ -20,7 +20,9 @@ escaped, so that they cannot control a terminal.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import ClassVar, TypeVar
 
+_T = TypeVar("_T")
 MOST = 100  # lines that are reported, at most; the others are counted
 _FEW = 12  # names that a message lists
 
@@ -34,6 +36,19 @@ def allowed_names(name: str, known: Iterable[str]) -> str:
         return ", ".join(names)
     near = get_close_matches(name, names, 3)
     return f"{', '.join(near or names[:_FEW])}, … ({len(names)} in all)"
+
+
+class Entries(dict[str, _T]):
+    """Entries by name; the error on an unknown name lists what is allowed, see `allowed_names`."""
+
+    what: ClassVar[str]  # what a name names
+    none: ClassVar[str]  # what is allowed where there are no entries
+
+    def __missing__(self, name: str) -> _T:
+        """Raise KeyError."""
+        __tracebackhide__ = True  # so that pytest shows the test's line
+        allowed = allowed_names(str(name), self) if self else self.none
+        raise KeyError(f"{name}: no such {self.what}; allowed: {allowed}")
 
 
 def printable(text: str) -> str:

@@ -11,6 +11,7 @@ from collections import namedtuple
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple
 
+from liftgate_hil.errors import Entries
 from liftgate_plant.signals import (
     EDGE_AGE,
     LATCH_CINCHED,
@@ -247,6 +248,14 @@ _RECORDED: _Parts = {
 }
 COLUMNS: dict[str, Signal] = whole(_RECORDED)
 COLUMN_ROWS: Any = _starts("ColumnRows", _RECORDED)
+
+
+class ColumnValues(Entries[float]):
+    """Values of columns, by their names and in their units."""
+
+    what, none = "column", "none before the first step"
+
+
 ROW_WIDTH = len(COLUMNS)
 COLUMN_PLACE: dict[str, int] = {name: place for place, name in enumerate(COLUMNS)}
 

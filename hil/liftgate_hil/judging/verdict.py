@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from liftgate_hil.errors import Entries
+
 PASS, INCONCLUSIVE, FAIL, ERROR = "pass", "inconclusive", "fail", "error"
 STOPPED = "stopped"  # in place of a verdict: the run was stopped before its end
 PENDING = "pending"  # not decided yet, while the run goes on
@@ -47,13 +49,10 @@ class Verdict:
         return self.margin is not None and not is_as_compared
 
 
-class Verdicts(dict[str, Verdict]):
-    """Verdicts by the names of their expectations; the error on an unknown name lists these."""
+class Verdicts(Entries[Verdict]):
+    """Verdicts by the names of their expectations."""
 
-    def __missing__(self, name: str) -> Verdict:
-        """Raise KeyError."""
-        __tracebackhide__ = True  # so that pytest shows the test's line
-        raise KeyError(f"{name}: no such expectation; allowed: {', '.join(self) or 'none, as there are none'}")
+    what, none = "expectation", "none, as there are none"
 
 
 def worst(verdicts: Iterable[str]) -> str:

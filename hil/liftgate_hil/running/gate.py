@@ -40,7 +40,7 @@ from liftgate_hil.running.loop_start import loop_config_of, start_of
 from liftgate_hil.running.options import checked
 from liftgate_hil.running.setup import rig_of, setup_of, variant_of
 from liftgate_hil.running.stimulation import opening_of, planned_stimuli
-from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX, columns_of
+from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX, ColumnValues, columns_of
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.restbus import BENCH, OPERATOR, start_value
 from liftgate_hil.stimuli.stimulus_plan import take_posted
@@ -121,21 +121,21 @@ class Gate:
         return self._now.loop.tick * self._config.step
 
     @property
-    def truth(self) -> dict[str, float]:
+    def truth(self) -> ColumnValues:
         """True values, by the names of recording columns; empty before the first step."""
         return self._columns("")
 
     @property
-    def sensed(self) -> dict[str, float]:
+    def sensed(self) -> ColumnValues:
         """Sensed values, by the same names; empty before the first step."""
         return self._columns(SENSED_PREFIX)
 
-    def _columns(self, prefix: str) -> dict[str, float]:
+    def _columns(self, prefix: str) -> ColumnValues:
         if self._now.loop.tick == 0:
-            return {}
+            return ColumnValues()
         columns = columns_of(self._vehicle.drives)
         names = [name for name in columns if name.startswith(SENSED_PREFIX) == bool(prefix)]
-        return {name.removeprefix(prefix): float(self._row[COLUMN_PLACE[name]]) for name in names}
+        return ColumnValues({name.removeprefix(prefix): float(self._row[COLUMN_PLACE[name]]) for name in names})
 
     @property
     def summary(self) -> Summary:

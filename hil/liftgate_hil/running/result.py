@@ -23,7 +23,7 @@ from liftgate_hil.loop.closed_loop import Extremes, Trace
 from liftgate_hil.loop.observers import Sink
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.running.job import Job
-from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ColumnValues
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ def result_of(
         verdict=verdict,
         reason=reason or (given_up if verdict == INCONCLUSIVE else reason_of(verdicts, verdict)),
         expectations=Verdicts({each.name: each for each in verdicts}),
-        maxima=dict(zip(COLUMNS, high.tolist(), strict=True)),
-        minima=dict(zip(COLUMNS, low.tolist(), strict=True)),
+        maxima=ColumnValues(zip(COLUMNS, high.tolist(), strict=True)),
+        minima=ColumnValues(zip(COLUMNS, low.tolist(), strict=True)),
         events=adapter.events(),
         ecu_digest=adapter.digest(),
         summary=replace(summary, ecu_dropped_frames=adapter.dropped()),
@@ -103,7 +103,7 @@ def reason_of(verdicts: Sequence[Verdict], verdict: str) -> str:
 
 def nothing_of(job: Job, reason: str, ticks: int) -> Result:
     """Return the result of a run of which no more is known than its length."""
-    nothing = dict.fromkeys(COLUMNS, math.nan)
+    nothing = ColumnValues.fromkeys(COLUMNS, math.nan)
     return Result(
         verdict="error" if reason else "pass",
         reason=reason,

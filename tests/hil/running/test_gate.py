@@ -98,6 +98,8 @@ def test_truth_and_sensed_have_the_columns_of_recordings() -> None:
         assert {"left_current_a", "gate_rate_degps", "pinch_force_n"} <= set(gate.truth)
         assert {"left_current_a", "left_hall_count", "left_hall_a"} <= set(gate.sensed)
         assert not any(name.startswith("sensed_") for name in (*gate.truth, *gate.sensed))
+        with pytest.raises(KeyError, match="gate_angel_deg: no such column; allowed: gate_angle_deg, "):
+            gate.truth["gate_angel_deg"]
     with lh.Gate(vehicle="compact") as gate:
         gate.step(0.001)
         assert not any(name.startswith("right_") for name in (*gate.truth, *gate.sensed))
