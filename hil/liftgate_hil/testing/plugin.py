@@ -13,9 +13,9 @@ import itertools
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from liftgate_hil.running.result import Result
     from liftgate_hil.testing.suite import Case, Outcome
 
-_T = TypeVar("_T")
+_PACKAGE = Path(__file__).parents[1]
 _GROUP = "liftgate-bus"
 _NOT_IN_A_NODE = re.compile(r"::+|[\[\]\x00-\x1f\x7f]")
 _INSTEAD = {"[": "(", "]": ")", ":": "."}  # replacements, by the first character
@@ -225,8 +225,7 @@ class Liftgate:
             given = self._config.getoption(f"liftgate_{name}")
             if given is not None:
                 arguments.setdefault(name, given)
-        __tracebackhide__ = True
-        made = _without_our_frames(lambda: Gate(**arguments))
+        made = Gate(**arguments)
         self._gates.append(made)
         return made
 
@@ -246,8 +245,7 @@ class Liftgate:
         arguments.setdefault("record", [f"{stem}.log", f"{stem}.csv"])
         self._folder.mkdir(parents=True, exist_ok=True)
         _allow_imports_from_root(self._config)
-        __tracebackhide__ = True
-        result = _without_our_frames(lambda: run(scenario, **arguments))
+        result = run(scenario, **arguments)
         self._results.append(result)
         return result
 
@@ -273,20 +271,23 @@ class Liftgate:
             shutil.rmtree(self._folder, ignore_errors=True)
 
 
-def _without_our_frames(call: Callable[[], _T]) -> _T:
-    """Return what a call returns; of a wrong argument pytest shows the message and the test's line.
+def _end_before_our_frames(error: BaseException) -> None:
+    """End the traceback of a wrong argument with the test's line, which tells more than this package's frames.
 
-    An error with a cause, such as one in an ECU's own module, is shown whole.
+    That of an error with a cause, such as one in an ECU's own module, stays whole.
     """
-    __tracebackhide__ = True
     from liftgate_hil.errors import ConfigError
 
-    try:
-        return call()
-    except ConfigError as error:
-        if error.__cause__ is not None:
-            raise
-        raise error.with_traceback(None) from None
+    if not isinstance(error, ConfigError) or error.__cause__ is not None:
+        return
+    error.__suppress_context__ = True
+    last, entry = None, error.__traceback__
+    while entry is not None:
+        if _PACKAGE not in Path(entry.tb_frame.f_code.co_filename).parents:
+            last = entry
+        entry = entry.tb_next
+    if last is not None:
+        last.tb_next = None
 
 
 @pytest.fixture
@@ -301,10 +302,13 @@ def liftgate(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Any:
     """Note that a test has failed, and report its recordings; a missing verdict is reported in words."""
+    has_fixture = "liftgate" in getattr(item, "fixturenames", ())
+    if call.excinfo is not None and has_fixture:
+        _end_before_our_frames(call.excinfo.value)
     report = yield
     if call.excinfo is not None and isinstance(call.excinfo.value, NoVerdictError):
         report.longrepr = str(call.excinfo.value)
-    if report.failed and "liftgate" in getattr(item, "fixturenames", ()):
+    if report.failed and has_fixture:
         item.stash[_FAILED] = True
         used = getattr(item, "funcargs", {}).get("liftgate")
         if isinstance(used, Liftgate):

@@ -98,9 +98,13 @@ def test_a_mistake_in_a_test_is_told_by_its_message_and_not_by_frames_of_the_pac
         "def test_wrong_argument(liftgate):\n    liftgate.run('scenarios/opens.toml', vehicle='nope')\n"
         "def test_wrong_gate(liftgate):\n    liftgate.gate(initial='ajar')\n"
         "def test_wrong_name(liftgate):\n    liftgate.run('scenarios/opens.toml').expectations['closes']\n"
+        "def test_wrong_command(liftgate):\n    liftgate.gate().command(left_dty=60)\n"
+        "def test_wrong_column(liftgate):\n    liftgate.run('scenarios/opens.toml').maxima['gate_angel_deg']\n"
     )
     done = pytest_in(foreign, "tests/test_gate.py", "-k", "wrong")
-    assert "3 failed" in done.stdout, done.stdout + done.stderr
+    assert "5 failed" in done.stdout, done.stdout + done.stderr
+    assert "left_dty" in done.stdout
+    assert "gate_angel_deg: no such column; allowed: gate_angle_deg, " in done.stdout
     assert "`vehicle` nope: neither a file nor a shipped name" in done.stdout
     assert "`initial` ajar" in done.stdout
     assert "closes: no such expectation; allowed: opens" in done.stdout
