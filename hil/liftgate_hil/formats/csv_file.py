@@ -6,12 +6,9 @@ time. Files of other tools may have semicolons or tabs, and empty cells (NaN).
 
 from __future__ import annotations
 
-import codecs
 import csv
 import math
 import os
-import re
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +20,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.csv_header import COMMAS, NOT_FINITE, NUMBER, decoded, header_of
 from liftgate_hil.formats.csv_text import CsvText
 from liftgate_hil.formats.mcap_layout import START_COLUMN
 from liftgate_hil.formats.reading import CUT, as_config_errors
@@ -71,13 +69,7 @@ _FEW = 3  # if fewer than a third of the columns are wanted, only their cells ar
 _DIGITS = b"0123456789+-.eE, \n"  # characters of rows in which each cell is a finite number, or empty
 _EMPTY = b"9.87654321e300"  # stands for an empty cell while numbers are parsed
 _LATEST_START = 1e10  # latest plausible start of a run, s since 1970
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-_BLANK = re.compile(rb"\s*[\r\n]")
-_LINE_OF = re.compile(rb"[^\r\n]*(?:\r\n|\r|\n)?")
 _LONGEST = 1 << 22  # longest header, and longest last line [bytes]
-_NOT_FINITE = ("nan", "inf", "-inf")  # as recordings have them of a plant that has diverged
-_COMMA, _POINT = re.compile(rb"[+-]?\d*,\d+([eE][+-]?\d+)?"), re.compile(rb"[+-]?\d*\.\d+([eE][+-]?\d+)?")
-COMMAS = "decimal commas are read as points"
 _AS_POINTS = bytes.maketrans(b",.", b".'")  # a point among decimal commas is none, so that its cell is refused
 _BLOCK = 1 << 22  # bytes that are parsed at a time, so that an interrupt does not wait for long
 
@@ -90,6 +82,7 @@ class CsvFile(Recording):
     head: int  # length of the header [bytes]
     last: bytes  # last line, if it does not end with a newline
     has_commas: bool = False  # numbers have decimal commas
+    encoding: str = "UTF-8"
     is_strict: bool = False
 
     def as_recording(self) -> CsvFile:
@@ -126,15 +119,20 @@ class CsvFile(Recording):
             at, rest = stream.seek(self.head), b""
             while block := stream.read(_BLOCK):
                 lines, newline, rest = (rest + block).rpartition(b"\n")
-                text = _with_newlines(_checked(self.path, lines, at))
+                text = _with_newlines(self._checked(lines, at))
                 at += len(lines + newline)
                 if text.strip():
                     yield text
-            text = _with_newlines(_checked(self.path, rest, at))
+            text = _with_newlines(self._checked(rest, at))
             if CUT in self.notes:  # the last line is ignored
                 text = text[: text.rfind(b"\n") + 1]
             if text.strip():
                 yield text
+
+    def _checked(self, text: bytes, at: int) -> bytes:
+        """Return a part of the file that begins at byte `at`, as UTF-8. Raises ConfigError if it is no text."""
+        is_plain = text.isascii() and b"\0" not in text
+        return text if is_plain else decoded(self.path, text, at, self.encoding).encode()
 
     def _table(self, text: bytes, number: int, places: Sequence[int]) -> Floats:
         """Return these columns (n, len(places)) of n lines of text; an empty cell is NaN. Raises ConfigError.
@@ -240,9 +238,9 @@ class CsvFile(Recording):
         """Return a cell's value, NaN for an empty one; None if it is not allowed."""
         if not cell:
             return math.nan
-        if self.is_strict and cell in _NOT_FINITE:
+        if self.is_strict and cell in NOT_FINITE:
             return float(cell)
-        value = float(cell) if _NUMBER.fullmatch(cell) else math.inf
+        value = float(cell) if NUMBER.fullmatch(cell) else math.inf
         return value if math.isfinite(value) else None
 
 
@@ -253,56 +251,21 @@ def open_csv(path: Path) -> CsvFile:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(max(0, size - _LONGEST))
         _, newline, last = _with_newlines(stream.read()).rpartition(b"\n")
-    begin = len(codecs.BOM_UTF8) if head.startswith(codecs.BOM_UTF8) else 0
-    while blank := _BLANK.match(head, begin):
-        begin = blank.end()
-    line = _LINE_OF.match(head, begin)
-    assert line is not None
-    header, end = _checked(path, line[0], begin).decode().strip(), line.end()
-    if not header:
-        raise ConfigError(f"{path}: empty; allowed: a header and rows")
-    delimiter = max(",;\t", key=header.count)
-    try:
-        names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter))]
-    except csv.Error as error:
-        raise ConfigError(f"{path}: its first line cannot be read: {error}; allowed: a header") from error
-    if all(_NUMBER.fullmatch(name) for name in names):
-        raise ConfigError(f"{path}: no header; allowed: the columns' names in the first row")
-    twice = sorted(name for name, count in Counter(names).items() if name and count > 1)
-    if twice:
-        raise ConfigError(f"{path}: {twice[0]}: twice in the header; allowed: once")
-    last = last if newline and end < size else b""
+    header = header_of(path, head)
+    last = last if newline and header.end < size else b""
     # A last line that is short was cut off, as by a full disk or a kill.
-    is_short = bool(last.strip()) and last.count(delimiter.encode()) < len(names) - 1
-    notes = (CUT,) if is_short and size - len(last) > end else ()
-    has_commas = delimiter != "," and _has_commas(head[end:], delimiter.encode())
+    is_short = bool(last.strip()) and last.count(header.delimiter.encode()) < len(header.names) - 1
+    notes = (CUT,) if is_short and size - len(last) > header.end else ()
     return CsvFile(
         path=path,
-        names=names,
-        notes=(*notes, COMMAS) if has_commas else notes,
-        delimiter=delimiter.encode(),
-        head=end,
+        names=header.names,
+        notes=(*notes, *header.notes),
+        delimiter=header.delimiter.encode(),
+        head=header.end,
         last=last,
-        has_commas=has_commas,
+        has_commas=header.has_commas,
+        encoding=header.encoding,
     )
-
-
-def _has_commas(text: bytes, delimiter: bytes) -> bool:
-    """Whether the numbers of a text have decimal commas: some cells are such numbers, and none has a point."""
-    cells = [cell.strip() for cell in text.replace(b"\r", b"\n").replace(b"\n", delimiter).split(delimiter)]
-    return any(map(_COMMA.fullmatch, cells)) and not any(map(_POINT.fullmatch, cells))
-
-
-def _checked(path: Path, text: bytes, at: int) -> bytes:
-    """Return a part of a file that begins at byte `at`. Raises ConfigError if it is no text."""
-    if b"\0" in text:
-        raise ConfigError(f"{path}: cannot be read: binary; allowed: a CSV text")
-    try:
-        if not text.isascii():
-            text.decode()
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: cannot be read: not UTF-8 at byte {at + error.start}") from error
-    return text
 
 
 def _with_newlines(text: bytes) -> bytes:
@@ -317,7 +280,7 @@ def _refusal_of(cell: str, number: int, bad: Sequence[int]) -> str:
         shown = cell
     except ValueError:
         shown, text = repr(cell[:40]), "a number"
-        if "," in cell and _NUMBER.fullmatch(cell.replace(",", ".", 1)):
+        if "," in cell and NUMBER.fullmatch(cell.replace(",", ".", 1)):
             text = "a number with a decimal point"
     more = f" ({len(bad)} such rows)" if len(bad) > 1 else ""
     return f"{shown} in row {number + bad[0]}{more}; allowed: {text}"

@@ -16,6 +16,7 @@ from measurement_files import csv_text, read, write_csv
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats import csv_file
 from liftgate_hil.formats.csv_file import open_csv
+from liftgate_hil.formats.csv_header import COMMAS, UNITS, WINDOWS
 from liftgate_hil.formats.open import open_recording
 from liftgate_hil.measurement.measurement import INPUTS
 
@@ -210,7 +211,12 @@ def test_faults_are_reported_all_at_once_with_their_place(tmp_path: Path, text: 
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"time_s,\xb0\n", "cannot be read: not UTF-8 at byte 7"),
+        (b"time_s,\x81\n", "cannot be read: not UTF-8 at byte 7"),
+        (HEAD.encode() + b"0,1,2\n\xb0", f"cannot be read: not UTF-8 at byte {len(HEAD) + 6}"),
+        (
+            b"\xb0," + HEAD.encode() + b"1,0,1,2\n\x81",
+            f"cannot be read: not Windows-1252 at byte {len(HEAD) + 10}",
+        ),
         (b"time_s\0", "cannot be read: binary; allowed: a CSV text"),
     ],
 )
@@ -256,7 +262,7 @@ def test_blocks_of_any_size_say_what_the_careful_reader_does(
     body = "\n".join(",".join(row) for row in rows) + "\n" * is_ended
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         path = Path(folder) / "m.csv"
-        path.write_text(f"a,b,c\n{body}")
+        path.write_text(f"a,b,c\n0,0,0\n{body}")
         try:
             careful = carefully(path, ["c", "a"])
         except ConfigError:
@@ -286,6 +292,47 @@ def test_rows_of_unlike_width_are_not_taken_for_each_other(tmp_path: Path) -> No
         for names in (["a"], ["a", "b", "c"]):
             with pytest.raises(ConfigError, match=r"row 1: \d cells"):
                 values_in(path, names)
+
+
+@pytest.mark.parametrize(
+    ("content", "notes"),
+    [
+        ("sep=;\r\nt;U;Winkel [°]\r\n0;12;1,5\r\n1;12;2,5\r\n", {WINDOWS, COMMAS}),
+        ("t;U;Winkel\n[s];[V];[°]\n0;12;1,5\n1;12;2,5\n", {WINDOWS, COMMAS, UNITS}),
+        ("t\tU\tWinkel\nms\tmV\t°\n0\t12000\t1.5\n1000\t12000\t2.5\n", {WINDOWS, UNITS}),
+        ('"sep=,"\n\nt,U,"Winkel"\ns,-,"deg"\n\n0,12,1.5\n1,12,2.5\n', {UNITS}),
+    ],
+)
+def test_what_excel_and_measuring_programs_put_around_a_table_is_understood(
+    tmp_path: Path, content: str, notes: set[str]
+) -> None:
+    path = tmp_path / "m.csv"
+    path.write_bytes(content.encode("cp1252"))
+    measurement = read(path, "time_s=t", "voltage_v=U", "gate_angle_deg=Winkel")
+    assert np.array_equal(measurement.times, [0.0, 1.0])
+    assert np.array_equal(measurement.columns["left_voltage_v"], [12.0, 12.0])
+    assert np.array_equal(measurement.columns["gate_angle_deg"], [1.5, 2.5])
+    assert set(open_csv(path).notes) == notes
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        "s,V,A",
+        "s,V,A\ns,V,A\n0,1,2",
+        "0,V,A\n0,1,2",
+        ",V,A\n0,1,2",
+        "s,V\n0,1,2",
+        "s,V,nan\n0,1,2",
+        "s,V,1.5\n0,1,2",
+    ],
+)
+def test_a_row_that_is_not_clearly_one_of_units_is_a_row(tmp_path: Path, rows: str) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(f"{HEAD}{rows}\n")
+    assert open_csv(path).names == HEAD.strip().split(",")
+    with pytest.raises(ConfigError, match="row 1"):
+        read(path)
 
 
 @pytest.mark.parametrize("delimiter", [";", "\t"])

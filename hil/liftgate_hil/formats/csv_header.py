@@ -1,0 +1,133 @@
+"""Header of a CSV file: the columns' names and units, and how its rows are written.
+
+Files of other tools may begin with the delimiter (`sep=;`, for Excel) or have a row of units below the header. A
+header that is not UTF-8 is read as Windows-1252, as Excel writes it, and so are its rows.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+from liftgate_hil.errors import ConfigError
+
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+COMMAS = "decimal commas are read as points"
+UNITS = "the row below the header is read as units"
+WINDOWS = "the header is not UTF-8, and is read as Windows-1252"
+NOT_FINITE = ("nan", "inf", "-inf")  # as recordings have them of a plant that has diverged
+
+_UTF_8, _WINDOWS = "UTF-8", "Windows-1252"
+_BLANK = re.compile(rb"\s*[\r\n]")
+_LINE_OF = re.compile(rb"[^\r\n]*(?:\r\n|\r|\n)?")
+_SEPARATOR = re.compile(rb"\"?sep=([,;\t])\"?\s*", re.IGNORECASE)
+_COMMA, _POINT = re.compile(rb"[+-]?\d*,\d+([eE][+-]?\d+)?"), re.compile(rb"[+-]?\d*\.\d+([eE][+-]?\d+)?")
+
+
+class Header(NamedTuple):
+    """What the beginning of a CSV file says about it."""
+
+    names: list[str]  # of the columns; where a row of units follows, with the unit in brackets
+    delimiter: str
+    end: int  # byte at which the rows begin
+    has_commas: bool  # numbers have decimal commas
+    encoding: str
+    notes: tuple[str, ...]
+
+
+def header_of(path: Path, text: bytes) -> Header:
+    """Return the header of a file that begins with `text`, whole lines of it. Raises ConfigError."""
+    begin = len(codecs.BOM_UTF8) if text.startswith(codecs.BOM_UTF8) else 0
+    line, end = _next_line(text, begin)
+    separator = _SEPARATOR.fullmatch(line)
+    if separator is not None:
+        line, end = _next_line(text, end)
+    encoding = _encoding_of(line)
+    header = decoded(path, line, end - len(line), encoding).strip()
+    if not header:
+        raise ConfigError(f"{path}: empty; allowed: a header and rows")
+    delimiter = separator[1].decode() if separator is not None else max(",;\t", key=header.count)
+    try:
+        names = _cells(header, delimiter)
+    except csv.Error as error:
+        raise ConfigError(f"{path}: its first line cannot be read: {error}; allowed: a header") from error
+    if all(NUMBER.fullmatch(name) for name in names):
+        raise ConfigError(f"{path}: no header; allowed: the columns' names in the first row")
+    below, after = _next_line(text, end)
+    units = _units_of(below, _next_line(text, after)[0], delimiter, len(names))
+    if units:
+        end, encoding = after, encoding if _encoding_of(below) == _UTF_8 else _WINDOWS
+        names = [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)]
+    twice = sorted(name for name, count in Counter(names).items() if name and count > 1)
+    if twice:
+        raise ConfigError(f"{path}: {twice[0]}: twice in the header; allowed: once")
+    has_commas = delimiter != "," and _has_commas(text[end:], delimiter.encode())
+    said = ((COMMAS, has_commas), (UNITS, bool(units)), (WINDOWS, encoding != _UTF_8))
+    return Header(names, delimiter, end, has_commas, encoding, tuple(note for note, is_so in said if is_so))
+
+
+def decoded(path: Path, text: bytes, at: int, encoding: str) -> str:
+    """Return a part of a file that begins at byte `at` as text. Raises ConfigError if it is none."""
+    if b"\0" in text:
+        raise ConfigError(f"{path}: cannot be read: binary; allowed: a CSV text")
+    try:
+        return text.decode(encoding)
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: cannot be read: not {encoding} at byte {at + error.start}") from error
+
+
+def _next_line(text: bytes, begin: int) -> tuple[bytes, int]:
+    """Return the first line from `begin` on that is not blank, and where it ends."""
+    while blank := _BLANK.match(text, begin):
+        begin = blank.end()
+    line = _LINE_OF.match(text, begin)
+    assert line is not None
+    return line[0], line.end()
+
+
+def _encoding_of(line: bytes) -> str:
+    """Return the encoding of a line: Windows-1252 where it can be that, and is not UTF-8."""
+    try:
+        line.decode()
+    except UnicodeDecodeError:
+        try:
+            line.decode(_WINDOWS)
+        except UnicodeDecodeError:
+            return _UTF_8
+        return _WINDOWS
+    return _UTF_8
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line. Raises csv.Error."""
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+
+
+def _units_of(below: bytes, first: bytes, delimiter: str, count: int) -> list[str]:
+    """Return the units in the line below a header of `count` columns, without brackets; []: it is none of units.
+
+    They are units if no cell is a number, the time, which is in the first cell, has one, and the line after it
+    begins with a number. A dash stands for none.
+    """
+    try:
+        cells, numbers = (_cells(line.decode(_encoding_of(line)).strip(), delimiter) for line in (below, first))
+    except (csv.Error, UnicodeDecodeError):
+        return []
+    is_table = len(cells) == len(numbers) == count and bool(cells[0]) and _is_number(numbers[0])
+    if not is_table or any(map(_is_number, cells)):
+        return []
+    return ["" if cell == "-" else cell.strip("[]() ") for cell in cells]
+
+
+def _is_number(cell: str) -> bool:
+    return NUMBER.fullmatch(cell.replace(",", ".")) is not None or cell.lower() in NOT_FINITE
+
+
+def _has_commas(text: bytes, delimiter: bytes) -> bool:
+    """Whether the numbers of a text have decimal commas: some cells are such numbers, and none has a point."""
+    cells = [cell.strip() for cell in text.replace(b"\r", b"\n").replace(b"\n", delimiter).split(delimiter)]
+    return any(map(_COMMA.fullmatch, cells)) and not any(map(_POINT.fullmatch, cells))
