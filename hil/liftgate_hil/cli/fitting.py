@@ -150,7 +150,8 @@ def _check_beginnings(data: Sequence[Data], angles: Sequence[float | None], give
         if abs(first - angle) > _NEAR_DEG:
             issues.append(f"{each.name}: its first gate_angle_deg is {first:.4g}, while it states {angle:.4g}")
         for name in ("left_speed_rps", "right_speed_rps"):
-            speed, values = first_sample(each.outputs.get(name)), each.outputs.get(name)
+            values = each.outputs.get(name)
+            speed = first_sample(values)
             if values is not None and abs(speed) > max(
                 _STILL_RPS, _STILL_SHARE * float(np.nanmax(np.abs(values)))
             ):

@@ -363,7 +363,6 @@ def _plan(args: argparse.Namespace, teller: Teller, origin: Provenance) -> int:
         issues.append("--save-inputs: empty; allowed: a folder")
     if issues:
         raise ConfigError(issues)
-    saves = args.save_inputs is not None
     vehicle, model, sought, outputs = _wanted(args)
     given = "current,position" if outputs is None else outputs
     kinds = list(dict.fromkeys(each.strip() for each in given.split(",")))
@@ -379,7 +378,6 @@ def _plan(args: argparse.Namespace, teller: Teller, origin: Provenance) -> int:
             teller.say(line)
 
     # No page: --html is refused above.
-    fitting.deliver(
-        args, teller, origin, plan_json(result), lambda: plan_text(result), str, [save] if saves else []
-    )
+    files = [save] if args.save_inputs is not None else []
+    fitting.deliver(args, teller, origin, plan_json(result), lambda: plan_text(result), str, files)
     return 0

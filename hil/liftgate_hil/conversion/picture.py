@@ -123,22 +123,23 @@ def run_picture(
 
 def _draw_marks(axes: Sequence[Axes], marks: Sequence[tuple[float, str]]) -> str:
     """Draw numbered lines at the marks, and return their texts as a caption; "": there are none."""
-    texts, span = [], (marks[-1][0] - marks[0][0]) if marks else 0.0
-    numbers: list[tuple[float, int, int]] = []  # time [s] of a label, its first and last number
-    for number, (time, text) in enumerate(marks, 1):
+    for time, text in marks:
         dashes: Any = (0, (1, 4)) if text.startswith(COMMAND) else ":"
         for axis in axes:
             axis.axvline(time, color=INK, linewidth=0.9, linestyle=dashes)
-        if numbers and time - numbers[-1][0] < _LABEL * max(span, axes[0].get_xlim()[1] - axes[0].get_xlim()[0]):
+    low, high = axes[0].get_xlim()
+    numbers: list[tuple[float, int, int]] = []  # time [s] of a label, its first and last number
+    for number, (time, _) in enumerate(marks, 1):
+        if numbers and time - numbers[-1][0] < _LABEL * (high - low):
             numbers[-1] = (numbers[-1][0], numbers[-1][1], number)
         else:
             numbers.append((time, number, number))
-        texts.append(f"{number}: {time:.3f} s, {text}")
     for time, first, last in numbers:
         axes[0].annotate(
             str(first) if first == last else f"{first}–{last}", (time, 1.0), (0, 2), ("data", "axes fraction"),
             "offset points", ha="center", fontsize=SMALL,
         )  # fmt: skip
+    texts = [f"{number}: {time:.3f} s, {text}" for number, (time, text) in enumerate(marks, 1)]
     more = f"; and {len(texts) - _MOST_MARKS} more" if len(texts) > _MOST_MARKS else ""
     return f"Marks: {'; '.join(texts[:_MOST_MARKS])}{more}." if texts else ""
 

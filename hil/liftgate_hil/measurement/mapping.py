@@ -38,8 +38,7 @@ class Theirs:
         choices = (self.name, f"{self.name} [{self.unit}]", f"{self.name}[{self.unit}]")
         found = next((choice for choice in choices if choice in names), None)
         if found is None and self.unit is None:
-            alike = [name for name in names if headed_unit(name) and name.startswith(self.name)]
-            alike = [name for name in alike if name.partition("[")[0].rstrip() == self.name]
+            alike = [name for name in names if name.partition("[")[0].rstrip() == self.name and headed_unit(name)]
             found = alike[0] if len(alike) == 1 else None
         return found
 

@@ -87,8 +87,9 @@ def bus_arguments(choice: WireChoice, rig: Rig) -> dict[str, Any]:
         raise ConfigError("`bus` and -i/-c: allowed: one or the other")
     else:
         given = parse_bus(bus, bitrate or rig.bitrate)
-    if bitrate is not None and (choice.interface or (bus or "").partition(":")[0]) in _NO_BITRATE:
-        raise ConfigError(f"-b {bitrate}: {_no_bitrate(choice.interface or (bus or '').partition(':')[0])}")
+    interface = given["interface"]
+    if bitrate is not None and interface in _NO_BITRATE:
+        raise ConfigError(f"-b {bitrate}: {_no_bitrate(interface)}")
     found = _with_configuration({key: each for key, each in given.items() if each is not None})
     if not found.get("interface") or found.get("channel") is None:
         raise ConfigError(_MISSING)
