@@ -70,6 +70,15 @@ def test_a_run_with_its_own_page_shows_its_verdict_and_the_next_one(
     assert errors_in(browser) == []
 
 
+def test_a_run_that_makes_no_ticks_is_stalled_and_not_late(browser: Any, tmp_path: Path) -> None:
+    with process("--bus", "virtual:still", "--clock", "lockstep", folder=tmp_path) as run:
+        arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
+        with process("dashboard", *arguments, folder=tmp_path) as child:
+            opened(browser, address_in(child), ("stalled",))
+            assert "the run stands still" in text_of(browser, "#health")
+            assert errors_in(browser) == []
+
+
 def test_a_recording_shows_its_pinch_and_is_played(browser: Any, tmp_path: Path) -> None:
     result = lh.run("demo", record=tmp_path / "run.mf4")
     arguments = ("dashboard", "--recording", "run.mf4", "--listen", "127.0.0.1:0")
