@@ -23,6 +23,15 @@ shown.forEach((each, k) => { each.dataset.place = k; });
 document.activeElement.blur();
 return shown.length;
 """
+# An ECU that takes seconds for each step after the first ones.
+SLOW = """
+import time
+
+class Ecu:
+    def step(self, now_s, frames):
+        time.sleep(3.0 if now_s > 0.2 else 0.0)
+        return []
+"""
 AXE = Path(__file__).parent / "vendor" / "axe.min.js"
 
 
@@ -71,7 +80,8 @@ def test_a_run_with_its_own_page_shows_its_verdict_and_the_next_one(
 
 
 def test_a_run_that_makes_no_ticks_is_stalled_and_not_late(browser: Any, tmp_path: Path) -> None:
-    with process("--bus", "virtual:still", "--clock", "lockstep", folder=tmp_path) as run:
+    (tmp_path / "slow.py").write_text(SLOW, encoding="utf-8")
+    with process("--bus", "virtual:still", "--clock", "lockstep", "--ecu", "slow:Ecu", folder=tmp_path) as run:
         arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
         with process("dashboard", *arguments, folder=tmp_path) as child:
             opened(browser, address_in(child), ("stalled",))
