@@ -350,12 +350,24 @@ def needs_fd(message: Message) -> bool:
 
 
 def start_payload(message: Message) -> NDArray[np.uint8]:
-    """Return a payload with every unmultiplexed signal at its start value (GenSigStartValue), 0 without one."""
+    """Return a payload with every unmultiplexed signal at its start value, see `raw_start`."""
     data = np.zeros((1, MAX_BYTES), dtype=np.uint8)
     for signal in message.signals:
-        raw = signal.raw_initial
-        if raw is not None and not isinstance(raw, str) and signal.multiplexer_signal is None:
-            low, high = raw_range(signal)
-            write_number(data, 0, place_of(signal), min(max(float(raw), low), high))
+        if signal.raw_initial is not None and signal.multiplexer_signal is None:
+            write_number(data, 0, place_of(signal), raw_start(signal))
     payload: NDArray[np.uint8] = data[0]
     return payload
+
+
+def raw_start(signal: Signal) -> float:
+    """Return a signal's start value as it is on the bus (GenSigStartValue); 0 where the database has none."""
+    raw = signal.raw_initial
+    if raw is None or isinstance(raw, str):
+        return 0.0
+    low, high = raw_range(signal)
+    return min(max(float(raw), low), high)
+
+
+def start_value(signal: Signal) -> float:
+    """Return a signal's start value [the database's unit]."""
+    return float(signal.scale) * raw_start(signal) + float(signal.offset)

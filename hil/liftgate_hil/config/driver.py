@@ -14,7 +14,7 @@ from liftgate_hil.config.toml import Table, known_keys, table
 from liftgate_hil.diagnostics.services import RESETS
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.requests import BUTTONS
-from liftgate_hil.stimuli.restbus import BusTables, start_value
+from liftgate_hil.stimuli.restbus import BusTables, start_value_of
 
 _SIGNAL = "MESSAGE.SIGNAL of a message that the bench sends"
 
@@ -133,7 +133,7 @@ def _press(
     value = value_in(f"{key}.", given.signal, given.value, tables, taken, issues)
     if value is None:
         return None
-    rest = start_value(tables.messages, given.signal)
+    rest = start_value_of(tables.messages, given.signal)
     if given.rest is not None:
         found = value_in(f"{key}.", given.signal, given.rest, tables, taken, issues)
         rest = value if found is None else found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from liftgate_hil.codec.bus_config import SignalMapping, cycle_of
+from liftgate_hil.codec.bus_config import SignalMapping, cycle_of, start_value
 from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.multiplexing import pages_of
@@ -123,7 +123,7 @@ def _unmapped(
     """Return the signals of a message that carry no quantity, and that neither protection nor multiplexer sets."""
     used = {wire.signal for wire in own} | signals_made(message, options)
     others = [each for each in message.signals if each.name not in used]
-    return {each.name: f"{each.initial or 0} {each.unit or ''}".rstrip() if is_sent else "" for each in others}
+    return {each.name: f"{start_value(each):g} {each.unit or ''}".rstrip() if is_sent else "" for each in others}
 
 
 def _signal(rig: Rig, wire: SignalMapping, quantity: Signal) -> MappedSignal:

@@ -42,7 +42,7 @@ from liftgate_hil.running.setup import rig_of, setup_of, variant_of
 from liftgate_hil.running.stimulation import opening_of, planned_stimuli
 from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX, ColumnValues, columns_of
 from liftgate_hil.stimuli.moments import Instant
-from liftgate_hil.stimuli.restbus import BENCH, OPERATOR, start_value
+from liftgate_hil.stimuli.restbus import BENCH, OPERATOR, start_value_of
 from liftgate_hil.stimuli.stimulus_plan import take_posted
 from liftgate_plant.compiler import compiled
 from liftgate_plant.edge_ring import RING_SIZE
@@ -243,7 +243,7 @@ class Gate:
         if value is not None or name not in self._signals:
             number = value_in("", str(name), value, tables, self.rig.mapped, issues)
         issues.raise_if_any()
-        rest = start_value(tables.messages, name)
+        rest = start_value_of(tables.messages, name)
         self._target.set_signals({name: math.nan if number is None else number}, rest=rest)
         self._signals.add(name)
 

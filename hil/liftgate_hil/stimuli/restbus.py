@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.bus_config import ANY, SignalMapping, build_bus_config, mapping_named, tables_named
+from liftgate_hil.codec.bus_config import (
+    ANY,
+    SignalMapping,
+    build_bus_config,
+    mapping_named,
+    start_value,
+    tables_named,
+)
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.tables import BusConfig
@@ -118,7 +125,7 @@ def restbus_of(
     ]
     transmission = first_transmission(bus, len(names))
     for name in known:
-        transmission.values[names.index(name)] = start_value(tables.messages, name)
+        transmission.values[names.index(name)] = start_value_of(tables.messages, name)
     for change in changes:
         if change.when == START:
             transmission.values[names.index(change.signal)] = change.value
@@ -135,15 +142,10 @@ def restbus_of(
     )
 
 
-def start_value(messages: Mapping[str, Message], name: str) -> float:
-    """Return a signal's start value (GenSigStartValue) [the database's unit]; 0 where there is none."""
+def start_value_of(messages: Mapping[str, Message], name: str) -> float:
+    """Return the start value of a signal, named as MESSAGE.SIGNAL [the database's unit]."""
     message, signal = name.split(".")
-    found = messages[message].get_signal_by_name(signal)
-    raw = found.raw_initial
-    value = 0.0
-    if raw is not None and not isinstance(raw, str):
-        value = float(found.scale) * float(raw) + float(found.offset)
-    return value
+    return start_value(messages[message].get_signal_by_name(signal))
 
 
 def hand_over(before: Restbus, after: Restbus) -> None:

@@ -159,6 +159,7 @@ BO_ 256 Cmd: 8 ECU
 BO_ 512 Out: 8 Gate
  SG_ Current : 0|16@1- (0.01,0) [-300|300] "A" ECU
  SG_ Crc : 24|8@1+ (1,0) [0|255] "" ECU
+ SG_ Coolant : 32|8@1+ (1,-40) [-40|215] "degC" ECU
 BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
 BA_DEF_DEF_ "GenMsgCycleTime" 10;
 """
@@ -177,5 +178,5 @@ counter = "AliveCounter"
     assert main(["rig", "check", str(tmp_path / "their.toml")]) == 0
     out = capsys.readouterr().out
     assert "    not mapped, not read: Crc, Spare\n" in out
-    assert "    not mapped, sent as: Crc = 0\n" in out
+    assert "    not mapped, sent as: Crc = 0, Coolant = -40 degC\n" in out  # as on the bus: all bits 0
     assert "the reference ECU cannot use this rig, as it lacks left_hall_count, right_current" in out

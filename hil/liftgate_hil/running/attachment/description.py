@@ -25,7 +25,7 @@ from liftgate_hil.running.setup import Setup
 from liftgate_hil.signals import OBSTACLE, PROFILES, columns_of
 from liftgate_hil.stimuli.moments import NEVER, START, Instant
 from liftgate_hil.stimuli.requests import REQUESTS
-from liftgate_hil.stimuli.restbus import start_value
+from liftgate_hil.stimuli.restbus import start_value_of
 from liftgate_hil.version import version
 from liftgate_plant.signals import Signal
 
@@ -159,7 +159,7 @@ def _signal(rig: Rig, name: str) -> dict[str, Any]:
     found = rig.messages[message].get_signal_by_name(signal)
     low, high = physical_range(found)
     labels: Mapping[Any, Any] = found.choices or {}
-    start = start_value(rig.messages, name)
+    start = start_value_of(rig.messages, name)
     raw = round(found.conversion.numeric_scaled_to_raw(start)) if labels else 0
     return {
         "unit": found.unit or "",
