@@ -13,6 +13,7 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
+from liftgate_hil.config.units import dimensions_named, headed_unit
 from liftgate_hil.errors import ConfigError
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -20,6 +21,7 @@ COMMAS = "decimal commas are read as points"
 UNITS = "the row below the header is read as units"
 WINDOWS = "the header is not UTF-8, and is read as Windows-1252"
 NOT_FINITE = ("nan", "inf", "-inf")  # as recordings have them of a plant that has diverged
+_MISSING = ("n/a", "#n/a", "na")  # a number that is missing; N/A is a unit, too
 
 _UTF_8, _WINDOWS = "UTF-8", "Windows-1252"
 _BLANK = re.compile(rb"\s*[\r\n]")
@@ -61,7 +63,8 @@ def header_of(path: Path, text: bytes) -> Header:
     units = _units_of(below, _next_line(text, after)[0], delimiter, len(names))
     if units:
         end, encoding = after, encoding if _encoding_of(below) == _UTF_8 else _WINDOWS
-        names = [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)]
+        pairs = zip(names, units, strict=True)
+        names = [f"{name} [{unit}]" if unit and not headed_unit(name) else name for name, unit in pairs]
     twice = sorted(name for name, count in Counter(names).items() if name and count > 1)
     if twice:
         raise ConfigError(f"{path}: {twice[0]}: twice in the header; allowed: once")
@@ -110,24 +113,25 @@ def _cells(line: str, delimiter: str) -> list[str]:
 def _units_of(below: bytes, first: bytes, delimiter: str, count: int) -> list[str]:
     """Return the units in the line below a header of `count` columns, without brackets; []: it is none of units.
 
-    They are units if no cell is a number, the time, which is in the first cell, has one, and the line after it
-    begins with a number. A dash stands for none.
+    They are units if no cell is a number, the first one, which is usually the time, has a unit that is known, and
+    the line after it begins with a number. A dash stands for none.
     """
     try:
         cells, numbers = (_cells(line.decode(_encoding_of(line)).strip(), delimiter) for line in (below, first))
     except (csv.Error, UnicodeDecodeError):
         return []
-    is_table = len(cells) == len(numbers) == count and bool(cells[0]) and _is_number(numbers[0])
-    if not is_table or any(map(_is_number, cells)):
+    units = ["" if cell == "-" else cell.strip("[]() ") for cell in cells]
+    if not len(cells) == len(numbers) == count or any(map(_is_number, cells)):
         return []
-    return ["" if cell == "-" else cell.strip("[]() ") for cell in cells]
+    return units if units[0] and dimensions_named(units[0]) and _is_number(numbers[0]) else []
 
 
 def _is_number(cell: str) -> bool:
-    return NUMBER.fullmatch(cell.replace(",", ".")) is not None or cell.lower() in NOT_FINITE
+    """Whether a cell is a number, or stands for a missing one."""
+    return NUMBER.fullmatch(cell.replace(",", ".")) is not None or cell.lower() in (*NOT_FINITE, *_MISSING)
 
 
 def _has_commas(text: bytes, delimiter: bytes) -> bool:
     """Whether the numbers of a text have decimal commas: some cells are such numbers, and none has a point."""
-    cells = [cell.strip() for cell in text.replace(b"\r", b"\n").replace(b"\n", delimiter).split(delimiter)]
+    cells = [cell.strip(b' "') for cell in text.replace(b"\r", b"\n").replace(b"\n", delimiter).split(delimiter)]
     return any(map(_COMMA.fullmatch, cells)) and not any(map(_POINT.fullmatch, cells))

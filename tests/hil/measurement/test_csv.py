@@ -299,6 +299,7 @@ def test_rows_of_unlike_width_are_not_taken_for_each_other(tmp_path: Path) -> No
     [
         ("sep=;\r\nt;U;Winkel [°]\r\n0;12;1,5\r\n1;12;2,5\r\n", {WINDOWS, COMMAS}),
         ("t;U;Winkel\n[s];[V];[°]\n0;12;1,5\n1;12;2,5\n", {WINDOWS, COMMAS, UNITS}),
+        ('t;U;"Winkel [°]"\n"0";"12";"1,5"\n"1";"12";"2,5"\n', {WINDOWS, COMMAS}),
         ("t\tU\tWinkel\nms\tmV\t°\n0\t12000\t1.5\n1000\t12000\t2.5\n", {WINDOWS, UNITS}),
         ('"sep=,"\n\nt,U,"Winkel"\ns,-,"deg"\n\n0,12,1.5\n1,12,2.5\n', {UNITS}),
     ],
@@ -325,6 +326,9 @@ def test_what_excel_and_measuring_programs_put_around_a_table_is_understood(
         "s,V\n0,1,2",
         "s,V,nan\n0,1,2",
         "s,V,1.5\n0,1,2",
+        "-,-,-\n0,1,2",
+        "#N/A,#N/A,#N/A\n0,1,2",
+        "n/a,V,A\n0,1,2",
     ],
 )
 def test_a_row_that_is_not_clearly_one_of_units_is_a_row(tmp_path: Path, rows: str) -> None:
