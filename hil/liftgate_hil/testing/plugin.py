@@ -13,8 +13,10 @@ import itertools
 import re
 import shutil
 import sys
+import sysconfig
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
     from liftgate_hil.running.result import Result
     from liftgate_hil.testing.suite import Case, Outcome
 
-_PACKAGE = Path(__file__).parents[1]
+_PACKAGE, _PYTHON = Path(__file__).parents[1], Path(sysconfig.get_path("stdlib"))
 _GROUP = "liftgate-bus"
 _NOT_IN_A_NODE = re.compile(r"::+|[\[\]\x00-\x1f\x7f]")
 _INSTEAD = {"[": "(", "]": ")", ":": "."}  # replacements, by the first character
@@ -272,22 +274,35 @@ class Liftgate:
 
 
 def _end_before_our_frames(error: BaseException) -> None:
-    """End the traceback of a wrong argument with the test's line, which tells more than this package's frames.
+    """End the traceback of an error of ours with the test's line, which tells more than this package's frames.
 
-    That of an error with a cause, such as one in an ECU's own module, stays whole.
+    What it was raised from is shown only where the test's or the ECU's own code was part of that.
     """
-    from liftgate_hil.errors import ConfigError
+    from liftgate_hil.errors import LiftgateError
 
-    if not isinstance(error, ConfigError) or error.__cause__ is not None:
+    if not isinstance(error, LiftgateError):
         return
-    error.__suppress_context__ = True
-    last, entry = None, error.__traceback__
-    while entry is not None:
-        if _PACKAGE not in Path(entry.tb_frame.f_code.co_filename).parents:
-            last = entry
-        entry = entry.tb_next
+    cause = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+    if cause is not None and not any(map(_is_of_the_user, _frames_of(cause))):
+        error.__cause__, error.__suppress_context__ = None, True
+    last = next((each for each in reversed(_frames_of(error)) if _is_of_the_user(each)), None)
     if last is not None:
         last.tb_next = None
+
+
+def _frames_of(error: BaseException) -> list[TracebackType]:
+    frames, entry = [], error.__traceback__
+    while entry is not None:
+        frames.append(entry)
+        entry = entry.tb_next
+    return frames
+
+
+def _is_of_the_user(entry: TracebackType) -> bool:
+    """Whether a frame is neither of this package, nor of another one that is installed, nor of Python itself."""
+    path = Path(entry.tb_frame.f_code.co_filename)
+    is_installed = {"site-packages", "dist-packages"} & {*path.parts} or _PYTHON in path.parents
+    return path.exists() and not is_installed and _PACKAGE not in path.parents
 
 
 @pytest.fixture

@@ -99,16 +99,32 @@ def test_a_mistake_in_a_test_is_told_by_its_message_and_not_by_frames_of_the_pac
         "def test_wrong_gate(liftgate):\n    liftgate.gate(initial='ajar')\n"
         "def test_wrong_name(liftgate):\n    liftgate.run('scenarios/opens.toml').expectations['closes']\n"
         "def test_wrong_command(liftgate):\n    liftgate.gate().command(left_dty=60)\n"
+        "def test_wrong_file(liftgate, tmp_path):\n    path = tmp_path / 'v.toml'\n    path.write_text('a = =')\n"
+        "    liftgate.run('scenarios/opens.toml', vehicle=path)\n"
         "def test_wrong_column(liftgate):\n    liftgate.run('scenarios/opens.toml').maxima['gate_angel_deg']\n"
     )
     done = pytest_in(foreign, "tests/test_gate.py", "-k", "wrong")
-    assert "5 failed" in done.stdout, done.stdout + done.stderr
+    assert "6 failed" in done.stdout, done.stdout + done.stderr
+    assert "v.toml" in done.stdout
+    assert "direct cause" not in done.stdout
     assert "left_dty" in done.stdout
     assert "gate_angel_deg: no such column; allowed: gate_angle_deg, " in done.stdout
     assert "`vehicle` nope: neither a file nor a shipped name" in done.stdout
     assert "`initial` ajar" in done.stdout
     assert "closes: no such expectation; allowed: opens" in done.stdout
     assert "liftgate_hil/" not in done.stdout
+
+
+def test_where_the_ecu_s_own_code_failed_its_lines_are_shown(foreign: Path) -> None:
+    (foreign / "broken.py").write_text("import missing_of_the_user\n")
+    (foreign / "tests" / "test_gate.py").write_text(
+        "def test_broken_ecu(liftgate):\n    liftgate.run('scenarios/opens.toml', ecu='broken:Ecu')\n"
+        "def test_own_context(liftgate):\n    try:\n        [][1]\n    except IndexError:\n"
+        "        liftgate.gate(initial='ajar')\n"
+    )
+    done = pytest_in(foreign, "tests/test_gate.py")
+    assert "import missing_of_the_user" in done.stdout
+    assert "IndexError: list index out of range" in done.stdout
 
 
 def test_a_result_is_compared_by_its_verdict_and_the_report_says_why_it_failed(foreign: Path) -> None:
