@@ -87,12 +87,11 @@ def bus_arguments(choice: WireChoice, rig: Rig) -> dict[str, Any]:
         raise ConfigError("`bus` and -i/-c: allowed: one or the other")
     else:
         given = parse_bus(bus, bitrate or rig.bitrate)
-    interface = given["interface"]
-    if bitrate is not None and interface in _NO_BITRATE:
-        raise ConfigError(f"-b {bitrate}: {_no_bitrate(interface)}")
     found = _with_configuration({key: each for key, each in given.items() if each is not None})
     if not found.get("interface") or found.get("channel") is None:
         raise ConfigError(_MISSING)
+    if bitrate is not None and found["interface"] in _NO_BITRATE:
+        raise ConfigError(f"`bitrate` {bitrate}: {_no_bitrate(found['interface'])}; allowed: none")
     if found["interface"] == "udp_multicast":
         from liftgate_hil.transport import multicast
 
