@@ -36,7 +36,6 @@ _PATIENCE_S = 0.02  # s for a client to read a reply
 _MOST = 8  # clients at a time
 _WAITING = 1000  # commands that may wait
 _MOST_VERDICTS = 500  # expectations that clients are told about
-_SERIES_S = 1.0  # s after which a series of commands has ended
 _AT_ONCE = 20  # commands executed between two turns of an ECU in this process
 
 
@@ -59,7 +58,6 @@ class Server(Relay):
         self._connections: list[_Connection] = []
         self._lock = threading.Lock()
         self._end_report: dict[str, Any] | None = None
-        self._held, self._held_at = "", 0.0  # the last command of a series, which is not logged yet
         self._thread: threading.Thread | None = None
 
     # Listener: what the run reports.
@@ -100,6 +98,7 @@ class Server(Relay):
     def open(self, description: Description, memory: Memory, operator: Operator) -> None:
         """Accept clients from now on; where that is not possible, report it, and the run goes on without."""
         self._operator = operator
+        operator.report = self._report
         content = description.as_json(memory)
         with contextlib.ExitStack() as stack:
             try:
@@ -229,8 +228,6 @@ class Server(Relay):
             return
         operator.look(now)
         self._phases.looked()
-        if self._held and time.monotonic() > self._held_at + _SERIES_S:
-            self._tell_last()
         for _ in range(_AT_ONCE):
             if self._waiting.empty():
                 return
@@ -250,21 +247,11 @@ class Server(Relay):
                 self.say(printable(f"{now:.3f} s: operator: {issue}"))
                 connection.answer({"id": number, "issues": [issue]})
                 continue
-            self._tell(f"{now:.3f} s: operator: {done[:_LONGEST]}", operator.continues)
             connection.answer({"id": number, "done": done, "time_s": now})
 
-    def _tell(self, text: str, continues: bool) -> None:
-        """Log a command; of a series only the first one, and the last one once it has ended."""
-        if not continues:
-            self._tell_last()
-            self.say(printable(text))
-            return
-        self._held, self._held_at = text, time.monotonic()
-
-    def _tell_last(self) -> None:
-        if self._held:
-            self.say(printable(self._held))
-            self._held = ""
+    def _report(self, now: float, done: str) -> None:
+        """Log a command that was executed at a time [s]."""
+        self.say(printable(f"{now:.3f} s: operator: {done[:_LONGEST]}"))
 
 
 def _in_short(verdict: Verdict) -> dict[str, Any]:

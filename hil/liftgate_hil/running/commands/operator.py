@@ -71,8 +71,9 @@ class Operator:
         self._faults: dict[Which, Broken] = {}
         self._signals: dict[str, float | str] = {}
         self.recording: FurtherRecording | None = None  # set once the run has a memory
+        self.report: Callable[[float, str], None] = lambda now, done: None  # told what was done, and when
         self.kinds: set[str] = set()  # of faults that were injected
-        self.continues = False  # the last command was one of a series of settings, as a slider makes them
+        # Settings of one quantity, as a slider makes them: the first and the last one are reported.
         self._series, self._series_at = "", -math.inf
         self._last_of_series: tuple[float, str] | None = None  # when, and what was done
         self.count = 0  # commands executed that act on the gate
@@ -92,7 +93,7 @@ class Operator:
         """Release the buttons whose hold time is over, at a time [s] of the scenario, and end a series."""
         self._buttons.release(now)
         if now - self._series_at > _SERIES_S:
-            self._note_last()
+            self.end_series()
 
     def obey(self, command: object, now: float) -> str:
         """Execute a command that was given at a time [s] of the scenario, and return in words what was done.
@@ -100,34 +101,38 @@ class Operator:
         It takes effect with the next tick. Raises ConfigError for one that is invalid, or for which there is no
         room yet.
         """
+        series = _series_of(command)
+        continues = bool(series) and series == self._series and now - self._series_at <= _SERIES_S
+        if not continues:
+            self.end_series()
         done = printable(self._obey(command, now))
-        series, before = _series_of(command), self._series
-        self.continues = bool(series) and series == before and now - self._series_at <= _SERIES_S
         self._series, self._series_at = series, now
         if set(_BESIDE) & set(command):  # type: ignore[call-overload]  # it was obeyed, so it is a table
+            self.report(now, done)
             return done
         self.count += 1
-        if self.continues and self.done:
+        if continues and self.done:
             self.done.pop()
         if len(self.done) < _MOST_LISTED:
             self.done.append(f"{now:.3f} s: {done}")
-        if not self.continues:
-            self._note_last()
-            self._note(now, done)
-        else:
+        if continues:
             self._last_of_series = now, done
+        else:
+            self._tell(now, done)
         return done
 
-    def _note(self, now: float, done: str) -> None:
-        """Note what was commanded in the recordings."""
+    def end_series(self) -> None:
+        """Report the last value of a series of settings, the first of which was reported when it came."""
+        self._series = ""
+        if self._last_of_series is not None:
+            self._tell(*self._last_of_series)
+            self._last_of_series = None
+
+    def _tell(self, now: float, done: str) -> None:
+        """Report what was commanded, and note it in the recordings."""
+        self.report(now, done)
         if self.recording is not None:
             self.recording.note(now, f"{COMMAND}{done}")
-
-    def _note_last(self) -> None:
-        """Note the last value of a series of settings, the first of which was noted when it came."""
-        if self._last_of_series is not None:
-            self._note(*self._last_of_series)
-            self._last_of_series = None
 
     def _obey(self, command: object, now: float) -> str:
         allowed = "; allowed: one of " + ", ".join(COMMANDS)
@@ -163,7 +168,6 @@ class Operator:
             self.recording.mark(now, content)
             return f"mark {content}"
         if content is None:
-            self._note_last()
             self.recording.stop()
             return "record: stopped"
         if not isinstance(content, dict) or set(content) != {"file"}:

@@ -377,3 +377,38 @@ def test_a_series_of_settings_is_listed_as_its_last_one(tmp_path: Path) -> None:
     assert result.summary.commands == 8
     logged = [text.partition("operator: ")[2] for _, _, text in ecu.news["lines"] if "operator: " in text]
     assert logged == ["set hand_force_n 0", "set hand_force_n 50", "set road_slope_deg 2", "set road_slope_deg 3"]
+
+
+class Notes:
+    """A recording that only keeps its marks, in place of one that is written."""
+
+    def __init__(self) -> None:
+        self.marks: list[tuple[float, str]] = []
+
+    def note(self, now: float, text: str) -> None:
+        self.marks.append((now, text))
+
+    mark = note
+
+
+def test_marks_are_in_the_order_of_their_times_and_the_end_of_the_run_ends_a_series() -> None:
+    class Nobody:
+        def hold(self, held: object) -> None:
+            pass
+
+    own, reported = Notes(), list[tuple[float, str]]()
+    found = operator.Operator(RIG, Nobody(), 1.0)  # type: ignore[arg-type]
+    found.recording = own  # type: ignore[assignment]
+    found.report = lambda now, done: reported.append((now, done))
+    for now, command in (
+        (1.0, {"set": {"hand_force_n": 10}}), (1.1, {"set": {"hand_force_n": 20}}),
+        (1.2, {"set": {"hand_force_n": 30}}), (1.5, {"mark": "seen"}),
+        (1.6, {"set": {"hand_force_n": 40}}), (1.7, {"set": {"hand_force_n": 50}}),
+    ):  # fmt: skip
+        found.obey(command, now)
+    found.end_series()
+    assert own.marks == [
+        (1.0, "command: set hand_force_n 10"), (1.2, "command: set hand_force_n 30"), (1.5, "seen"),
+        (1.6, "command: set hand_force_n 40"), (1.7, "command: set hand_force_n 50"),
+    ]  # fmt: skip
+    assert [time for time, _ in reported] == [time for time, _ in own.marks]
