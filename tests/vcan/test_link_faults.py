@@ -122,6 +122,7 @@ def test_a_lost_link_is_reported_the_motors_coast_and_it_returns(
             sent = sent_by(ecu)
         time.sleep(0.1)
         news = gate.news()
+        assert "cannot be sent" not in gate.told()  # that the link is down says it
         summary = summary_of(gate)
     assert summary["link"]["losses"] == link_cycles
     assert summary["link"]["bus_offs"] == summary["link"]["dropped"] == 0
@@ -295,6 +296,7 @@ def test_a_full_send_queue_is_counted_and_commands_are_heard(
     assert link["send_failures"] == link["send_queue_full"] >= 5 * link_cycles
     assert link["losses"] == link["receive_failures"] == link["dropped"] == 0
     assert gate.news() == []
+    assert "frames cannot be sent: the queue is full" in gate.told()
     assert len(bus.frames()) == summary["frames_sent"] + sent
     assert bus.count(GATE) > seen
     assert bus.last(rig, "BenchStatus")["EmulatorState"] == 3  # stopped

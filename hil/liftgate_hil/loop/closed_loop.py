@@ -28,6 +28,7 @@ from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
+from liftgate_hil.transport.base import NO_ERRORS
 from liftgate_plant.compiler import compiled
 
 ROWS = 4096  # rows of a stretch, few enough to stay in the processor's cache
@@ -154,7 +155,7 @@ class Episode:
         for sink in self._sinks:
             sink.take(rows, frames)
         if self.monitor is not None and len(rows):
-            moment = Moment(self.ticks, rows[-1], int(control.sent), 0)
+            moment = Moment(self.ticks, rows[-1], int(control.sent), 0, NO_ERRORS)
             self.monitor.look(moment, is_last=self._now.outcome not in (DONE, RESET))
         self.bits += int(control.bits)
         control.rows = control.frames = control.bits = 0

@@ -39,7 +39,7 @@ class Moment(NamedTuple):
     row: Any  # (ROW_WIDTH,) of the last tick
     sent: int  # frames
     overruns: int
-    link: LinkCounts = NO_ERRORS
+    link: LinkCounts
 
 
 class ProgressMonitor:
@@ -80,8 +80,9 @@ class ProgressMonitor:
         self._is_waiting = False
         self._has_named_foreign = False
         self._link = NO_ERRORS  # at the last look
-        self._unsent_from: int | None = None  # frames not sent before those that fail now; None: none fails
+        self._sent_until: LinkCounts | None = None  # counts before the frames that cannot be sent now; None: none
         self._failed = -math.inf  # when frames were last found unsent
+        self._is_failure_reported = False
 
     def look(self, moment: Moment, is_last: bool = False) -> None:
         """Report what is new; most calls come too soon, and cost nothing."""
@@ -120,9 +121,13 @@ class ProgressMonitor:
                 return
 
     def _look_for_gaps(self, time_s: float) -> None:
-        """Report once that many frames of the command message are missing by their counter."""
+        """Report once that many frames of the command message are missing by their counter.
+
+        Frames that came and were refused may be among those; they are reported by themselves.
+        """
         cycles = int(self._reception.cycles[self._row])
-        missing = cycles - int(self._reception.refusals[ACCEPTED].count)
+        refused = sum(int(self._reception.refusals[cause].count) for cause in REFUSED)
+        missing = int(self._reception.lost[self._row]) - refused
         if not self._has_reported_gaps and cycles > _MANY and missing > _MISSING * cycles:
             self._has_reported_gaps = True
             self._listener.say(
@@ -151,18 +156,25 @@ class ProgressMonitor:
                 self._has_named_foreign = True
 
     def _look_at_sending(self, time_s: float, now: float, link: LinkCounts) -> None:
-        """Report when frames cannot be sent, and when they are sent again."""
+        """Report when frames cannot be sent, other than by a link that is lost, and when they are sent again."""
         before, self._link = self._link, link
         if link.send_failures > before.send_failures:
             self._failed = now
-            if self._unsent_from is None:
-                self._unsent_from = before.send_failures
-                is_full = link.send_queue_full > before.send_queue_full
-                self._listener.say(f"{time_s:.3f} s: frames cannot be sent{_WHY_FULL if is_full else ''}")
-        elif self._unsent_from is not None and now - self._failed > _CALM_S:
-            missing = link.send_failures - self._unsent_from
-            self._listener.say(f"{time_s:.3f} s: frames are sent again; {missing} were not sent")
-            self._unsent_from = None
+            if self._sent_until is None:  # reported with the next look: a lost link, too, is told only then
+                self._sent_until, self._is_failure_reported = before, False
+                return
+        since = self._sent_until
+        if since is None:
+            return
+        if not self._is_failure_reported and link.losses == since.losses:
+            is_full = link.send_queue_full > since.send_queue_full
+            self._listener.say(f"{time_s:.3f} s: frames cannot be sent{_WHY_FULL if is_full else ''}")
+            self._is_failure_reported = True
+        if now - self._failed > _CALM_S:
+            if self._is_failure_reported:
+                missing = link.send_failures - since.send_failures
+                self._listener.say(f"{time_s:.3f} s: frames are sent again; {missing} were not sent")
+            self._sent_until = None
 
     def _foreign(self) -> str:
         """Return a text on the first foreign frame; "": there is none but those of a test bench."""
