@@ -24,13 +24,13 @@ from liftgate_hil.cli.suite_reports import Output, add_reports, reporting_issues
 from liftgate_hil.config.kinds import SEED
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, printable
-from liftgate_hil.judging.verdict import FAIL, PASS, worst
+from liftgate_hil.judging.verdict import PASS, worst
 
 if TYPE_CHECKING:
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.loop.listener import Listener
     from liftgate_hil.running.job import Job
-    from liftgate_hil.testing.mutation import Matrix
+    from liftgate_hil.testing.mutation import MutationResult
     from liftgate_hil.testing.suite import Case, Outcome
 
 
@@ -121,53 +121,35 @@ def run(args: argparse.Namespace) -> int:
                     told += 1
             line.ended(outcome)
     ordered = [outcomes[case.file] for case in cases]
-    matrix = _mutated(args, ordered, jobs, stop, teller) if args.mutants else None
+    mutation = _mutated(args, ordered, jobs, stop, teller) if args.mutants else None
+    verdict = worst([suite.verdict_of(ordered), *([] if mutation is None else [mutation.verdict])])
     provenance = provenance_of(args.command_line, {})
-    content = as_json(ordered, provenance.as_dict())
-    if matrix is not None:
-        content["mutation"] = {**matrix.as_json(), "threshold": _share(args.mutation_threshold)}
-    required = None if matrix is None else _required(matrix, args.mutation_threshold)
+    content = {**as_json(ordered, provenance.as_dict()), "verdict": verdict}
+    if mutation is not None:
+        content["mutation"] = mutation.as_json()
     with teller.progress("report"):
         write_all(
             targets,
             {
                 "json": lambda: as_text(content).encode(),
-                "junit": lambda: as_junit(ordered, required),
-                "html": lambda: report.html(
-                    ordered, provenance, matrix, "" if required is None else required[0]
-                ).encode(),
+                "junit": lambda: as_junit(ordered, mutation),
+                "html": lambda: report.html(ordered, provenance, mutation).encode(),
             },
         )
-    if matrix is not None and args.json != "-":
-        out.put(map(printable, matrix.lines()))
+    if mutation is not None and mutation.matrix is not None and args.json != "-":
+        out.put(map(printable, mutation.matrix.lines()))
     out.put(summary_of(ordered, args, "scenarios"))
     out.raise_if_lost()
-    if stop.received:
-        return stop.exit_code
-    verdict = suite.verdict_of(ordered)
-    if required is not None and not required[1]:
-        print(f"liftgate-hil: {required[0]}", file=sys.stderr)
-        verdict = worst([verdict, FAIL])
-    return EXIT_CODES[verdict]
-
-
-def _required(matrix: Matrix, percent: float | None) -> tuple[str, bool] | None:
-    """Return score and threshold in words, and whether it is met; None: no threshold is required."""
-    if percent is None:
-        return None
-    found = f"{100.0 * matrix.score:.1f} % of the mutants are killed"
-    return f"{found}; required by --mutation-threshold: {percent:g} %", matrix.score * 100.0 >= percent
-
-
-def _share(percent: float | None) -> float | None:
-    return None if percent is None else percent / 100.0
+    if mutation is not None and mutation.verdict != PASS:
+        print(f"liftgate-hil: {mutation.reason}", file=sys.stderr)
+    return stop.exit_code if stop.received else EXIT_CODES[verdict]
 
 
 def _mutated(
     args: argparse.Namespace, sound: Sequence[Outcome], jobs: int, stop: StopSignals, teller: Teller
-) -> Matrix | None:
-    """Run the scenarios against mutants; None: stopped before all were done."""
-    from liftgate_hil.testing.mutation import mutate
+) -> MutationResult:
+    """Run the scenarios against mutants."""
+    from liftgate_hil.testing.mutation import MutationResult, mutate
 
     with teller.progress("mutants") as progress:
 
@@ -175,7 +157,7 @@ def _mutated(
             progress.update(done, count, f"{done}/{count} runs with mutants")
 
         matrix = mutate(sound, jobs, stop, tell)
-    return None if stop.received else matrix
+    return MutationResult(None if stop.received else matrix, args.mutation_threshold)
 
 
 def _template(args: argparse.Namespace, listener: Listener) -> Job:

@@ -17,7 +17,7 @@ from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.report.trace_plot import STYLE as TRACE_STYLE
 from liftgate_hil.testing.force_limits import limits_section
 from liftgate_hil.testing.mutants_section import mutants_section
-from liftgate_hil.testing.mutation import Matrix
+from liftgate_hil.testing.mutation import MutationResult
 from liftgate_hil.testing.picture import expectation_svgs, left_out, margin_text
 from liftgate_hil.testing.scenario_section import badge, figures_of, scenario_section, value_names
 from liftgate_hil.testing.suite import Outcome, counts_of, subject_of, verdict_of
@@ -76,22 +76,21 @@ class SuiteReport:
         return replace(outcome, result=replace(result, trace_summaries={}))
 
     def html(
-        self, outcomes: Sequence[Outcome], provenance: Provenance, matrix: Matrix | None = None, required: str = ""
+        self, outcomes: Sequence[Outcome], provenance: Provenance, mutation: MutationResult | None = None
     ) -> str:
-        """Return the page; `matrix` is the result of mutation testing, where there was any.
-
-        `required` says which share of the mutants must be killed.
-        """
+        """Return the page; `mutation` is the result of mutation testing, where there was any."""
         title = f"Test report: {verdict_of(outcomes)}"
-        if matrix is not None:  # these tests are what is tested, and the verdict of the sound ECU is no score
-            title = f"Mutation testing: {matrix.summary()}"
+        if mutation is not None:  # these tests are what is tested, and the verdict of the sound ECU is no score
+            matrix = mutation.matrix
+            title = f"Mutation testing: {'stopped before its end' if matrix is None else matrix.summary()}"
+        summary = _summary(outcomes)
         return page(
             title,
             f"{_many(len(outcomes), subject_of(outcomes))}, liftgate-hil "
             f"{provenance.versions.get('liftgate-hil', '')}, {provenance.date}",
             [
-                *([] if matrix is None else [mutants_section(matrix, required)]),
-                _summary(outcomes) if matrix is None else section("The ECU without a defect", _summary(outcomes)),
+                *([] if mutation is None else [mutants_section(mutation)]),
+                summary if mutation is None else section("The ECU without a defect", summary),
                 section("Not passed", _not_passed(outcomes)),
                 section("Requirements", _matrix(outcomes)),
                 limits_section(outcomes),

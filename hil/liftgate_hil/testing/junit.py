@@ -17,6 +17,7 @@ from xml.etree import ElementTree
 
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
+from liftgate_hil.testing.mutation import MutationResult
 from liftgate_hil.testing.reports import line_of
 from liftgate_hil.testing.suite import Outcome, subject_of
 
@@ -24,29 +25,31 @@ _NOT_IN_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010fff
 _NOT_IN_A_CLASS = re.compile(r"[\s.]+")
 
 
-def as_junit(outcomes: Sequence[Outcome], threshold: tuple[str, bool] | None = None) -> bytes:
+def as_junit(outcomes: Sequence[Outcome], mutation: MutationResult | None = None) -> bytes:
     """Return JUnit XML: a suite for each scenario or recorded run, a test case for each expectation.
 
-    One that fails is a failure, one that is inconclusive or an error is an error, nothing is skipped. `threshold`
-    adds a case for the mutation threshold: score and threshold in words, and whether it is met.
+    One that fails is a failure, one that is inconclusive or an error is an error, nothing is skipped. `mutation`
+    adds a case for mutation testing that was stopped, or for which a share was required.
     """
     command = "judge" if subject_of(outcomes) == "recording" else "test"
     root = ElementTree.Element("testsuites", name=f"liftgate-hil {command}")
     classes = class_names([_subject(each) for each in outcomes])
     for number, (outcome, name) in enumerate(zip(outcomes, classes, strict=True)):
         root.append(_suite(outcome, number, name))
-    if threshold is not None:
-        root.append(_of_mutants(len(outcomes), *threshold))
+    if mutation is not None and mutation.reason:
+        root.append(_of_mutants(len(outcomes), mutation))
     return _written(root)
 
 
-def _of_mutants(number: int, text: str, is_met: bool) -> ElementTree.Element:
-    suite = _testsuite("mutants", number, "", time.time(), 0.0, [PASS if is_met else FAIL])
+def _of_mutants(number: int, mutation: MutationResult) -> ElementTree.Element:
+    verdict, reason = mutation.verdict, mutation.reason
+    suite = _testsuite("mutants", number, "", time.time(), 0.0, [verdict])
     ElementTree.SubElement(suite, "properties")
     case = ElementTree.SubElement(suite, "testcase", classname="mutants", name="mutation threshold", time="0.000")
-    if not is_met:
-        ElementTree.SubElement(case, "failure", type=FAIL, message=text).text = text
-    ElementTree.SubElement(suite, "system-out").text = text
+    if verdict != PASS:
+        kind = "failure" if verdict == FAIL else "error"
+        ElementTree.SubElement(case, kind, type=verdict, message=reason).text = reason
+    ElementTree.SubElement(suite, "system-out").text = reason
     ElementTree.SubElement(suite, "system-err")
     return suite
 

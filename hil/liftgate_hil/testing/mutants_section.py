@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from liftgate_hil.ecu.mutants import MUTANTS
 from liftgate_hil.report.page import Markup, section, table, text
-from liftgate_hil.testing.mutation import Matrix
+from liftgate_hil.testing.mutation import MutationResult
 
 _MOST = 6  # expectations that are named
 
 
-def mutants_section(matrix: Matrix, required: str | None = None) -> str:
+def mutants_section(mutation: MutationResult) -> str:
     """Return the section: the mutants of the reference ECU that survive, then all others."""
+    parts = [f"<p><b>{text(mutation.reason)}.</b></p>"] if mutation.reason else []
+    matrix = mutation.matrix
+    if matrix is None:
+        return section("Mutants", *parts)
     tolerated, unreached = (
         [(name, MUTANTS[name].meaning) for name in names] for names in (matrix.tolerated, matrix.never_reached)
     )
@@ -20,7 +24,6 @@ def mutants_section(matrix: Matrix, required: str | None = None) -> str:
         if each.name in matrix.killed
     ]
     nothing = [f"{file}: {name}" for file, name in matrix.prove_nothing]
-    parts = [f"<p><b>{text(required)}.</b></p>"] if required else []
     parts += [
         "<p>Each mutant of the reference ECU has one defect. It is killed if an expectation fails that the ECU "
         "without a defect passes.</p>"

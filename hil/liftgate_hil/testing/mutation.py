@@ -128,6 +128,45 @@ class Matrix:
             yield f"proves nothing: {file}: {name} (holds with every mutant, and with no ECU)"
 
 
+@dataclass(frozen=True)
+class MutationResult:
+    """Result of mutation testing; `matrix` is None where it was stopped before its end."""
+
+    matrix: Matrix | None
+    threshold: float | None = None  # % of the mutants that must be killed; None: any share will do
+
+    @property
+    def verdict(self) -> str:
+        """Verdict on the scenarios as tests: error if it was stopped, fail below the threshold, else pass."""
+        if self.matrix is None:
+            return ERROR
+        is_missed = self.threshold is not None and self._percent < self.threshold
+        return FAIL if is_missed else PASS
+
+    @property
+    def _percent(self) -> float:
+        """Score as it is shown [%]."""
+        return 0.0 if self.matrix is None else round(100.0 * self.matrix.score, 1)
+
+    @property
+    def reason(self) -> str:
+        """Reason of the verdict; "": no share was required."""
+        if self.matrix is None:
+            return "the runs with mutants were stopped before their end: no score is known"
+        if self.threshold is None:
+            return ""
+        required = f"required by --mutation-threshold: {self.threshold:g} %"
+        return f"{self._percent:.1f} % of the mutants are killed; {required}"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the result for JSON."""
+        threshold = None if self.threshold is None else self.threshold / 100.0
+        known = (
+            {"score": None, "mutants": [], "prove_nothing": []} if self.matrix is None else self.matrix.as_json()
+        )
+        return {"verdict": self.verdict, "reason": self.reason, "threshold": threshold, **known}
+
+
 def _behaviour_of(outcome: Outcome) -> tuple[object, ...]:
     """Return what tells the course of a run from another one.
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -138,8 +141,37 @@ def test_a_threshold_makes_survivors_a_failure(
     case = ElementTree.parse(tmp_path / "j.xml").getroot()[-1].find("testcase")
     assert case is not None
     assert (case.find("failure") is not None) == bool(code)
-    assert json.loads((tmp_path / "v.json").read_text())["mutation"]["threshold"] == float(threshold) / 100.0
+    found = json.loads((tmp_path / "v.json").read_text())
+    assert found["mutation"]["threshold"] == float(threshold) / 100.0
+    assert found["verdict"] == found["mutation"]["verdict"] == ("fail" if code else "pass")
     assert ("required by --mutation-threshold: 51 %" in capsys.readouterr().err) == bool(code)
+
+
+def test_runs_with_mutants_that_are_stopped_are_an_error_in_every_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The scenarios themselves have all passed: without the error the reports would be green."""
+    from liftgate_hil.testing import mutation
+
+    choose(monkeypatch, "stop_ignored", "heat_ignored")
+    ours = mutation.run_suite
+
+    def stopped(*arguments: Any) -> Any:
+        os.kill(os.getpid(), signal.SIGINT)
+        return ours(*arguments)
+
+    monkeypatch.setattr(mutation, "run_suite", stopped)
+    file = tmp_path / "s.toml"
+    file.write_text(STOPS.replace('never = "gate_angle_deg > 1"', 'never = "gate_angle_deg > 89"'))
+    flags = [text for kind in ("junit", "html", "json") for text in (f"--{kind}", str(tmp_path / kind))]
+    assert main(["test", str(file), "--mutants", *flags]) == 130
+    assert "the runs with mutants were stopped before their end" in capsys.readouterr().err
+    assert "<h1>Mutation testing: stopped before its end</h1>" in (tmp_path / "html").read_text()
+    case = ElementTree.parse(tmp_path / "junit").getroot()[-1].find("testcase")
+    assert case is not None
+    assert case.find("error") is not None
+    found = json.loads((tmp_path / "json").read_text())
+    assert (found["verdict"], found["mutation"]["verdict"], found["mutation"]["score"]) == ("error", "error", None)
 
 
 def test_what_proves_nothing_is_found_where_requests_wait_for_the_gate(
