@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 VARIANT, VERDICT, WALL, ERROR = "variant", "verdict", "wall_s", "error"
 MARGIN = "margin."  # prefix of the columns of margins
-MISSING = "campaigns need pyarrow; allowed: with the package's extra `campaign` installed"
+MISSING = "campaigns need pyarrow; allowed: with liftgate-hil[campaign] installed"
 
 
 def columns_of(base: Base) -> tuple[str, ...]:

@@ -146,7 +146,7 @@ class Store:
             from fsspec.core import url_to_fs
         except ImportError:
             raise ConfigError(
-                f"`store` {self.address}: allowed: a folder; an address needs the package's extra `cluster`"
+                f"`store` {self.address}: allowed: a folder; an address needs liftgate-hil[cluster]"
             ) from None
         return url_to_fs(self.address)  # type: ignore[no-any-return]
 

@@ -106,10 +106,12 @@ def run(args: argparse.Namespace) -> int:
     # Before numpy is loaded: on busy CPUs, threads of the BLAS make a search of small matrices 15 times slower.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from liftgate_hil.campaign.file import is_campaign_file
+    from liftgate_hil.campaign.results import arrow
     from liftgate_hil.campaign.run import Watcher, run_campaign
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.report.provenance import provenance_of
 
+    arrow()  # before hours of evaluations whose results could not be written
     if args.replay is not None:
         return _replay(args)
     teller = Teller(args.quiet)
@@ -217,6 +219,20 @@ def line_of(state: State) -> str:
     return "  ".join(parts)
 
 
+def _found(outcome: Outcome) -> Iterator[str]:
+    """Yield what a search for the worst, or for a probability, has found, as lines."""
+    from liftgate_hil.campaign.folder import WORST_FILE
+
+    found = outcome.analysis.content
+    if found.get("margin") is not None:
+        values = ", ".join(f"{name} = {value:.6g}" for name, value in found["values"].items())
+        yield f"smallest margin of {found['expectation']}: {found['margin']:.6g} with {values}"
+        yield f"to run it: liftgate-hil test {outcome.folder.path / WORST_FILE}"
+    if found.get("probability") is not None:
+        chance, low, high = (found[name] for name in ("probability", "low", "high"))
+        yield f"probability that {found['expectation']} fails: {chance:.3g} (95 %: {low:.3g} to {high:.3g})"
+
+
 def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:
     """Print how many variants have which verdict, and where the results are."""
     if args.quiet:
@@ -224,6 +240,8 @@ def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:
     counts = ", ".join(f"{number} {name}" for name, number in sorted(outcome.counts.items()))
     number = sum(outcome.counts.values())
     print(f"{number} variants: {counts or 'none'}; {outcome.seconds:.1f} s", flush=True)
+    for line in _found(outcome):
+        print(printable(line), flush=True)
     state = "" if outcome.is_complete else "; incomplete: go on with --resume"
     print(f"{printable(str(outcome.folder.path))}: results.parquet, campaign.json, report.html{state}", flush=True)
 

@@ -202,14 +202,29 @@ def test_the_worst_is_a_scenario_of_its_own_with_the_same_margin(
         "--jobs",
         "1",
     ]
-    assert main(["campaign", scenario, *flags, "--worst", "stays open", "--quiet"]) == 0
+    assert main(["campaign", scenario, *flags, "--worst", "stays open"]) == 0
     found = manifest_in("campaign")["analysis"]
+    out = capsys.readouterr().out
+    assert f"smallest margin of stays open: {found['margin']:.6g} with angle = " in out
+    assert "to run it: liftgate-hil test campaign/worst.toml" in out
+    page = Path("campaign/report.html").read_text()
+    assert "as the search chose them: no probability" in page
+    assert "; 95 %:" not in page
     assert found["evaluations"] == 30
     assert found["random"]["evaluations"] == 30
     assert found["margin"] == min(row["margin.stays open"] for row in rows_in("campaign")[:30])
     assert main(["test", "campaign/worst.toml", "--json", "verdicts.json"]) == 1
     (verdict,) = json.loads(Path("verdicts.json").read_text())["scenarios"][0]["expectations"]
     assert verdict["margin"] == found["margin"]
+
+
+def test_a_campaign_without_its_extra_does_not_begin(
+    scenario: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert main(["campaign", scenario, "--vary", "angle=60"]) == 2
+    assert "campaigns need pyarrow; allowed: with liftgate-hil[campaign] installed" in capsys.readouterr().err
+    assert not Path("campaign").exists()
 
 
 def test_a_probability_has_its_interval_and_its_report(scenario: str) -> None:

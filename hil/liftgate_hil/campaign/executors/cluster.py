@@ -285,7 +285,7 @@ def _distributed() -> Any:
     try:
         import distributed
     except ImportError:
-        raise ConfigError("`scheduler`: allowed: with the package's extra `cluster` installed") from None
+        raise ConfigError("`scheduler`: allowed: with liftgate-hil[cluster] installed") from None
     return distributed
 
 

@@ -58,10 +58,10 @@ def report(
         title,
         f"{summary.count:,} variants, liftgate-hil {provenance.versions['liftgate-hil']}, {provenance.date}",
         [
-            _first_screen(summary, units),
+            _first_screen(summary, units, is_chosen=bool(more)),
             *more,
             section("Expectations", requirements(summary)),
-            section("What drives it", *drivers(summary)),
+            section("What drives it", *drivers(summary, is_chosen=bool(more))),
             section("Distributions", *distributions(summary)),
             section("Worst variants", worst(summary, folder)),
             section(
@@ -73,8 +73,8 @@ def report(
     )
 
 
-def _first_screen(summary: Summary, units: Mapping[str, str]) -> str:
-    return lead(summary) + tiles(summary) + heat_section(summary, units)
+def _first_screen(summary: Summary, units: Mapping[str, str], is_chosen: bool) -> str:
+    return lead(summary) + tiles(summary, is_chosen) + heat_section(summary, units)
 
 
 def lead(summary: Summary) -> str:
@@ -87,19 +87,16 @@ def has_forces(summary: Summary) -> bool:
     return bool(np.nanmax(summary.force, initial=0.0) > 0.0)
 
 
-def tiles(summary: Summary) -> str:
-    """Return the most important numbers."""
+def tiles(summary: Summary, is_chosen: bool = False) -> str:
+    """Return the most important numbers; `is_chosen`: a search chose the variants, they are no random sample."""
     total, failed = summary.count, summary.counts.get("fail", 0)
     wrong = summary.counts.get("error", 0)
     decided = total - wrong - summary.counts.get("inconclusive", 0)
     share = f"{100.0 * failed / decided:.3g} %" if decided else "—"
+    bound = "as the search chose them: no probability" if is_chosen else f"95 %: {interval(failed, decided)}"
     parts = [
         tile(f"{total:,}", "variants evaluated"),
-        tile(
-            share,
-            f"of the decided fail ({failed:,}; 95 %: {interval(failed, decided)})",
-            "bad" if failed else "fine",
-        ),
+        tile(share, f"of the decided fail ({failed:,}; {bound})", "bad" if failed else "fine"),
     ]
     if has_forces(summary):
         force = summary.force[np.isfinite(summary.force)]
@@ -214,8 +211,8 @@ def requirements(summary: Summary) -> str:
     return table(heads, rows, ("name", "r", "r", "r", "r", "")) + note
 
 
-def drivers(summary: Summary) -> list[str]:
-    """Return the tables of first-order indices."""
+def drivers(summary: Summary, is_chosen: bool = False) -> list[str]:
+    """Return the tables of first-order indices; `is_chosen` as for `tiles`."""
     parts: list[str] = []
     for column, indices in ((summary.driver, summary.indices), (FORCE, summary.force_indices)):
         if not indices or (column == FORCE and parts and summary.driver == FORCE):
@@ -234,6 +231,8 @@ def drivers(summary: Summary) -> list[str]:
             '<p class="soft">First-order Sobol indices of these variants: the share of variance that a value '
             "explains alone.</p>"
         )
+        if is_chosen:
+            parts.append('<p class="soft">A search chose these variants, so the worst ones have more weight.</p>')
     return parts
 
 
