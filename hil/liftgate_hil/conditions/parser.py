@@ -78,7 +78,8 @@ def parsed(text: str, parameters: Mapping[str, float], messages: Mapping[str, Me
         ) from None
     except _NoSuchColumnError as error:
         name = str(error)
-        allowed = f"${name}, the parameter" if name in parameters else _near_columns(name)
+        numbers = _numbers_of(name, text, messages or {})
+        allowed = f"${name}, the parameter" if name in parameters else numbers or _near_columns(name)
         raise ValueError(f"{name}: no such column; allowed: {allowed}") from None
 
 
@@ -210,16 +211,18 @@ class _Parser:
         return part
 
     def _comparison(self) -> _Part:
-        place = self._here()[2]
+        place, begin = self._here()[2], len(self.ops)
         left = self._sum()
         kind, token, at = self._here()
         if kind != "sign" or token not in _COMPARISONS:
             return left
         self.next += 1
-        right_place = self._here()[2]
+        right_place, middle = self._here()[2], len(self.ops)
         number = len(self.units)
         self.units.append("")
         right = self._sum()
+        if self.ops[begin:middle] == self.ops[middle:]:
+            self._with_itself(self.ops[begin:middle], token, at)
         self._number(left, place)
         self._number(right, right_place)
         self._put(_COMPARISONS[token])
@@ -227,6 +230,14 @@ class _Parser:
         if self._here()[1] in _COMPARISONS:
             self._wrong("one comparison at a time, joined by and")
         return _Part(True)
+
+    def _with_itself(self, ops: list[tuple[int, str | float]], token: str, place: int) -> None:
+        """Refuse a column with labels that is compared with itself: in `latched == latched` the label is meant."""
+        (_, name), *more = ops
+        values = COLUMNS[str(name)].values if name in COLUMNS and not more else ()
+        if values:
+            numbers = ", ".join(f"{number} ({value})" for number, value in enumerate(values))
+            raise ValueError(f"{token} at character {place} compares {name} with itself; allowed: {numbers}")
 
     def _number(self, part: _Part, place: int) -> None:
         if part.is_truth:
@@ -340,6 +351,28 @@ def _product_unit(a: str | None, b: str | None, token: str) -> str | None:
     if not b:
         return a if a is not None else b
     return "" if a == b else f"{a or '1'}/{b}"
+
+
+def _numbers_of(label: str, text: str, messages: Mapping[str, Message]) -> str:
+    """Return the numbers that a label stands for in what a condition compares, as text; "": it is no label."""
+    found = [
+        f"{number}, which is {label} of {name}"
+        for name in dict.fromkeys(re.findall(r"[^\W\d]\w*", text))
+        if name in COLUMNS
+        for number, value in enumerate(COLUMNS[name].values)
+        if value == label
+    ]
+    for name in dict.fromkeys(_BUS_SIGNAL.findall(text)):
+        message, _, signal = name.partition(".")
+        signals = messages[message].signals if message in messages else []
+        found += [
+            f"{number}, which is {label} of {name}"
+            for each in signals
+            if each.name == signal
+            for number, value in (each.choices or {}).items()
+            if str(value) == label
+        ]
+    return "; ".join(found)
 
 
 def _near_columns(token: str) -> str:

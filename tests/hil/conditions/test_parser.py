@@ -63,6 +63,8 @@ def test_units_of_products(text: str, unit: str) -> None:
         ("(" * (DEEPEST + 1) + "time_s > 1" + ")" * (DEEPEST + 1), "parentheses deeper than"),
         ("time_s > 1 and " * 400 + "time_s > 1", "characters; allowed"),
         ("__import__(x)", "no such column"),
+        ("latched == latched", "== at character 9 compares latched with itself; allowed: 0 (open), 1 (latched)"),
+        ("latched == open", "open: no such column; allowed: 0, which is open of latched"),
     ],
 )
 def test_what_is_wrong_is_reported(text: str, said: str) -> None:
@@ -104,6 +106,8 @@ def _is_taken(text: str, messages: Any) -> bool:
 
 def test_signals_are_looked_up_where_there_is_a_database() -> None:
     messages = rig_from("liftgate").messages
+    with pytest.raises(ValueError, match=r"open: no such column; allowed: 1, which is open of DriveCommand\."):
+        parsed("DriveCommand.LeftDirection == open", {}, messages)
     condition = parsed("LeftDrive.MotorCurrent > left_current_a", {}, messages)
     assert condition.names(SIGNAL) == ["LeftDrive.MotorCurrent"]
     near = {
