@@ -64,7 +64,8 @@ def _check(args: argparse.Namespace) -> int:
     vehicle = options.vehicle_of(args)
     with Teller(is_quiet=False, is_json=args.json).progress(f"reading {printable(path.name)}"):
         rig, issues = read_rig(path)
-    notes = [*notes_on_fit(rig, vehicle, args.rate), *_not_for_ours(rig, vehicle)]
+    # What follows from a mapping that could not be read is no news beside the reason.
+    notes = [] if issues.lines else [*notes_on_fit(rig, vehicle, args.rate), *_not_for_ours(rig, vehicle)]
     try:
         check_fit(rig, vehicle, args.rate)
     except ConfigError as error:

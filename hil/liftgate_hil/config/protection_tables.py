@@ -176,7 +176,7 @@ def _data_ids(issues: ConfigIssues, key: str, value: Any, counter: str | None) -
         issues.add(key, f"{show(value)}; allowed: {_DATA_ID}")
         return ()
     if is_list and counter is None:
-        issues.add(key, "a list, and the message has no `counter` to choose by; allowed: a number")
+        issues.add(key, "a list, and the message has no counter to choose by; allowed: a number")
         return ()
     return tuple(given)
 
@@ -228,7 +228,7 @@ def _covers(issues: ConfigIssues, key: str, value: Any, frame: _Frame) -> tuple[
     ]
     parts = {each.part for each in found}
     if "data_id" not in parts and frame.data_ids:
-        issues.add(key, 'no "data_id", although `data_id` is given; allowed: a list with "data_id"')
+        issues.add(key, 'no "data_id", although the message has one; allowed: a list with "data_id"')
     size = sum(len(each.numbers()) for each in found)
     if size > MOST_COVERED:
         issues.add(key, f"{size} bytes; allowed: up to {MOST_COVERED}")
@@ -243,10 +243,10 @@ def _covered(issues: ConfigIssues, key: str, value: Any, frame: _Frame) -> Itera
         return
     part, first, last = match[1], match[2], match[3] or match[2]
     if part == "counter" and frame.counter is None:
-        issues.add(key, f"{show(value)}, and the message has none; allowed: with a `counter`")
+        issues.add(key, f"{show(value)}, and the message has none; allowed: with a counter")
         return
     if part == "data_id" and not frame.data_ids:
-        issues.add(key, f"{show(value)}, and there is none; allowed: with a `data_id`")
+        issues.add(key, f"{show(value)}, and there is none; allowed: with a data_id")
         return
     if first is None:
         yield from frame.whole(part)

@@ -28,6 +28,7 @@ from liftgate_plant.gate import GRAVITY
 from liftgate_plant.vehicle import DriveTables, Vehicle
 
 NS = 1_000_000_000
+_DUTY = 0.5  # that every motion needs
 
 
 class Expected(NamedTuple):
@@ -92,7 +93,7 @@ def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str
         "current": _part(0.1, min(sensors.current_gain * stall, sensors.current_limit)),
         "true_current": _part(0.1, stall),
         "voltage": _part(0.5, supply),
-        "duty": _part(0.5, 1.0),
+        "duty": _part(_DUTY, 1.0),
         "hall_count": _whole(0.0, turns * sensors.hall_counts),
         "hall_speed": _part(0.5, counted),
         "position": _whole(0.0, turns),
@@ -162,7 +163,18 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
                 f"{rig.source}: inputs.{wire.quantity}.values: {', '.join(missing)} missing: no frame can carry "
                 "it, and an ECU that sends it (the reference ECU does) cannot be used"
             )
-    return [*notes, *_unprotected(rig), *_other_scales(rig), *_latched_by_angle(rig)]
+    return [*notes, *_weak_duties(rig), *_unprotected(rig), *_other_scales(rig), *_latched_by_angle(rig)]
+
+
+def _weak_duties(rig: Rig) -> Iterator[str]:
+    """Yield a note for each duty whose signal cannot reach what moves a gate, as of a share taken for percent."""
+    for wire in rig.inputs:
+        most = max(map(abs, wire.quantity_range(rig.messages[wire.message].get_signal_by_name(wire.signal))))
+        if wire.quantity.endswith("_duty") and wire.basis != "unknown" and most < 100.0 * _DUTY:
+            yield (
+                f"{rig.source}: inputs.{wire.quantity}: {wire.message}.{wire.signal} reaches {most:g} % at most: "
+                "is its unit a share (1) and not %?"
+            )
 
 
 def _unprotected(rig: Rig) -> Iterator[str]:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from liftgate_hil.config.rig import Rig
 
+_INSTALLED = {"site-packages", "dist-packages"}  # folders of libraries
+
 
 class PythonEcu(Adapter):
     """Adapter of an object with `step(now_s, frames) -> frames`, and optionally with `request(action)`.
@@ -164,6 +166,8 @@ def _attribute(ecu: Any, name: str) -> Any:
 
 
 def _place_of(error: BaseException) -> str:
-    """Return where in the ECU's code an error was raised, as text."""
+    """Return where in the ECU's code an error was raised, as text; libraries that it calls are passed over."""
     calls = traceback.extract_tb(error.__traceback__)[1:]  # the first call is in this package
-    return f" ({Path(calls[-1].filename).name}, line {calls[-1].lineno})" if calls else ""
+    own = [each for each in calls if not _INSTALLED & {*Path(each.filename).parts}]
+    place = own[-1] if own else calls[-1] if calls else None
+    return "" if place is None else f" ({Path(place.filename).name}, line {place.lineno})"

@@ -70,16 +70,16 @@ def rig_of(folder: Path, counter: str = '"Alive"', more: str = "", **keys: str |
          "payload"),
         ({"covers": '["identifier 4"]'}, "checksum.covers[0]: 'identifier 4'; allowed: bytes 0 to 3 of the "
          "identifier"),
-        ({"covers": '["data_id"]'}, "checksum.covers[0]: 'data_id', and there is none; allowed: with a `data_id`"),
+        ({"covers": '["data_id"]'}, "checksum.covers[0]: 'data_id', and there is none; allowed: with a data_id"),
         ({"covers": str(17 * ["payload 0 to 7"])}, "checksum.covers: 136 bytes; allowed: up to 128"),
         ({"data_id": "1"},
-         'checksum.covers: no "data_id", although `data_id` is given; allowed: a list with "data_id"'),
+         'checksum.covers: no "data_id", although the message has one; allowed: a list with "data_id"'),
         ({"data_id": "[1]", "covers": '["data_id"]'}, "checksum.data_id: [1]; allowed: 0 to 0xFFFFFFFF, or a"),
         ({"data_id": "0x100000000", "covers": '["data_id"]'}, "checksum.data_id: 4294967296; allowed: 0 to"),
         ({"data_id": "[1, 2]", "covers": '["data_id"]', "counter": ""}, "checksum.data_id: a list, and the "
-         "message has no `counter` to choose by; allowed: a number"),
+         "message has no counter to choose by; allowed: a number"),
         ({"covers": '["counter"]', "counter": ""}, "checksum.covers[0]: 'counter', and the message has none; "
-         "allowed: with a `counter`"),
+         "allowed: with a counter"),
         ({"init": "0xFF"}, "checksum.init: 255: unknown key; allowed: signal, width, polynomial, start"),
         ({"more": 'checksum_kind = "sum8"\n'}, "checksum_kind: the checksum's table defines it; allowed: "
          "with a named checksum"),

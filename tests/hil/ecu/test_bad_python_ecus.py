@@ -200,3 +200,17 @@ def test_what_is_no_ecu_is_a_mistake_of_the_caller(
 def test_a_period_that_is_none_is_a_mistake_of_the_caller(period: Any) -> None:
     with pytest.raises(ConfigError, match=r"period_s.*allowed: 1e-6 to 60 s"):
         lh.run(SCENARIO, ScriptedEcu(lambda turn: [], period_s=period))
+
+
+def test_an_error_in_a_library_is_told_with_the_line_of_the_ecu_that_called_it(tmp_path: Path) -> None:
+    from liftgate_hil.ecu.python_object import _place_of
+
+    library = tmp_path / "site-packages" / "theirs.py"
+    library.parent.mkdir()
+    library.write_text("\n\ndef fail():\n    raise ValueError\n")
+    names: dict[str, Any] = {}
+    exec(compile(library.read_text(), str(library), "exec"), names)
+    exec(compile("\ndef step():\n    fail()\n", str(tmp_path / "mine.py"), "exec"), names)
+    with pytest.raises(ValueError) as caught:
+        names["step"]()
+    assert _place_of(caught.value) == " (mine.py, line 3)"
