@@ -20,7 +20,7 @@ from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.measurements import add_map
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_reports import Output, add_reports, summary_of, targets_of, write_all
+from liftgate_hil.cli.suite_reports import Output, add_reports, reporting_issues, summary_of, targets_of, write_all
 from liftgate_hil.cli.test import add_set_parameter, naming_the_flag, parameters_of
 from liftgate_hil.errors import printable
 
@@ -81,18 +81,19 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.testing.reports import as_json, as_text
 
     targets, out = targets_of(args), Output()
-    about = _about(args)
-    runs = judged_suite.runs_of(args.recordings, args.one_run)
-    cases = judged_suite.cases_of(runs, about, is_reported=any(targets.values()))
     report, outcomes = SuiteReport(), []
     teller = Teller(args.quiet, args.json == "-")
-    with teller.progress("judge", len(cases)) as progress:
-        for outcome, notes in judged_suite.judge_suite(cases, about, bool(targets["html"]), stop):
-            outcomes.append(report.take(outcome))
-            with teller.aside():
-                _tell(notes)
-                out.put(_lines_of(outcome, len(runs) > 1, args))
-            progress.update(len(outcomes), text=f"{len(outcomes)}/{len(cases)} runs" if len(cases) > 1 else "")
+    with reporting_issues(targets):
+        about = _about(args)
+        runs = judged_suite.runs_of(args.recordings, args.one_run)
+        cases = judged_suite.cases_of(runs, about, is_reported=any(targets.values()))
+        with teller.progress("judge", len(cases)) as progress:
+            for outcome, notes in judged_suite.judge_suite(cases, about, bool(targets["html"]), stop):
+                outcomes.append(report.take(outcome))
+                with teller.aside():
+                    _tell(notes)
+                    out.put(_lines_of(outcome, len(runs) > 1, args))
+                progress.update(len(outcomes), text=f"{len(outcomes)}/{len(cases)} runs" if len(cases) > 1 else "")
     provenance = provenance_of(args.command_line, {})
     content = as_json(outcomes, provenance.as_dict())
     with teller.progress("report"):

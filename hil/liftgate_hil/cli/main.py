@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import errno
+import functools
 import importlib
 import shlex
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import NoReturn
 
@@ -45,12 +46,16 @@ _JUDGING = ("judge", "test")  # commands whose exit code 1 is a verdict
 class Parser(argparse.ArgumentParser):
     """Parser that reports an error in one clear line instead of the whole usage."""
 
+    on_error: Callable[[str], None] | None = None  # called with an error before it is printed
+
     def error(self, message: str) -> NoReturn:
         """Print what is wrong and exit with code 2."""
         start, _, unknown = message.partition("unrecognized arguments: ")
         if not start and unknown.startswith("-"):
             flag = unknown.split()[0].partition("=")[0]
             message += f"; allowed: {allowed_names(flag, self._option_string_actions)}"
+        if self.on_error is not None:
+            self.on_error(message)
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
@@ -109,6 +114,8 @@ def _command(argv: Sequence[str] | None) -> int:
         allow_abbrev=False,
     )
     _add_arguments(parser, module)
+    if name in _JUDGING:
+        parser.on_error = functools.partial(_report_flags, arguments)
     if name == "run" and arguments and not arguments[0].startswith("-"):
         parser.error(f"no subcommand {arguments[0]!r}; allowed: {allowed_names(arguments[0], COMMANDS)}")
     args = parser.parse_args(arguments)
@@ -126,6 +133,13 @@ def _command(argv: Sequence[str] | None) -> int:
         if isinstance(error, stopping.StoppedError):
             return error.exit_code
         return _error_code(argv)
+
+
+def _report_flags(arguments: Sequence[str], message: str) -> None:
+    """Write an error of the flags into the reports that they name."""
+    from liftgate_hil.cli.suite_reports import report_flags
+
+    report_flags(arguments, message)
 
 
 def _fault_of(error: OSError) -> str:

@@ -99,6 +99,16 @@ def reporting_issues(targets: Mapping[str, list[str]]) -> Iterator[None]:
         raise
 
 
+def report_flags(arguments: Sequence[str], message: str) -> None:
+    """Write an error of the flags, which could not be parsed, into the reports that they name; see above."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+    add_reports(parser, "")
+    with contextlib.suppress(argparse.ArgumentError, ConfigError):
+        args, _ = parser.parse_known_args(arguments)
+        with reporting_issues(targets_of(args)):
+            raise ConfigError(message)
+
+
 def write_all(targets: Mapping[str, list[str]], contents: Mapping[str, Callable[[], bytes]]) -> None:
     """Write the contents by their kinds, each into all files of its kind, or to stdout (-).
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from liftgate_hil.codec.receive import slot_of
 from liftgate_hil.codec.refusals import ACCEPTED, FOREIGN
 from liftgate_hil.loop.listener import Listener, Status
-from liftgate_hil.loop.refusal_texts import ANOTHER, REFUSED, RefusalTexts, identifier_text
+from liftgate_hil.loop.refusal_texts import ANOTHER, REFUSED, RefusalTexts, gaps_text, identifier_text
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.transport.base import NO_ERRORS, LinkCounts
 
@@ -130,10 +130,7 @@ class ProgressMonitor:
         missing = int(self._reception.lost[self._row]) - refused
         if not self._has_reported_gaps and cycles > _MANY and missing > _MISSING * cycles:
             self._has_reported_gaps = True
-            self._listener.say(
-                f"{time_s:.3f} s: {missing} of {cycles} {self._command} frames are missing by their counter: they "
-                "are lost, the counter goes in other steps, or two nodes send them"
-            )
+            self._listener.say(f"{time_s:.3f} s: {gaps_text(missing, cycles, self._command)}")
 
     def _look_at_command(self, time_s: float, now: float) -> None:
         """Report when the command arrives or times out and, where it is missing for long, what is waited for."""

@@ -30,6 +30,14 @@ def identifier_text(identifier: int) -> str:
     return f"0x{identifier & 0x1FFFFFFF:X}{' (extended, 29 bits)' if identifier & EXTENDED else ''}"
 
 
+def gaps_text(missing: int, cycles: int, name: str) -> str:
+    """Return a text on frames of a message that are missing by their counter."""
+    return (
+        f"{missing} of {cycles} {name} frames are missing by their counter: they are lost, the counter goes in "
+        "other steps, or two nodes send them"
+    )
+
+
 class RefusalTexts:
     """Texts on the frames that a loop has refused; the scenario's time 0 is at `began_s` of the loop's time."""
 

@@ -146,6 +146,9 @@ class ExpectationItem(pytest.Item):
         outcome = self.parent.outcome()
         self._verdict = next(each for each in outcome.expectations if each.name == self._expectation)
         self.user_properties += [*properties_of(outcome), ("verdict", line_of(self._verdict))]
+        if outcome.notes:
+            self.user_properties.append(("notes", "; ".join(outcome.notes)))
+            self.add_report_section("setup", "liftgate notes", "\n".join(outcome.notes))
         if self._verdict.verdict in ("inconclusive", "error"):
             raise NoVerdictError(self._verdict)
 

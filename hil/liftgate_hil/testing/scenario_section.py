@@ -69,6 +69,7 @@ def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, s
         f"<h3>{badge(outcome.verdict)} {text(outcome.case.file)}</h3>",
         f"<p>{text(' '.join(str(scenario.description).split()))}</p>" if scenario.description else "",
         alert([outcome.reason] if outcome.reason else []),
+        f"<h4>Notes</h4>\n{bullets(outcome.notes)}" if outcome.notes else "",
         pairs(_facts(outcome)),
         f"<h4>What happens</h4>\n{bullets(entries)}" if entries else "",
         "<h4>What is expected</h4>",

@@ -25,6 +25,7 @@ from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError, LiftgateError, causes
 from liftgate_hil.judging.expectation import KINDS
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, PASS, Verdict, worst
+from liftgate_hil.loop.refusal_texts import gaps_text
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.plan import Plan, Subject, plan_of
 from liftgate_hil.running.result import Result
@@ -39,6 +40,7 @@ _OURS = {
     "precondition",
 }  # keys that scenarios have, and hardly another file
 _MOST_FILES = 100  # files in a chain of includes
+_MISSING = 0.05  # share of the commands whose counter is missing, from which on that is noted
 _KNOWN = {key.name for key in keys_of(ScenarioTable)}
 
 
@@ -94,10 +96,14 @@ class Outcome:
             found += [silence] if silence else []
         scenario = self.case.plan.setup.scenario
         is_disturbed = scenario.faults or any(each.action == "reset" for each in scenario.requests)
+        missing, cycles = summary.received.lost, summary.received.lost + summary.received.accepted
+        if missing > _MISSING * cycles and not is_disturbed and not rejected(summary.received):
+            found.append(gaps_text(missing, cycles, self.case.plan.rig.command_message()))
         if summary.command_timeouts and not is_disturbed:
+            times = "once" if summary.command_timeouts == 1 else f"{summary.command_timeouts} times"
             found.append(
-                f"{summary.command_timeouts} command time-outs: the ECU's commands came too late or not at all, "
-                "and the motors were off"
+                f"the command timed out {times}: the ECU's commands came too late or not at all, and the motors "
+                "were off"
             )
         found += self.result.notes
         if summary.injections or summary.injections_refused:
@@ -118,7 +124,7 @@ def scenario_files(paths: Sequence[str]) -> list[Path]:
         if not is_there(path):
             path = shipped_folder("scenarios", name) or path
         if path.is_dir():
-            inside = sorted(each for each in path.rglob("*.toml") if may_be_scenario(each))
+            inside = sorted(each for each in path.rglob("*.toml") if may_be_scenario(each, _is_test(each)))
             if not inside:
                 raise ConfigError(f"{path}: no scenario with [[expect]]; allowed: a folder with scenarios")
             found += inside
@@ -128,6 +134,11 @@ def scenario_files(paths: Sequence[str]) -> list[Path]:
     for path in found:
         kept.setdefault(Path(os.path.realpath(path)), path)
     return list(kept.values())
+
+
+def _is_test(path: Path) -> bool:
+    """Whether a file is named as a test, as pytest's are."""
+    return path.name.startswith("test_")
 
 
 def may_be_scenario(path: Path, is_test: bool = False) -> bool:
