@@ -204,7 +204,10 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
         is_known = name in priors
         mean, std = priors.pop(name, (math.nan, math.inf))
         if is_known and not (math.isfinite(mean) and _LEAST_STD <= std < math.inf):
-            issues.append(f"--prior {name}={mean:g}:{std:g}: allowed: a finite mean, a standard deviation above 0")
+            issues.append(
+                f"--prior {name}={mean:g}:{std:g}: allowed: a finite mean, a standard deviation of {_LEAST_STD:g} "
+                "or more"
+            )
         found[name] = Sought(parameter, initial, low, high, mean, std)
     issues += [f"--bounds {name}: not among --estimate" for name in bounds]
     issues += [f"--prior {name}: not among --estimate" for name in priors]

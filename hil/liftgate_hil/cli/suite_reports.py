@@ -114,24 +114,26 @@ def write_all(targets: Mapping[str, list[str]], contents: Mapping[str, Callable[
 
     Raises ConfigError with all files that could not be written, after the others have been.
     """
-    issues = []
+    issues, pairs = [], []
     for kind, content_of in contents.items():
         content = content_of() if targets[kind] else b""
-        for target in targets[kind]:
-            try:
-                _write(target, content)
-            except ConfigError as error:
-                issues += error.issues
+        pairs += [(target, content) for target in targets[kind]]
+    for target, content in sorted(pairs, key=lambda pair: pair[0] == "-"):  # files first: stdout may be closed
+        try:
+            _write(target, content)
+        except ConfigError as error:
+            issues += error.issues
     if issues:
         raise ConfigError(issues)
 
 
 def _write(target: str, content: bytes) -> None:
+    if target == "-":
+        out = Output()
+        out.put([content.decode()])
+        out.raise_if_lost()
+        return
     try:
-        if target == "-":
-            sys.stdout.write(content.decode() + "\n")
-            sys.stdout.flush()
-            return
         Path(target).write_bytes(content)
     except OSError as error:
         raise ConfigError(f"{target}: cannot be written: {error.strerror}") from error

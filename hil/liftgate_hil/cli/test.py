@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import math
 import os
-import re
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -32,9 +32,6 @@ if TYPE_CHECKING:
     from liftgate_hil.running.job import Job
     from liftgate_hil.testing.mutation import MutationResult
     from liftgate_hil.testing.suite import Case, Outcome
-
-
-_ATTEMPT = re.compile(r"-attempt-\d+$")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -105,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
             cases = suite.cases_of(files, template)
     keeps = args.recordings or "all"
     if args.results and keeps != "none":
-        cases = _recorded(cases, Path(args.results))
+        cases = _recorded(cases, Path(args.results), args.retry_inconclusive)
     stop = StopSignals()
     jobs = 1 if suite.is_alone(template) else args.jobs or len(os.sched_getaffinity(0))
     report = SuiteReport()
@@ -224,18 +221,24 @@ def parameters_of(given: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def _recorded(cases: Sequence[Case], folder: Path) -> list[Case]:
-    """Return the cases with recordings of each in a folder: frames, and one row per tick."""
-    from liftgate_hil.running.plan import Plan
+def _recorded(cases: Sequence[Case], folder: Path, attempts: int) -> list[Case]:
+    """Return the cases with recordings of each in a folder: frames, and one row per tick.
 
-    kept, names = [], set()
+    No two have a name in common, those of up to `attempts` earlier attempts included.
+    """
+    from liftgate_hil.running.plan import Plan
+    from liftgate_hil.testing.suite import attempt_stem
+
+    kept: list[Case] = []
+    names: set[str] = set()
     for case in cases:
-        name = stem = Path(case.file).stem
-        count = 1
-        while name in names or _ATTEMPT.search(name):  # which further attempts of another scenario may have
-            count += 1
-            name = f"{stem}-{count}"
-        names.add(name)
+        stem = Path(case.file).stem
+        for count in itertools.count(1):
+            name = stem if count == 1 else f"{stem}-{count}"
+            own = {name, *(attempt_stem(name, number + 1) for number in range(attempts))}
+            if names.isdisjoint(own):
+                break
+        names |= own
         records = (folder / f"{name}.log", folder / f"{name}.csv")
         job = replace(case.job, options=replace(case.job.options, record=records))
         assert isinstance(case.plan, Plan)

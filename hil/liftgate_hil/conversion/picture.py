@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.config.drafting.words import concepts_in, is_message_counter
+from liftgate_hil.config.drafting.words import concepts_in, words_of
 from liftgate_hil.conversion.compare import differences_of
 from liftgate_hil.conversion.ours import ours_in
 from liftgate_hil.conversion.sheet import FONT, HEIGHT, SMALL, WIDTH, finish, legend_above, settings
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Columns = Mapping[str, Floats]
+_OF_MESSAGES = {"msg", "message", "frame", "botschaft"}  # words in the names of their counters
 MOST = 8  # most panels of a plot
 _USUAL = (
     "gate_angle_deg",
@@ -57,7 +58,7 @@ def usual_columns(table: Recording, rig: str | None = None) -> list[str]:
     """
     names = [name for name in _USUAL if name in table.signals]
     others = [name for name in table.signals if name != "time_s"]
-    telling = [name for name in others if not _is_protection(name.rpartition(".")[2])]
+    telling = [name for name in others if not _is_protection(name)]
     if names:
         return names
     wired = {} if rig is None else ours_in(rig, others)
@@ -68,9 +69,15 @@ def usual_columns(table: Recording, rig: str | None = None) -> list[str]:
 
 
 def _is_protection(name: str) -> bool:
-    """Whether a signal is a counter or a checksum of its message by its name."""
-    concepts = concepts_in(name)
-    return "checksum" in concepts or is_message_counter(concepts)
+    """Whether a column is a counter or a checksum of its message by its name.
+
+    The name of a counter then says nothing else: a `TurnCounter` counts what is measured.
+    """
+    message, _, signal = name.rpartition(".")
+    own = [word for word in words_of(signal) if word not in words_of(message)]
+    if "checksum" in concepts_in("_".join(own)):
+        return True
+    return bool(own) and all(word in _OF_MESSAGES or "counter" in concepts_in(word) for word in own)
 
 
 def panels_of(names: Sequence[str], table: Recording) -> list[list[str]]:

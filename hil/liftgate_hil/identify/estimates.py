@@ -43,14 +43,17 @@ def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Unc
             if unknown.experiment != ALL:
                 name = f"{problem.data[unknown.experiment].name}: {name}"
             quantity = Quantity("", _unit_of(unknown.name), -math.inf, math.inf, "")
-        remark, is_at_bound = "", False
+        remark, is_at_bound, is_held = "", False, False
         if k in known.silent:
             remark = "has no effect on the measured outputs"
         elif k in apart:
             remark = "cannot be separated from others"
         elif min(value - low[k], high[k] - value) <= _AT_BOUND * problem.sizes[k]:
             is_at_bound = True
-            remark = f"at its bound {float(low[k] if value - low[k] < high[k] - value else high[k]):g}"
+            is_lower = value - low[k] < high[k] - value
+            bound, own = (low[k], quantity.low) if is_lower else (high[k], quantity.high)
+            is_held = k < len(problem.sought) and float(bound) != own
+            remark = f"at its bound {float(bound):g}"
         elif k in limits and len(limits) == 1:
             remark = f"at a limit for valid vehicles: {limits[k]}"
         elif k < len(problem.sought) and std > _largest_std(float(value), quantity):
@@ -71,7 +74,7 @@ def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Unc
                 identifiable=not remark,
                 remark=remark or _along(limits.get(k, "")),
                 is_at_bound=is_at_bound,
-                is_held=is_at_bound and (float(low[k]), float(high[k])) != (quantity.low, quantity.high),
+                is_held=is_held,
             )
         )
     return result

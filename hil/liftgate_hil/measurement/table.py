@@ -250,7 +250,8 @@ def _unread_slope(reading: Reading) -> list[str]:
     if _SLOPE in reading.names or name not in reading.file.names:
         return []
     series = reading.file.read([name], []).get(name)
-    if series is None or not abs(mean := float(np.nanmean(series.values))) > _LEVEL_DEG:
+    known = np.zeros(0) if series is None else series.values[np.isfinite(series.values)]
+    if not len(known) or not abs(mean := float(known.mean())) > _LEVEL_DEG:
         return []
     return [f"{_SLOPE} is that of the vehicle, {name} {mean:.3g} on average: `map` {_SLOPE}={name} reads it"]
 

@@ -254,19 +254,20 @@ class Liftgate:
         self._results.append(result)
         return result
 
-    def told(self) -> dict[str, str]:
-        """Return what a failed test is reported with: verdicts that are no pass, and where the recordings are."""
+    def report_sections(self) -> dict[str, str]:
+        """Return what a failed test's report shows: verdicts that are no pass, and where the recordings are."""
+        from liftgate_hil.errors import printable
         from liftgate_hil.testing.reports import line_of
 
-        lines = [
-            f"{each.name}: {line_of(each)}"
-            for result in self._results
-            for each in result.expectations.values()
-            if each.verdict != "pass"
-        ]
-        lines += [result.reason for result in self._results if result.verdict == "error"]
+        lines = []
+        for number, result in enumerate(self._results, 1):
+            run = f"run {number}: " if len(self._results) > 1 else ""
+            found = [each for each in result.expectations.values() if each.verdict != "pass"]
+            lines += [f"{run}{each.name}: {line_of(each)}" for each in found]
+            lines += [f"{run}{result.reason}"] if result.verdict == "error" else []
         has_files = self._folder.is_dir() and any(self._folder.iterdir())
-        return {"verdicts": "\n".join(lines), "recordings": str(self._folder) if has_files else ""}
+        recordings = str(self._folder) if has_files else ""
+        return {"verdicts": "\n".join(map(printable, lines)), "recordings": recordings}
 
     def close(self, is_kept: bool) -> None:
         """Close the gates, and delete the recordings unless they are kept."""
@@ -330,5 +331,7 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
         item.stash[_FAILED] = True
         used = getattr(item, "funcargs", {}).get("liftgate")
         if isinstance(used, Liftgate):
-            report.sections += [(f"liftgate {what}", text) for what, text in used.told().items() if text]
+            report.sections += [
+                (f"liftgate {what}", text) for what, text in used.report_sections().items() if text
+            ]
     return report

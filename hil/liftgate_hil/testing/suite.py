@@ -281,13 +281,18 @@ def run_until_decided(case: Case, retries: int, stopped: Callable[[], bool] = la
     return replace(outcome, attempts=tuple(attempts), wall_s=wall_s)
 
 
+def attempt_stem(stem: str, number: int) -> str:
+    """Return the name, without suffix, of the recordings of an attempt that is followed by another one."""
+    return f"{stem}-attempt-{number}"
+
+
 def _kept(outcome: Outcome, number: int) -> Outcome:
     """Return an attempt with its recordings renamed, as the next attempt would overwrite them."""
     if outcome.result is None:
         return outcome
     kept = []
     for path in outcome.result.recording:
-        other = path.with_stem(f"{path.stem}-attempt-{number}")
+        other = path.with_stem(attempt_stem(path.stem, number))
         with contextlib.suppress(OSError):  # the file was never created
             path.rename(other)
             kept.append(other)

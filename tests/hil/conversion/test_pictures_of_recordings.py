@@ -59,10 +59,16 @@ def test_without_columns_it_shows_what_matters_or_the_first_ones(tmp_path: Path)
 
 
 def test_counters_and_checksums_are_left_out_where_there_is_something_else(tmp_path: Path) -> None:
-    heads = ("time_s,AliveCounter,Checksum,Crc8,MsgCnt,HallCount,Angle\n", "time_s,AliveCounter\n")
-    rows = [tuple(float(k + each) for k in range(7)) for each in range(3)], [(0.0, 1.0), (1.0, 2.0)]
+    heads = (
+        "time_s,AliveCounter,Checksum,Crc8,MsgCnt,A_B.A_B_BZ,HallCount,TurnCounter,Angle\n",
+        "time_s,AliveCounter\n",
+    )
+    rows = [tuple(float(k + each) for k in range(9)) for each in range(3)], [(0.0, 1.0), (1.0, 2.0)]
     found = [open_table(table(tmp_path / f"{k}.csv", rows[k], heads[k])) for k in (0, 1)]
-    assert [picture.usual_columns(each) for each in found] == [["HallCount", "Angle"], ["AliveCounter"]]
+    assert [picture.usual_columns(each) for each in found] == [
+        ["HallCount", "TurnCounter", "Angle"],
+        ["AliveCounter"],
+    ]
 
 
 def test_of_a_bus_log_the_signals_of_angle_and_currents_come_first_and_panels_are_full(tmp_path: Path) -> None:
