@@ -81,6 +81,8 @@ def series_of(output: str, frame: Frame, measured: Floats, simulated: Floats, be
         before=earlier,
         fit_percent=statistics.fit_percent(y, model),
         fit_before=statistics.fit_percent(y, earlier) if before is not None else math.nan,
+        mean=float(np.mean(errors)),
+        mean_std=statistics.mean_std(errors),
         rms=float(np.sqrt(np.mean(errors**2))),
         maximum=float(np.max(np.abs(errors))),
         phases=parts,

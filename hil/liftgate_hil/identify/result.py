@@ -49,6 +49,8 @@ class Series:
     before: Floats  # (n,), of the initial model; empty in a validation
     fit_percent: float  # NRMSE fit: 100 (1 - |y - ys| / |y - mean y|)
     fit_before: float  # nan in a validation
+    mean: float  # mean error: measured less simulated
+    mean_std: float  # its standard deviation, as the errors scatter about it
     rms: float
     maximum: float  # largest absolute error
     phases: Mapping[str, tuple[float, float, int]]  # phase: rms, largest error, samples

@@ -218,6 +218,14 @@ def _bandwidth(series: Sequence[Floats]) -> int:
     return min(count // 4, math.ceil(1.1447 * math.cbrt(alpha * count)))
 
 
+def mean_std(values: Floats) -> float:
+    """Return the standard deviation of a mean, with the correlation of its values in time (Newey and West)."""
+    centred = (values - np.mean(values))[:, None]
+    width = min(_bandwidth([centred]), len(centred) - 1) + 1
+    sums = _window_sums(centred, width)
+    return math.sqrt(float(np.sum(sums**2)) / width) / len(values)
+
+
 def autocorrelation(errors: Floats, lags: int = LAGS) -> Floats:
     """Return the autocorrelation (lags + 1,) of a residual, 1 at lag 0; zeros for a constant residual."""
     centred = errors - np.mean(errors)

@@ -38,6 +38,22 @@ def test_the_true_model_leaves_the_noise_alone(capsys: pytest.CaptureFixture[str
     assert result["whiteness"]["left_current_a"]
 
 
+def test_an_output_with_an_offset_is_pointed_out_and_noise_is_not(
+    capsys: pytest.CaptureFixture[str], opening: Path
+) -> None:
+    true = settings(TRUTH)
+    assert not [each for each in fit(capsys, opening, *true)["warnings"] if "on average" in each]
+    table = opening.with_name("offset.toml")
+    table.write_text('[columns]\nleft_current_a = { name = "left_current_a", offset = 1.0 }\n')
+    result = fit(capsys, opening, *true, "--map", table)
+    (warning,) = [each for each in result["warnings"] if "on average" in each]
+    assert warning.endswith("left_current_a is 1.0 A above the simulation on average: has its sensor an offset?")
+    assert result["mean"]["left_current_a"] == pytest.approx(1.0, abs=0.01)
+    assert result["experiments"][0]["mean_std"]["left_current_a"] == pytest.approx(0.05 / 1251**0.5, rel=0.3)
+    assert call("validate", opening, *true, "--map", table) == 0
+    assert "white about its mean" in capsys.readouterr().out
+
+
 def test_a_wrong_model_fits_worse_and_is_not_adapted(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     right = fit(capsys, opening, *settings(TRUTH))
     wrong = fit(capsys, opening)

@@ -9,13 +9,17 @@ from typing import NamedTuple
 import numpy as np
 
 from liftgate_hil.identify.result import Experiment, Identification, Series, Validation
-from liftgate_hil.report.numbers import clean, significant
+from liftgate_hil.identify.statistics import is_nothing, rounding_step
+from liftgate_hil.report.numbers import clean, column_label, significant
 
 _ROUNDING = 1e-9  # of an output's range: largest residual of data without noise
 _FAR = 2.0  # ratio of the errors of two phases from which on the larger one is named
 _ALIKE = 0.98  # correlation of two courses of the same shape
 _OTHER = 1.3  # ratio of their sizes that is reported
 _WELL_PERCENT = 80.0  # fit above which it is not
+_LARGER_PART = math.sqrt(0.5)  # of an rms: its squared mean is more than half of the squared rms
+_PARTS, _CONSTANT = 4, 0.5  # parts in time, and share of the mean error that each of them has where it is constant
+_SURE = 5.0  # standard deviations of a mean error that is reported
 _STRONG = 0.9  # correlation of two parameters from which on it is reported
 
 
@@ -90,9 +94,10 @@ def _because(remark: str) -> str:
 
 
 def experiment_warnings(result: Identification | Validation) -> list[str]:
-    """Return up to two warnings per experiment, with the names of the outputs that they concern.
+    """Return the warnings of each experiment, with the names of the outputs that they concern.
 
-    One is for outputs that the model fits worse than their mean value does, one for residuals that are not white.
+    They are on outputs of another scale or with an offset, on those that the model fits worse than their mean
+    value does, and on residuals that are not white.
     """
     found: list[str] = []
     has_std = isinstance(result, Identification)
@@ -101,6 +106,7 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
         coloured = [each for each in experiment.series if not each.is_white and not each.excuse]
         name = clean(experiment.name, 60)
         found += [f"{name}: {text}" for text in map(_scaled, experiment.series) if text]
+        found += [f"{name}: {_offset(each)}" for each in experiment.series if has_offset(each)]
         if worse:
             found.append(f"{name}: fit below 0 %, worse than the mean value: {_listed(worse)}")
         if coloured:
@@ -128,6 +134,30 @@ def _scaled(series: Series) -> str:
     if not alike or abs(math.log(factor)) < math.log(_OTHER) or series.fit_percent > _WELL_PERCENT:
         return ""
     return f"{clean(series.output)} is {significant(factor, 3)} times the simulation: is its scale right?"
+
+
+def has_offset(series: Series) -> bool:
+    """Whether the larger part of an output's errors is their mean, from the beginning to the end of the data.
+
+    It is none where noise or rounding explains the mean, or where the errors grow, as those of a wrong model do.
+
+    The slopes of a position are no column of the data, and have no offset of their own.
+    """
+    least = max(_LARGER_PART * series.rms, _SURE * series.mean_std)
+    if series.excuse == "slopes" or not abs(series.mean) > least:
+        return False
+    errors = series.measured - series.simulated
+    if is_nothing(errors, series.measured) or abs(series.mean) <= rounding_step(series.measured):
+        return False
+    parts = (part for part in np.array_split(errors, _PARTS) if len(part))
+    return all(float(np.mean(part)) / series.mean > _CONSTANT for part in parts)
+
+
+def _offset(series: Series) -> str:
+    """Return the warning on an output whose errors are mostly an offset."""
+    size = f"{significant(abs(series.mean), 2)} {column_label(series.output)[1]}".rstrip()
+    side = "above" if series.mean > 0.0 else "below"
+    return f"{clean(series.output)} is {size} {side} the simulation on average: has its sensor an offset?"
 
 
 def notes_of(result: Identification) -> list[str]:

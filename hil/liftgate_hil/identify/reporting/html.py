@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from liftgate_hil.identify.reporting import figures, figures_estimates
 from liftgate_hil.identify.reporting.findings import (
     EXCUSES,
+    has_offset,
     strong_correlations,
     validation_warnings,
     warnings_of,
@@ -151,14 +152,15 @@ def _states(estimates: Sequence[Estimate]) -> str:
 
 
 def _fits(experiments: Sequence[Experiment], *, before: bool) -> str:
-    heads = ["experiment", "output", "fit %", "rms", "largest error", "unit", "residual"]
-    classes = ["name", "n", "r", "r", "r", "n", "soft"]
+    heads = ["experiment", "output", "fit %", "mean error", "rms", "largest error", "unit", "residual"]
+    classes = ["name", "n", "r", "r", "r", "r", "n", "soft"]
     rows = []
     for experiment in experiments:
         for i, each in enumerate(experiment.series):
             label, unit = column_label(each.output)
             cells = [experiment.name if i == 0 else "", label, fit(each.fit_percent)]
-            cells += [significant(each.rms, 3), significant(each.maximum, 3), unit, _residual(each)]
+            cells += [significant(size, 3) for size in (each.mean, each.rms, each.maximum)]
+            cells += [unit, _residual(each)]
             rows.append([*cells[:2], fit(each.fit_before), *cells[2:]] if before else cells)
     if before:
         heads.insert(2, "before %")
@@ -169,7 +171,7 @@ def _fits(experiments: Sequence[Experiment], *, before: bool) -> str:
 def _residual(series: Series) -> str:
     counts = whiteness(series)
     if series.is_white:
-        return "white"
+        return "white about its mean" if has_offset(series) else "white"
     if series.excuse:
         return EXCUSES[series.excuse]
     return (

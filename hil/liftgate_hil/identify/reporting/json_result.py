@@ -77,6 +77,7 @@ def validation_json(result: Validation) -> dict[str, Any]:
         "model": result.model,
         "vehicle": result.vehicle,
         "fit_percent": _map(mean_over(experiments, lambda each: each.fit_percent)),
+        "mean": {name: _number(_mean(rows)) for name, rows in columns.items()},
         "rms": {
             name: _number(_rms([(each.rms, len(each.times)) for each in rows])) for name, rows in columns.items()
         },
@@ -142,6 +143,8 @@ def _experiment(experiment: Experiment, *, before: bool) -> dict[str, Any]:
             if before
             else {}
         ),
+        "mean": {each.output: _number(each.mean) for each in experiment.series},
+        "mean_std": {each.output: _number(each.mean_std) for each in experiment.series},
         "rms": {each.output: _number(each.rms) for each in experiment.series},
         "maximum": {each.output: _number(each.maximum) for each in experiment.series},
         "samples": {each.output: len(each.times) for each in experiment.series},
@@ -161,6 +164,12 @@ def _whiteness(series: Series) -> dict[str, Any]:
         "lags_outside": counts.own,
         "input_lags_outside": counts.input,
     }
+
+
+def _mean(rows: Sequence[Series]) -> float:
+    """Return the mean error over the samples of all experiments."""
+    samples = sum(len(each.times) for each in rows)
+    return sum(len(each.times) * each.mean for each in rows) / samples if samples else math.nan
 
 
 def _rms(parts: Sequence[tuple[float, int]]) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from liftgate_hil.identify.reporting.findings import (
     EXCUSES,
+    has_offset,
     strong_correlations,
     validation_warnings,
     warnings_of,
@@ -175,7 +176,7 @@ def _criteria(result: Identification) -> list[str]:
 def _residual(series: Series) -> str:
     counts = whiteness(series)
     if series.is_white:
-        return "white"
+        return "white about its mean" if has_offset(series) else "white"
     if series.excuse:
         return EXCUSES[series.excuse]
     return f"not white: {counts.largest:+.2f} at lag {counts.largest_lag}, band ±{series.band:.3f}"
@@ -183,12 +184,13 @@ def _residual(series: Series) -> str:
 
 def _fits(experiments: Sequence[Experiment], *, before: bool) -> list[str]:
     lines: list[str] = []
-    heads = ("", "fit %", "rms", "largest", "residual")
+    heads = ("", "fit %", "mean", "rms", "largest", "residual")
     for experiment in experiments:
         rows = [
             (
-                clean(each.output, 30),
+                clean(each.output, 24),
                 f"{fit(each.fit_before)} -> {fit(each.fit_percent)}" if before else fit(each.fit_percent),
+                significant(each.mean, 2),
                 significant(each.rms, 3),
                 significant(each.maximum, 3),
                 _residual(each),
@@ -196,7 +198,7 @@ def _fits(experiments: Sequence[Experiment], *, before: bool) -> list[str]:
             for each in experiment.series
         ]
         lines += [""] * bool(lines) + [clean(experiment.name, WIDTH - 4)]
-        lines += table(heads, rows, "lrrrl")
+        lines += table(heads, rows, "lrrrrl")
     return lines
 
 

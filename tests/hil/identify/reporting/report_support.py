@@ -37,6 +37,8 @@ def series_of(output, times, measured, simulated, before, voltage):
         before if before is not None else np.empty(0),
         fit(simulated),
         fit(before) if before is not None else float("nan"),
+        float(np.mean(error)),
+        float(np.std(error) / np.sqrt(len(error))),
         float(np.sqrt(np.mean(error**2))),
         float(np.max(np.abs(error))),
         phases,
