@@ -34,10 +34,13 @@ class Theirs:
     offset: float = 0.0
 
     def found_in(self, names: Collection[str]) -> str | None:
-        """Return the column's name in the file, where the unit may follow in brackets; None if it is missing."""
+        """Return the column's name in the file, where a unit may follow in brackets; None if it is missing.
+
+        An exact name comes first, then one with the stated unit, then the only one with any unit.
+        """
         choices = (self.name, f"{self.name} [{self.unit}]", f"{self.name}[{self.unit}]")
         found = next((choice for choice in choices if choice in names), None)
-        if found is None and self.unit is None:
+        if found is None:
             alike = [name for name in names if name.partition("[")[0].rstrip() == self.name and headed_unit(name)]
             found = alike[0] if len(alike) == 1 else None
         return found

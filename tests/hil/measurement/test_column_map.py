@@ -107,6 +107,23 @@ def test_a_unit_in_a_header_counts_where_none_is_stated(tmp_path: Path) -> None:
         read(path, "left_current_a=U", "left_voltage_v=Iq[V]")
 
 
+@pytest.mark.parametrize("header", ["time_s,voltage_v,Winkel [°]\n", "time_s,voltage_v,Winkel\ns,V,°\n"])
+def test_a_stated_unit_counts_whatever_unit_the_file_states(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(header + "".join(f"{at},1,{at}\n" for at in TIMES), encoding="utf-8")
+    file = tmp_path / "map.toml"
+    for unit, factor in (("deg", 1.0), ("rad", 180.0 / math.pi)):
+        file.write_text(f'[columns]\ngate_angle_deg = {{ name = "Winkel", unit = "{unit}" }}\n')
+        for given in (f"gate_angle_deg=Winkel[{unit}]", str(file)):
+            assert np.allclose(read(path, given).columns["gate_angle_deg"], factor * TIMES)
+
+
+def test_an_exact_name_comes_before_one_with_a_unit(tmp_path: Path) -> None:
+    columns = {"time_s": TIMES, "voltage_v": TIMES, "Iq [mA]": -TIMES, "Iq": TIMES}
+    path = write_csv(tmp_path / "m.csv", columns)
+    assert np.allclose(read(path, "left_current_a=Iq[A]").columns["left_current_a"], TIMES)
+
+
 def test_a_bracket_that_is_no_unit_belongs_to_the_name_and_two_units_are_told_apart(tmp_path: Path) -> None:
     columns = {"time_s": TIMES, "voltage_v": TIMES, "I[0]": TIMES, "Iq [A]": TIMES, "Iq [mA]": TIMES * 1e3}
     path = write_csv(tmp_path / "m.csv", columns)
