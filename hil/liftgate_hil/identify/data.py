@@ -14,6 +14,9 @@ from liftgate_plant.rows import AT, INPUT_COLUMNS
 
 Floats = NDArray[np.float64]
 
+# Columns of the inputs that drive the motors.
+DRIVEN = (AT.left_voltage_v, AT.left_duty, AT.right_voltage_v, AT.right_duty)
+
 
 @dataclass(frozen=True)
 class Data:
@@ -106,6 +109,12 @@ def rows_of(columns: Mapping[str, Floats], count: int) -> Floats:
         if np.all(np.isnan(rows[:, own])):
             rows[:, own] = rows[:, other]
     return rows
+
+
+def is_driven(data: Data) -> NDArray[np.bool_]:
+    """Return for each of the data's `rows` (N,) whether a voltage or a duty drives a motor."""
+    driven: NDArray[np.bool_] = np.any(np.nan_to_num(data.inputs[:, DRIVEN]) != 0.0, axis=1)
+    return driven
 
 
 def applied_voltage(data: Data, supply: float) -> Floats:

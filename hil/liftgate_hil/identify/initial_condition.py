@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.identify import rigid
-from liftgate_hil.identify.data import Data, applied_voltage, first_sample, is_count
+from liftgate_hil.identify.data import Data, applied_voltage, first_sample, is_count, is_driven
 from liftgate_hil.identify.trajectory import REST, Start
 from liftgate_plant import gate
 from liftgate_plant.dynamics import Plant
@@ -139,8 +139,7 @@ def begins_at_rest(data: Data, creeps: bool = False) -> bool:
 def _is_driven(data: Data) -> bool:
     """Whether there is a voltage within the longest window from which the initial speed is estimated."""
     count = max(1, int(np.searchsorted(data.rows, data.rows[0] + _WINDOWS[-1])))
-    drives = [AT.left_voltage_v, AT.right_voltage_v, AT.left_duty, AT.right_duty]
-    return bool(np.any(np.nan_to_num(data.inputs[:count, drives]) != 0.0))
+    return bool(np.any(is_driven(data)[:count]))
 
 
 def beginning_of(

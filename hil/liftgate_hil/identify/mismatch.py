@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from liftgate_hil.config.units import spellings
 from liftgate_hil.errors import PlantDivergedError
-from liftgate_hil.identify.data import Data
+from liftgate_hil.identify.data import DRIVEN, Data
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.statistics import fit_percent
 from liftgate_hil.measurement.units import KNOWN
-from liftgate_plant.rows import AT
 
 Floats = NDArray[np.float64]
 
@@ -23,7 +22,6 @@ _ALIKE = 0.95  # correlation from which on two courses have the same shape
 _OTHER = 1.5  # ratio of two courses of the same shape that the initial values do not explain
 _NEAR = 0.15  # share by which a factor may differ from that of a unit
 _GOOD = 50.0  # % of fit on average over the outputs from which on other inputs explain the measurement
-_DRIVEN = (AT.left_voltage_v, AT.left_duty, AT.right_voltage_v, AT.right_duty)
 # Factors of the inputs that are tried, and what they mean.
 _INPUTS = {
     -1.0: "reversed inputs",
@@ -111,7 +109,7 @@ def _mean(fits: dict[str, tuple[float, float]]) -> float:
 
 def _driven(data: Data, factor: float) -> Data:
     inputs = data.inputs.copy()
-    inputs[:, _DRIVEN] *= factor
+    inputs[:, DRIVEN] *= factor
     return replace(data, inputs=inputs)
 
 

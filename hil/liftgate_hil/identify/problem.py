@@ -29,7 +29,7 @@ Result = TypeVar("Result")
 
 _DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
 _IDEAL = Sensors()
-_DELAY = 0.1  # s, the longest delay that is searched
+LONGEST_DELAY = 0.1  # s, the longest delay that is searched
 _FEW = 2  # samples that an output needs, at least
 _END = 0.2  # share of an experiment that is left out at its end for want of its inputs, at most
 ALL = -1  # `experiment` of an unknown that all experiments share
@@ -81,7 +81,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         full = MODELS[self.model] == 0
-        ahead = _DELAY if self.is_delay_sought else max(-self.delay, 0.0)
+        ahead = LONGEST_DELAY if self.is_delay_sought else max(-self.delay, 0.0)
         if ahead > 0.0:
             self.data = [without_end(each, min(ahead, _END * float(np.ptp(each.times)))) for each in self.data]
         self.changes = [changes_of(data) for data in self.data]
@@ -99,7 +99,7 @@ class Problem:
             ]
         self.unknowns = [each for begin in self.beginnings for each in begin.unknowns]
         if self.is_delay_sought:
-            self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-_DELAY, high=_DELAY))
+            self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-LONGEST_DELAY, high=LONGEST_DELAY))
         self.measured = np.concatenate([self._columns(data) for data in self.data])
         for column, name in enumerate(self.outputs):
             if name.endswith("_position_rev"):

@@ -115,6 +115,7 @@ class Identification:
     experiments: tuple[Experiment, ...]
     profiles: tuple[Profile, ...] = ()
     input_jitter: float = 0.0  # s, standard deviation of the inputs' timestamps about the time of their effect
+    data_warnings: tuple[str, ...] = ()  # what in the data limits the result
     notes: tuple[str, ...] = field(default_factory=tuple)  # what was done to the data
 
 
@@ -127,3 +128,4 @@ class Validation:
     experiments: tuple[Experiment, ...]
     initial_states: tuple[Estimate, ...] = ()
     notes: tuple[str, ...] = ()
+    data_warnings: tuple[str, ...] = ()

@@ -80,13 +80,13 @@ def _one_sided(result: Identification) -> list[str]:
 
 
 def validation_warnings(result: Identification | Validation) -> list[str]:
-    """Return the warnings of initial states that are not identifiable, then those of the experiments."""
+    """Return the warnings of initial states that are not identifiable, of the data, then of the experiments."""
     states = [
         f"initial state {clean(each.name)} is not identifiable{_because(each.remark)}"
         for each in result.initial_states
         if not each.identifiable
     ]
-    return [*states, *experiment_warnings(result)]
+    return [*states, *map(clean, result.data_warnings), *experiment_warnings(result)]
 
 
 def _because(remark: str) -> str:

@@ -1,0 +1,104 @@
+"""Warnings on data in which a current is not zero at rest, and on data in which no motor is driven."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.identify.data import Data, first_sample, is_count, is_driven
+from liftgate_hil.identify.problem import LONGEST_DELAY, Problem
+from liftgate_hil.identify.statistics import mean_std, rounding_step
+from liftgate_plant import gate
+from liftgate_plant.vehicle import Vehicle, plant_of
+
+Floats = NDArray[np.float64]
+
+_FEWEST = 10  # samples before the first voltage
+_SURE = 5.0  # standard deviations of a mean
+_LEAST_SHARE = 1e-3  # of the largest current: an offset that is worth a warning
+_EMF_MARGIN = 2.0  # times the current that a motion within the data's error would induce
+SIDES = ("left", "right")
+
+
+def never_driven(data: Sequence[Data]) -> list[str]:
+    """Return a warning on data in which no motor is ever driven."""
+    if any(np.any(is_driven(each)) for each in data):
+        return []
+    return ["no motor is ever driven: the estimates rest on what moves the gate by itself"]
+
+
+def offsets_at_rest(problem: Problem) -> list[str]:
+    """Return a warning on each current that is not zero while the motor stands, before the first voltage."""
+    delay = LONGEST_DELAY if problem.is_delay_sought else max(-problem.delay, 0.0)
+    found = []
+    for each in problem.data:
+        data = each.whole or each
+        for side, name in ((side, f"{side}_current_a") for side in SIDES):
+            offset = _offset(problem.vehicle, data, side, delay) if name in data.outputs else 0.0
+            if offset != 0.0:
+                remedy = (
+                    "`sensors.current_offset` in the vehicle file states it"
+                    if data.through_sensors
+                    else "`offset` in a map file subtracts it"
+                )
+                text = f"{name} is {offset:.2g} A while the motor stands without voltage"
+                found.append(f"{data.name}: {text}: has its sensor an offset? {remedy}")
+    return found
+
+
+def _offset(vehicle: Vehicle, data: Data, side: str, delay: float) -> float:
+    """Return the mean current [A] of a side before the first voltage; 0 where nothing shows that it is an offset.
+
+    An offset differs from zero by more than scatter, rounding, and the current that an unseen motion would induce.
+    `delay` [s] is the time by which a voltage may act before its timestamp.
+    """
+    driven = np.flatnonzero(is_driven(data))
+    end = data.rows[driven[0]] - delay if len(driven) else math.inf
+    current = data.outputs[f"{side}_current_a"]
+    early = current[(data.times < end) & np.isfinite(current)]
+    if len(early) < _FEWEST:
+        return 0.0
+    mean = float(np.mean(early)) - (vehicle.sensors.current_offset if data.through_sensors else 0.0)
+    motor = getattr(vehicle, side).motor
+    least = max(
+        _SURE * mean_std(early),
+        rounding_step(current[np.isfinite(current)]),
+        _LEAST_SHARE * float(np.nanmax(np.abs(current))),
+        _EMF_MARGIN
+        * min(_speeds(vehicle, data, side, end), default=0.0)
+        * motor.speed_constant
+        / motor.resistance,
+    )
+    return mean if abs(mean) > least else 0.0
+
+
+def _speeds(vehicle: Vehicle, data: Data, side: str, end: float) -> Iterator[float]:
+    """Yield for each output that shows the motor's speed [rev/s] what it may be, at most, until `end` [s]."""
+    plant = plant_of(vehicle)
+    for name, values in data.outputs.items():
+        there = np.isfinite(values) & (data.times < end)
+        if name not in (f"{side}_speed_rps", f"{side}_position_rev", "gate_angle_deg") or np.sum(there) < _FEWEST:
+            continue
+        times, early = data.times[there], values[there]
+        if name.endswith("_speed_rps"):
+            yield abs(float(np.mean(early))) + _SURE * mean_std(early)
+            continue
+        step = rounding_step(values[np.isfinite(values)])
+        if name.endswith("_position_rev") and is_count(values, 1.0 / vehicle.sensors.hall_counts):
+            step = 1.0 / vehicle.sensors.hall_counts
+        speed = _fastest(times, early) + step / (times[-1] - times[0])
+        if name == "gate_angle_deg":
+            lever = gate.lever(plant.link, math.radians(first_sample(values)))
+            speed *= math.radians(1.0) * abs(lever) / plant.left.travel
+        yield speed
+
+
+def _fastest(times: Floats, values: Floats) -> float:
+    """Return how fast a course may change on average, at most: its slope and the error of this."""
+    t = times - np.mean(times)
+    slope = float(t @ values) / float(t @ t)
+    residual = values - np.mean(values) - slope * t
+    return abs(slope) + _SURE * math.sqrt(float(residual @ residual) / len(values) / float(t @ t))
