@@ -65,8 +65,10 @@ class Recording:
 
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
         """Read these columns; what is anything but finite numbers, or unreadable, is added to `issues`."""
+        if not wanted:
+            return {}
         try:
-            found = list(self.rows(wanted)) if wanted else []
+            found = list(self.rows(wanted))
         except ConfigError as error:
             issues += error.issues
             return {}

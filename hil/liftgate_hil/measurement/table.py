@@ -106,7 +106,9 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> R
         issues.append(f"{path}: time_s: missing; allowed: a column of seconds, or `map` time_s=...")
     for what, columns in kinds:
         if not any(column in (*names, *mapping) for column in columns):
-            issues.append(f"{path}: no {what} column; allowed: {', '.join(columns)}, others by `map`")
+            issues.append(
+                f"{path}: no {what} column; allowed: {', '.join(columns)}, others by `map`; the file has {there}"
+            )
     named = {*names, *mapping}
     if kinds is _KINDS and named.isdisjoint(DRIVES) and not named.isdisjoint(INPUTS):
         issues.append(

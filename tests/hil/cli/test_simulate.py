@@ -155,6 +155,25 @@ def test_mf4_holds_the_same_numbers_both_ways(tmp_path: Path) -> None:
     assert np.array_equal(again["left_current_a"], table["left_current_a"])
 
 
+def test_columns_that_are_missing_are_told_with_the_files_own_and_its_rows_are_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "in.csv"
+    source.write_text("t,U\n0,1\n1,2\n")
+    for command, told in (
+        ("simulate", ["no input column"]),
+        ("validate", ["no input column", "no output column"]),
+    ):
+        files = ["--input", str(source)] if command == "simulate" else [str(source)]
+        assert main([command, *files]) == 2
+        said = capsys.readouterr().err
+        assert "time_s: missing" in said
+        assert "no rows" not in said
+        for each in told:
+            (line,) = [line for line in said.splitlines() if each in line]
+            assert line.endswith("; the file has t, U")
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [

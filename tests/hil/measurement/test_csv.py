@@ -197,7 +197,10 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
         ),
         (
             "time_s,left_current_a\n0,2\n",
-            [f"no input column; allowed: voltage_v, {', '.join(INPUTS)}, others by `map`"],
+            [
+                f"no input column; allowed: voltage_v, {', '.join(INPUTS)}, others by `map`; "
+                "the file has time_s, left_current_a"
+            ],
         ),
         ("time_s,left_voltage_v,left_current_a\n0,1,\n", ["no sample of any output column"]),
     ],
