@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -102,16 +102,16 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
     found: list[str] = []
     has_std = isinstance(result, Identification)
     for experiment in result.experiments:
-        worse = [each.output for each in experiment.series if each.fit_percent < 0.0]
+        worse = [_name(each) for each in experiment.series if each.fit_percent < 0.0]
         coloured = [each for each in experiment.series if not each.is_white and not each.excuse]
         name = clean(experiment.name, 60)
         found += [f"{name}: {text}" for text in map(_scaled, experiment.series) if text]
         found += [f"{name}: {_offset(each)}" for each in experiment.series if has_offset(each)]
         if worse:
-            found.append(f"{name}: fit below 0 %, worse than the mean value: {_listed(worse)}")
+            found.append(f"{name}: fit below 0 %, worse than the mean value: {', '.join(worse)}")
         if coloured:
             found.append(
-                f"{name}: residuals are not white: {_listed(map(_with_phase, coloured))}. "
+                f"{name}: residuals are not white: {', '.join(map(_with_phase, coloured))}. "
                 "Model or timestamps leave a part unexplained"
                 + ("; the standard deviations account for its correlation, not for a bias" if has_std else "")
             )
@@ -122,8 +122,13 @@ def _with_phase(series: Series) -> str:
     """Return an output with the phase in which its errors are by far the largest, if there is one."""
     sizes = sorted(((rms, phase) for phase, (rms, _, count) in series.phases.items() if count), reverse=True)
     if len(sizes) < 2 or not sizes[0][0] > _FAR * sizes[1][0]:
-        return series.output
-    return f"{series.output} (mostly in the phase “{sizes[0][1]}”, rms {significant(sizes[0][0], 2)})"
+        return _name(series)
+    return f"{_name(series)} (mostly in the phase “{clean(sizes[0][1])}”, rms {significant(sizes[0][0], 2)})"
+
+
+def _name(series: Series) -> str:
+    """Return the name of an output, which may come from a file, shortened if it is long."""
+    return clean(series.output, 60)
 
 
 def _scaled(series: Series) -> str:
@@ -133,7 +138,7 @@ def _scaled(series: Series) -> str:
     factor = across / power if power > 0.0 else 1.0
     if not alike or abs(math.log(factor)) < math.log(_OTHER) or series.fit_percent > _WELL_PERCENT:
         return ""
-    return f"{clean(series.output)} is {significant(factor, 3)} times the simulation: is its scale right?"
+    return f"{_name(series)} is {significant(factor, 3)} times the simulation: is its scale right?"
 
 
 def has_offset(series: Series) -> bool:
@@ -157,7 +162,7 @@ def _offset(series: Series) -> str:
     """Return the warning on an output whose errors are mostly an offset."""
     size = f"{significant(abs(series.mean), 2)} {column_label(series.output)[1]}".rstrip()
     side = "above" if series.mean > 0.0 else "below"
-    return f"{clean(series.output)} is {size} {side} the simulation on average: has its sensor an offset?"
+    return f"{_name(series)} is {size} {side} the simulation on average: has its sensor an offset?"
 
 
 def notes_of(result: Identification) -> list[str]:
@@ -169,10 +174,6 @@ def notes_of(result: Identification) -> list[str]:
 
 
 EXCUSES = {"rounding": "not white: rounding of the data", "slopes": "not white: derived from the position"}
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(clean(each, 60) for each in names)
 
 
 def strong_correlations(result: Identification) -> list[tuple[str, str, float]]:

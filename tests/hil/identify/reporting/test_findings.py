@@ -16,6 +16,17 @@ def course(errors, output="left_current_a"):
     return series_of(output, FRAME, simulated + errors, simulated, None)
 
 
+def test_only_names_from_files_are_shortened(judged):
+    first = judged.experiments[0]
+    errors = np.convolve(noise(1), 0.98 ** np.arange(400))[:1000]
+    phases = {"end stop": (0.916, 1.0, 500), "travel": (0.1, 0.2, 500)}
+    for name, shown in (("right_position_rev", "right_position_rev"), ("n" * 70, f"{'n' * 29}…{'n' * 30}")):
+        series = replace(course(errors, name), phases=phases)
+        warnings = validation_warnings(replace(judged, experiments=(replace(first, series=(series,)),)))
+        (warning,) = [each for each in warnings if "not white" in each]
+        assert f"not white: {shown} (mostly in the phase “end stop”, rms 0.92). Model" in warning
+
+
 def noise(seed):
     return 0.1 * np.random.default_rng(seed).standard_normal(1000)
 
