@@ -13,7 +13,7 @@ from liftgate_hil.config.units import spellings
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identify.data import DRIVEN, Data
 from liftgate_hil.identify.problem import Problem
-from liftgate_hil.identify.statistics import fit_percent
+from liftgate_hil.identify.statistics import factor_between, fit_percent
 from liftgate_hil.measurement.units import KNOWN
 
 Floats = NDArray[np.float64]
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 _ALIKE = 0.95  # correlation from which on two courses have the same shape
 _OTHER = 1.5  # ratio of two courses of the same shape that the initial values do not explain
 _NEAR = 0.15  # share by which a factor may differ from that of a unit
-_GOOD = 50.0  # % of fit on average over the outputs from which on other inputs explain the measurement
+_GOOD = 50.0  # % of fit of every output above which other inputs explain the measurement
 # Factors of the inputs that are tried, and what they mean.
 _INPUTS = {
     -1.0: "reversed inputs",
@@ -45,8 +45,10 @@ def _by_factors(problem: Problem, points: Sequence[Floats]) -> list[str]:
     found: dict[str, str] = {}
     for point in points:
         for name, measured, simulated in _courses(problem, point):
-            factor = _factor(measured, simulated)
-            if factor is not None and name not in found:
+            factor = factor_between(measured, simulated, _ALIKE)
+            if factor is None or 1.0 / _OTHER < factor < _OTHER:
+                continue
+            if name not in found:
                 found[name] = f"{name} is {factor:.3g} times the simulation{_guess(name, factor)}"
     return list(found.values())
 
@@ -75,27 +77,15 @@ def _is_near(factor: float, other: float) -> bool:
     return abs(abs(factor) / other - 1.0) <= _NEAR
 
 
-def _factor(measured: Floats, simulated: Floats) -> float | None:
-    """Return the factor between two courses of the same shape; None where they differ otherwise, or not much."""
-    power = float(simulated @ simulated)
-    own = float(measured @ measured)
-    if power == 0.0 or own == 0.0:
-        return None
-    across = float(measured @ simulated)
-    factor = across / power
-    is_alike = abs(across) > _ALIKE * math.sqrt(power * own)
-    return factor if is_alike and not 1.0 / _OTHER < factor < _OTHER else None
-
-
 def _by_other_inputs(problem: Problem) -> list[str]:
-    """Return a hint where the simulation follows with other inputs, and maybe outputs of the opposite sign."""
+    """Return a hint where every output follows with other inputs, and maybe outputs of the opposite sign."""
     before = _fits(problem, problem.initial)
     for factor, text in _INPUTS.items():
         data = [_driven(each, factor) for each in problem.data]
         other = replace(problem, data=data, beginnings=())
         after = _fits(other, other.initial)
         fit = _mean(after)
-        if fit < max(_GOOD, _mean(before)):
+        if not fit > _mean(before) or min(each for each, _ in after.values()) <= _GOOD:
             continue
         turned = [name for name, (_, sign) in after.items() if sign < 0.0]
         also = f" and the sign of {', '.join(turned)} reversed" if turned else ""

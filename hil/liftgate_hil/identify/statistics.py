@@ -25,6 +25,7 @@ _APART = 1e-10  # eigenvalue of the normalised information below which a directi
 _PART = 5e-3  # share of a parameter in such directions at which it is named
 _BLOCK = 16384  # rows that are summed at a time
 _BINS = 200  # bins of time for the long-run covariance, at least
+_SAME_FACTOR = 1.2  # ratio of two factors between courses up to which they are the same
 _LINK = 0.05  # common share of two parameters at which they are named together
 _ROUNDING = 1e-7  # component that rounding leaves in such a direction for parameters unrelated to it
 
@@ -287,6 +288,26 @@ def chi_square_tail(value: float, freedom: int) -> float:
         total += term
         term *= half / (first + k)
     return total
+
+
+def factor_between(measured: Floats, simulated: Floats, alike: float) -> float | None:
+    """Return by which factor a measured course differs from a simulated one; None where it is none of that.
+
+    The courses correlate by more than `alike`, about zero and about their means, and have nearly the same factor
+    in both cases: an offset is no scale.
+    """
+    whole = _factor(measured, simulated, alike)
+    centred = _factor(measured - np.mean(measured), simulated - np.mean(simulated), alike)
+    if whole is None or centred is None or not 1.0 / _SAME_FACTOR < whole / centred < _SAME_FACTOR:
+        return None
+    return whole
+
+
+def _factor(measured: Floats, simulated: Floats, alike: float) -> float | None:
+    """Return the factor, by least squares, of two courses that correlate about zero; None where they do not."""
+    across, power = _product(measured, simulated), _product(simulated, simulated)
+    is_alike = abs(across) > alike * math.sqrt(power * _product(measured, measured)) > 0.0
+    return across / power if is_alike else None
 
 
 def fit_percent(measured: Floats, simulated: Floats) -> float:

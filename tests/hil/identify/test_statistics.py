@@ -14,6 +14,7 @@ from liftgate_hil.identify.statistics import (
     correlation_of,
     criteria,
     crosscorrelation,
+    factor_between,
     fit_percent,
     information,
     is_white,
@@ -66,6 +67,16 @@ def test_an_unknown_without_information_is_silent() -> None:
     assert np.diag(known.covariance) == pytest.approx([0.25, math.inf, 1.0])
     assert known.condition == math.inf
     assert known.apart == ()
+
+
+def test_a_factor_between_courses_is_a_scale_and_no_offset() -> None:
+    rest = 60.0 + np.sin(np.linspace(0.0, 6.0, 500))
+    for factor in (2.5, -0.4):
+        assert factor_between(factor * rest, rest, 0.98) == pytest.approx(factor)
+    assert factor_between(rest + 20.0, rest, 0.98) is None
+    assert factor_between(rest[::-1] ** 2, rest, 0.98) is None
+    assert factor_between(rest, np.full(500, 60.0), 0.98) is None
+    assert factor_between(rest, np.zeros(500), 0.98) is None
 
 
 def test_without_any_information_all_are_silent() -> None:

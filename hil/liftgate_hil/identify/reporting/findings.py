@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from liftgate_hil.identify.result import Experiment, Identification, Series, Validation
-from liftgate_hil.identify.statistics import is_nothing, rounding_step
+from liftgate_hil.identify.statistics import factor_between, is_nothing, rounding_step
 from liftgate_hil.report.numbers import clean, column_label, significant
 
 _ROUNDING = 1e-9  # of an output's range: largest residual of data without noise
@@ -133,10 +133,10 @@ def _name(series: Series) -> str:
 
 def _scaled(series: Series) -> str:
     """Return a warning on an output that has the shape of the simulation and another size; "": it has not."""
-    power, across = float(series.simulated @ series.simulated), float(series.measured @ series.simulated)
-    alike = across > _ALIKE * math.sqrt(power * float(series.measured @ series.measured)) > 0.0
-    factor = across / power if power > 0.0 else 1.0
-    if not alike or abs(math.log(factor)) < math.log(_OTHER) or series.fit_percent > _WELL_PERCENT:
+    if series.fit_percent > _WELL_PERCENT:
+        return ""
+    factor = factor_between(series.measured, series.simulated, _ALIKE)
+    if factor is None or factor < 0.0 or abs(math.log(factor)) < math.log(_OTHER):
         return ""
     return f"{_name(series)} is {significant(factor, 3)} times the simulation: is its scale right?"
 
