@@ -20,6 +20,7 @@ _FEWEST = 10  # samples before the first voltage
 _SURE = 5.0  # standard deviations of a mean
 _LEAST_SHARE = 1e-3  # of the largest current: an offset that is worth a warning
 _EMF_MARGIN = 2.0  # times the current that a motion within the data's error would induce
+_STATED = "sensors.current_offset"
 SIDES = ("left", "right")
 
 
@@ -31,48 +32,56 @@ def never_driven(data: Sequence[Data]) -> list[str]:
 
 
 def offsets_at_rest(problem: Problem) -> list[str]:
-    """Return a warning on each current that is not zero while the motor stands, before the first voltage."""
+    """Return a warning on each current that is not as at rest while the motor stands, before the first voltage.
+
+    That is zero, or in a bus log the offset that the vehicle states for its sensor, unless this is estimated.
+    """
     delay = LONGEST_DELAY if problem.is_delay_sought else max(-problem.delay, 0.0)
+    is_sought = any(each.parameter.name == _STATED for each in problem.sought)
     found = []
-    for each in problem.data:
-        data = each.whole or each
-        for side, name in ((side, f"{side}_current_a") for side in SIDES):
-            offset = _offset(problem.vehicle, data, side, delay) if name in data.outputs else 0.0
-            if offset != 0.0:
-                remedy = (
-                    "`sensors.current_offset` in the vehicle file states it"
-                    if data.through_sensors
-                    else "`offset` in a map file subtracts it"
-                )
-                text = f"{name} is {offset:.2g} A while the motor stands without voltage"
-                found.append(f"{data.name}: {text}: has its sensor an offset? {remedy}")
+    for data in (each.whole or each for each in problem.data):
+        stated = problem.vehicle.sensors.current_offset if data.through_sensors else 0.0
+        if data.through_sensors and is_sought:
+            continue
+        for side in SIDES:
+            mean = _offset(problem.vehicle, data, side, stated, delay)
+            if not math.isnan(mean):
+                text = f"{data.name}: {side}_current_a is {mean:.2g} A while the motor stands without voltage"
+                found.append(f"{text}{_question(data, stated)}")
     return found
 
 
-def _offset(vehicle: Vehicle, data: Data, side: str, delay: float) -> float:
-    """Return the mean current [A] of a side before the first voltage; 0 where nothing shows that it is an offset.
+def _question(data: Data, stated: float) -> str:
+    """Return the end of a warning: what may be the cause, and what to do."""
+    if data.through_sensors:
+        return f", and {_STATED} in the vehicle file is {stated:g} A: is it right?"
+    return ": has its sensor an offset? `offset` in a map file subtracts it"
 
-    An offset differs from zero by more than scatter, rounding, and the current that an unseen motion would induce.
-    `delay` [s] is the time by which a voltage may act before its timestamp.
+
+def _offset(vehicle: Vehicle, data: Data, side: str, stated: float, delay: float) -> float:
+    """Return the mean current [A] of a side before the first voltage; NaN where it is as `stated` [A].
+
+    Scatter, rounding, and the current that an unseen motion would induce count as no difference. `delay` [s] is
+    the time by which a voltage may act before its timestamp.
     """
     driven = np.flatnonzero(is_driven(data))
     end = data.rows[driven[0]] - delay if len(driven) else math.inf
-    current = data.outputs[f"{side}_current_a"]
+    current = data.outputs.get(f"{side}_current_a")
+    if current is None:
+        return math.nan
     early = current[(data.times < end) & np.isfinite(current)]
     if len(early) < _FEWEST:
-        return 0.0
-    mean = float(np.mean(early)) - (vehicle.sensors.current_offset if data.through_sensors else 0.0)
+        return math.nan
+    mean = float(np.mean(early))
     motor = getattr(vehicle, side).motor
+    induced = motor.speed_constant * min(_speeds(vehicle, data, side, end), default=0.0) / motor.resistance
     least = max(
         _SURE * mean_std(early),
         rounding_step(current[np.isfinite(current)]),
         _LEAST_SHARE * float(np.nanmax(np.abs(current))),
-        _EMF_MARGIN
-        * min(_speeds(vehicle, data, side, end), default=0.0)
-        * motor.speed_constant
-        / motor.resistance,
+        _EMF_MARGIN * induced,
     )
-    return mean if abs(mean) > least else 0.0
+    return mean if abs(mean - stated) > least else math.nan
 
 
 def _speeds(vehicle: Vehicle, data: Data, side: str, end: float) -> Iterator[float]:

@@ -13,7 +13,7 @@ from liftgate_hil.identify.data import Data
 from liftgate_hil.identify.identification import validate
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.reporting.findings import validation_warnings, warnings_of
-from tests.hil.identify.simulated import estimated, measured, true_vehicle
+from tests.hil.identify.simulated import estimated, measured, sought, true_vehicle
 
 ALL = {"left_current_a": 0.05, "left_speed_rps": 0.5, "left_position_rev": 0.1, "gate_angle_deg": 0.1}
 CURRENT = {"left_current_a": 0.05}
@@ -73,7 +73,12 @@ def test_an_offset_that_the_vehicle_states_for_the_sensor_of_a_log_is_none() -> 
         vehicle = vehicle._replace(sensors=vehicle.sensors._replace(current_offset=stated))
         found = offsets_at_rest(dataclasses.replace(problem_of(data), vehicle=vehicle))
         assert len(found) == count
-        assert all("sensors.current_offset" in each for each in found)
+        assert all("0.49 A while" in each or "0.5 A while" in each for each in found)
+        assert all(
+            each.endswith("sensors.current_offset in the vehicle file is 0 A: is it right?") for each in found
+        )
+    estimated_too = sought(["sensors.current_offset"], true_vehicle())
+    assert offsets_at_rest(dataclasses.replace(problem_of(data), sought=estimated_too)) == []
 
 
 def test_both_commands_warn_of_an_offset_at_rest() -> None:
