@@ -44,8 +44,8 @@ def test_every_message_of_the_troubleshooting_is_one_of_the_program() -> None:
         ", motors off", "is on the bus, but not received by this rig", "; expected ", "timed out: motors off",
         "not in the recording", "another recording is being written to it", "another campaign is running there",
         "an address needs liftgate-hil[cluster]", "the bench was late", "no scenario with [[expect]]",
-        "requests without effect", "the gate came to rest at", "the command timed out", "frames cannot be sent", "does not follow",
-        "begins in motion at an unknown position",
+        "requests without effect", "the gate came to rest at", "the command timed out", "frames cannot be sent",
+        "does not follow", "begins in motion at an unknown position",
     ):  # fmt: skip
         assert message in text_of("troubleshooting.md"), message
         assert message in source, message
