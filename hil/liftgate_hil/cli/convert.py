@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     if not args.quiet:
         for note in done.notes:
             print(printable(f"{args.source}: {note}"), file=sys.stderr)
-        what = [f"{n} {name}" for n, name in ((done.rows, "rows"), (done.frames, "frames")) if n]
+        counts = {"row": done.rows, "frame": done.frames, "mark": done.marks}
+        what = [f"{n} {name}{'s'[: n != 1]}" for name, n in counts.items() if n]
         print(printable(f"{args.target}: {', '.join(what) or 'nothing'}"))
     return 0

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE
 from liftgate_hil.conversion.table import decoded
-from liftgate_hil.errors import ConfigError, RecordingError
+from liftgate_hil.errors import ConfigError, RecordingError, printable
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.guarded import raise_failures
-from liftgate_hil.formats.open import FORMATS, check_file, open_recording, open_writer
+from liftgate_hil.formats.open import FORMATS, WITH_MARKS, check_file, open_recording, open_writer
 from liftgate_hil.formats.recording import Recording
 from liftgate_hil.formats.target import is_special
 from liftgate_hil.formats.writer import Writer
@@ -25,6 +25,7 @@ from liftgate_hil.formats.writer import Writer
 _LOST = {".trc": ERROR | REMOTE | FD, ".log": ERROR, ".asc": ERROR, ".blf": ERROR}
 _CALLED = {ERROR: "an error frame", REMOTE: "a remote frame", FD: "a CAN FD frame"}
 _MOST = 2.0**53  # largest count
+_LONGEST_S = 1e9  # latest time of a mark, and of a row in MCAP
 
 
 @dataclass(frozen=True)
@@ -33,17 +34,19 @@ class Converted:
 
     rows: int
     frames: int
+    marks: int
     notes: tuple[str, ...]  # remarks on what was left out or noticed
     is_complete: bool = True  # false: it was stopped, and nothing was written
 
 
 @dataclass(frozen=True)
 class _Plan:
-    """Rows, frames and notes that a conversion takes from the source into the target."""
+    """Rows, frames, marks and notes that a conversion takes from the source into the target."""
 
     source: Recording
     table: Recording | None  # source of the rows; None: no rows
     has_frames: bool
+    marks: tuple[tuple[float, str], ...]  # in order of time
     notes: tuple[str, ...]
 
 
@@ -87,15 +90,8 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
     """Return the plan of a conversion. Raises ConfigError if the target can hold nothing of the recording."""
     form, has_frames = FORMATS[target.suffix], source.channel is not None
     holds = " and ".join(what for what, there in (("rows", source.signals), ("frames", has_frames)) if there)
-    notes = list(source.notes)
-    try:
-        lines_about(source.about)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        text = "its provenance is damaged"
-        raise ConfigError(f"{source.path}: cannot be read: {text}") from error
-    if source.about and not form.holds_about:
-        able = ", ".join(suffix for suffix, each in FORMATS.items() if each.holds_about)
-        notes.append(f"provenance omitted: {target.suffix} cannot hold it; allowed: {able}")
+    marks = _marks_for(source, target) if form.holds_marks else ()
+    notes = [*source.notes, *_notes_about(source, target), *_notes_on_marks(source, target)]
     if rig is not None:
         if not form.has_rows:
             tables = ", ".join(each for each, other in FORMATS.items() if other.has_rows)
@@ -107,7 +103,7 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
             )
         if not form.has_frames:
             notes.append(f"frames omitted: {target.suffix} holds rows only")
-        return _Plan(source, table, form.has_frames, tuple(notes))
+        return _Plan(source, table, form.has_frames, marks, tuple(notes))
     if not ((source.signals and form.has_rows) or (has_frames and form.has_frames)):
         able = ", ".join(
             each
@@ -121,7 +117,46 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
     if has_frames and not form.has_frames:
         notes.append(f"frames omitted: {target.suffix} holds rows only")
     own = source if source.signals and form.has_rows else None
-    return _Plan(source, own, has_frames and form.has_frames, tuple(notes))
+    return _Plan(source, own, has_frames and form.has_frames, marks, tuple(notes))
+
+
+def _notes_about(source: Recording, target: Path) -> list[str]:
+    """Return the note on provenance that the target cannot hold. Raises ConfigError if it is damaged."""
+    try:
+        lines_about(source.about)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        text = "its provenance is damaged"
+        raise ConfigError(f"{source.path}: cannot be read: {text}") from error
+    if not source.about or FORMATS[target.suffix].holds_about:
+        return []
+    able = ", ".join(suffix for suffix, each in FORMATS.items() if each.holds_about)
+    return [f"provenance omitted: {target.suffix} cannot hold it; allowed: {able}"]
+
+
+def _notes_on_marks(source: Recording, target: Path) -> list[str]:
+    """Return the note on marks that the target cannot hold, or whose text it changes."""
+    if source.marks and target.suffix not in WITH_MARKS:
+        able = ", ".join(WITH_MARKS)
+        return [f"{_many_marks(len(source.marks))} omitted: {target.suffix} cannot hold marks; allowed: {able}"]
+    if target.suffix == ".blf" and (changed := sum(not text.isascii() for _, text in source.marks)):
+        return [f"{_many_marks(changed)} changed: .blf holds texts in ASCII, with ? for other characters"]
+    return []
+
+
+def _many_marks(count: int) -> str:
+    return f"{count} mark{'s'[: count != 1]}"
+
+
+def _marks_for(source: Recording, target: Path) -> tuple[tuple[float, str], ...]:
+    """Return the marks in order of time, each on one line. Raises ConfigError for one that the target refuses."""
+    earliest = 0.0 if target.suffix == ".mcap" else -_LONGEST_S
+    for time_s, text in source.marks:
+        if not earliest <= time_s < _LONGEST_S:
+            raise ConfigError(
+                f"{source.path}: the mark {printable(text)!r} at {time_s:g} s, a time that {target.suffix} cannot "
+                f"hold; allowed: {earliest:g} to {_LONGEST_S:g} s"
+            )
+    return tuple(sorted((time_s, printable(text)) for time_s, text in source.marks))
 
 
 def _written(
@@ -157,11 +192,11 @@ def _written(
         if path != target:
             with suppress(FileNotFoundError):
                 path.unlink()
-    return Converted(copied.rows, copied.frames, plan.notes, not stopped())
+    return Converted(copied.rows, copied.frames, copied.marks, plan.notes, not stopped())
 
 
 class _Copied:
-    """Copier of rows and frames to a writer, roughly in order of time."""
+    """Copier of rows, frames and marks to a writer, roughly in order of time."""
 
     def __init__(
         self,
@@ -175,10 +210,10 @@ class _Copied:
         self._plan, self._recorder, self._target, self._ended = plan, recorder, target, ended
         self._blocks = _checked_frames(plan.source, target) if plan.has_frames else iter(())
         self._waiting = next(self._blocks, None)
-        self.rows = self.frames = 0
+        self.rows = self.frames = self.marks = 0
 
     def all(self) -> None:
-        """Copy until there are no more rows and frames, or `ended` returns true."""
+        """Copy until there is no more, or `ended` returns true."""
         table = self._plan.table
         signals = table.signals if table else {}
         whole = [k for k, signal in enumerate(signals.values()) if signal.is_whole]
@@ -190,7 +225,9 @@ class _Copied:
             self.rows += len(rows)
             self._report(self.rows, self.frames)
             self._frames_up_to(rows[-1, 0] * 1e9)
+            self._marks_up_to(rows[-1, 0])
         self._frames_up_to(np.inf)
+        self._marks_up_to(np.inf)
 
     def _frames_up_to(self, time_ns: float) -> None:
         """Copy the blocks of frames whose first frame is not later than `time_ns` [ns].
@@ -200,10 +237,31 @@ class _Copied:
         while self._waiting is not None and self._waiting["time_ns"][0] <= time_ns:
             if self._ended():
                 return
-            self._recorder.write_frames(self._waiting)
-            self.frames += len(self._waiting)
+            self._frames_and_marks(self._waiting)
             self._report(self.rows, self.frames)
             self._waiting = next(self._blocks, None)
+
+    def _frames_and_marks(self, frames: NDArray[np.void]) -> None:
+        """Copy a block of frames, and the marks between them: in a log each one stands at its place."""
+        begin = 0
+        for time_s, _ in self._plan.marks[self.marks :]:
+            place = max(begin, int(np.searchsorted(frames["time_ns"], time_s * 1e9)))
+            if place == len(frames):
+                break
+            if place > begin:
+                self._recorder.write_frames(frames[begin:place])
+            self._marks_up_to(time_s)
+            begin = place
+        self._recorder.write_frames(frames[begin:])
+        self.frames += len(frames)
+
+    def _marks_up_to(self, time_s: float) -> None:
+        """Copy the marks up to a time [s]."""
+        for mark in self._plan.marks[self.marks :]:
+            if mark[0] > time_s or self._ended():
+                return
+            self._recorder.write_mark(*mark)
+            self.marks += 1
 
 
 def _checked_frames(source: Recording, target: Path) -> Iterator[NDArray[np.void]]:
@@ -239,7 +297,7 @@ def _check_rows(source: Recording, rows: NDArray[np.float64], whole: list[int], 
         raise ConfigError(f"{source.path}: a count that is not an integer; allowed: integers below 2^53")
     if target.suffix == ".mcap":
         times = rows[:, 0]
-        if not ((times >= 0.0) & (times < 1e9)).all():
+        if not ((times >= 0.0) & (times < _LONGEST_S)).all():
             raise ConfigError(f"{source.path}: a time that .mcap cannot hold; allowed: 0 to 1e9 s")
         if np.isinf(rows).any():
             raise ConfigError(f"{source.path}: an infinite value; allowed: finite values, in .mcap")

@@ -20,7 +20,7 @@ from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, logged, no_lo
 from liftgate_hil.conversion.convert import convert
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.open import FORMATS, RECORDED, TABLES, open_recording, open_writer
+from liftgate_hil.formats.open import FORMATS, RECORDED, TABLES, WITH_MARKS, open_recording, open_writer
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, columns_of
 
 pytest.importorskip("asammdf")
@@ -153,6 +153,72 @@ def test_a_part_goes_into_a_format_that_holds_no_more_and_that_is_reported(tmp_p
     done = convert(path, tmp_path / "bus.blf")
     assert done.notes == (f"{len(columns_of(2))} columns omitted: .blf holds frames only",)
     assert np.array_equal(frames_in(tmp_path / "bus.blf"), frames)
+
+
+MARKS = [(10.4, "a door slams"), (10.2, "command: close"), (50.0, "squeaks – left")]
+
+
+def with_marks(path: Path) -> Path:
+    recorder = open_writer(path, Content(columns_of(2), "can3"))
+    recorder.begin(EPOCH_NS)
+    recorder.write_rows(some_rows(20))
+    recorder.write_frames(some_frames(0, 40_000))
+    for time_s, text in MARKS:
+        recorder.write_mark(time_s, text)
+    recorder.close()
+    assert recorder.failure == ""
+    return path
+
+
+@pytest.mark.parametrize("second", BOTH)
+@pytest.mark.parametrize("first", BOTH)
+def test_marks_go_along_in_order_of_time(tmp_path: Path, first: str, second: str) -> None:
+    target = tmp_path / f"out{second}"
+    done = convert(with_marks(tmp_path / f"run{first}"), target)
+    assert (done.rows, done.frames, done.marks, done.notes) == (20, 40_000, 3, ())
+    times, texts = zip(*open_recording(target).marks, strict=True)
+    assert times == pytest.approx([10.2, 10.4, 50.0])
+    assert texts == ("command: close", "a door slams", "squeaks – left")
+    assert np.array_equal(np.sort(frames_in(target)), np.sort(some_frames(0, 40_000)))
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".trc"])
+def test_a_mark_stands_in_a_text_log_between_the_frames_around_it(tmp_path: Path, suffix: str) -> None:
+    target = tmp_path / f"out{suffix}"
+    assert convert(with_marks(tmp_path / "run.mcap"), target).marks == 3
+    lines = target.read_text(encoding="utf-8").splitlines()
+    places = [next(k for k, line in enumerate(lines) if text in line) for _, text in sorted(MARKS)]
+    before = int((some_frames(0, 40_000)["time_ns"] < 10_200_000_000).sum())
+    assert places == sorted(places)
+    assert abs(places[0] - before) < 100  # lines of the header
+    assert places[2] > 40_000
+    assert np.array_equal(frames_in(target), some_frames(0, 40_000))
+
+
+def test_marks_that_a_target_cannot_hold_or_changes_are_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = with_marks(tmp_path / "run.mcap")
+    able = ", ".join(WITH_MARKS)
+    for suffix in (".csv", ".parquet", ".log"):
+        done = convert(path, tmp_path / f"out{suffix}")
+        assert f"3 marks omitted: {suffix} cannot hold marks; allowed: {able}" in done.notes
+        assert done.marks == 0
+    notes = convert(path, tmp_path / "out.blf").notes
+    assert "1 mark changed: .blf holds texts in ASCII, with ? for other characters" in notes
+    assert main(["convert", str(path), str(tmp_path / "out.mf4")]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'out.mf4'}: 20 rows, 40000 frames, 3 marks\n"
+
+
+def test_a_mark_at_a_time_that_the_target_cannot_hold_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mf4"
+    recorder = open_writer(path, Content(columns_of(2), "can3"))
+    recorder.begin(EPOCH_NS)
+    recorder.write_rows(some_rows(5))
+    recorder.write_mark(-0.5, "early")
+    recorder.close()
+    with pytest.raises(ConfigError, match=r"the mark 'early' at -0\.5 s, a time that \.mcap cannot hold"):
+        convert(path, tmp_path / "out.mcap")
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".mf4", ".mcap"])
