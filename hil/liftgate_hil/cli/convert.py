@@ -22,7 +22,9 @@ from liftgate_hil.errors import printable
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     parser.add_argument("source", metavar="FILE", help="a recording, or a bus log of another tool")
-    parser.add_argument("target", metavar="OUT_FILE", help="the file to write; an existing one is replaced")
+    parser.add_argument(
+        "target", metavar="OUT_FILE", help="the file to write; an existing out.mf4 is kept as out.previous.mf4"
+    )
     parser.add_argument(
         "--rig", metavar="NAME|FILE", help="a rig, or its database: decodes the frames into a table of signals"
     )
@@ -32,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()  # stops between two blocks; an unfinished file is removed
-    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.cli.teller import Teller, set_aside_text
     from liftgate_hil.conversion.convert import convert
 
     with Teller(args.quiet).progress("convert") as progress:
@@ -47,6 +49,8 @@ def run(args: argparse.Namespace) -> int:
     if not args.quiet:
         for note in done.notes:
             print(printable(f"{args.source}: {note}"), file=sys.stderr)
+        if done.aside is not None:
+            print(printable(set_aside_text(Path(args.target), done.aside)), file=sys.stderr)
         counts = {"row": done.rows, "frame": done.frames, "mark": done.marks}
         what = [f"{n} {name}{'s'[: n != 1]}" for name, n in counts.items() if n]
         print(printable(f"{args.target}: {', '.join(what) or 'nothing'}"))

@@ -19,7 +19,7 @@ from liftgate_hil.cli import options
 from liftgate_hil.cli.panel import View
 from liftgate_hil.cli.progress import AFTER_S
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.teller import Teller
+from liftgate_hil.cli.teller import Teller, set_aside_text
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, EcuError
 from liftgate_hil.formats.target import set_aside
@@ -65,7 +65,7 @@ def run_loop(
     if keeps_recordings:
         for path in plan.options.record:
             if (aside := set_aside(path)) is not None:
-                teller.say(f"{path}: the recording that was there is now {aside}")
+                teller.say(set_aside_text(path, aside))
     vehicle = plan.setup.vehicle
     after_s = AFTER_S if args.clock == "free" else 0.0  # in real time the first seconds count, too
     teller.sees(View(math.degrees(vehicle.gate.open_angle), plan.duration, vehicle.drives, after_s))

@@ -18,7 +18,7 @@ from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.guarded import raise_failures
 from liftgate_hil.formats.open import FORMATS, WITH_MARKS, check_file, open_recording, open_writer
 from liftgate_hil.formats.recording import Recording
-from liftgate_hil.formats.target import is_special
+from liftgate_hil.formats.target import aside_of, is_special, set_aside
 from liftgate_hil.formats.writer import Writer
 
 # Kinds of frames (flags of the identifier) that a format, or its reader, loses.
@@ -37,6 +37,7 @@ class Converted:
     marks: int
     notes: tuple[str, ...]  # remarks on what was left out or noticed
     is_complete: bool = True  # false: it was stopped, and nothing was written
+    aside: Path | None = None  # new name of the file that was there before; None: there was none
 
 
 @dataclass(frozen=True)
@@ -68,13 +69,16 @@ def convert(
     """Write the recording in `source` to `target`, in the format of the target's suffix.
 
     `rig`, a rig or a database, decodes the frames into a table. A target that cannot hold the content unchanged is
-    not written. `stopped` returns whether to end early. `report` is called with the rows and frames so far.
+    not written. A file that is already there is set aside, see `set_aside`. `stopped` returns whether to end
+    early. `report` is called with the rows and frames so far.
 
     Raises ConfigError, RecordingError.
     """
     target = _checked(target)
     if os.path.realpath(source) == os.path.realpath(target):
         raise ConfigError(f"{target}: is the input file; allowed: another file")
+    if target.exists() and os.path.realpath(source) == os.path.realpath(aside_of(target)):
+        raise ConfigError(f"{target}: {source} would be replaced by the file that is there; allowed: another name")
     plan = _plan(open_recording(source), target, rig)
     return _written(plan, target, stopped, report)
 
@@ -162,7 +166,7 @@ def _marks_for(source: Recording, target: Path) -> tuple[tuple[float, str], ...]
 def _written(
     plan: _Plan, target: Path, stopped: Callable[[], bool], report: Callable[[int, int], None]
 ) -> Converted:
-    """Write to a file beside the target, and replace the target once that file is complete."""
+    """Write to a file beside the target; once that is complete, set an older target aside and take its name."""
     path = target
     if not is_special(target):
         path = target.with_name(f"{target.stem}.part-{os.getpid()}{target.suffix}")
@@ -175,6 +179,7 @@ def _written(
         row=signals,
     )
     recorder = open_writer(path, content, argument="OUT", is_salvaged=False)
+    aside = None
     try:
         try:
             recorder.begin(plan.source.start_ns)
@@ -184,6 +189,7 @@ def _written(
             recorder.close()
         raise_failures([recorder])
         if path != target and not stopped():
+            aside = set_aside(target)
             path.replace(target)
     except RecordingError as error:
         text = str(error).removeprefix("`OUT` ").replace(str(path), str(target))
@@ -192,7 +198,7 @@ def _written(
         if path != target:
             with suppress(FileNotFoundError):
                 path.unlink()
-    return Converted(copied.rows, copied.frames, copied.marks, plan.notes, not stopped())
+    return Converted(copied.rows, copied.frames, copied.marks, plan.notes, not stopped(), aside)
 
 
 class _Copied:

@@ -92,17 +92,22 @@ def remove_targets(paths: Sequence[Path]) -> None:
         path.unlink(missing_ok=True)
 
 
+def aside_of(path: Path) -> Path:
+    """Return the name under which a file is set aside: `run.previous.mf4` for `run.mf4`."""
+    return path.with_name(f"{path.stem}.previous{path.suffix}")
+
+
 def set_aside(path: Path) -> Path | None:
     """Rename a file that an earlier recording has left there, so that a new one does not replace it.
 
-    `run.mf4` becomes `run.previous.mf4`; the previous one of that is replaced. Return the new path; None: there
-    was no file, or an empty one. Raises ConfigError.
+    It gets the name `aside_of` it; the previous one of that name is replaced. Return the new path; None: there was
+    no regular file, or an empty one. Raises ConfigError.
     """
     try:
         if is_special(path) or not path.exists() or not path.stat().st_size:
             return None
         _check_free(path)
-        return path.rename(path.with_name(f"{path.stem}.previous{path.suffix}"))
+        return path.rename(aside_of(path))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be renamed: {why(error)}") from error
 

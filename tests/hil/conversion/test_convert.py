@@ -359,7 +359,7 @@ def test_whatever_a_file_holds_it_is_converted_or_reported_in_a_line(tmp_path: P
                 issues += error.issues
     assert issues
     assert all(issue.startswith(f"{path}: ") for issue in issues)
-    names = {each.name for each in tmp_path.iterdir()}
+    names = {each.name.replace(".previous", "") for each in tmp_path.iterdir()}
     assert names <= {path.name, "out.mcap", "out.parquet", "out.log"}
 
 
@@ -394,6 +394,38 @@ def test_what_was_written_is_reported(tmp_path: Path, capsys: pytest.CaptureFixt
     assert err == f"{path}: frames omitted: .csv holds rows only\n"
     assert main(["convert", str(path), str(tmp_path / "out.csv"), "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
+
+
+def test_a_file_that_is_there_is_set_aside(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = recorded(tmp_path / "run.mf4", some_rows(5))
+    target, aside = tmp_path / "out.csv", tmp_path / "out.previous.csv"
+    target.write_text("before")
+    assert main(["convert", str(path), str(target)]) == 0
+    assert aside.read_text() == "before"
+    assert capsys.readouterr().err == f"{target}: the recording that was there is now {aside}\n"
+    assert convert(path, target).aside == aside
+    assert same_bits(rows_in(aside), some_rows(5))
+    assert convert(path, tmp_path / "new.csv").aside is None
+
+
+def test_a_target_that_is_no_regular_file_is_written_to(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", frames=some_frames(0, 5))
+    target = tmp_path / "out.log"
+    target.symlink_to("/dev/null")
+    assert convert(path, target).aside is None
+    assert target.is_symlink()
+    assert sorted(tmp_path.iterdir()) == [target, path]
+
+
+def test_a_source_is_not_replaced_by_what_is_set_aside(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.previous.csv", some_rows(5))
+    before = path.read_bytes()
+    (tmp_path / "run.csv").write_text("before")
+    with pytest.raises(ConfigError, match=r"run\.previous\.csv would be replaced by the file that is there"):
+        convert(path, tmp_path / "run.csv")
+    assert path.read_bytes() == before
+    (tmp_path / "run.csv").unlink()
+    assert convert(path, tmp_path / "run.csv").rows == 5
 
 
 def test_one_that_is_stopped_leaves_what_was_there(tmp_path: Path) -> None:
