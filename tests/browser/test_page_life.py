@@ -117,6 +117,29 @@ def test_a_recording_shows_its_pinch_and_is_played(browser: Any, tmp_path: Path)
         assert errors_in(browser) == []
 
 
+def test_a_bus_log_shows_what_it_holds_and_says_what_it_lacks(browser: Any, tmp_path: Path) -> None:
+    lh.run("demo", duration=1.0, record=tmp_path / "run.blf")
+    bus_log = ("dashboard", "--recording", "run.blf", "--vehicle", "suv", "--listen", "127.0.0.1:0")
+    buttons = "return [...document.querySelectorAll('#plots .panel button')]"
+    with process(*bus_log, "--rig", "liftgate", folder=tmp_path) as child:
+        opened(browser, address_in(child), ("recording",))
+        assert text_of(browser, "#contacts") == "The recording holds no pinch force."
+        said = browser.execute_script(f"{buttons}.map((each) => each.innerText)")
+        assert any(each.startswith("Gate.Angle") for each in said), said
+        assert not any("true" in each for each in said)
+        browser.execute_script("return seek(0.5)")
+        until(browser, lambda _: found(browser, "#drawing").is_displayed())
+        assert not found(browser, "#not-drawn").is_displayed()
+        assert errors_in(browser) == []
+    database = str(lh.load_rig("liftgate").database)
+    with process(*bus_log, "--rig", database, folder=tmp_path) as child:
+        opened(browser, address_in(child), ("recording",))
+        assert not found(browser, "#drawing").is_displayed()
+        assert "the recording holds no gate_angle_deg" in text_of(browser, "#not-drawn")
+        assert not found(browser, "#scene-help").is_displayed()
+        assert errors_in(browser) == []
+
+
 def test_scenarios_are_chosen_started_and_stopped(browser: Any, tmp_path: Path) -> None:
     from selenium.webdriver.support.ui import Select
 

@@ -79,7 +79,7 @@ RECORDING_KEYS = {
     "begin_s": "time of the first row [s]",
     "end_s": "time of the last row [s]",
     "ours": "of a bus log: column or signal that stands for a column of this program",
-    "contacts": "contacts with an obstacle",
+    "contacts": "contacts with an obstacle; null: the recording holds no pinch force",
     "contacts[].begin_s": "begin [s]",
     "contacts[].end_s": "end [s]",
     "contacts[].peak_n": "largest pinch force [N]",

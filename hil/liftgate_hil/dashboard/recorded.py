@@ -85,13 +85,16 @@ class RecordingSource:
         """Return the geometry of the vehicle, from the file's provenance or as given; empty: it is not known."""
         return self._geometry
 
-    def _contacts(self) -> list[JsonObject]:
-        """Return the contacts with an obstacle: begin and end [s], largest pinch force [N] and its time [s]."""
+    def _contacts(self) -> list[JsonObject] | None:
+        """Return the contacts with an obstacle: begin and end [s], largest pinch force [N] and its time [s].
+
+        None: the recording holds no pinch force.
+        """
         name = next(
             (each for each in self._names if self._ours.get("pinch_force_n", "pinch_force_n") == each), None
         )
         if name is None:
-            return []
+            return None
         force, times = self._high[:, self._names.index(name)], self._last[:, 0]
         touched = np.flatnonzero(force > _TOUCH_N)
         parts = np.split(touched, np.flatnonzero(np.diff(times[touched]) > _APART_S) + 1) if len(touched) else []

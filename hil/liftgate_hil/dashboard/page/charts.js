@@ -177,8 +177,9 @@ class Charts {
     return { plot, names, holder, values };
   }
 
-  // A column in its panel, without what all of it have in common.
+  // A column in its panel, without what all of it have in common; a signal of a bus log by its own name.
   called(name, names) {
+    if (Object.values(this.ours).includes(name)) return name;
     const words = [
       /(^|[._])left/i.test(name) && "left",
       /(^|[._])right/i.test(name) && "right",

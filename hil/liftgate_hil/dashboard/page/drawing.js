@@ -353,12 +353,14 @@ class Drawing {
     );
   }
 
-  // Draws a state: `values` has the columns of truth, `obstacle` was commanded, `acting` says what acts on the gate.
+  // Draws a state, or hides the drawing where the gate's angle is not known; returns whether it is: `values` has the columns of truth, `obstacle` was commanded, `acting` says what acts on the gate.
   show(values, obstacle, acting) {
     const g = this.geometry,
       length = g.length_m,
       thick = Math.max(g.thickness_m, 0.03);
-    if (typeof values.gate_angle_deg !== "number") return;
+    const isKnown = typeof values.gate_angle_deg === "number";
+    this.svg.style.display = isKnown ? "" : "none";
+    if (!isKnown) return false;
     this.angle = values.gate_angle_deg;
     this.slope = values.road_slope_deg || 0;
     const edge = g.edge[0],
@@ -423,6 +425,7 @@ class Drawing {
     this.label("angle", `gate ${this.angle.toFixed(1)}°`);
     this.label("slope", this.slope ? `slope of the road ${this.slope.toFixed(1)}°` : "");
     if (this.act) this.showHandles(obstacle, values.hand_force_n || 0);
+    return true;
   }
 
   label(name, text) {

@@ -97,7 +97,7 @@ async function start() {
   if (about.kind === "recording") {
     makeReplay();
     charts.zoom(about.begin_s, about.end_s);
-    const peak = about.contacts.reduce(
+    const peak = (about.contacts || []).reduce(
       (most, each) => (most && most.peak_n > each.peak_n ? most : each),
       null,
     );

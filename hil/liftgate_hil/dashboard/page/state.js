@@ -223,6 +223,18 @@ function showGauge(now, peak, limit) {
   if (find("gauge-text").textContent !== words) find("gauge-text").textContent = words;
 }
 
+// Whether the gate is drawn, and if not, why.
+function showWhetherDrawn(isDrawn) {
+  const { columns, ours = {} } = about,
+    names = ["gate_angle_deg", ours.gate_angle_deg, ours.sensed_gate_angle_deg],
+    isMissing = about.kind === "recording" && !columns.some((each) => names.includes(each));
+  find("scene-help").hidden = !isDrawn;
+  find("not-drawn").hidden = isDrawn;
+  find("not-drawn").textContent = isMissing
+    ? "The gate is not drawn: the recording holds no gate_angle_deg, and no signal that the rig maps to it."
+    : "The gate is not drawn: its angle is not known at this time.";
+}
+
 function showVerdicts(verdicts) {
   if (!verdicts || !verdicts.length) return;
   find("verdicts").hidden = false;
@@ -296,11 +308,12 @@ function show(state) {
       "latched",
       "latch_position",
     ];
-    drawing.show(
+    const isDrawn = drawing.show(
       Object.fromEntries(seen.map((name) => [name, one(name)])),
       (state.in_force || {}).obstacle,
       state.acting || {},
     );
+    showWhetherDrawn(isDrawn);
   }
   if (controls)
     controls.show(state.truth, state.end ? { ...state.in_force, record: null } : state.in_force || {});

@@ -114,7 +114,7 @@ function makeReplay() {
     wire.addEventListener("open", () => wire.send(JSON.stringify({ time_s: begin, ...speed() })));
     play.textContent = "Pause";
   };
-  const contacts = about.contacts.map((each) =>
+  const contacts = (about.contacts || []).map((each) =>
     element(
       "button",
       {
@@ -143,7 +143,9 @@ function makeReplay() {
     ),
   );
   find("contacts").append(
-    ...(contacts.length ? ["Contacts:", ...contacts] : ["No contact with an obstacle."]),
+    ...(contacts.length
+      ? ["Contacts:", ...contacts]
+      : [about.contacts ? "No contact with an obstacle." : "The recording holds no pinch force."]),
     ...(marks.length ? ["Marks:", ...marks] : []),
   );
 }
