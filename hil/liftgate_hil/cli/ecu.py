@@ -124,7 +124,8 @@ def _drive(
     from liftgate_hil.running.stimulation import alone
     from liftgate_hil.transport.find import find_way, open_transport
 
-    transport = open_transport(find_way(options.wire_choice(args), rig))
+    way = find_way(options.wire_choice(args), rig)
+    transport = open_transport(way)
     try:
         if args.realtime:
             _ask_for_priority(args)
@@ -134,7 +135,8 @@ def _drive(
         asked = alone(requests)
         teller.say(f"ECU {args.ecu} on {transport.name}; {_planned(requests)}")
         peer = Peer(adapter, transport, asked)
-        _take_turns(peer, adapter, _Waiting(rig, transport.name, teller), args.duration, stop, teller)
+        waiting = _Waiting(rig, transport.name, way.within, teller)
+        _take_turns(peer, adapter, waiting, args.duration, stop, teller)
     finally:
         transport.close()
         faults = [
@@ -155,12 +157,13 @@ def _planned(requests: Sequence[Request]) -> str:
 class _Waiting:
     """Messages on the wait for the gate's first frame."""
 
-    def __init__(self, rig: Rig, bus: str, teller: Teller) -> None:
+    def __init__(self, rig: Rig, bus: str, within: str, teller: Teller) -> None:
         from liftgate_hil.loop.refusal_texts import identifier_text
 
         names = dict.fromkeys(wire.message for wire in rig.outputs)
         self._gates = ", ".join(f"{name} ({identifier_text(rig.identifier(name))})" for name in names)
         self._bus, self._teller, self._text_of = bus, teller, identifier_text
+        self._nothing = f"nothing received{f'; {within}' if within else ''}"
         self._is_told, self._has_told_other = False, False
 
     def look(self, now: int, peer: Peer) -> None:
@@ -171,9 +174,10 @@ class _Waiting:
                 self._teller.say("frames of the gate received")
             self._is_told = False
         elif now > _PATIENCE_NS and not (self._is_told and (self._has_told_other or other < 0)):
-            heard = (
-                "nothing received" if other < 0 else f"{self._text_of(other)} received, which is not the gate's"
-            )
+            heard = self._nothing
+            if other >= 0:
+                remedy = "check that `rig` is that of the gate"
+                heard = f"{self._text_of(other)} received, which is not the gate's: {remedy}"
             if peer.has_received:
                 heard = "they come, but are refused: another rig, a wrong checksum or length"
             self._teller.say(f"waits for frames of the gate on {self._bus}: {heard}; the rig's: {self._gates}")

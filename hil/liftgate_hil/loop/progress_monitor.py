@@ -46,7 +46,8 @@ class ProgressMonitor:
     """Reports on a loop by its `reception`, which the loop writes in place.
 
     `events` returns what the ECU in this process has reported after the first so many events. The scenario's time
-    0 is `ticks_before` ticks after the loop's. `apart` says how to keep the bus apart from another bench's.
+    0 is `ticks_before` ticks after the loop's. `apart` says how to keep the bus apart from another bench's,
+    `within` why the ECU that is waited for cannot be reached.
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class ProgressMonitor:
         clock: Callable[[], float] = time.monotonic,
         ticks_before: int = 0,
         apart: str = "",
+        within: str = "",
     ) -> None:
         self._before = ticks_before
         self._config = config
@@ -70,6 +72,7 @@ class ProgressMonitor:
         self._reported_events = 0
         self._listed_causes: set[int] = set()
         self._apart = f"; {apart}" if apart else ""
+        self._within = f"; {within}" if within else ""
         self._has_reported_another = False
         self._has_reported_gaps = False
         self._command = rig.command_message()
@@ -143,7 +146,7 @@ class ProgressMonitor:
             self._was_heard, self._is_waiting = False, True
         elif not self._is_waiting and now - self._heard > _PATIENCE_S:
             foreign = self._foreign()
-            heard = f"; {foreign}" if foreign else ""
+            heard = f"; {foreign}" if foreign else self._within
             self._listener.say(f"{time_s:.3f} s: waits for {self._texts.awaited()}, motors off{heard}")
             self._is_waiting, self._has_named_foreign = True, bool(foreign)
         elif self._is_waiting and not self._has_named_foreign and not self._reception.refusals[ACCEPTED].count:
@@ -177,7 +180,10 @@ class ProgressMonitor:
         """Return a text on the first foreign frame; "": there is none but those of a test bench."""
         first = self._texts.first_foreign(self._reception.refusals)
         has_news = bool(first) and not self._has_reported_another
-        return f"{first} is on the bus, but not received by this rig{self._apart}" if has_news else ""
+        if not has_news:
+            return ""
+        remedy = "" if ANOTHER in first else "; check that `rig` is that of the ECU"
+        return f"{first} is on the bus, but not received by this rig{remedy}{self._apart}"
 
     def _status(self, moment: Moment) -> Status:
         counts = self._reception.refusals["count"]

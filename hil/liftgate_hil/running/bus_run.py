@@ -119,6 +119,7 @@ class BusRun:
             self.execution.adapter.events,
             ticks_before=int(self.stimuli.origin[0]),
             apart=self.way.apart,
+            within="" if self.peers else self.way.within,
         )
 
     def prepare(self, begun: Callable[[Phase, bool], Going]) -> bool:

@@ -35,6 +35,13 @@ class Way(NamedTuple):
         return self._about_multicast("reach")
 
     @property
+    def within(self) -> str:
+        """In words, why no other process can reach the wire; "" if others can."""
+        if not self.is_interface("virtual"):
+            return ""
+        return "a virtual bus is within one process, another one cannot reach it; allowed: another `bus`"
+
+    @property
     def apart(self) -> str:
         """In words, how to separate the wire from that of another bench; "" if they cannot meet by accident."""
         return self._about_multicast("apart")

@@ -277,6 +277,15 @@ def test_a_full_disk_is_reported_in_one_line_after_the_motors_are_off(
     assert last.data[7] & 3 == 3  # stopped
 
 
+@pytest.mark.parametrize("side", [(), ("ecu",)])
+def test_a_wait_on_a_virtual_bus_says_that_no_other_process_reaches_it(
+    capsys: pytest.CaptureFixture[str], bus: str, side: tuple[str, ...]
+):
+    assert call(*side, "--bus", bus, "--duration", "2.6") == 0
+    waits = [line for line in capsys.readouterr().err.splitlines() if "waits for" in line]
+    assert "; a virtual bus is within one process, another one cannot reach it; allowed: another --bus" in waits[0]
+
+
 def test_an_interrupt_before_the_bus_is_open_leaves_no_traceback(monkeypatch: pytest.MonkeyPatch, bus: str):
     def interrupted(args: object) -> int:
         raise KeyboardInterrupt

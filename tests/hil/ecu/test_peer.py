@@ -196,6 +196,8 @@ def test_an_ecu_in_a_process_of_its_own_says_where_it_is_and_what_it_hears(bus: 
         interface="udp_multicast", channel=group, port=json.loads(os.environ["CAN_CONFIG"])["port"]
     ) as other:
         other.send(can.Message(arbitration_id=0x7A1, is_extended_id=False))
-        assert ecu.stderr.readline().startswith(f"{waits}0x7A1 received, which is not the gate's; the rig's: ")
+        assert ecu.stderr.readline().startswith(
+            f"{waits}0x7A1 received, which is not the gate's: check that --rig is that of the gate; the rig's: "
+        )
     lh.run(Scenario(NO_STIMULI, (), 0.5), "bus", "lockstep", bus=bus, wall_timeout=120.0)
     assert ecu.stderr.readline() == "frames of the gate received\n"

@@ -18,6 +18,8 @@ from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_hil.transport.base import LinkCounts
 
 COMMAND = 0x120
+APART = "two benches need a group each"
+REMEDY = "check that `rig` is that of the ECU"
 
 
 class NotingListener(Listener):
@@ -38,7 +40,7 @@ class NotingListener(Listener):
 class Bench:
     """A gate that receives, and a monitor on it; its clock goes by hand."""
 
-    def __init__(self, apart: str = "") -> None:
+    def __init__(self, apart: str = "", within: str = "") -> None:
         self.now = 100.0
         self.rig = rig_from("liftgate")
         self.config = loop_config_of(vehicle_from("suv"), self.rig, 1000.0, 0)
@@ -55,6 +57,7 @@ class Bench:
             lambda told: self.events[told:],
             lambda: self.now,
             apart=apart,
+            within=within,
         )
         self.sum_at = int(self.config.inputs.messages[0].checksum_byte)
         self.row = np.zeros(ROW_WIDTH)
@@ -169,7 +172,8 @@ def test_a_bus_with_frames_of_others_only_is_reported_as_that(bench: Bench):
     bench.look()
     bench.receive(b"\1\2", identifier=0x1A0)
     assert bench.look(tick=2500, after=2.5) == [
-        "2.500 s: waits for DriveCommand (0x120), motors off; 0x1A0 is on the bus, but not received by this rig"
+        "2.500 s: waits for DriveCommand (0x120), motors off; 0x1A0 is on the bus, but not received by this rig; "
+        f"{REMEDY}"
     ]
     assert bench.told.seen[-1].foreign == 1
 
@@ -179,8 +183,8 @@ def test_frames_of_others_that_come_later_are_reported_once_while_no_command_was
     bench.look()
     assert bench.look(tick=2500, after=2.5) == ["2.500 s: waits for DriveCommand (0x120), motors off"]
     bench.receive(b"\1\2", identifier=0x1A0)
-    foreign = "0x1A0 is on the bus, but not received by this rig; waits for DriveCommand (0x120)"
-    assert bench.look(tick=4500) == [f"4.500 s: {foreign}"]
+    foreign = f"0x1A0 is on the bus, but not received by this rig; {REMEDY}"
+    assert bench.look(tick=4500) == [f"4.500 s: {foreign}; waits for DriveCommand (0x120)"]
     assert bench.look(tick=5500) == []
 
 
@@ -194,15 +198,27 @@ def test_frames_of_others_are_no_news_after_a_valid_command(bench: Bench):
     assert bench.look(tick=2500, after=2.5) == []
 
 
-APART = "two benches need a group each"
-
-
 def test_where_benches_meet_unawares_frames_of_others_tell_how_to_keep_apart():
     bench = Bench(APART)
     bench.look()
     bench.receive(b"\1\2", identifier=0x1A0)
     (said,) = bench.look(tick=2500, after=2.5)
-    assert said.endswith(f"0x1A0 is on the bus, but not received by this rig; {APART}")
+    assert said.endswith(f"0x1A0 is on the bus, but not received by this rig; {REMEDY}; {APART}")
+
+
+def test_frames_of_another_bench_are_no_sign_of_another_rig():
+    bench = Bench(APART)
+    bench.look()
+    bench.receive(b"\1\2", identifier=0x210)
+    (said,) = bench.look(tick=2500, after=2.5)[-1:]
+    assert "check that `rig`" not in said
+
+
+def test_a_wait_on_a_bus_that_no_other_process_reaches_says_so():
+    bench = Bench(within="a virtual bus is within one process")
+    bench.look()
+    (said,) = bench.look(tick=2500, after=2.5)
+    assert said == ("2.500 s: waits for DriveCommand (0x120), motors off; a virtual bus is within one process")
 
 
 def test_a_counter_that_jumps_all_the_time_is_reported_once():
