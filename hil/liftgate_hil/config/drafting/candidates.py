@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class Kind(NamedTuple):
     """Words by which a signal for a quantity is recognized; without `sides` the quantity is the whole gate's."""
 
-    section: str  # section of a rig
+    section: str  # section of a rig, or `panel`: those inputs that a test bench sets
     quantity: str  # with "{side}" in it, e.g. "{side}_current", one of a drive
     needs: tuple[frozenset[str], ...]  # sets of concepts, of which a name must contain all of one set
     avoids: frozenset[str] = frozenset()
@@ -59,6 +59,16 @@ KINDS = (
          ("temperature",)),
     Kind("outputs", "road_slope", _needs("slope"), _NO_LIMIT, ("angle",)),
     Kind("outputs", "gate_acceleration", _needs("acceleration+gate"), _NO_LIMIT, ("acceleration",)),
+    Kind("outputs", "{side}_pinch_strip", _needs("pinch strip"), _NO_LIMIT, is_flag=True),
+    Kind("outputs", "handle_pulled", _needs("handle"), _NO_LIMIT, is_flag=True),
+    Kind("outputs", "button_pressed", _needs("button"), _NO_LIMIT, is_flag=True),
+    Kind("outputs", "true_hand_force", _needs("hand force"), _NO_LIMIT, ("force",)),
+    Kind("panel", "road_slope", _needs("slope"), _NO_LIMIT, ("angle",)),
+    Kind("panel", "hand_force", _needs("hand force"), _NO_LIMIT, ("force",)),
+    Kind("panel", "supply_voltage", _needs("voltage"), _NO_LIMIT | {"motor"}, ("voltage",)),
+    Kind("panel", "ambient_temperature", _needs("ambient+temperature"), _NO_LIMIT, ("temperature",)),
+    Kind("panel", "handle_pulled", _needs("handle"), _NO_LIMIT, is_flag=True),
+    Kind("panel", "button_pressed", _needs("button"), _NO_LIMIT, is_flag=True),
 )  # fmt: skip
 
 
@@ -110,7 +120,7 @@ def find_candidates(messages: Mapping[str, Message]) -> Search:
             fitting = [each for each in several if each.fits] or several
             for candidate in fitting:
                 each = replace(candidate, sender=sender)
-                found[section].setdefault(candidate.quantity, []).append(each)
+                found["outputs" if section == "outputs" else "inputs"].setdefault(each.quantity, []).append(each)
     best = {
         section: {quantity: _best(candidates, speaks_of_gate) for quantity, candidates in each.items()}
         for section, each in found.items()
@@ -152,7 +162,8 @@ def _panel(message: Message) -> dict[str, Candidate]:
 def _roles(messages: Mapping[str, Message]) -> Iterator[tuple[Message, str, str]]:
     """Yield the relevant messages with their section of a rig, and the sender if it is neither ECU nor gate.
 
-    The ECU's commands to the motors are inputs; messages of all other senders may be outputs.
+    The ECU's commands to the motors are inputs; what the gate receives from another node is `panel`, as it cannot
+    send it; messages of all other senders may be outputs.
     """
     commands, sensors = _commands(messages), _sensors(messages)
     nodes = {sender for message in messages.values() for sender in message.senders} - _NOBODY
@@ -164,7 +175,8 @@ def _roles(messages: Mapping[str, Message]) -> Iterator[tuple[Message, str, str]
             yield message, "inputs", ""
         elif not senders & ecus:
             is_known = not senders or not gates or bool(senders & gates)
-            yield message, "outputs", "" if is_known else ", ".join(sorted(senders))
+            section = "panel" if not is_known and gates & {*message.receivers} else "outputs"
+            yield message, section, "" if is_known else ", ".join(sorted(senders))
 
 
 def _senders(messages: Mapping[str, Message], names: Iterable[str]) -> set[str]:
@@ -218,7 +230,7 @@ def is_protection(message: Message, signal: Signal) -> str:
 
 def _of(message: Message, signal: Signal, section: str) -> Iterator[Candidate]:
     """Yield the candidates of one signal."""
-    quantities = BUS_INPUTS if section == "inputs" else BUS_OUTPUTS
+    quantities = {"inputs": BUS_INPUTS, "outputs": BUS_OUTPUTS, "panel": PANEL}[section]
     own = concepts_in(signal.name)
     # The message's name counts where the signal's own name leaves it open.
     all_said = own | (concepts_in(message.name) & {"gate", "motor", "hall", "latch", "left", "right"})

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 
 _MOST_OTHERS = 30  # messages without a drafted signal that are named
 _MOST = 12  # candidates of a quantity that are shown
+_IF_SENT = {  # remarks on what is sent by a node that is neither the ECU nor the gate
+    "inputs": "is it a test bench, and sets this for the gate?",
+    "outputs": "use it only if that node is not on the bus",
+}
 _WANTED = ("left_duty", "left_current", "gate_angle")  # an ECU hardly runs without these
 
 
@@ -133,7 +137,7 @@ def _lines_of(section: str, found: Mapping[str, list[Candidate]]) -> Iterator[Li
         for candidate in candidates[:_MOST]:
             line = line_for(section, quantity, candidate)
             if candidate.sender:
-                line = line.withdrawn(f"sent by {candidate.sender}: use it only if that node is not on the bus")
+                line = line.withdrawn(f"sent by {candidate.sender}: {_IF_SENT[section]}")
             if len(candidates) > 1:
                 line = line.withdrawn(f"one of {len(candidates)} candidates")
             elif "either_" in candidate.quantity and candidate is not _only(found, quantity):

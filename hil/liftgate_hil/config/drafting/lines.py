@@ -17,6 +17,21 @@ from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, TRUE_PREFIX
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
+# Kinds of enumerations, see `LABELS`, by how their quantities end.
+_ENUMERATIONS = {
+    "direction": "direction", "latch_release": "latch_release", "latch_state": "latch_state",
+    "pinch_strip": "switch", "handle_pulled": "switch", "button_pressed": "switch",
+}  # fmt: skip
+_CLOSED = {
+    "pulled",
+    "gezogen",
+    "pressed",
+    "gedrueckt",
+    "betaetigt",
+    "actuated",
+    "active",
+    "aktiv",
+}  # switches at 1
 # Step of a signal, in our unit, that no database of a gate has: the unit must be another one.
 _COARSE = {"A": 0.9, "V": 0.9, "deg": 4.0, "°C": 10.0, "rev/s": 20.0}
 _NO_VALUE = {
@@ -119,9 +134,7 @@ def _share_by_range(line: Line, signal: Signal) -> Line:
 
 def _enumeration(line: Line, signal: Signal, ours: tuple[str, ...]) -> Line:
     """Return the line of an enumeration: by labels that name our values, or by one bit that its name explains."""
-    kind = next(
-        (kind for kind in ("direction", "latch_release", "latch_state") if line.quantity.endswith(kind)), ""
-    )
+    kind = next((kind for end, kind in _ENUMERATIONS.items() if line.quantity.endswith(end)), "")
     choices = {int(raw): str(label) for raw, label in (signal.choices or {}).items()}
     labels = {label.casefold() for label in choices.values()}
     if choices and all(name in labels for name in ours):
@@ -158,8 +171,13 @@ def _flag(line: Line, signal: Signal, kind: str) -> str:
         return ""
     if kind == "latch_release" and "release" in concepts:
         return "{ hold = 0, release = 1 }"
+    if kind == "switch":
+        return "{ off = 0, on = 1 }" if words & _CLOSED else ""
     whole = "".join(words_of(signal.name))
-    is_shut = any(each in whole for each in ("latched", "closed", "locked", "verriegelt")) and "un" not in whole
+    is_shut = (
+        any(each in whole for each in ("latched", "closed", "locked", "verriegelt", "hauptrast"))
+        and "un" not in whole
+    )
     is_open = bool(words & {"open", "offen", "unlatched", "unlocked", "entriegelt"})
     if kind == "latch_state" and is_shut != is_open:
         return "{ open = 0, latched = 1 }" if is_shut else "{ open = 1, latched = 0 }"

@@ -114,7 +114,7 @@ def test_labels_that_two_of_ours_may_mean_are_nobodys():
 
 HEAD = """VERSION ""
 BS_:
-BU_: ECU Gate
+BU_: ECU Gate Tester
 """
 TAIL = """BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
 BA_DEF_DEF_ "GenMsgCycleTime" 10;
@@ -138,6 +138,57 @@ CURRENTS = """BO_ 512 GateOut: 8 Gate
  SG_ Counter : 48|4@1+ (1,0) [0|14] "" ECU
  SG_ Angle : 56|8@1+ (1,0) [0|100] "deg" ECU
 """
+
+
+SWITCHES = """BO_ 768 GateSwitches: 8 Gate
+ SG_ KlemmleisteLinks : 0|1@1+ (1,0) [0|1] "" ECU
+ SG_ KlemmleisteRechts : 1|1@1+ (1,0) [0|1] "" ECU
+ SG_ GriffGezogen : 2|1@1+ (1,0) [0|1] "" ECU
+ SG_ TasterGedrueckt : 3|1@1+ (1,0) [0|1] "" ECU
+ SG_ Versorgung : 8|16@1+ (0.01,0) [0|30] "V" ECU
+ SG_ Schloss : 24|2@1+ (1,0) [0|2] "" ECU
+"""
+GERMAN = """BO_ 257 GateRichtung: 8 ECU
+ SG_ RichtungLinks : 0|2@1+ (1,0) [0|3] "" Gate
+"""
+GERMAN_LABELS = """VAL_ 768 Schloss 0 "offen" 1 "Vorraste" 2 "Hauptraste" ;
+VAL_ 768 KlemmleisteLinks 0 "nicht betaetigt" 1 "betaetigt" ;
+VAL_ 257 RichtungLinks 0 "Leerlauf" 1 "Auf" 2 "Zu" 3 "Bremse" ;
+"""
+
+
+def test_german_names_and_labels_are_understood(tmp_path: Path):
+    text, waiting = draft_of(tmp_path, COMMON, GERMAN, CURRENTS, SWITCHES, GERMAN_LABELS)
+    for line in (
+        'left_pinch_strip = { signal = "GateSwitches.KlemmleisteLinks", '
+        'values = { off = "nicht betaetigt", on = "betaetigt" } }',
+        '# right_pinch_strip = { signal = "GateSwitches.KlemmleisteRechts", values = { off = "?", on = "?" } }',
+        'handle_pulled = { signal = "GateSwitches.GriffGezogen", values = { off = 0, on = 1 } }',
+        'button_pressed = { signal = "GateSwitches.TasterGedrueckt", values = { off = 0, on = 1 } }',
+        'terminal_voltage = "GateSwitches.Versorgung"',
+        'latch_state = { signal = "GateSwitches.Schloss", values = { open = "offen", latched = "Hauptraste" } }',
+    ):
+        assert f"\n{line}" in text, text
+    assert 'coast = "Leerlauf"' in text
+    assert "inputs.left_direction" not in waiting
+
+
+PANEL = """BO_ 1024 Umgebung: 8 Tester
+ SG_ Steigung : 0|16@1- (0.1,0) [-30|30] "deg" Gate
+ SG_ Handkraft : 16|16@1- (1,0) [-500|500] "N" Gate
+ SG_ Versorgungsspannung : 32|16@1+ (0.01,0) [0|30] "V" Gate
+"""
+
+
+def test_what_another_node_sends_to_the_gate_is_an_input_of_a_panel_and_no_output(tmp_path: Path):
+    text, waiting = draft_of(tmp_path, COMMON, CURRENTS, PANEL)
+    for quantity, signal in (
+        ("road_slope", "Steigung"), ("hand_force", "Handkraft"), ("supply_voltage", "Versorgungsspannung"),
+    ):  # fmt: skip
+        reason = "sent by Tester: is it a test bench, and sets this for the gate?"
+        assert waiting[f"inputs.{quantity}"] == reason
+        assert f'# {quantity} = "Umgebung.{signal}"' in text.partition("[outputs]")[0]
+    assert "Umgebung." not in text.partition("[outputs]")[2].partition("[messages")[0]
 
 
 def test_a_duty_of_no_side_beside_two_drives_is_asked_for(tmp_path: Path):

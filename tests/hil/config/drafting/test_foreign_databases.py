@@ -90,7 +90,7 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
         | {"latch_release": ("RGTM_Command.LftgtLtch_Unlatch_B_Rq", 1.0, 1.0)}
         | both("current", ("LFTGT_Data.LftgtMtrLeft_I_Actl", "LFTGT_Data.LftgtMtrRght_I_Actl"), -2.5, -2.5)
         | {"gate_angle": ("LFTGT_Data.LftgtAng_An_Actl", 80.0, 80.0)},
-        {"outputs.true_left_voltage", "outputs.true_right_voltage", "outputs.ambient_temperature"},
+        {"outputs.true_left_voltage", "outputs.true_right_voltage", "inputs.ambient_temperature"},
     ),
     "gm_plgm": (
         both("duty", ("PLGM_Mtr_Cmd.LtMtrDtyCyc", "PLGM_Mtr_Cmd.RtMtrDtyCyc"), 40.0, 40.0)
@@ -371,10 +371,7 @@ def test_our_own_database_drafts_to_our_own_rig():
     content = tomllib.loads(draft.text)
     to_choose = {"left_hall_speed", "right_hall_speed"}
     # What few databases have is wired by hand.
-    to_choose |= {name for name in own["outputs"] if re.search("edge_(number|age_.)|_half|_home|strip", name)} | {
-        "handle_pulled",
-        "button_pressed",
-    }
+    to_choose |= {name for name in own["outputs"] if re.search("edge_(number|age_.)|_half|_home", name)}
     del own["inputs"]["latch_cinch"]
     # That it is the largest since the last frame, its comment alone says.
     own["outputs"]["true_pinch_force"] = own["outputs"].pop("pinch_force_max")
