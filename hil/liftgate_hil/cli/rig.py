@@ -65,7 +65,9 @@ def _check(args: argparse.Namespace) -> int:
     with Teller(is_quiet=False, is_json=args.json).progress(f"reading {printable(path.name)}"):
         rig, issues = read_rig(path)
     # What follows from a mapping that could not be read is no news beside the reason.
-    notes = [] if issues.lines else [*notes_on_fit(rig, vehicle, args.rate), *_not_for_ours(rig, vehicle)]
+    notes: list[str] = []
+    if not issues.lines:
+        notes = [*notes_on_fit(rig, vehicle, args.rate), *_not_for_ours(rig, vehicle), *_without_buttons(rig)]
     try:
         check_fit(rig, vehicle, args.rate)
     except ConfigError as error:
@@ -111,6 +113,14 @@ def _not_for_ours(rig: Rig, vehicle: Vehicle) -> list[str]:
     lacking = lacking_feedback(rig, vehicle.drives)
     text = f"{rig.source}: the reference ECU cannot use this rig, as it lacks {', '.join(lacking)}; yours may"
     return [text] if lacking else []
+
+
+def _without_buttons(rig: Rig) -> list[str]:
+    """Return a note where a rig maps no button of the driver."""
+    if rig.driver.buttons:
+        return []
+    text = "a scenario's requests and the page's driver buttons cannot reach an ECU on the bus"
+    return [f"{rig.source}: {text}: [requests] maps them, see docs/rig.md"]
 
 
 def _lines(messages: list[MappedMessage]) -> list[str]:

@@ -48,6 +48,15 @@ def test_a_foreign_rig_shows_units_conversions_and_ranges(capsys: pytest.Capture
     assert lines[-1].endswith("fits compact at 2000 Hz")
 
 
+def test_a_rig_without_requests_is_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = write_rig(tmp_path, DATABASE, RIG + 'left_current = "Out.Current"\n')
+    main(["rig", "check", str(path)])
+    note = "driver buttons cannot reach an ECU on the bus: [requests] maps them, see docs/rig.md"
+    assert note in capsys.readouterr().out
+    main(["rig", "check", "liftgate"])
+    assert "[requests]" not in capsys.readouterr().out
+
+
 def test_issues_come_with_the_table_of_what_could_be_made_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     wires = 'left_current = "Out.Volt"\ngate_angle = "Fine.Angle"\n'
     path = write_rig(tmp_path, DATABASE, RIG + wires)

@@ -13,6 +13,7 @@ from liftgate_hil.config.database import load_messages
 from liftgate_hil.config.drafting.candidates import Candidate, find_candidates
 from liftgate_hil.config.drafting.lines import Line, line_for, quoted
 from liftgate_hil.config.drafting.protections import checksums_of, protection_lines
+from liftgate_hil.config.drafting.words import named_values
 from liftgate_hil.config.rig import rig_of_content
 from liftgate_hil.errors import ConfigIssues, printable
 from liftgate_hil.signals import PANEL
@@ -66,9 +67,25 @@ def draft_rig(database: Path, target: Path) -> Draft:
         for signal in checksums_of(messages[name]):
             reason = f"{signal.name}: the database does not say which; without it wrong frames are accepted"
             waiting[f"messages.{name}.checksum"] = reason
+    text += "".join(_buttons(lines, messages))
     text += "".join(_not_chosen(not_chosen))
     text += "".join(_unused(text, messages, {line.message.name for line in _all(lines)}, not_chosen))
     return Draft(text, mapped, [*waiting.items(), *_missing(faults, waiting, mapped)])
+
+
+def _buttons(lines: Mapping[str, list[Line]], messages: Mapping[str, Message]) -> Iterator[str]:
+    """Yield comments on `[requests]`, and on what the ECU receives and may be a driver's button by its labels."""
+    yield "\n# Not drafted: [requests], see docs/rig.md. Without it no request reaches an ECU on a bus.\n"
+    commands = [line.message for line in lines["inputs"] if line.quantity.endswith(("_duty", "_direction"))]
+    ecus = {sender for message in commands for sender in message.senders}
+    mapped = {line.signal for line in _all(lines)}
+    for name, message in sorted(messages.items()):
+        for signal in [] if ecus & {*message.senders} else message.signals:
+            labels = {raw: str(label) for raw, label in (signal.choices or {}).items()}
+            has_both = {"open", "close"} <= named_values("direction", labels).keys()
+            if has_both and ecus & {*signal.receivers} and f"{name}.{signal.name}" not in mapped:
+                said = ", ".join(f"{raw} {label!r}" for raw, label in sorted(labels.items())[:_MOST])
+                yield f"#   {printable(f'{name}.{signal.name}')}: a button? labels {printable(said)}\n"
 
 
 def _not_chosen(signals: Mapping[str, tuple[str, str]]) -> Iterator[str]:

@@ -191,6 +191,27 @@ def test_what_another_node_sends_to_the_gate_is_an_input_of_a_panel_and_no_outpu
     assert "Umgebung." not in text.partition("[outputs]")[2].partition("[messages")[0]
 
 
+DRIVER = """BO_ 1280 Fahrer: 8 Tester
+ SG_ Wunsch : 0|2@1+ (1,0) [0|3] "" ECU
+ SG_ Anderes : 2|2@1+ (1,0) [0|3] "" Gate
+"""
+DRIVER_LABELS = """VAL_ 1280 Wunsch 0 "Kein" 1 "Oeffnen" 2 "Schliessen" 3 "Stop" ;
+VAL_ 1280 Anderes 0 "Kein" 1 "Oeffnen" 2 "Schliessen" 3 "Stop" ;
+"""
+
+
+def test_what_the_ecu_receives_with_labels_of_buttons_is_named_for_requests(tmp_path: Path):
+    text, _ = draft_of(tmp_path, COMMON, CURRENTS, DRIVER, DRIVER_LABELS)
+    lines = text.splitlines()
+    place = lines.index(
+        next(each for each in lines if each.startswith("# Not drafted: [requests], see docs/rig.md"))
+    )
+    assert lines[place + 1] == (
+        "#   Fahrer.Wunsch: a button? labels 0 'Kein', 1 'Oeffnen', 2 'Schliessen', 3 'Stop'"
+    )
+    assert "Anderes: a button?" not in text
+
+
 def test_a_duty_of_no_side_beside_two_drives_is_asked_for(tmp_path: Path):
     text, waiting = draft_of(tmp_path, COMMON, CURRENTS)
     for side in ("left", "right"):
