@@ -58,6 +58,11 @@ def printable(text: str) -> str:
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
 
 
+def number_of(count: int, noun: str) -> str:
+    """Return a count with its noun, in the plural unless it is one: 1 frame, 2 frames."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 class LiftgateError(Exception):
     """Base class of all errors that this program raises on purpose."""
 

@@ -84,7 +84,7 @@ def test_lost_springs_are_drawn_without_force(page: Any) -> None:
 def test_a_command_that_has_timed_out_does_not_look_alive(page: Any) -> None:
     assert "timed out" not in text_of(page, "#command")
     page.execute_script("command({fault: {kind: 'frame_lost', where: 'left_duty', direction: 'received'}})")
-    until(page, lambda _: "timed out" in text_of(page, "#command"))
+    until(page, lambda _: "timed out," in text_of(page, "#command"))
     assert "old" in found(page, "#command").get_attribute("class")
     assert "no command of the ECU" in text_of(page, "#health")
     clear_all(page)

@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.errors import printable
+from liftgate_hil.errors import number_of, printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +52,6 @@ def run(args: argparse.Namespace) -> int:
         if done.aside is not None:
             print(printable(set_aside_text(Path(args.target), done.aside)), file=sys.stderr)
         counts = {"row": done.rows, "frame": done.frames, "mark": done.marks}
-        what = [f"{n} {name}{'s'[: n != 1]}" for name, n in counts.items() if n]
+        what = [number_of(n, name) for name, n in counts.items() if n]
         print(printable(f"{args.target}: {', '.join(what) or 'nothing'}"))
     return 0

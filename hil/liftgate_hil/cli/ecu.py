@@ -139,11 +139,8 @@ def _drive(
         _take_turns(peer, adapter, waiting, args.duration, stop, teller)
     finally:
         transport.close()
-        faults = [
-            f"{count} {name.replace('_', ' ')}" for name, count in transport.counts()._asdict().items() if count
-        ]
-        if faults:
-            teller.say(f"link: {', '.join(faults)}")
+        if faults := transport.counts().in_words():
+            teller.say(f"link: {', '.join(faults.values())}")
 
 
 def _planned(requests: Sequence[Request]) -> str:

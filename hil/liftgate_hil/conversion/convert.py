@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE
 from liftgate_hil.conversion.table import decoded
-from liftgate_hil.errors import ConfigError, RecordingError, printable
+from liftgate_hil.errors import ConfigError, RecordingError, number_of, printable
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.guarded import raise_failures
 from liftgate_hil.formats.open import FORMATS, WITH_MARKS, check_file, open_recording, open_writer
@@ -141,14 +141,12 @@ def _notes_on_marks(source: Recording, target: Path) -> list[str]:
     """Return the note on marks that the target cannot hold, or whose text it changes."""
     if source.marks and target.suffix not in WITH_MARKS:
         able = ", ".join(WITH_MARKS)
-        return [f"{_many_marks(len(source.marks))} omitted: {target.suffix} cannot hold marks; allowed: {able}"]
+        return [
+            f"{number_of(len(source.marks), 'mark')} omitted: {target.suffix} cannot hold marks; allowed: {able}"
+        ]
     if target.suffix == ".blf" and (changed := sum(not text.isascii() for _, text in source.marks)):
-        return [f"{_many_marks(changed)} changed: .blf holds texts in ASCII, with ? for other characters"]
+        return [f"{number_of(changed, 'mark')} changed: .blf holds texts in ASCII, with ? for other characters"]
     return []
-
-
-def _many_marks(count: int) -> str:
-    return f"{count} mark{'s'[: count != 1]}"
 
 
 def _marks_for(source: Recording, target: Path) -> tuple[tuple[float, str], ...]:

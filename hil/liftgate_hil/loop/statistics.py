@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from liftgate_hil import signals
 from liftgate_hil.codec.frames import Frames, bits_of
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, rejected
+from liftgate_hil.errors import number_of
 from liftgate_hil.loop.histogram import NOTHING, Distribution
 from liftgate_hil.transport.base import LinkCounts
 
@@ -66,7 +67,9 @@ _MOST_LISTED = 5  # injections or commands that are listed, at most
 _CYCLES_S = 0.1  # s in which every message of a rig is usually sent
 # Counters of a link that are printed with words of their own.
 _USUAL_FAULTS = ("losses", "send_failures", "send_queue_full", "receive_failures", "dropped")
-_IN_WORDS = {"stale_frames": "received frames ignored as they had waited longer than their message's time-out"}
+# What became of received frames that never acted; the page says the same.
+DROPPED = "dropped as the bench did not read in time"
+STALE = "ignored for a wait longer than the message's time-out"
 _NO_FAULTS = ("before_start",)
 
 
@@ -150,22 +153,23 @@ class Summary:
         first = "; ".join(self.injected[:_MOST_LISTED])
         more = "; …" if self.injections > _MOST_LISTED else ""
         text = f": {first}{more}" if first else ""
-        return f"injected by the test bench {self.injections} times, {self.injections_refused} refused{text}"
+        times = number_of(self.injections, "time")
+        return f"injected by the test bench {times}, {self.injections_refused} refused{text}"
 
     def _link_lines(self) -> list[str]:
         """Return a line on the faults of the link; none if there were none."""
         link = self.link._replace(**dict.fromkeys(_NO_FAULTS, 0))
         if not any(link):
             return []
-        rarer = [
-            f", {count} {_IN_WORDS.get(name) or name.replace('_', ' ')}"
-            for name, count in link._asdict().items()
-            if count and name not in _USUAL_FAULTS
-        ]
+        words = link.in_words()
+        if link.stale_frames:
+            words["stale_frames"] = f"{number_of(link.stale_frames, 'received frame')} {STALE}"
+        rarer = [f", {each}" for name, each in words.items() if name not in _USUAL_FAULTS]
         return [
-            f"link: lost {link.losses} times, {link.send_failures} frames not sent "
-            f"({link.send_queue_full} because the queue was full), {link.receive_failures} "
-            f"receive errors, {link.dropped} received frames dropped as the bench did not read them in time"
+            f"link: lost {number_of(link.losses, 'time')}, {number_of(link.send_failures, 'frame')} not sent "
+            f"({link.send_queue_full} because the queue was full), "
+            f"{number_of(link.receive_failures, 'receive error')}, "
+            f"{number_of(link.dropped, 'received frame')} {DROPPED}"
             + "".join(rarer)
             + (f", last: {self.link_error}" if self.link_error else "")
         ]
@@ -207,7 +211,7 @@ class Summary:
         if self.commands:
             first = "; ".join(self.commanded[:_MOST_LISTED])
             more = f"; and {self.commands - _MOST_LISTED} more (--json)" if self.commands > _MOST_LISTED else ""
-            lines.append(f"commanded by the operator {self.commands} times: {first}{more}")
+            lines.append(f"commanded by the operator {number_of(self.commands, 'time')}: {first}{more}")
         if self.ecu_dropped_frames:
             lines.append(f"the ECU had no room for {self.ecu_dropped_frames} frames")
         if self.recording_lost_rows:

@@ -110,10 +110,8 @@ class Played:
             lines.append(f"the logger's clock was set back {self.clock_set_back} times")
         if self.ring_empty:
             lines.append(f"recording read too slowly {self.ring_empty} times")
-        faults = {name: count for name, count in self.link._asdict().items() if count}
-        if faults:
-            counts = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in faults.items())
-            lines.append(f"link: {counts}")
+        if faults := self.link.in_words():
+            lines.append(f"link: {', '.join(faults.values())}")
         return lines
 
 

@@ -32,6 +32,16 @@ class LinkCounts(NamedTuple):
     before_start: int = 0  # frames that arrived before the loop was ready, or a lost link was back
     stale_frames: int = 0  # frames that had waited longer than their message's timeout
 
+    def in_words(self) -> dict[str, str]:
+        """Return a text for each count that is not zero, by its name: 1 loss, 2 bus offs."""
+        nouns = {name: name.replace("_", " ") for name in self._fields}
+        singular = {name: noun.removesuffix("s") for name, noun in nouns.items()} | {"losses": "loss"}
+        return {
+            name: f"{count} {singular[name] if count == 1 else nouns[name]}"
+            for name, count in self._asdict().items()
+            if count
+        }
+
 
 NO_ERRORS = LinkCounts()
 

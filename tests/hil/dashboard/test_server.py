@@ -26,6 +26,7 @@ from liftgate_hil.dashboard.live import _UNKNOWN_END
 from liftgate_hil.dashboard.recorded import RecordingSource
 from liftgate_hil.dashboard.source import STATE
 from liftgate_hil.judging.verdict import Verdict
+from liftgate_hil.loop import statistics
 from liftgate_hil.running.attachment.server import _in_short
 
 BENCH = ("--bus", "virtual:page", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
@@ -142,6 +143,12 @@ def test_what_else_the_server_answers_has_exactly_the_documented_keys(client: Cl
     recording["marks"] = [{"time_s": 1.0, "text": "it squeaks"}]
     own = {path for path in RECORDING_KEYS if path not in ("number", "read_only", "starts", "ends_with_run")}
     assert {*written(recording, RECORDING_KEYS)} == own
+
+
+def test_the_page_says_of_frames_that_never_acted_what_the_summary_says() -> None:
+    script = (Path(statistics.__file__).parents[1] / "dashboard" / "page" / "state.js").read_text(encoding="utf-8")
+    assert statistics.DROPPED in script
+    assert statistics.STALE in script
 
 
 def test_the_stream_brings_the_state_again_and_again_with_what_lay_between(client: Client) -> None:

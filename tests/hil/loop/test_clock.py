@@ -233,7 +233,7 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         "21 bad crcs",
         "22 bad identifiers",
         "23 frames arrived before the loop was ready",
-        "24 received frames ignored as they had waited longer",
+        "24 received frames ignored for a wait longer",
         "time-outs 13",
     ):
         assert said in text
@@ -242,6 +242,19 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
     assert told["received"]["wrong_length"] == 5
     assert told["link"]["send_failures"] == 11
     assert told["link"]["receive_failures"] == 12
+
+
+def test_what_happened_once_is_told_in_the_singular():
+    link = LinkCounts(send_failures=1, receive_failures=1, dropped=1, losses=1, bus_offs=1, stale_frames=1)
+    summary = Summary(clock="free", link=link, injections=1, commands=1, commanded=["hand_force 5 N"])
+    text = "\n".join(summary.lines())
+    for said in (
+        "lost 1 time,", "1 frame not sent", "1 receive error,", "1 received frame dropped as", "1 bus off,",
+        "1 received frame ignored for", "test bench 1 time,", "operator 1 time:",
+    ):  # fmt: skip
+        assert said in text
+    assert link.in_words()["losses"] == "1 loss"
+    assert LinkCounts(losses=2, dropped=1).in_words() == {"dropped": "1 dropped", "losses": "2 losses"}
 
 
 def test_the_bus_load_of_a_run_shorter_than_a_cycle_is_not_reported():

@@ -33,6 +33,8 @@ function isSilent(state) {
   return ["running", "late"].includes(state.phase) && (age === null || age > 0.5);
 }
 
+const numberOf = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s"}`;
+
 function showHealth(state) {
   const loop = state.loop || {},
     bus = state.bus || {},
@@ -41,14 +43,17 @@ function showHealth(state) {
     notes.push(
       "the run stands still, for example as it waits for the ECU: commands take effect when it continues",
     );
-  if (loop.ticks_missed) notes.push(`${loop.ticks_missed} ticks missed`);
+  if (loop.ticks_missed) notes.push(`${numberOf(loop.ticks_missed, "tick")} missed`);
   if (loop.frames_dropped)
-    notes.push(`${loop.frames_dropped} received frame${loop.frames_dropped > 1 ? "s" : ""} not read in time`);
-  if (bus.rejected) notes.push(`${bus.rejected} frames rejected`);
+    notes.push(
+      `${numberOf(loop.frames_dropped, "received frame")} dropped as the bench did not read in time, ` +
+        "or ignored for a wait longer than the message's time-out",
+    );
+  if (bus.rejected) notes.push(`${numberOf(bus.rejected, "frame")} rejected`);
   if (bus.overwritten)
     notes.push(`${bus.overwritten} rows or frames were overwritten before this page saw them`);
   if (loop.stimuli_not_made) notes.push("the bench has not made all that it was asked for");
-  if (bus.unsent) notes.push(`${bus.unsent} frames not sent`);
+  if (bus.unsent) notes.push(`${numberOf(bus.unsent, "frame")} not sent`);
   if (isSilent(state))
     notes.push(
       "no command of the ECU" + (bus.command_age_s === null ? "" : ` for ${bus.command_age_s.toFixed(1)} s`),
@@ -189,7 +194,7 @@ function showCommand(command, isOld) {
     !words.length && about.kind === "run"
       ? [["ECU", "no command yet"]]
       : isOld
-        ? [["timed out", "last command:"], ...words]
+        ? [["timed out,", "last command:"], ...words]
         : words;
   const list = find("command");
   list.classList.toggle("old", isOld);
