@@ -49,7 +49,7 @@ def test_a_foreign_rig_shows_units_conversions_and_ranges(capsys: pytest.Capture
 
 
 def test_a_rig_without_requests_is_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    path = write_rig(tmp_path, DATABASE, RIG + 'left_current = "Out.Current"\n')
+    path = write_rig(tmp_path, DATABASE, RIG + 'gate_angle = "Fine.Angle"\n')
     main(["rig", "check", str(path)])
     note = "driver buttons cannot reach an ECU on the bus: [requests] maps them, see docs/rig.md"
     assert note in capsys.readouterr().out
