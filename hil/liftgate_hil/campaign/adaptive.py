@@ -90,6 +90,12 @@ class Worst(NamedTuple):
     search: list[Evaluated]
     random: list[Evaluated]
 
+    @property
+    def everything(self) -> list[Evaluated]:
+        """Evaluations of the search, then those of the random draws, numbered on."""
+        more = [each._replace(number=each.number + len(self.search)) for each in self.random]
+        return [*self.search, *more]
+
 
 def search_worst(campaign: Campaign, space: Space, expectation: str, budget: int, seed: int) -> Worst:
     """Search for the smallest margin, then draw as many variants at random to compare with."""

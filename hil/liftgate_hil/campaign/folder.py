@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import json
 import os
+import shlex
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,7 @@ AGAINST, DIFFERENCES = "against.parquet", "differences.parquet"  # of another EC
 WORST_FILE, DATA = "worst.toml", "DATA.md"
 LOCK = ".lock"  # held by the process whose campaign runs in the folder
 FORMAT = 1  # of campaign.json
+_SHOWN = 12  # characters of a variant's name that tell it from others
 _GROUP = 16_384  # rows of a row group at least
 
 
@@ -96,6 +98,10 @@ class Folder:
             write_whole(self.path / name, content)
         except OSError as error:
             raise StoreError(f"{self.path / name}: {error.strerror}") from error
+
+    def replay_line(self, variant: str) -> str:
+        """Return the command that runs a variant again, with the campaign's ECU and rate."""
+        return f"liftgate-hil campaign {shlex.quote(str(self.path))} --replay {variant[:_SHOWN]}"
 
     def write_results(self, tables: Iterable[pa.Table], name: str = RESULTS) -> int:
         """Write tables, in their order, as one Parquet file; return the number of rows. Raises StoreError."""

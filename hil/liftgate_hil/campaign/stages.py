@@ -58,13 +58,13 @@ def _search(found: Prepared, campaign: Campaign, folder: Folder) -> Analysis:
     name = request.expectation
     budget = request.evaluations or WORST_EVALUATIONS
     worst = adaptive.search_worst(campaign, found.space, name, budget, request.sampling_seed)
-    least = adaptive_sections.least_of(worst.search)
+    least = adaptive_sections.least_of(worst.everything)
     variant = ""
     if least is not None:
         variant = found.base.variant(least.values)
-        comment = f"Smallest margin of {name!r} that a search has found: {least.margin:.6g}.\nvariant {variant}"
+        comment = f"Smallest margin of {name!r} that was found: {least.margin:.6g}.\nvariant {variant}"
         folder.write(WORST_FILE, scenario_text(found, least.values, comment).encode())
-    line = f"liftgate-hil test {folder.path / WORST_FILE}"
+    line = folder.replay_line(variant)
     return Analysis(
         adaptive_sections.worst_as_dict(worst, name, variant, names),
         [adaptive_sections.worst_section(worst, name, names, line)],

@@ -224,13 +224,19 @@ def _found(outcome: Outcome) -> Iterator[str]:
     from liftgate_hil.campaign.folder import WORST_FILE
 
     found = outcome.analysis.content
-    if found.get("margin") is not None:
-        values = ", ".join(f"{name} = {value:.6g}" for name, value in found["values"].items())
-        yield f"smallest margin of {found['expectation']}: {found['margin']:.6g} with {values}"
-        yield f"to run it: liftgate-hil test {outcome.folder.path / WORST_FILE}"
-    if found.get("probability") is not None:
-        chance, low, high = (found[name] for name in ("probability", "low", "high"))
-        yield f"probability that {found['expectation']} fails: {chance:.3g} (95 %: {low:.3g} to {high:.3g})"
+    if not outcome.is_complete or "expectation" not in found:
+        return
+    name = found["expectation"]
+    if found.get("margin", found.get("probability")) is None:
+        yield f"no variant has a margin of {name}: it is inconclusive in all of them"
+    elif "margin" in found:
+        values = ", ".join(f"{each} = {value:.6g}" for each, value in found["values"].items())
+        yield f"smallest margin of {name}: {found['margin']:.6g} with {values}"
+        yield f"to run it again: {outcome.folder.replay_line(found['variant'])}"
+        yield f"as a scenario for other ECUs: {outcome.folder.path / WORST_FILE}"
+    else:
+        chance, low, high = (found[each] for each in ("probability", "low", "high"))
+        yield f"probability that {name} fails: {chance:.3g} (95 %: {low:.3g} to {high:.3g})"
 
 
 def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:

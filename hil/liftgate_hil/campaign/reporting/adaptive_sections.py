@@ -29,8 +29,8 @@ def first_failure(history: Sequence[Evaluated]) -> int | None:
 
 
 def worst_as_dict(found: Worst, expectation: str, variant: str, names: Sequence[str]) -> dict[str, Any]:
-    """Return a search for JSON."""
-    best = least_of(found.search)
+    """Return a search for JSON; the smallest margin is that of all evaluations, random draws included."""
+    best = least_of(found.everything)
     return {
         "expectation": expectation,
         "variant": variant,
@@ -58,8 +58,8 @@ def _random_as_dict(history: Sequence[Evaluated]) -> dict[str, Any]:
 
 
 def worst_section(found: Worst, expectation: str, names: Sequence[str], line: str) -> str:
-    """Return the report's section on a search; `line` runs the found variant."""
-    best = least_of(found.search)
+    """Return the report's section on a search; `line` runs the found variant again."""
+    best = least_of(found.everything)
     if best is None:
         return section("Search for the worst", "<p>No variant has a margin.</p>")
     fails = best.margin < 0.0
