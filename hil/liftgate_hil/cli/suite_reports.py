@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from liftgate_hil.testing.suite import Outcome
+
+
+_IN_RESULTS = {"json": "verdicts.json", "junit": "junit.xml", "html": "report.html"}  # files of --results
 
 
 class Output:
@@ -56,27 +60,58 @@ def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
     The folder of `--results` is created.
     """
     found: dict[str, list[str]] = {"json": [], "junit": [], "html": []}
+    wanted = [("json", args.json), ("junit", args.junit), ("html", args.html)]
+    issues, taken = [], set[str]()
     if args.results:
         folder = Path(args.results)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ConfigError(f"`results` {folder}: {error.strerror}; allowed: a folder") from error
-        found["json"].append(str(folder / "verdicts.json"))
-        found["junit"].append(str(folder / "junit.xml"))
-        found["html"].append(str(folder / "report.html"))
-    for kind, given in (("json", args.json), ("junit", args.junit), ("html", args.html)):
-        if given is not None:
-            if kind == "html" and given == "-":
-                raise ConfigError("`html` -: allowed: a file")
-            if given == "-" and sys.stdout is None:
-                raise ConfigError(f"`{kind}` -: stdout is closed; allowed: a file")
-            if given != "-" and not Path(given).parent.is_dir():
-                raise ConfigError(f"`{kind}` {given}: no such folder; allowed: a file in an existing folder")
-            if given != "-" and Path(given).is_dir():
-                raise ConfigError(f"`{kind}` {given}: is a folder; allowed: a file")
+            issues.append(f"`results` {folder}: {error.strerror}; allowed: a folder")
+        else:
+            wanted += [(kind, str(folder / name)) for kind, name in _IN_RESULTS.items()]
+    for kind, given in wanted:
+        if given is None:
+            continue
+        issue = _issue_with(kind, given)
+        real = os.path.realpath(given)
+        if not issue and given != "-" and real in taken and Path(given).is_file():
+            issue = f"`{kind}` {given}: another report is written there; allowed: a file of its own"
+        taken.add(real)
+        if issue:
+            issues.append(issue)
+        else:
             found[kind].append(given)
+    if issues:
+        with reporting_issues(found):
+            raise ConfigError(issues)
     return found
+
+
+def _issue_with(kind: str, given: str) -> str:
+    """Return why a report of a kind cannot be written to a file, "-": stdout; "": it can."""
+    if given == "-":
+        if kind == "html":
+            return "`html` -: allowed: a file"
+        return f"`{kind}` -: stdout is closed; allowed: a file" if sys.stdout is None else ""
+    path = Path(given)
+    if not path.parent.is_dir():
+        return f"`{kind}` {given}: no such folder; allowed: a file in an existing folder"
+    if path.is_dir():
+        return f"`{kind}` {given}: is a folder; allowed: a file"
+    if path.is_file() and not _is_report(path, kind):
+        return f"`{kind}` {given}: holds something else; allowed: a new file, or an earlier report of this kind"
+    return ""
+
+
+def _is_report(path: Path, kind: str) -> bool:
+    """Whether a file begins as a report of a kind does, or is empty: a scenario or a recording does not."""
+    try:
+        with path.open("rb") as stream:
+            begin = stream.read(64).lstrip(b"\xef\xbb\xbf \t\r\n")
+    except OSError:
+        return True  # it will be said when it is written
+    return not begin or begin.startswith(b"{" if kind == "json" else b"<")
 
 
 @contextlib.contextmanager
@@ -95,14 +130,15 @@ def reporting_issues(targets: Mapping[str, list[str]]) -> Iterator[None]:
         for target in (*targets["json"], *targets["html"]):
             if target != "-" and Path(target).is_file():
                 with contextlib.suppress(OSError):
-                    Path(target).unlink()
+                    Path(os.path.realpath(target)).unlink()
         raise
 
 
 def report_flags(arguments: Sequence[str], message: str) -> None:
     """Write an error of the flags, which could not be parsed, into the reports that they name; see above."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
-    add_reports(parser, "")
+    for name in ("json", "junit", "html", "results"):
+        parser.add_argument(f"--{name}", nargs="?")  # the value may be what is missing
     with contextlib.suppress(argparse.ArgumentError, ConfigError):
         args, _ = parser.parse_known_args(arguments)
         with reporting_issues(targets_of(args)):

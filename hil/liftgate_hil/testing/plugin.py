@@ -284,12 +284,14 @@ def _end_before_our_frames(error: BaseException) -> None:
     """
     from liftgate_hil.errors import LiftgateError
 
-    if not isinstance(error, LiftgateError):
+    frames = _frames_of(error)
+    is_of_our_call = bool(frames) and frames[-1].tb_frame.f_code.co_filename == __file__
+    if not isinstance(error, LiftgateError) and not (isinstance(error, TypeError) and is_of_our_call):
         return
     cause = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
     if cause is not None and not any(map(_is_of_the_user, _frames_of(cause))):
         error.__cause__, error.__suppress_context__ = None, True
-    last = next((each for each in reversed(_frames_of(error)) if _is_of_the_user(each)), None)
+    last = next((each for each in reversed(frames) if _is_of_the_user(each)), None)
     if last is not None:
         last.tb_next = None
 

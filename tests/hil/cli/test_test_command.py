@@ -78,6 +78,47 @@ def test_what_is_wrong_does_not_leave_reports_of_an_earlier_run(arguments: list[
     assert len(errors) == 1
 
 
+@pytest.mark.parametrize("wrong", [["--html", "-"], ["--json"], ["--json", "no/x.json"], ["--results", "s.toml"]])
+def test_a_wrong_flag_of_one_report_stands_in_the_others(wrong: list[str]) -> None:
+    scenario("s.toml", RESTS)
+    assert main(["test", "s.toml", "--junit", "j.xml"]) == 0
+    assert main(["test", "s.toml", "--junit", "j.xml", *wrong]) == 2
+    assert len(ElementTree.parse("j.xml").getroot().findall("testsuite/testcase/error")) == 1
+
+
+@pytest.mark.parametrize("kind", ["json", "junit", "html"])
+def test_a_report_replaces_reports_only(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """As `--junit *.toml` names two scenarios, and makes one of them the report."""
+    scenario("s.toml", RESTS)
+    before = Path(scenario("x.toml", RESTS)).read_text()
+    for arguments in (["s.toml"], ["x.toml"], ["x.toml", "--jobs", "0"]):
+        assert main(["test", *arguments, f"--{kind}", "x.toml"]) == 2
+        assert Path("x.toml").read_text() == before
+    assert f"--{kind} x.toml: holds something else; allowed: a new file, or an earlier" in capsys.readouterr().err
+    assert main(["test", "s.toml", f"--{kind}", "one", "--results", "out"]) == 0
+    assert main(["test", "s.toml", f"--{kind}", "one", "--results", "out"]) == 0
+    names = {"json": "verdicts.json", "junit": "junit.xml", "html": "report.html"}
+    assert main(["test", "s.toml", f"--{kind}", f"out/{names[kind]}", "--results", "out"]) == 2
+    assert "another report is written there" in capsys.readouterr().err
+
+
+def test_a_link_to_a_report_does_not_keep_an_earlier_one() -> None:
+    scenario("s.toml", RESTS)
+    Path("latest.json").symlink_to("real.json")
+    assert main(["test", "s.toml", "--json", "latest.json"]) == 0
+    assert Path("real.json").exists()
+    assert main(["test", "s.toml", "--json", "latest.json", "--jobs", "0"]) == 2
+    assert not Path("real.json").exists()
+
+
+def test_a_broken_test_file_in_a_folder_is_not_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("tests").mkdir()
+    scenario("tests/s.toml", RESTS)
+    Path("tests/test_other.toml").write_text('include = ["common.toml"\nduration = 5.0\n')
+    assert main(["test", "tests"]) == 2
+    assert "tests/test_other.toml" in capsys.readouterr().err
+
+
 def test_a_test_in_a_folder_that_has_lost_its_expectations_is_not_left_out(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -257,12 +298,15 @@ def test_a_counter_in_other_steps_is_told_beside_the_verdicts(monkeypatch: pytes
         "class Ecu:\n"
         "    period_s = 0.01\n"
         "    def step(self, now_s, frames):\n"
-        "        return [can.Message(arbitration_id=0x120, data=COMMANDS.pop(0), is_extended_id=False)]\n"
+        "        latch = can.Message(arbitration_id=0x121, data=bytes(3), is_extended_id=False)\n"
+        "        return [can.Message(arbitration_id=0x120, data=COMMANDS.pop(0), is_extended_id=False), latch]\n"
     )
     monkeypatch.syspath_prepend(str(Path.cwd()))
     assert main(["test", scenario("a.toml", RESTS), "--ecu", "odd_ecu:Ecu", "--json", "out.json"]) == 0
-    (note,) = json.loads(Path("out.json").read_text())["scenarios"][0]["notes"]
-    assert "DriveCommand frames are missing by their counter" in note
+    notes = json.loads(Path("out.json").read_text())["scenarios"][0]["notes"]
+    found = re.search(r"(\d+) of (\d+) DriveCommand frames are missing by their counter", "; ".join(notes))
+    assert found is not None
+    assert 2 * int(found[1]) == int(found[2]) - 1
 
 
 def test_a_refused_frame_and_commands_that_come_too_late_are_told_with_what_was_wrong(

@@ -101,10 +101,12 @@ def test_a_mistake_in_a_test_is_told_by_its_message_and_not_by_frames_of_the_pac
         "def test_wrong_command(liftgate):\n    liftgate.gate().command(left_dty=60)\n"
         "def test_wrong_file(liftgate, tmp_path):\n    path = tmp_path / 'v.toml'\n    path.write_text('a = =')\n"
         "    liftgate.run('scenarios/opens.toml', vehicle=path)\n"
+        "def test_wrong_keyword(liftgate):\n    liftgate.run('scenarios/opens.toml', durations=1)\n"
         "def test_wrong_column(liftgate):\n    liftgate.run('scenarios/opens.toml').maxima['gate_angel_deg']\n"
     )
     done = pytest_in(foreign, "tests/test_gate.py", "-k", "wrong")
-    assert "6 failed" in done.stdout, done.stdout + done.stderr
+    assert "7 failed" in done.stdout, done.stdout + done.stderr
+    assert "unexpected keyword argument 'durations'" in done.stdout
     assert "v.toml" in done.stdout
     assert "direct cause" not in done.stdout
     assert "left_dty" in done.stdout
