@@ -71,6 +71,7 @@ class Reception(NamedTuple):
     counter: NDArray[np.int64]  # per message, turn of its counter; -1: unknown
     cycles: NDArray[np.int64]  # per message, cycles so far, including lost frames
     lost: NDArray[np.int64]  # per message, of these, frames that its counter shows as missing
+    refused: NDArray[np.int64]  # per message, frames that came and were refused, maybe among the missing ones
     memory: NDArray[np.int64]  # (messages, check_state.MEMORY) E2E check states
     stale_ns: NDArray[np.int64]  # (1,) time at which the first message goes stale
     read: NDArray[np.float64]  # per signal, value in the current frame
@@ -85,6 +86,7 @@ def nothing_received(bus: BusConfig, quantities: int) -> Reception:
         np.full(quantities, np.nan),
         np.full(messages, -1, dtype=np.int64),
         np.full(messages, -1, dtype=np.int64),
+        np.zeros(messages, dtype=np.int64),
         np.zeros(messages, dtype=np.int64),
         np.zeros(messages, dtype=np.int64),
         np.zeros((messages, check_state.MEMORY), dtype=np.int64),
@@ -292,6 +294,8 @@ def receive(bus: BusConfig, reception: Reception, counts: Counts, frames: Frames
         if message >= 0 and is_counted(bus.messages[message], cause):
             reception.cycles[message] += 1 + lost
             reception.lost[message] += lost
+        elif message >= 0:
+            reception.refused[message] += 1
         if cause == ACCEPTED:
             take(bus, reception, message, reception.read)
             reception.seen_ns[message] = now_ns

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from liftgate_hil.codec.receive import slot_of
 from liftgate_hil.codec.refusals import ACCEPTED, FOREIGN
 from liftgate_hil.loop.listener import Listener, Status
-from liftgate_hil.loop.refusal_texts import ANOTHER, REFUSED, RefusalTexts, gaps_text, identifier_text
+from liftgate_hil.loop.refusal_texts import ANOTHER, REFUSED, RefusalTexts, gaps_text, identifier_text, missing_of
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.transport.base import NO_ERRORS, LinkCounts
 
@@ -76,7 +76,7 @@ class ProgressMonitor:
         self._has_reported_another = False
         self._has_reported_gaps = False
         self._command = rig.command_message()
-        self._row = _row_of(config, rig.command_identifier())
+        self._row = self._texts.command_row
         self._next = 0.0
         self._heard = math.inf  # when the command was last valid, or the time of the first look
         self._was_heard = False
@@ -128,9 +128,7 @@ class ProgressMonitor:
 
         Frames that came and were refused may be among those; they are reported by themselves.
         """
-        cycles = int(self._reception.cycles[self._row])
-        refused = sum(int(self._reception.refusals[cause].count) for cause in REFUSED)
-        missing = int(self._reception.lost[self._row]) - refused
+        missing, cycles = missing_of(self._reception, self._row)
         if not self._has_reported_gaps and cycles > _MANY and missing > _MISSING * cycles:
             self._has_reported_gaps = True
             self._listener.say(f"{time_s:.3f} s: {gaps_text(missing, cycles, self._command)}")
@@ -203,9 +201,3 @@ class ProgressMonitor:
             overruns=moment.overruns,
             unsent=moment.link.send_failures,
         )
-
-
-def _row_of(config: LoopConfig, identifier: int) -> int:
-    """Return the row of a message among those that are received."""
-    known: list[int] = config.inputs.messages["identifier"].tolist()
-    return known.index(identifier)

@@ -17,6 +17,7 @@ from liftgate_hil.codec.refusals import (
 from liftgate_hil.signals import BUS_INPUTS
 
 if TYPE_CHECKING:
+    from liftgate_hil.codec.receive import Reception
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.loop.statistics import Summary
     from liftgate_hil.loop.tick import LoopConfig
@@ -28,6 +29,15 @@ REFUSED = (REMOTE_FRAME, WRONG_LENGTH, OUT_OF_RANGE, BAD_CHECKSUM, BAD_COUNTER)
 def identifier_text(identifier: int) -> str:
     """Return an identifier, with SocketCAN's flag if extended, as a message shows it."""
     return f"0x{identifier & 0x1FFFFFFF:X}{' (extended, 29 bits)' if identifier & EXTENDED else ''}"
+
+
+def missing_of(reception: Reception, row: int) -> tuple[int, int]:
+    """Return how many frames of a received message are missing by its counter, and its cycles so far.
+
+    Frames that came and were refused are not missing.
+    """
+    missing = int(reception.lost[row]) - int(reception.refused[row])
+    return max(missing, 0), int(reception.cycles[row])
 
 
 def gaps_text(missing: int, cycles: int, name: str) -> str:
@@ -43,14 +53,17 @@ class RefusalTexts:
 
     def __init__(self, rig: Rig, config: LoopConfig, began_s: float = 0.0) -> None:
         self._rig, self._config, self._began_s = rig, config, began_s
+        self.command_row = config.inputs.messages["identifier"].tolist().index(rig.command_identifier())
         self.sent = {rig.identifier(wire.message): wire.message for wire in rig.outputs}  # names by identifier
 
     def awaited(self) -> str:
         """Return the command message with its identifier."""
         return f"{self._rig.command_message()} ({identifier_text(self._rig.command_identifier())})"
 
-    def tell(self, summary: Summary, refusals: Any) -> None:
-        """Fill in what a run's summary has on refused frames."""
+    def tell(self, summary: Summary, reception: Reception) -> None:
+        """Fill in what a run's summary has on refused and on missing frames."""
+        refusals = reception.refusals
+        summary.commands_missing, summary.command_cycles = missing_of(reception, self.command_row)
         summary.first_refused = [self.of_first(refusals, cause) for cause in REFUSED if refusals[cause].count]
         summary.first_foreign = self.first_foreign(refusals)
         summary.awaited = self.awaited()

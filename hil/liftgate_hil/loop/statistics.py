@@ -89,6 +89,8 @@ class Summary:
     first_refused: list[str] = field(default_factory=list)  # the first frame refused for each cause, with its time
     first_foreign: str = ""  # the first frame with an identifier that the rig does not receive; "": there is none
     awaited: str = ""  # the command message, with its identifier
+    commands_missing: int = 0  # frames of that message that are missing by its counter
+    command_cycles: int = 0  # its cycles so far, those included
     link: LinkCounts = field(default_factory=LinkCounts)
     link_error: str = ""  # the system's text for the last error
     recordings: list[str] = field(default_factory=list)  # files that were written
@@ -109,7 +111,8 @@ class Summary:
     def as_dict(self) -> dict[str, Any]:
         """Return the figures for --json."""
         figures = asdict(self)
-        del figures["timing"], figures["awaited"]
+        for name in ("timing", "awaited", "commands_missing", "command_cycles"):
+            del figures[name]
         if math.isnan(self._load()):
             figures["bus_load_percent"] = None
         for name, each in self.timing._asdict().items():
@@ -210,7 +213,8 @@ class Summary:
             lines.append(self.injections_reported())
         if self.commands:
             first = "; ".join(self.commanded[:_MOST_LISTED])
-            more = f"; and {self.commands - _MOST_LISTED} more (--json)" if self.commands > _MOST_LISTED else ""
+            rest = len(self.commanded) - _MOST_LISTED
+            more = f"; and {rest} more (--json)" if rest > 0 else ""
             lines.append(f"commanded by the operator {number_of(self.commands, 'time')}: {first}{more}")
         if self.ecu_dropped_frames:
             lines.append(f"the ECU had no room for {self.ecu_dropped_frames} frames")

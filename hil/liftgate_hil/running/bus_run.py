@@ -103,8 +103,6 @@ class BusRun:
         stack.callback(further.close)
         about = Description(plan.setup, plan.rig, plan.options, channel, way.bitrate(plan.rig), bool(self.peers))
         self.observers.let_in(about, memory, further)
-        if self.observers.operator is not None:
-            stack.callback(self.observers.operator.end_series)
         return further
 
     def monitor(self) -> ProgressMonitor:

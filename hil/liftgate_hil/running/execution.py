@@ -45,7 +45,7 @@ class Execution:
         """Return the summary of a run, with what it has on refused frames filled in."""
         plan = self.plan
         texts = RefusalTexts(plan.rig, plan.config, int(stimuli.origin[0]) * plan.config.step)
-        texts.tell(summary, state.reception.refusals)
+        texts.tell(summary, state.reception)
         return summary
 
     def started(self, stimuli: StimulusPlan) -> LoopState:

@@ -49,6 +49,11 @@ class Observers:
             self.operator.recording = recording
             self.server.open(about, memory, self.operator)
 
+    def end(self) -> None:
+        """Report what is still to be reported, while the recordings are written."""
+        if self.operator is not None:
+            self.operator.end_series()
+
     def note(self, summary: Summary) -> None:
         """Enter what was commanded and injected in the figures of the run."""
         if self.operator is not None:

@@ -129,7 +129,10 @@ class PythonDriver:
     def advance(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
         """Run until so many ticks are done (None: without limit), or the run is stopped."""
         assert self._loop is not None
-        self._clocked(self._loop, self._clock, ticks, stopped)
+        try:
+            self._clocked(self._loop, self._clock, ticks, stopped)
+        finally:
+            self._run.observers.end()
 
     def finish(self) -> None:
         """Run one more tick with the motors off, and take the figures of the run."""

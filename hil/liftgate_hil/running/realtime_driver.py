@@ -101,7 +101,10 @@ class RealtimeDriver:
     def advance(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
         """Run the loop to its end, the last tick with the motors off included."""
         assert self._loop is not None
-        self._loop.run(ticks, stopped)
+        try:
+            self._loop.run(ticks, stopped)
+        finally:
+            self._run.observers.end()
 
     def finish(self) -> None:
         """Do nothing: the loop has switched the motors off itself, without waiting for this thread."""

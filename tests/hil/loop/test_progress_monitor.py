@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hil_support import command_payload, frames_of, panel_frame
+from hil_support import BENCH_CONTROL, command_payload, frames_of, panel_frame
 
 from liftgate_hil.codec.frames import EXTENDED, REMOTE
 from liftgate_hil.codec.receive import NO_COUNTS, receive
@@ -256,6 +256,16 @@ def test_refused_frames_are_not_told_as_missing_ones():
     said = bench.look(tick=1000)
     assert any("Checksum is" in each for each in said)
     assert not [each for each in said if "missing" in each]
+
+
+def test_refused_frames_of_another_message_do_not_hide_missing_commands():
+    bench = Bench()
+    bench.look()
+    for number in range(60):
+        bench.receive(command_payload(bench.rig, 3 * number % 16), tick=10 * number)
+        for _ in range(4):
+            bench.receive(b"\0", BENCH_CONTROL, tick=10 * number)
+    assert any("are missing by their counter" in each for each in bench.look(tick=600))
 
 
 def test_another_gate_is_reported_though_other_control_units_were_heard_before():

@@ -17,7 +17,7 @@ from liftgate_hil.codec.refusals import (
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.loop.refusal_texts import RefusalTexts
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.running.loop_start import loop_config_of
+from liftgate_hil.running.loop_start import loop_config_of, start_of
 from tests.plant.runs import suv
 
 
@@ -47,12 +47,13 @@ def test_times_count_from_the_scenario_s_time_0(rig: Rig) -> None:
 
 
 def test_a_summary_names_the_first_foreign_identifier_with_its_length_and_what_is_awaited(rig: Rig) -> None:
-    refusals = no_refusals()
+    reception = start_of(loop_config_of(suv(), rig, 1000.0, 0)).reception
+    refusals = reception.refusals
     note_evidence(refusals, FOREIGN, -1, float(0x120 | EXTENDED), np.nan)
     note_outcome(refusals, FOREIGN, -1, 0)
     summary = Summary()
     summary.received = summary.received._replace(foreign=3)
-    texts(rig).tell(summary, refusals)
+    texts(rig).tell(summary, reception)
     assert summary.first_refused == []
     assert summary.silence_reported() == (
         "no command was accepted, 3 frames have identifiers that the rig does not receive, the first 0x120 "

@@ -76,6 +76,7 @@ class Operator:
         # Settings of one quantity, as a slider makes them: the first and the last one are reported.
         self._series, self._series_at = "", -math.inf
         self._last_of_series: tuple[float, str] | None = None  # when, and what was done
+        self._is_listed = False  # the last command is the last one of `done`
         self.count = 0  # commands executed that act on the gate
         self.done: list[str] = []  # the first of these in words, with their times; of a series the last one
 
@@ -111,9 +112,10 @@ class Operator:
             self.report(now, done)
             return done
         self.count += 1
-        if continues and self.done:
+        if continues and self._is_listed:
             self.done.pop()
-        if len(self.done) < _MOST_LISTED:
+        self._is_listed = len(self.done) < _MOST_LISTED
+        if self._is_listed:
             self.done.append(f"{now:.3f} s: {done}")
         if continues:
             self._last_of_series = now, done

@@ -407,6 +407,11 @@ def test_marks_are_in_the_order_of_their_times_and_the_end_of_the_run_ends_a_ser
     ):  # fmt: skip
         found.obey(command, now)
     found.end_series()
+    found.done[:] = [""] * operator._MOST_LISTED
+    for force in (60, 70):
+        found.obey({"set": {"hand_force_n": force}}, 5.0)
+    assert found.done == [""] * operator._MOST_LISTED
+    del own.marks[-1:], reported[-1:]
     assert own.marks == [
         (1.0, "command: set hand_force_n 10"), (1.2, "command: set hand_force_n 30"), (1.5, "seen"),
         (1.6, "command: set hand_force_n 40"), (1.7, "command: set hand_force_n 50"),
