@@ -365,7 +365,7 @@ def raw_start(signal: Signal) -> float:
     if raw is None or isinstance(raw, str):
         return 0.0
     low, high = raw_range(signal)
-    return min(max(float(raw), low), high)
+    return min(max(float(raw) if signal.is_float else float(int(raw)), low), high)
 
 
 def start_value(signal: Signal) -> float:

@@ -79,6 +79,8 @@ def parsed(text: str, parameters: Mapping[str, float], messages: Mapping[str, Me
     except _NoSuchColumnError as error:
         name = str(error)
         numbers = _numbers_of(name, text, messages or {})
+        if not numbers and messages is None and any(not each.startswith("sensed.") for each in names):
+            numbers = "columns of recordings, and numbers in place of a signal's labels"
         allowed = f"${name}, the parameter" if name in parameters else numbers or _near_columns(name)
         raise ValueError(f"{name}: no such column; allowed: {allowed}") from None
 

@@ -122,7 +122,8 @@ def _unmapped(
 ) -> dict[str, str]:
     """Return the signals of a message that carry no quantity, and that neither protection nor multiplexer sets."""
     used = {wire.signal for wire in own} | signals_made(message, options)
-    others = [each for each in message.signals if each.name not in used]
+    # Of a multiplexed message only the pages with a quantity are sent, and nothing else in them.
+    others = [each for each in message.signals if each.name not in used and each.multiplexer_signal is None]
     return {each.name: f"{start_value(each):g} {each.unit or ''}".rstrip() if is_sent else "" for each in others}
 
 

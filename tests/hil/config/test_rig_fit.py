@@ -160,6 +160,8 @@ BO_ 512 Out: 8 Gate
  SG_ Current : 0|16@1- (0.01,0) [-300|300] "A" ECU
  SG_ Crc : 24|8@1+ (1,0) [0|255] "" ECU
  SG_ Coolant : 32|8@1+ (1,-40) [-40|215] "degC" ECU
+ SG_ Page M : 40|8@1+ (1,0) [0|255] "" ECU
+ SG_ Paged m0 : 48|8@1+ (1,0) [0|255] "" ECU
 BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
 BA_DEF_DEF_ "GenMsgCycleTime" 10;
 """
