@@ -114,7 +114,6 @@ def build_bus_config(
         if message.length > MAX_BYTES:
             issues.add(name, f"{message.length} bytes; allowed: a message of one frame, up to {MAX_BYTES}")
             continue
-        start = start_payload(message)
         first = len(tables.signals)
         pages = pages_of(message, [wire.signal for wire in own])
         if len(pages) > MAX_PAGES:
@@ -145,7 +144,7 @@ def build_bus_config(
         _check_overlap(name, own, options_of, pages[0], issues, sending)
         head |= {"pages": len(pages), "start": len(tables.start)}
         tables.messages.append(tuple(head[field] for field in MESSAGE.fields or ()))
-        tables.start += [_page(start, message, page) for page in pages]
+        tables.start += [start_payload(message, page) for page in pages]
     return tables.bus()
 
 
@@ -309,15 +308,6 @@ def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[Place, int]
     ]
 
 
-def _page(start: NDArray[np.uint8], message: Message, page: Mapping[str, int]) -> NDArray[np.uint8]:
-    """Return a copy of a payload with the multiplexer values of a page."""
-    payload = start.copy()
-    for name, value in page.items():
-        place = place_of(message.get_signal_by_name(name))
-        write_number(payload.reshape(1, MAX_BYTES), 0, place, float(value))
-    return payload
-
-
 def _message_row(
     message: Message, options: MessageOptions, tables: _Tables, issues: ConfigIssues
 ) -> dict[str, Any]:
@@ -349,12 +339,17 @@ def needs_fd(message: Message) -> bool:
     return bool(message.is_fd) or message.length > 8
 
 
-def start_payload(message: Message) -> NDArray[np.uint8]:
-    """Return a payload with every unmultiplexed signal at its start value, see `raw_start`."""
+def start_payload(message: Message, page: Mapping[str, int]) -> NDArray[np.uint8]:
+    """Return the payload of a page with every signal that is on it at its start value, see `raw_start`.
+
+    `page` has the values of the multiplexers, by name.
+    """
     data = np.zeros((1, MAX_BYTES), dtype=np.uint8)
     for signal in message.signals:
-        if signal.raw_initial is not None and signal.multiplexer_signal is None:
+        if signal.raw_initial is not None and is_on(page, multiplexer_values(message, signal.name)):
             write_number(data, 0, place_of(signal), raw_start(signal))
+    for name, value in page.items():
+        write_number(data, 0, place_of(message.get_signal_by_name(name)), float(value))
     payload: NDArray[np.uint8] = data[0]
     return payload
 

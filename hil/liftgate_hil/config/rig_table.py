@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from liftgate_hil.codec.bus_config import SignalMapping, cycle_of, start_value
 from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.frames import EXTENDED
-from liftgate_hil.codec.multiplexing import pages_of
+from liftgate_hil.codec.multiplexing import is_on, multiplexer_values, pages_of
 from liftgate_hil.codec.protection import MessageOptions, signals_made
 from liftgate_hil.codec.rocksoft import Covered, Rocksoft
 from liftgate_hil.config.inject import REQUEST, SIGNAL
@@ -122,8 +122,11 @@ def _unmapped(
 ) -> dict[str, str]:
     """Return the signals of a message that carry no quantity, and that neither protection nor multiplexer sets."""
     used = {wire.signal for wire in own} | signals_made(message, options)
-    # Of a multiplexed message only the pages with a quantity are sent, and nothing else in them.
-    others = [each for each in message.signals if each.name not in used and each.multiplexer_signal is None]
+    others = [each for each in message.signals if each.name not in used]
+    if is_sent:  # only the pages with a quantity
+        pages = pages_of(message, [wire.signal for wire in own])
+        chains = {each.name: multiplexer_values(message, each.name) for each in others}
+        others = [each for each in others if any(is_on(page, chains[each.name]) for page in pages)]
     return {each.name: f"{start_value(each):g} {each.unit or ''}".rstrip() if is_sent else "" for each in others}
 
 

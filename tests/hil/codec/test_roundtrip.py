@@ -402,6 +402,18 @@ def test_a_multiplexed_signal_is_sent_with_its_multiplexer(codec: Codec, name: s
     assert decoded[name] == value
 
 
+def test_a_page_has_the_start_values_of_all_signals_that_are_on_it(codec: Codec):
+    own = [
+        Signal("Mux", 0, 8, "little_endian", is_multiplexer=True),
+        Signal("A", 8, 8, "little_endian", multiplexer_ids=[1], multiplexer_signal="Mux"),
+        Signal("B", 16, 8, "little_endian", raw_initial=8, multiplexer_ids=[1], multiplexer_signal="Mux"),
+        Signal("C", 16, 8, "little_endian", raw_initial=9, multiplexer_ids=[2], multiplexer_signal="Mux"),
+    ]
+    message = Message(0x100, "M", 8, own)
+    bus = bus_config_of({"M": message}, [SignalMapping("A", "M", "A")], sending=True)
+    assert message.decode(put(codec, bus, [5.0])) == {"Mux": 1, "A": 5, "B": 8}
+
+
 def test_signals_under_several_multiplexer_values_are_sent_in_turn(codec: Codec):
     """And everything at once, at the end; what the bus is told so comes back by the same tables."""
     message, names = multiplexed(), ("A", "B", "C")
