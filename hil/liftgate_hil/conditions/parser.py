@@ -213,18 +213,16 @@ class _Parser:
         return part
 
     def _comparison(self) -> _Part:
-        place, begin = self._here()[2], len(self.ops)
+        place = self._here()[2]
         left = self._sum()
         kind, token, at = self._here()
         if kind != "sign" or token not in _COMPARISONS:
             return left
         self.next += 1
-        right_place, middle = self._here()[2], len(self.ops)
+        right_place = self._here()[2]
         number = len(self.units)
         self.units.append("")
         right = self._sum()
-        if self.ops[begin:middle] == self.ops[middle:]:
-            self._with_itself(self.ops[begin:middle], token, at)
         self._number(left, place)
         self._number(right, right_place)
         self._put(_COMPARISONS[token])
@@ -232,14 +230,6 @@ class _Parser:
         if self._here()[1] in _COMPARISONS:
             self._wrong("one comparison at a time, joined by and")
         return _Part(True)
-
-    def _with_itself(self, ops: list[tuple[int, str | float]], token: str, place: int) -> None:
-        """Refuse a column with labels that is compared with itself: in `latched == latched` the label is meant."""
-        (_, name), *more = ops
-        values = COLUMNS[str(name)].values if name in COLUMNS and not more else ()
-        if values:
-            numbers = ", ".join(f"{number} ({value})" for number, value in enumerate(values))
-            raise ValueError(f"{token} at character {place} compares {name} with itself; allowed: {numbers}")
 
     def _number(self, part: _Part, place: int) -> None:
         if part.is_truth:

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.ecu.node import PORT
-from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
 from liftgate_hil.stimuli.requests import BUTTONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from liftgate_hil.config.scenario import Scenario
     from liftgate_hil.ecu.adapter import Adapter
     from liftgate_hil.running.setup import Setup
 
+_ITSELF = re.compile(r"(?<![\w.])(\w+)\s*[!=]=\s*\1(?![\w.])")
 _NEAR_DEG = 2.0  # from the end of its travel, where a motion counts as complete: a gate sags below its open stop
 
 
 def notes_on(setup: Setup, adapter: Adapter, first_row: NDArray[Any] | None) -> list[str]:
     """Return the notes on a run; `first_row` is the scenario's first, None: it has not begun."""
-    found = []
     scenario = setup.scenario
+    found = [*_compared_with_itself(scenario)]
     actions = dict.fromkeys((*scenario.precondition, *(each.action for each in scenario.requests)))
     # A reset is none of these: one that the ECU does not take ends the run.
     missed = [each for each in actions if each in BUTTONS and adapter.kind == PORT and not adapter.takes(each)]
@@ -37,3 +41,13 @@ def notes_on(setup: Setup, adapter: Adapter, first_row: NDArray[Any] | None) -> 
                 "begins there"
             )
     return found
+
+
+def _compared_with_itself(scenario: Scenario) -> Iterator[str]:
+    """Yield a note on each column that is compared with itself, as in `latched == latched`, where a label is meant."""
+    for each in scenario.expectations:
+        for found in _ITSELF.finditer(each.condition):
+            values = COLUMNS[found[1]].values if found[1] in COLUMNS else ()
+            if values:
+                numbers = ", ".join(f"{number} ({value})" for number, value in enumerate(values))
+                yield f"{each.name}: {found[0]} compares the column with itself; its values are {numbers}"

@@ -129,6 +129,14 @@ def test_a_test_in_a_folder_that_has_lost_its_expectations_is_not_left_out(
     assert "tests/test_other.toml" in capsys.readouterr().err
 
 
+def test_a_column_that_is_compared_with_itself_is_noted(capsys: pytest.CaptureFixture[str]) -> None:
+    """`latched` is a column and a label of it."""
+    itself = '[[expect]]\nname = "shut"\nalways = "time_s >= 0 and latched == latched"\n'
+    assert main(["test", scenario("s.toml", itself)]) == 0
+    said = "shut: latched == latched compares the column with itself; its values are 0 (open), 1 (latched)"
+    assert said in capsys.readouterr().out
+
+
 def test_notes_stand_in_the_html_report(here: Path) -> None:
     late = '[[fault]]\nkind = "spring_lost"\nwhere = "left"\nstart = 30\n'
     assert main(["test", scenario("s.toml", late, RESTS), "--html", "r.html"]) == 0
