@@ -44,7 +44,7 @@ def notes_on(setup: Setup, adapter: Adapter, first_row: NDArray[Any] | None) -> 
 
 
 def _compared_with_itself(scenario: Scenario) -> Iterator[str]:
-    """Yield a note on each column that is compared with itself, as in `latched == latched`, where a label is meant."""
+    """Yield a note on each column compared with itself, as in `latched == latched`, where a label is meant."""
     for each in scenario.expectations:
         for found in _ITSELF.finditer(each.condition):
             values = COLUMNS[found[1]].values if found[1] in COLUMNS else ()
