@@ -29,8 +29,6 @@ RUNS: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "tools.equations": (["--mutate", "3.26"], ()),
     "tools.scheduling": (["--short", "--output", "{out}"], ("campaigns-at-scale.md",)),
     "tools.benchmark.campaigns": (["--json", "--rounds", "1"], ()),
-    "tools.benchmark.replays": (["--rounds", "1", "--seconds", "0.2", "--json"], ()),
-    "tools.benchmark.page_clients": (["--rounds", "1", "--seconds", "0.5", "--json"], ()),
     "tools.page": (["memory", "--minutes", "0.2", "--every", "0.5", "--output", "{out}/page.csv"], ("page.csv",)),
 }
 # What runs the others, all of it in CI.
@@ -41,6 +39,8 @@ ELSEWHERE = {
     "tools.campaign_study": "tests/tools/test_campaign_study.py",
     "tools.benchmark": "tests/tools/test_benchmark.py",
     "tools.benchmark.peer": "tests/tools/test_benchmark.py, as a process of the benchmark's",
+    "tools.benchmark.replays": "tests/tools/test_benchmark.py, as a section",
+    "tools.benchmark.page_clients": "tests/tools/test_benchmark.py, as a section",
     "tools.hostile": "tests/tools/test_hostile.py",
     "tools.vcan": "make test-vcan",
     "tools.vcan.guest": "make test-vcan, within the machine",

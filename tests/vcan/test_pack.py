@@ -22,7 +22,7 @@ from liftgate_hil.config.shipped import find_config
 
 RESTART = Path(__file__).with_name("restart.py")
 PACK = find_config("scenarios", "demo").with_name("pack")
-NAMES = ["stop_button", "trap_40deg_10npmm", "feedback_counter"]
+NAMES = ["stop_button", "trap_40deg_10npmm"]
 BUTTON = 0x130
 # s between two commands: the ECU was late from twice its period on; longer is the time between two scenarios.
 LATE_ECU, SWITCHED_ON = 0.02, 1.0
