@@ -31,7 +31,7 @@ _COMMA, _POINT = re.compile(rb"[+-]?\d*,\d+([eE][+-]?\d+)?"), re.compile(rb"[+-]
 
 
 class Header(NamedTuple):
-    """What the beginning of a CSV file says about it."""
+    """Header of a CSV file: its columns, where the rows begin, and how they are written."""
 
     names: list[str]  # of the columns; where a row of units follows, with the unit in brackets
     delimiter: str

@@ -234,14 +234,16 @@ def test_a_counter_that_jumps_all_the_time_is_reported_once():
     assert not [each for each in bench.look(tick=500) if "missing" in each]
 
 
-def test_lost_frames_are_told_though_the_test_bench_s_are_accepted():
+@pytest.mark.parametrize(("is_sound", "number_of_them"), [(True, 3), (False, 4)])
+def test_frames_of_another_message_do_not_hide_missing_commands(is_sound: bool, number_of_them: int):
+    """Neither those of the test bench that are accepted nor those that are refused."""
     bench = Bench()
     bench.look()
+    payload = panel_frame(bench.rig)[1] if is_sound else b"\0"
     for number in range(60):
         bench.receive(command_payload(bench.rig, 3 * number % 16), tick=10 * number)
-        for _ in range(3):
-            identifier, payload = panel_frame(bench.rig)
-            bench.receive(payload, identifier, tick=10 * number)
+        for _ in range(number_of_them):
+            bench.receive(payload, BENCH_CONTROL, tick=10 * number)
     assert any("are missing by their counter" in each for each in bench.look(tick=600))
 
 
@@ -256,16 +258,6 @@ def test_refused_frames_are_not_told_as_missing_ones():
     said = bench.look(tick=1000)
     assert any("Checksum is" in each for each in said)
     assert not [each for each in said if "missing" in each]
-
-
-def test_refused_frames_of_another_message_do_not_hide_missing_commands():
-    bench = Bench()
-    bench.look()
-    for number in range(60):
-        bench.receive(command_payload(bench.rig, 3 * number % 16), tick=10 * number)
-        for _ in range(4):
-            bench.receive(b"\0", BENCH_CONTROL, tick=10 * number)
-    assert any("are missing by their counter" in each for each in bench.look(tick=600))
 
 
 def test_another_gate_is_reported_though_other_control_units_were_heard_before():
