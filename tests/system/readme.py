@@ -35,6 +35,7 @@ IN_ORDER = (
     "diagnostics.md",
     "faults.md",
     "own-ecu.md",
+    "own-dbc.md",
     "ecu-in-python.md",
     "reproducibility.md",
     "thesis-manual.md",

@@ -35,7 +35,7 @@ SUV = tomllib.loads((data_root() / "configs/vehicles/suv.toml").read_text(encodi
 IN_A_RIG = {"dbc", "inputs", "outputs", "messages", "requests", "reset", "inject", "diagnostics", "bitrate"}
 # Loaded elsewhere: together with what their page says around them.
 LOADED_ELSEWHERE = {
-    "bus.md": "tests/system/test_newcomer.py: with somebody else's database",
+    "own-dbc.md": "tests/system/test_newcomer.py: with and without end-to-end protection",
     "rig.md": "tests/tools/test_docs.py: with somebody else's message",
 }
 # Python that needs what is not here: compiled, and run with a stand-in for these packages.

@@ -58,9 +58,7 @@ HERE = (
     "python -m can.logger",
     "liftgate-hil --bus socketcan:can0 --realtime",
     "liftgate-hil doctor",
-    "liftgate-hil rig draft",
-    "liftgate-hil rig check",
-    "liftgate-hil --rig theirs.toml",
+    "liftgate-hil --rig tailgate.toml",
     "liftgate-hil --serial /dev/ttyUSB0",
     "liftgate-hil --serial socket:",
     "liftgate-hil demo --serial",
@@ -69,7 +67,6 @@ HERE = (
     "liftgate-hil demo --clock free --ecu tools/ecu",
     "liftgate-hil ecu --bus socketcan:can0",
     "liftgate-hil --bus virtual:any",
-    "cc -shared",
     "make -C tools/ecu build/liftgate-ecu.so",
     "liftgate-hil convert run.blf run.mf4",
     "liftgate-hil convert run.blf run.csv",
@@ -111,24 +108,6 @@ HERE = (
     'curl -d \'{"signal"',
     'curl -d \'{"clear"',
 )
-# With what README's rig file names: as a database of somebody else's would have it.
-THEIR_DBC = """VERSION ""
-BU_: Gate Control
-BO_ 768 Cmd: 8 Control
- SG_ PwmL : 0|8@1+ (0.01,0) [0|1] "" Gate
- SG_ DirL : 8|2@1+ (1,0) [0|3] "" Gate
- SG_ Alive : 12|4@1+ (1,0) [0|15] "" Gate
- SG_ Counter : 16|4@1+ (1,0) [0|15] "" Gate
- SG_ Crc : 24|8@1+ (1,0) [0|255] "" Gate
-BO_ 769 Motors: 8 Gate
- SG_ I_L : 0|16@1- (10,0) [-327680|327670] "mA" Control
- SG_ CntL : 16|16@1- (1,0) [-32768|32767] "" Control
- SG_ RevL : 32|16@1- (0.25,0) [-8192|8191.75] "" Control
-BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
-BA_DEF_DEF_ "GenMsgCycleTime" 0;
-BA_ "GenMsgCycleTime" BO_ 769 5;
-VAL_ 768 DirL 0 "Frei" 1 "Auf" 2 "Zu" 3 "Halt" ;
-"""
 
 
 @pytest.fixture(scope="module")
@@ -238,8 +217,8 @@ def test_two_ecus_go_through_the_same_variants(folder: Path) -> None:
 @needs_compiler
 def test_pytest_tries_the_ecu_that_a_flag_names(tmp_path: Path) -> None:
     folder = readme.fresh_folder(tmp_path)
-    run(command("make -C tools/ecu build/liftgate-ecu.so"), folder)
     run(command("liftgate-hil init"), folder)
+    run(command("make -C gate/ecu"), folder)
     out = run(command("python -m pytest gate --liftgate-ecu"), folder, more="-p no:cacheprovider", codes=(1,))
     assert "presses softly: fail" in out
     assert "2 failed, 4 passed" in out
@@ -459,24 +438,13 @@ def test_scenarios_are_started_from_the_page(folder: Path) -> None:
 @pytest.mark.realtime
 @pytest.mark.parametrize("protection", ["simple", "e2e"])
 def test_a_rig_for_an_own_database_runs(folder: Path, bus: dict[str, str], protection: str) -> None:
-    (folder / "theirs.dbc").write_text(THEIR_DBC)
-    rig = readme.block('dbc = "theirs.dbc"')
+    page = readme.blocks(readme.ROOT / "docs" / "own-dbc.md")
+    rig = next(block.text for block in page if block.file == "tailgate.toml")
     if protection == "e2e":
-        rig = rig.split("[messages.Cmd]")[0] + "[messages.Cmd]\ncycle_ms = 20\n"
-        rig += readme.block('protection = "e2e-p01"')
-    (folder / "theirs.toml").write_text(rig)
-    out = run(command("liftgate-hil --rig theirs.toml"), folder, bus, f"--vehicle compact {SHORT}")
+        rig = rig.split("[messages.TG_Cmd]")[0] + "[messages.TG_Cmd]\n" + readme.block('protection = "e2e-p01"')
+    (folder / "tailgate.toml").write_text(rig)
+    out = run(command("liftgate-hil --rig tailgate.toml"), folder, bus, f"--vehicle compact {SHORT}")
     assert "frames sent" in out
-
-
-def test_a_first_rig_is_drafted_and_checked(folder: Path) -> None:
-    drafted = readme.fresh_folder(folder / "draft")
-    (drafted / "theirs.dbc").write_text(THEIR_DBC)
-    run(command("liftgate-hil rig draft"), drafted)
-    assert "[outputs]" in (drafted / "theirs.toml").read_text()
-    # What the database leaves open is commented out, with the reason: direction and cycle.
-    out = run(command("liftgate-hil rig check"), drafted, codes=(2,))
-    assert "left_current  I_L  [mA] -> [A]" in out
 
 
 # A serial line.
@@ -530,7 +498,7 @@ def test_an_own_ecu_in_python_runs_on_a_bus(folder: Path, bus: dict[str, str]) -
 
 @needs_compiler
 def test_an_own_ecu_in_c_closes_the_loop(folder: Path) -> None:
-    run(command("cc -shared"), folder)
+    run(command('cc -shared -fPIC -Wall -fvisibility=hidden -I"'), folder)
     out = run("liftgate-hil demo --clock free --no-record --ecu ./c_ecu.so", folder, codes=(1,))
     assert "pinch force at most" in out  # it does not listen, so it presses
     run(command("make -C tools/ecu build/liftgate-ecu.so"), folder)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _INTRO = """\
 `dbc/liftgate.dbc`, with the quantities that the rig `liftgate` maps to its signals ([rig file](rig.md)). With
-[your own DBC](bus.md) all of this is yours."""
+[your own DBC](own-dbc.md) all of this is yours."""
 
 
 def database_page() -> str:

@@ -29,6 +29,11 @@ _SHOWN = 12  # characters of a variant's name that tell it from others
 _GROUP = 16_384  # rows of a row group at least
 
 
+def replay_line(folder: Path | str, variant: str) -> str:
+    """Return the command that runs a variant of a campaign's folder again, with the campaign's ECU and rate."""
+    return f"liftgate-hil campaign {shlex.quote(str(folder))} --replay {variant[:_SHOWN]}"
+
+
 class Folder:
     """The folder with everything of a campaign."""
 
@@ -98,10 +103,6 @@ class Folder:
             write_whole(self.path / name, content)
         except OSError as error:
             raise StoreError(f"{self.path / name}: {error.strerror}") from error
-
-    def replay_line(self, variant: str) -> str:
-        """Return the command that runs a variant again, with the campaign's ECU and rate."""
-        return f"liftgate-hil campaign {shlex.quote(str(self.path))} --replay {variant[:_SHOWN]}"
 
     def write_results(self, tables: Iterable[pa.Table], name: str = RESULTS) -> int:
         """Write tables, in their order, as one Parquet file; return the number of rows. Raises StoreError."""

@@ -10,7 +10,7 @@ from liftgate_hil.campaign import adaptive
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.campaign import Campaign, batch_size, batches_in, batches_of
 from liftgate_hil.campaign.executors.executor import Batch, Executor
-from liftgate_hil.campaign.folder import AGAINST, DIFFERENCES, RESULTS, WORST_FILE, Folder
+from liftgate_hil.campaign.folder import AGAINST, DIFFERENCES, RESULTS, WORST_FILE, Folder, replay_line
 from liftgate_hil.campaign.reporting import adaptive_sections
 from liftgate_hil.campaign.reporting.comparison import comparison_of, comparison_section
 from liftgate_hil.campaign.request import PROBABILITY, WORST, Prepared
@@ -64,7 +64,7 @@ def _search(found: Prepared, campaign: Campaign, folder: Folder) -> Analysis:
         variant = found.base.variant(least.values)
         comment = f"Smallest margin of {name!r} that was found: {least.margin:.6g}.\nvariant {variant}"
         folder.write(WORST_FILE, scenario_text(found, least.values, comment).encode())
-    line = folder.replay_line(variant)
+    line = replay_line(folder.path, variant)
     return Analysis(
         adaptive_sections.worst_as_dict(worst, name, variant, names),
         [adaptive_sections.worst_section(worst, name, names, line)],

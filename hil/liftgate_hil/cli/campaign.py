@@ -221,7 +221,7 @@ def line_of(state: State) -> str:
 
 def _found(outcome: Outcome) -> Iterator[str]:
     """Yield what a search for the worst, or for a probability, has found, as lines."""
-    from liftgate_hil.campaign.folder import WORST_FILE
+    from liftgate_hil.campaign.folder import WORST_FILE, replay_line
 
     found = outcome.analysis.content
     if not outcome.is_complete or "expectation" not in found:
@@ -232,7 +232,7 @@ def _found(outcome: Outcome) -> Iterator[str]:
     elif "margin" in found:
         values = ", ".join(f"{each} = {value:.6g}" for each, value in found["values"].items())
         yield f"smallest margin of {name}: {found['margin']:.6g} with {values}"
-        yield f"to run it again: {outcome.folder.replay_line(found['variant'])}"
+        yield f"to run it again: {replay_line(outcome.folder.path, found['variant'])}"
         yield f"as a scenario for other ECUs: {outcome.folder.path / WORST_FILE}"
     else:
         chance, low, high = (found[each] for each in ("probability", "low", "high"))

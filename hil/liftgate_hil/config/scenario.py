@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, TimedStimuli
 
 _MOST_FILES = 100  # how deep files may include each other
-_PARAMETER = re.compile(r"\$\w+")
+_PARAMETER = re.compile(r"\$(\w+)")
 _FREE = ("parameters", "description", "requirement", "include")  # keys in which $name is not replaced
 
 
@@ -45,6 +45,7 @@ class Scenario:
     initial: float | str = "closed"
     settings: tuple[Setting, ...] = ()  # of the vehicle file
     parameters: Mapping[str, float] = field(default_factory=dict)
+    unused_parameters: tuple[str, ...] = ()  # of the file itself, or replaced, without a place that takes them
     faults: tuple[Fault, ...] = ()
     signals: tuple[SignalValue, ...] = ()  # of the restbus
     expectations: tuple[Expectation, ...] = ()
@@ -110,6 +111,12 @@ class ScenarioFile:
         tables = [part.raw.get("parameters") for part in self.parts]
         return list(dict.fromkeys(name for each in tables if isinstance(each, dict) for name in each))
 
+    @functools.cached_property
+    def used_parameters(self) -> frozenset[str]:
+        """The names of the parameters that stand somewhere in the files, as `$name`."""
+        values = (value for part in self.parts for key, value in part.raw.items() if key not in _FREE)
+        return frozenset(name for value in values for name in _parameters_in(value))
+
     def scenario(self, replaced: Mapping[str, float] | None = None) -> Scenario:
         """Return the scenario with parameters replaced. Raises ConfigError with all issues of its files."""
         return _scenario_of(self, replaced or {})
@@ -133,6 +140,7 @@ def _scenario_of(file: ScenarioFile, replaced: Mapping[str, float]) -> Scenario:
     for name in replaced:
         parts[-1].issues.originate(f"parameters.{name}", f"`parameters` {name}")
     parameters, origins = _parameters(parts, replaced)
+    own_names = file.parts[-1].raw.get("parameters", {})
     top = ScenarioTable()
     settings: dict[tuple[str, ...], Setting] = {}
     found = FoundTables([], [], [], [], [], [])
@@ -164,6 +172,9 @@ def _scenario_of(file: ScenarioFile, replaced: Mapping[str, float]) -> Scenario:
         initial=top.initial,
         settings=tuple(settings.values()),
         parameters=parameters,
+        unused_parameters=tuple(
+            name for name in parameters if name in {*own_names, *replaced} and name not in file.used_parameters
+        ),
         faults=tuple(found.faults),
         signals=tuple(found.signals),
         expectations=tuple(found.expectations),
@@ -195,6 +206,17 @@ def _has_parameter(value: Any) -> bool:
     if isinstance(value, list):
         return any(map(_has_parameter, value))
     return isinstance(value, str) and _PARAMETER.fullmatch(value) is not None
+
+
+def _parameters_in(value: Any) -> Iterator[str]:
+    """Yield the names of the parameters that stand in a value, in conditions too."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        for each in value:
+            yield from _parameters_in(each)
+    elif isinstance(value, str):
+        yield from _PARAMETER.findall(value)
 
 
 class _PartRead(NamedTuple):

@@ -20,7 +20,6 @@ from liftgate_hil.running.attachment.client import Client
 
 _IDLE_S = 0.25  # s between two reads where nobody has the page open
 _NOW_AND_THEN = 6  # periods between two lists of the messages on the bus
-_BOUND_S = 0.2  # s between two looks for the CPU of the loop
 _NEXT_S = 0.2  # s between two looks for the next run, which may be short
 
 
@@ -45,14 +44,10 @@ class ActiveSource:
             return
         count, line, number = 0, 0, self.number
         due = looked = time.monotonic()
-        bound = due - _BOUND_S
         while True:
             source = self.source
-            if time.monotonic() > bound + _BOUND_S:
-                bound = time.monotonic()
-                self._deference.give_way_to(
-                    source.pid if isinstance(source, Live) and not source.has_ended else None
-                )
+            pid = source.pid if isinstance(source, Live) and not source.has_ended else None
+            self._deference.give_way_to(pid)
             line, number = (line, number) if number == self.number else (0, self.number)
             if isinstance(source, Live):
                 span = await self.look(source)

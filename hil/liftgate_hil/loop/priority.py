@@ -154,6 +154,20 @@ def wake_sharply() -> None:
         library.syscall(number, 0, wanted, 0)
 
 
+def prepare_thread(realtime: Realtime | None) -> None:
+    """Prepare the calling thread for a loop on a fixed step: with `realtime` as that asks for, else on its CPU.
+
+    Unbound, the kernel moves a thread that wakes up while its CPU is busy to another one, where it meets all that
+    keeps off its own: clients of the page, for example. docs/real-time.md has the figures.
+    """
+    wake_sharply()
+    if realtime is not None:
+        realtime.enter()
+        return
+    with contextlib.suppress(OSError):
+        os.sched_setaffinity(0, {ctypes.CDLL(None).sched_getcpu()})
+
+
 def allowed_cpus() -> str:
     """Return the CPUs that this process may use, as text."""
     return ", ".join(str(cpu) for cpu in sorted(os.sched_getaffinity(0)))

@@ -23,7 +23,7 @@ from liftgate_hil.loop import realtime_loop
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import distribution
 from liftgate_hil.loop.observers import Observer, Sink
-from liftgate_hil.loop.priority import LOOP, Realtime, name_thread, wake_sharply
+from liftgate_hil.loop.priority import LOOP, Realtime, name_thread, prepare_thread
 from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
 from liftgate_hil.loop.python_loop import Peer
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, ArrivalReader, Memory, RingReader
@@ -217,9 +217,7 @@ class RealtimeRun:
     def _in_thread(self, ticks: int) -> None:
         try:
             name_thread(LOOP)
-            wake_sharply()
-            if self.realtime is not None:
-                self.realtime.enter()
+            prepare_thread(self.realtime)
             self._entered.set()
             params, shared = self._course(ticks), self.memory.shared
             self.state, self.outcome = self._run(self.config, self.state, params, shared, self._room)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.loop.histogram import BINS, Distribution, distribution, note
-from liftgate_hil.loop.priority import Realtime, wake_sharply
+from liftgate_hil.loop.priority import Realtime, prepare_thread
 from liftgate_hil.loop.realtime_loop import Room, clock_ns, make_room, wait_until
 from liftgate_plant.compiler import compilable, compiled
 
@@ -76,9 +76,7 @@ def in_own_thread(action: Callable[[], Result], end: Callable[[], None], realtim
 
     def run() -> None:
         try:
-            wake_sharply()
-            if realtime is not None:
-                realtime.enter()
+            prepare_thread(realtime)
             results.append(action())
         except BaseException as error:  # raised by the calling thread
             failures.append(error)

@@ -25,7 +25,7 @@ from liftgate_hil.formats.recording import Recording
 from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.histogram import BINS, NOTHING, Distribution, distribution, note
 from liftgate_hil.loop.listener import Listener
-from liftgate_hil.loop.priority import Realtime, wake_sharply
+from liftgate_hil.loop.priority import Realtime, prepare_thread
 from liftgate_hil.loop.realtime_loop import clock_ns, make_room
 from liftgate_hil.loop.replay_loop import TRIAL_NS, Schedule, empty_schedule, params_for, play, put
 from liftgate_hil.loop.rings import LATENESS, Memory
@@ -269,11 +269,9 @@ class Player:
 
         def in_thread() -> None:
             try:
-                wake_sharply()
-                if realtime is not None:
-                    realtime.enter()
-                    for refused in realtime.refused:
-                        self._listener.say(f"refused: {refused}")
+                prepare_thread(realtime)
+                for refused in [] if realtime is None else realtime.refused:
+                    self._listener.say(f"refused: {refused}")
                 self._code(schedule, params, memory.shared, room)
             except BaseException as error:  # raised by the thread that started this one
                 self._failure = error

@@ -24,6 +24,7 @@ _FONT, _SMALL = 11.0, 10.0
 _SIZE = (13.0, 9.5)  # inch
 _DPI = 100
 _WINDOW = 0.05  # s, interval over which Hall counts are differenced
+_PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.0, "alpha": 0.8}  # behind a text on lines
 _ZOOM = (0.12, 0.40)  # s before the first touch, and after the largest force
 FORCE = "#a8246e"
 
@@ -139,7 +140,7 @@ def _draw_event(axes: Iterable[Axes], whole: RunPicture) -> None:
             ha="right",
             fontsize=_SMALL,
             color=INITIAL,
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.0, "alpha": 0.8},
+            bbox=_PAPER,
         )
     _draw_margin(force, event, (low, high))
     draw_angle(angle, picture)
@@ -148,8 +149,8 @@ def _draw_event(axes: Iterable[Axes], whole: RunPicture) -> None:
         if np.isfinite(time):
             for axis in (force, angle, current):
                 axis.axvline(time, color=INK, linewidth=0.9, linestyle=":")
-            place = force.get_xaxis_transform()
-            force.text(time, 0.99, name, transform=place, rotation=90, ha="right", va="top", fontsize=_SMALL)
+            height = 0.5 * (event.force_n + LIMITS[0].force)  # beside the margin
+            force.text(time, height, name, rotation=90, ha="right", va="center", fontsize=_SMALL, bbox=_PAPER)
     draw_reversal(angle, event)
     current.set_xlim(low, high)
     current.set_xlabel("time [s]")

@@ -26,6 +26,7 @@ def notes_on(setup: Setup, adapter: Adapter, first_row: NDArray[Any] | None) -> 
     """Return the notes on a run; `first_row` is the scenario's first, None: it has not begun."""
     scenario = setup.scenario
     found = [*_compared_with_itself(scenario)]
+    found += [f"parameters.{name}: not used: ${name} stands nowhere" for name in scenario.unused_parameters]
     actions = dict.fromkeys((*scenario.precondition, *(each.action for each in scenario.requests)))
     # A reset is none of these: one that the ECU does not take ends the run.
     missed = [each for each in actions if each in BUTTONS and adapter.kind == PORT and not adapter.takes(each)]

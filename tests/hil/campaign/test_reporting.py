@@ -256,7 +256,7 @@ def test_an_incomplete_campaign_is_told(tmp_path: Path) -> None:
 
 def test_a_report_says_how_to_run_the_worst_variant_again(tmp_path: Path) -> None:
     summary = many(tmp_path)
-    line = f"liftgate-hil campaign out/a & b --replay {summary.worst[0].variant[:12]} --record worst.mf4"
+    line = f"liftgate-hil campaign 'out/a & b' --replay {summary.worst[0].variant[:12]} --record worst.mf4"
     assert line in Page(worst(summary, "out/a & b")).text
 
 

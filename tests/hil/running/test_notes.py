@@ -49,3 +49,15 @@ def test_a_precondition_that_leaves_the_gate_on_its_way_is_told(tmp_path: Path, 
 def test_a_precondition_that_opens_the_gate_or_closes_it_again_needs_no_note(tmp_path: Path) -> None:
     for actions in ('"open"', '"open", "close", "open"'):
         assert notes_of(tmp_path, f"precondition = [{actions}]\n", "reference") == ()
+
+
+def test_a_parameter_that_no_key_takes_is_named(tmp_path: Path) -> None:
+    (tmp_path / "bench.toml").write_text("[parameters]\nof_others = 1\n", encoding="utf-8")
+    text = (
+        'include = ["bench.toml"]\n'
+        "[parameters]\nrod = 10_000\nlimit = 3\nfree = 1\n"
+        "[[obstacle]]\nangle_deg = 35\nstiffness = '$rod'\n"
+        "[[expect]]\nname = 'x'\nnever = 'gate_angle_deg > $limit'\n"
+    )
+    (note,) = notes_of(tmp_path, text, ScriptedEcu(lambda turn: []))
+    assert note == "parameters.free: not used: $free stands nowhere"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from liftgate_hil.campaign.distributions import Floats
+from liftgate_hil.campaign.folder import replay_line
 from liftgate_hil.campaign.reporting.heat_map import STYLE as HEAT_STYLE
 from liftgate_hil.campaign.reporting.heat_map import Cells, cells_of, heat_map
 from liftgate_hil.campaign.reporting.sensitivity import Index, rest_of
@@ -303,7 +304,7 @@ def worst(summary: Summary, folder: str) -> str:
     ]
     if not rows:
         return ""
-    line = f"liftgate-hil campaign {folder} --replay {summary.worst[0].variant[:12]} --record worst.mf4"
+    line = f"{replay_line(folder, summary.worst[0].variant)} --record worst.mf4"
     return table(heads, rows, ("", *("r" for _ in summary.values), "", "r", "r")) + (
         f'<p class="soft">Any of them, bit for bit, with all signals:</p><p><code>{text(line)}</code></p>'
     )

@@ -22,16 +22,8 @@ _ENUMERATIONS = {
     "direction": "direction", "latch_release": "latch_release", "latch_state": "latch_state",
     "pinch_strip": "switch", "handle_pulled": "switch", "button_pressed": "switch",
 }  # fmt: skip
-_CLOSED = {
-    "pulled",
-    "gezogen",
-    "pressed",
-    "gedrueckt",
-    "betaetigt",
-    "actuated",
-    "active",
-    "aktiv",
-}  # switches at 1
+# Words that say what a switch is at 1.
+_ACTUATED = {"pulled", "gezogen", "pressed", "gedrueckt", "betaetigt", "actuated", "active", "aktiv"}
 # Step of a signal, in our unit, that no database of a gate has: the unit must be another one.
 _COARSE = {"A": 0.9, "V": 0.9, "deg": 4.0, "°C": 10.0, "rev/s": 20.0}
 _NO_VALUE = {
@@ -172,7 +164,7 @@ def _flag(line: Line, signal: Signal, kind: str) -> str:
     if kind == "latch_release" and "release" in concepts:
         return "{ hold = 0, release = 1 }"
     if kind == "switch":
-        return "{ off = 0, on = 1 }" if words & _CLOSED else ""
+        return "{ off = 0, on = 1 }" if words & _ACTUATED else ""
     whole = "".join(words_of(signal.name))
     is_shut = (
         any(each in whole for each in ("latched", "closed", "locked", "verriegelt", "hauptrast"))

@@ -53,21 +53,8 @@ WORDS: Mapping[str, tuple[str, ...]] = {
 # Labels of an enumeration by the name of our value; ambiguous labels are left out.
 _OPEN = ("open", "opening", "auf", "oeffnen", "oeffnet", "up", "hoch", "raise", "heben", "opn", "moveopen")
 _CLOSE = ("close", "closing", "zu", "schliessen", "schliesst", "down", "runter", "lower", "senken", "cls", "clsng")
-_COAST = (
-    "coast",
-    "off",
-    "aus",
-    "frei",
-    "freilauf",
-    "leerlauf",
-    "free",
-    "freewheel",
-    "idle",
-    "float",
-    "inactive",
-    "none",
-    "open loop",
-)
+_COAST = ("coast", "off", "aus", "frei", "freilauf", "leerlauf", "free", "freewheel", "idle", "float", "inactive",
+          "none", "open loop")  # fmt: skip
 _BRAKE = ("brake", "braking", "bremse", "bremsen", "brk", "shorted", "halten")
 LABELS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "direction": {"coast": _COAST, "open": _OPEN, "close": _CLOSE, "brake": _BRAKE},
