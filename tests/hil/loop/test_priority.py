@@ -1,7 +1,8 @@
-"""What `--realtime` asks for: what is refused is told with how to get it, and nothing outlives the run."""
+"""The thread of a loop: what `--realtime` asks for, what is refused, what outlives it, and its CPU without it."""
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -13,8 +14,10 @@ from typing import Any
 
 import pytest
 
+import liftgate_hil as lh
 from liftgate_hil.loop import priority
 from liftgate_hil.loop.priority import PRIORITY, PRIORITY_BESIDE, Realtime, best_cpu, cpus_of
+from liftgate_hil.loop.wakeups import in_own_thread
 
 DROP = """
 import json, os, resource, subprocess, sys, threading
@@ -262,3 +265,33 @@ def test_a_thread_that_wakes_sharply_has_the_least_slack_and_slice_and_all_else_
         assert runtime == 100_000
     assert others == told["before"]
     assert slack > 1
+
+
+def test_a_loop_without_fifo_keeps_the_cpu_on_which_it_begins(tmp_path: Path):
+    cpus: list[set[int]] = []
+
+    class Looking:
+        """An ECU that looks at the threads of its process: the loop's is one of them."""
+
+        def step(self, now_s: float, frames: object) -> list[object]:
+            for thread in Path("/proc/self/task").iterdir():
+                if (thread / "comm").read_text().strip() == priority.LOOP:
+                    cpus.append(os.sched_getaffinity(int(thread.name)))
+            return []
+
+    scenario = tmp_path / "short.toml"
+    scenario.write_text("duration = 0.05\n", encoding="utf-8")
+    before = os.sched_getaffinity(0)
+    lh.run(scenario, ecu=Looking(), clock="realtime")
+    assert cpus
+    assert {len(each) for each in cpus} == {1}
+    assert len(set.union(*cpus)) == 1
+    assert os.sched_getaffinity(0) == before
+
+
+def test_a_loop_whose_cpu_cannot_be_kept_runs_all_the_same(monkeypatch: pytest.MonkeyPatch):
+    def refuse(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setaffinity", refuse)
+    assert in_own_thread(lambda: "done", lambda: None, None) == "done"
