@@ -14,6 +14,7 @@ from typing import Any
 
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.reading import cause_text
 
 
 @contextmanager
@@ -39,7 +40,7 @@ def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
     except ConfigError:
         raise
     except Exception as error:  # asammdf raises what its parsers raise
-        text = " ".join(str(error).split()) or type(error).__name__
+        text = cause_text(error)
         with _silent_end():
             error.__traceback__ = None  # deletes objects that are half open
     finally:

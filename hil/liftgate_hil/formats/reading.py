@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -39,8 +40,13 @@ def as_config_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # readers raise errors of their own, or of their parsers
-        text = " ".join(str(error).split()) or type(error).__name__
-        raise ConfigError(f"{path}: cannot be read: {text}") from error
+        raise ConfigError(f"{path}: cannot be read: {cause_text(error)}") from error
+
+
+def cause_text(error: Exception) -> str:
+    """Return what another package's reader has raised, in one line."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    return f"truncated or damaged: {text}" if isinstance(error, struct.error | EOFError) else text
 
 
 class _Complaints(logging.Handler):

@@ -167,3 +167,11 @@ def test_a_chain_of_blocks_that_bites_its_tail_is_reported(tmp_path: Path, ring:
     path.write_bytes(data)
     with pytest.raises(ConfigError, match=f"form a ring at byte {group}"):
         read(path)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_file_that_was_cut_off_is_reported_as_such(tmp_path: Path, share: float) -> None:
+    path = write(tmp_path / "m.mf4", [("left_current_a", FINE, FINE, "A"), ("left_voltage_v", FINE, FINE, "V")])
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    assert faults_of(path)[0].startswith("cannot be read: truncated or damaged: ")
