@@ -191,7 +191,8 @@ def _report(outcome: Outcome, provenance: Provenance) -> None:
     assert outcome.summary is not None
     title = f"Campaign: {Path(found.request.scenario).stem}"
     sections: Sequence[str] = [incomplete(outcome.is_complete), *outcome.analysis.sections]
-    html = report(title, outcome.summary, units_of(found), str(folder.path), provenance, sections)
+    is_chosen = found.design is None
+    html = report(title, outcome.summary, units_of(found), str(folder.path), provenance, sections, is_chosen)
     folder.write(REPORT, html.encode())
     folder.write(DATA, data_text(found.base, outcome.counts).encode())
 

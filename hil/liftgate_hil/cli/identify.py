@@ -280,6 +280,12 @@ def _deliver(args: argparse.Namespace, teller: Teller, origin: Provenance, resul
 
     def save() -> None:
         write_report(args.save_vehicle, "--save-vehicle", _vehicle_text(args, result))
+        kept = [each.name for each in result.parameters if not each.identifiable and not each.is_held]
+        if kept:
+            teller.say(
+                f"{args.save_vehicle}: {', '.join(kept)} have their initial values, as they are not identifiable: "
+                "this vehicle is not quite the one that was fitted; `validate` shows its fit"
+            )
 
     more = [save] if args.save_vehicle else []
     fitting.deliver(args, teller, origin, identification_json(result), text, page, more)

@@ -14,13 +14,22 @@ from __future__ import annotations
 
 import argparse
 import sys
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.measurements import add_map
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_reports import Output, add_reports, reporting_issues, summary_of, targets_of, write_all
+from liftgate_hil.cli.suite_reports import (
+    Output,
+    add_reports,
+    remove_earlier,
+    reporting_issues,
+    summary_of,
+    targets_of,
+    write_all,
+)
 from liftgate_hil.cli.test import add_set_parameter, naming_the_flag, parameters_of
 from liftgate_hil.errors import printable
 
@@ -87,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
         about = _about(args)
         runs = judged_suite.runs_of(args.recordings, args.one_run)
         cases = judged_suite.cases_of(runs, about, is_reported=any(targets.values()))
+        remove_earlier(chain.from_iterable(targets.values()))
         with teller.progress("judge", len(cases)) as progress:
             for outcome, notes in judged_suite.judge_suite(cases, about, bool(targets["html"]), stop):
                 outcomes.append(report.take(outcome))

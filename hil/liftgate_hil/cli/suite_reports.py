@@ -75,7 +75,7 @@ def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
             continue
         issue = _issue_with(kind, given)
         real = os.path.realpath(given)
-        if not issue and given != "-" and real in taken and Path(given).is_file():
+        if not issue and given != "-" and real in taken and (Path(given).is_file() or not Path(given).exists()):
             issue = f"`{kind}` {given}: another report is written there; allowed: a file of its own"
         taken.add(real)
         if issue:
@@ -127,11 +127,16 @@ def reporting_issues(targets: Mapping[str, list[str]]) -> Iterator[None]:
 
         content = issues_as_junit(error.issues)
         write_all(targets, {"junit": lambda: content})
-        for target in (*targets["json"], *targets["html"]):
-            if target != "-" and Path(target).is_file():
-                with contextlib.suppress(OSError):
-                    Path(os.path.realpath(target)).unlink()
+        remove_earlier([*targets["json"], *targets["html"]])
         raise
+
+
+def remove_earlier(targets: Iterable[str]) -> None:
+    """Remove earlier reports, which a run that is killed would leave as its own; what is no file stays."""
+    for target in targets:
+        if target != "-" and Path(target).is_file():
+            with contextlib.suppress(OSError):
+                Path(os.path.realpath(target)).unlink()
 
 
 def report_flags(arguments: Sequence[str], message: str) -> None:

@@ -14,13 +14,22 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_reports import Output, add_reports, reporting_issues, summary_of, targets_of, write_all
+from liftgate_hil.cli.suite_reports import (
+    Output,
+    add_reports,
+    remove_earlier,
+    reporting_issues,
+    summary_of,
+    targets_of,
+    write_all,
+)
 from liftgate_hil.config.kinds import SEED
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, printable
@@ -100,6 +109,7 @@ def run(args: argparse.Namespace) -> int:
         files = suite.scenario_files(args.paths)
         with naming_the_flag():
             cases = suite.cases_of(files, template)
+    remove_earlier(chain.from_iterable(targets.values()))
     keeps = args.recordings or "all"
     if args.results and keeps != "none":
         cases = _recorded(cases, Path(args.results), args.retry_inconclusive)

@@ -376,4 +376,4 @@ def _near_columns(token: str) -> str:
         for name in COLUMNS
     ]
     near = get_close_matches(token, names, 3, 0.5)
-    return f"{', '.join(near)}, …" if near else "columns of recordings"
+    return f"{', '.join(near)}, …" if near else "columns of recordings, such as gate_angle_deg"

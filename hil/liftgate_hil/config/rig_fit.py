@@ -163,7 +163,14 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
                 f"{rig.source}: inputs.{wire.quantity}.values: {', '.join(missing)} missing: no frame can carry "
                 "it, and an ECU that sends it (the reference ECU does) cannot be used"
             )
-    return [*notes, *_weak_duties(rig), *_unprotected(rig), *_other_scales(rig), *_latched_by_angle(rig)]
+    return [
+        *notes,
+        *_weak_duties(rig),
+        *_unprotected(rig),
+        *_other_counters(rig),
+        *_other_scales(rig),
+        *_latched_by_angle(rig),
+    ]
 
 
 def _weak_duties(rig: Rig) -> Iterator[str]:
@@ -194,6 +201,20 @@ def _unprotected(rig: Rig) -> Iterator[str]:
             )
             key = f"{rig.source}: messages.{name}.{kind}"
             yield f"{key} is missing: by its name {signal.name} is one, and it {what}"
+
+
+def _other_counters(rig: Rig) -> Iterator[str]:
+    """Yield a note for each counter that goes on beyond what the database says is its largest value."""
+    for name, options in rig.options.items():
+        if options.counter is None or options.e2e is not None or name not in rig.mapped:
+            continue
+        signal = rig.messages[name].get_signal_by_name(options.counter)
+        highest = options.counting.highest_value(signal.length)
+        if signal.maximum is not None and 0 < signal.maximum < highest:
+            yield (
+                f"{rig.source}: messages.{name}.counter: {options.counter} goes to {highest}, in the database to "
+                f"{signal.maximum:g}: is `highest` {signal.maximum:g}?"
+            )
 
 
 def _latched_by_angle(rig: Rig) -> Iterator[str]:

@@ -134,7 +134,9 @@ def _given_values(issues: ConfigIssues, key: str, given: MappingTable, ours: Sig
         if getattr(given, other) is not None:
             issues.add(f"{key}.{other}", "allowed: without values")
     for label, each in given.values.items():
-        if not isinstance(each, str):
+        if isinstance(each, list | dict | bool):
+            issues.add(f"{key}.values.{label}", f"{show(each)}; allowed: one number, or one label of the signal")
+        elif not isinstance(each, str):
             number(issues, f"{key}.values.{label}", each, -1e15, 1e15)
     return given.values
 

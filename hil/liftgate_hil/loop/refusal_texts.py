@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.tick import LoopConfig
 
 ANOTHER = "another bench or a replay is on this bus"
+_ECU = "it must not come from the ECU"  # which is the only other node where there is no bus
 REFUSED = (REMOTE_FRAME, WRONG_LENGTH, OUT_OF_RANGE, BAD_CHECKSUM, BAD_COUNTER)
 
 
@@ -49,10 +50,14 @@ def gaps_text(missing: int, cycles: int, name: str) -> str:
 
 
 class RefusalTexts:
-    """Texts on the frames that a loop has refused; the scenario's time 0 is at `began_s` of the loop's time."""
+    """Texts on the frames that a loop has refused; the scenario's time 0 is at `began_s` of the loop's time.
 
-    def __init__(self, rig: Rig, config: LoopConfig, began_s: float = 0.0) -> None:
+    `is_bus`: others than the ECU may send on the wire, too.
+    """
+
+    def __init__(self, rig: Rig, config: LoopConfig, began_s: float = 0.0, is_bus: bool = True) -> None:
         self._rig, self._config, self._began_s = rig, config, began_s
+        self._whose = ANOTHER if is_bus else _ECU
         self.command_row = config.inputs.messages["identifier"].tolist().index(rig.command_identifier())
         self.sent = {rig.identifier(wire.message): wire.message for wire in rig.outputs}  # names by identifier
 
@@ -73,7 +78,7 @@ class RefusalTexts:
         others = refusals[FOREIGN]
         if not others.count or int(others.found) in self._rig.ordering:
             return ""
-        sent = f", which this gate sends: {ANOTHER}" if int(others.found) in self.sent else ""
+        sent = f", which this gate sends: {self._whose}" if int(others.found) in self.sent else ""
         return identifier_text(int(others.found)) + sent
 
     def of_first(self, refusals: Any, cause: int) -> str:

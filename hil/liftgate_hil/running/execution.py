@@ -44,7 +44,8 @@ class Execution:
     def told(self, summary: Summary, state: LoopState, stimuli: StimulusPlan) -> Summary:
         """Return the summary of a run, with what it has on refused frames filled in."""
         plan = self.plan
-        texts = RefusalTexts(plan.rig, plan.config, int(stimuli.origin[0]) * plan.config.step)
+        began_s = int(stimuli.origin[0]) * plan.config.step
+        texts = RefusalTexts(plan.rig, plan.config, began_s, is_bus=plan.way is not None)
         texts.tell(summary, state.reception)
         return summary
 

@@ -324,16 +324,17 @@ def liftgate(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Any:
     """Note that a test has failed, and report its recordings; a missing verdict is reported in words."""
     has_fixture = "liftgate" in getattr(item, "fixturenames", ())
+    sections: list[tuple[str, str]] = []
     if call.excinfo is not None and has_fixture:
         _end_before_our_frames(call.excinfo.value)
+        used = getattr(item, "funcargs", {}).get("liftgate")
+        if isinstance(used, Liftgate):
+            sections = [(f"liftgate {what}", text) for what, text in used.report_sections().items() if text]
+            item.user_properties += sections  # for JUnit, which shows no sections
     report = yield
     if call.excinfo is not None and isinstance(call.excinfo.value, NoVerdictError):
         report.longrepr = str(call.excinfo.value)
     if report.failed and has_fixture:
         item.stash[_FAILED] = True
-        used = getattr(item, "funcargs", {}).get("liftgate")
-        if isinstance(used, Liftgate):
-            report.sections += [
-                (f"liftgate {what}", text) for what, text in used.report_sections().items() if text
-            ]
+        report.sections += sections
     return report

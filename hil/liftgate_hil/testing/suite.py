@@ -100,14 +100,15 @@ class Outcome:
             found += [silence] if silence else []
         scenario = self.case.plan.setup.scenario
         is_disturbed = scenario.faults or any(each.action == "reset" for each in scenario.requests)
+        rig = self.case.plan.rig
         missing, cycles = summary.commands_missing, summary.command_cycles
         if missing > _MISSING * cycles and not is_disturbed:
-            found.append(gaps_text(missing, cycles, self.case.plan.rig.command_message()))
+            found.append(gaps_text(missing, cycles, rig.command_message()))
         if summary.command_timeouts and not is_disturbed:
             times = "once" if summary.command_timeouts == 1 else f"{summary.command_timeouts} times"
             found.append(
-                f"the command timed out {times}: the ECU's commands came too late or not at all, and the motors "
-                "were off"
+                f"the command timed out {times}: the ECU's commands came more than "
+                f"{rig.timeout_ms(rig.command_message()):g} ms apart or not at all, and the motors were off"
             )
         found += self.result.notes
         if summary.injections or summary.injections_refused:

@@ -109,7 +109,10 @@ def test_all_combinations_have_a_row_and_the_files_say_what_they_are(
     assert sum(found["verdicts"].values()) == 6
     assert found["request"]["vary"] == ["angle=60,75", "supply.voltage=9.5,12,15"]
     assert "6 variants" in capsys.readouterr().out
-    assert "</html>" in Path("out/report.html").read_text()
+    page = Path("out/report.html").read_text()
+    assert "</html>" in page
+    assert "; 95 %:" in page  # no search chose the variants
+    assert "search chose" not in page
     for name in rows[0]:
         assert f"`{name}`" in Path("out/DATA.md").read_text()
 

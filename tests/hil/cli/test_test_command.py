@@ -90,6 +90,8 @@ def test_a_wrong_flag_of_one_report_stands_in_the_others(wrong: list[str]) -> No
 def test_a_report_replaces_reports_only(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     """As `--junit *.toml` names two scenarios, and makes one of them the report."""
     scenario("s.toml", RESTS)
+    assert main(["test", "s.toml", "--junit", "same", "--json", "same"]) == 2  # neither is there yet
+    assert "same: another report is written there" in capsys.readouterr().err
     before = Path(scenario("x.toml", RESTS)).read_text()
     for arguments in (["s.toml"], ["x.toml"], ["x.toml", "--jobs", "0"]):
         assert main(["test", *arguments, f"--{kind}", "x.toml"]) == 2
@@ -100,6 +102,23 @@ def test_a_report_replaces_reports_only(kind: str, capsys: pytest.CaptureFixture
     names = {"json": "verdicts.json", "junit": "junit.xml", "html": "report.html"}
     assert main(["test", "s.toml", f"--{kind}", f"out/{names[kind]}", "--results", "out"]) == 2
     assert "another report is written there" in capsys.readouterr().err
+
+
+def test_earlier_reports_are_gone_before_the_first_scenario_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that is killed leaves none that would be taken for its own."""
+    scenario("s.toml", RESTS)
+    flags = ["s.toml", "--json", "one.json", "--junit", "/dev/null", "--results", "out"]
+    assert main(["test", *flags]) == 0
+
+    def killed(*_: object) -> None:
+        raise RuntimeError("killed")
+
+    monkeypatch.setattr("liftgate_hil.testing.suite.run_suite", killed)
+    with pytest.raises(RuntimeError, match="killed"):
+        main(["test", *flags])
+    assert not Path("one.json").exists()
+    assert {each.name for each in Path("out").iterdir()}.isdisjoint({"verdicts.json", "junit.xml", "report.html"})
+    assert Path("/dev/null").exists()
 
 
 def test_a_link_to_a_report_does_not_keep_an_earlier_one() -> None:
@@ -335,7 +354,9 @@ def test_a_refused_frame_and_commands_that_come_too_late_are_told_with_what_was_
     notes = json.loads(Path("out.json").read_text())["scenarios"][0]["notes"]
     assert notes[1].startswith("the first of them: 0.")
     assert notes[1].endswith(" s: DriveCommand refused: 7 bytes; expected 8")
-    assert re.search(r"the command timed out \d+ times: the ECU's commands came too late or not at all", notes[-1])
+    assert re.search(
+        r"the command timed out \d+ times: the ECU's commands came more than 30 ms apart or not at all", notes[-1]
+    )
 
 
 @pytest.mark.parametrize(

@@ -182,3 +182,35 @@ counter = "AliveCounter"
     assert "    not mapped, not read: Crc, Spare\n" in out
     assert "    not mapped, sent as: Crc = 0, Coolant = -40 degC\n" in out  # as on the bus: all bits 0
     assert "the reference ECU cannot use this rig, as it lacks left_hall_count, right_current" in out
+
+
+@pytest.mark.parametrize(
+    ("counter", "is_noted"),
+    [
+        ('"Count"', True),
+        ('{ signal = "Count", highest = 14 }', False),
+        ('{ signal = "Count", highest = 9 }', False),
+    ],
+)
+def test_a_counter_that_goes_beyond_the_databases_range_is_noted(tmp_path: Path, counter: str, is_noted: bool):
+    (tmp_path / "their.dbc").write_text(
+        """VERSION ""
+BS_:
+BU_: ECU Gate
+BO_ 256 Cmd: 8 ECU
+ SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
+ SG_ Count : 16|4@1+ (1,0) [0|14] "" Gate
+BO_ 512 Out: 8 Gate
+ SG_ Current : 0|16@1- (0.01,0) [-300|300] "A" ECU
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 10;
+""",
+        encoding="utf-8",
+    )
+    path = tmp_path / "rig.toml"
+    text = '[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\nleft_current = "Out.Current"\n'
+    path.write_text(f'dbc = "their.dbc"\n{text}[messages.Cmd]\ncounter = {counter}\n', encoding="utf-8")
+    notes = notes_on_fit(rig_from(str(path)), vehicle_from("compact", []), 1000.0)
+    said = [each for each in notes if "Count" in each]
+    told = f"{path}: messages.Cmd.counter: Count goes to 15, in the database to 14: is `highest` 14?"
+    assert said == [told] * is_noted

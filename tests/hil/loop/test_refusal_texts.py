@@ -69,3 +69,5 @@ def test_the_first_foreign_identifier_may_be_that_of_another_gate(rig: Rig) -> N
         texts(rig).first_foreign(refusals)
         == "0x210, which this gate sends: another bench or a replay is on this bus"
     )
+    without = RefusalTexts(rig, texts(rig)._config, is_bus=False)
+    assert without.first_foreign(refusals) == "0x210, which this gate sends: it must not come from the ECU"

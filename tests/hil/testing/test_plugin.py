@@ -136,8 +136,11 @@ def test_a_result_is_compared_by_its_verdict_and_the_report_says_why_it_failed(f
         "    assert liftgate.run('scenarios/opens.toml', ecu='my_ecu:Dead').verdict == 'pass'\n"
         "def test_vehicle(liftgate):\n    liftgate.run('scenarios/opens.toml', vehicle='nope')\n"
     )
-    done = pytest_in(foreign, "tests/test_gate.py")
+    done = pytest_in(foreign, "tests/test_gate.py", "--junit-xml", "junit.xml")
     assert "3 failed" in done.stdout, done.stdout + done.stderr
+    junit = (foreign / "junit.xml").read_text(encoding="utf-8")
+    for what in ("verdicts", "recordings"):
+        assert junit.count(f'property name="liftgate {what}"') == 2
     assert "a Result is neither true nor false" in done.stdout
     assert done.stdout.count("liftgate verdicts") == done.stdout.count("liftgate recordings") == 2
     assert "opens: fail, margin" in done.stdout

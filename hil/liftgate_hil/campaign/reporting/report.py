@@ -53,16 +53,20 @@ def report(
     folder: str,
     provenance: Provenance,
     more: Sequence[str] = (),
+    is_chosen: bool = False,
 ) -> str:
-    """Return the page; `units` are those of varied names, `more` are sections of a search or a probability."""
+    """Return the page; `units` are those of varied names, `more` are further sections.
+
+    `is_chosen`: a search or an estimate of a probability chose the variants, they are no random sample.
+    """
     return page(
         title,
         f"{summary.count:,} variants, liftgate-hil {provenance.versions['liftgate-hil']}, {provenance.date}",
         [
-            _first_screen(summary, units, is_chosen=bool(more)),
+            _first_screen(summary, units, is_chosen),
             *more,
             section("Expectations", requirements(summary)),
-            section("What drives it", *drivers(summary, is_chosen=bool(more))),
+            section("What drives it", *drivers(summary, is_chosen)),
             section("Distributions", *distributions(summary)),
             section("Worst variants", worst(summary, folder)),
             section(
@@ -89,7 +93,7 @@ def has_forces(summary: Summary) -> bool:
 
 
 def tiles(summary: Summary, is_chosen: bool = False) -> str:
-    """Return the most important numbers; `is_chosen`: a search chose the variants, they are no random sample."""
+    """Return the most important numbers; `is_chosen` as for `report`."""
     total, failed = summary.count, summary.counts.get("fail", 0)
     wrong = summary.counts.get("error", 0)
     decided = total - wrong - summary.counts.get("inconclusive", 0)
@@ -213,7 +217,7 @@ def requirements(summary: Summary) -> str:
 
 
 def drivers(summary: Summary, is_chosen: bool = False) -> list[str]:
-    """Return the tables of first-order indices; `is_chosen` as for `tiles`."""
+    """Return the tables of first-order indices; `is_chosen` as for `report`."""
     parts: list[str] = []
     for column, indices in ((summary.driver, summary.indices), (FORCE, summary.force_indices)):
         if not indices or (column == FORCE and parts and summary.driver == FORCE):

@@ -30,8 +30,8 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
         if len(counters) > 1:
             why = "one of several with such a name"
         elif 0 < (signal.maximum or 0) < 2**signal.length - 1:
-            why = f"counts to {signal.maximum:g}, not to {2**signal.length - 1}: an E2E profile?"
-            why += f" else {{ signal = {quoted(signal.name)}, highest = {signal.maximum:g} }}"
+            why = f"goes to {signal.maximum:g}, not to {2**signal.length - 1}: as it stands with an E2E profile, "
+            why += f"else counter = {{ signal = {quoted(signal.name)}, highest = {signal.maximum:g} }}"
         lines.append(f"# {line}  # {why}" if why else line)
     for signal in checksums_of(message):
         lines += _checksum_lines(signal)
@@ -49,7 +49,7 @@ def _checksum_lines(signal: Signal) -> list[str]:
     kinds = ", ".join(kind for kind in KINDS if kind != "none")
     own = (
         f"# checksum = {{ signal = {name}, width = {signal.length}, polynomial = 0x?, start = 0x?, "
-        'final_xor = 0x?, covers = ["payload"] }'
+        'final_xor = 0x?, covers = ["payload", "data_id"], data_id = 0x? }'
     )
     if signal.length != 8:
         return [f"{own}  # the database does not say; or protection = one of {', '.join(PROFILES)}"]

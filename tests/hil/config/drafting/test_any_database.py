@@ -243,7 +243,10 @@ def test_a_motor_speed_is_mapped_with_a_remark_that_it_is_the_true_one(tmp_path:
 
 def test_a_counter_that_does_not_use_its_bits_is_asked_for(tmp_path: Path):
     text, _ = draft_of(tmp_path, COMMON, CURRENTS)
-    assert '# counter = "Counter"  # counts to 14, not to 15: an E2E profile?' in text
+    assert (
+        '# counter = "Counter"  # goes to 14, not to 15: as it stands with an E2E profile, else counter = {'
+        in text
+    )
     assert "\ncounter" not in text
     whole, _ = draft_of(tmp_path, COMMON, CURRENTS.replace("[0|14]", "[0|15]"))
     assert '\ncounter = "Counter"' in whole
