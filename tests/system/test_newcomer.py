@@ -59,6 +59,7 @@ HERE = (
     "liftgate-hil --bus socketcan:can0 --realtime",
     "liftgate-hil doctor",
     "liftgate-hil --rig tailgate.toml",
+    "liftgate-hil ecu --rig tailgate.toml",
     "liftgate-hil --serial /dev/ttyUSB0",
     "liftgate-hil --serial socket:",
     "liftgate-hil demo --serial",
@@ -445,6 +446,7 @@ def test_a_rig_for_an_own_database_runs(folder: Path, bus: dict[str, str], prote
     (folder / "tailgate.toml").write_text(rig)
     out = run(command("liftgate-hil --rig tailgate.toml"), folder, bus, f"--vehicle compact {SHORT}")
     assert "frames sent" in out
+    run(command("liftgate-hil ecu --rig tailgate.toml"), folder, bus, "--duration 0.3")
 
 
 # A serial line.

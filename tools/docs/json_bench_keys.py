@@ -140,7 +140,7 @@ CAMPAIGN = Document(
         "analysis.margin": "`--worst`: its margin, in the expectation's unit; null: no variant has one",
         "analysis.values": "`--worst`: its values",
         "analysis.values.NAME": "value of what was varied",
-        "analysis.found_after": "`--worst`: evaluations until it was found; null: none was",
+        "analysis.found_after": "`--worst`: evaluations until it was found, random ones included; null: none",
         "analysis.first_failure_after": "`--worst`: evaluations until the first failure; null: none fails",
         "analysis.failures": "`--worst`: number of failures",
         "analysis.stopped": "`--worst`: why the search ended, in words",

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from itertools import chain
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
@@ -96,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
         about = _about(args)
         runs = judged_suite.runs_of(args.recordings, args.one_run)
         cases = judged_suite.cases_of(runs, about, is_reported=any(targets.values()))
-        remove_earlier(chain.from_iterable(targets.values()))
+        remove_earlier(targets)
         with teller.progress("judge", len(cases)) as progress:
             for outcome, notes in judged_suite.judge_suite(cases, about, bool(targets["html"]), stop):
                 outcomes.append(report.take(outcome))

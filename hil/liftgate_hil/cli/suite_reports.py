@@ -20,6 +20,12 @@ if TYPE_CHECKING:
 
 
 _IN_RESULTS = {"json": "verdicts.json", "junit": "junit.xml", "html": "report.html"}  # files of --results
+# Bytes near the beginning of our own reports.
+_BEGINS = {
+    "json": b'{\n  "verdict"',
+    "junit": b'<testsuites name="liftgate-hil',
+    "html": b"Content-Security-Policy",
+}
 
 
 class Output:
@@ -61,7 +67,7 @@ def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
     """
     found: dict[str, list[str]] = {"json": [], "junit": [], "html": []}
     wanted = [("json", args.json), ("junit", args.junit), ("html", args.html)]
-    issues, taken = [], set[str]()
+    issues, taken = [], dict[str, str]()  # kinds by their real paths
     if args.results:
         folder = Path(args.results)
         try:
@@ -74,13 +80,14 @@ def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
         if given is None:
             continue
         issue = _issue_with(kind, given)
-        real = os.path.realpath(given)
-        if not issue and given != "-" and real in taken and (Path(given).is_file() or not Path(given).exists()):
+        real = given if given == "-" else os.path.realpath(given)
+        is_shared = given != "-" and Path(given).exists() and not Path(given).is_file()  # /dev/null
+        other = kind if is_shared else taken.setdefault(real, kind)
+        if not issue and other != kind:
             issue = f"`{kind}` {given}: another report is written there; allowed: a file of its own"
-        taken.add(real)
         if issue:
             issues.append(issue)
-        else:
+        elif real not in map(os.path.realpath, found[kind]):
             found[kind].append(given)
     if issues:
         with reporting_issues(found):
@@ -127,16 +134,26 @@ def reporting_issues(targets: Mapping[str, list[str]]) -> Iterator[None]:
 
         content = issues_as_junit(error.issues)
         write_all(targets, {"junit": lambda: content})
-        remove_earlier([*targets["json"], *targets["html"]])
+        remove_earlier({**targets, "junit": []})
         raise
 
 
-def remove_earlier(targets: Iterable[str]) -> None:
-    """Remove earlier reports, which a run that is killed would leave as its own; what is no file stays."""
-    for target in targets:
-        if target != "-" and Path(target).is_file():
-            with contextlib.suppress(OSError):
-                Path(os.path.realpath(target)).unlink()
+def remove_earlier(targets: Mapping[str, list[str]]) -> None:
+    """Remove earlier reports of ours: a run that is killed would leave them as its own. All else stays."""
+    for kind, paths in targets.items():
+        for path in map(Path, paths):
+            if path.is_file() and _is_ours(path, kind):
+                with contextlib.suppress(OSError):
+                    Path(os.path.realpath(path)).unlink()
+
+
+def _is_ours(path: Path, kind: str) -> bool:
+    """Whether a file begins as our own reports of a kind do."""
+    try:
+        with path.open("rb") as stream:
+            return _BEGINS[kind] in stream.read(400)
+    except OSError:
+        return False
 
 
 def report_flags(arguments: Sequence[str], message: str) -> None:

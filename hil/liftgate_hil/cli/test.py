@@ -14,7 +14,6 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -109,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
         files = suite.scenario_files(args.paths)
         with naming_the_flag():
             cases = suite.cases_of(files, template)
-    remove_earlier(chain.from_iterable(targets.values()))
+    remove_earlier(targets)
     keeps = args.recordings or "all"
     if args.results and keeps != "none":
         cases = _recorded(cases, Path(args.results), args.retry_inconclusive)

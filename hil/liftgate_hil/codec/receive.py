@@ -294,7 +294,7 @@ def receive(bus: BusConfig, reception: Reception, counts: Counts, frames: Frames
         if message >= 0 and is_counted(bus.messages[message], cause):
             reception.cycles[message] += 1 + lost
             reception.lost[message] += lost
-        elif message >= 0:
+        elif message >= 0 and cause != REMOTE_FRAME:
             reception.refused[message] += 1
         if cause == ACCEPTED:
             take(bus, reception, message, reception.read)

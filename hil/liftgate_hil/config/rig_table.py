@@ -127,7 +127,9 @@ def _unmapped(
         pages = pages_of(message, [wire.signal for wire in own])
         chains = {each.name: multiplexer_values(message, each.name) for each in others}
         others = [each for each in others if any(is_on(page, chains[each.name]) for page in pages)]
-    return {each.name: f"{start_value(each):g} {each.unit or ''}".rstrip() if is_sent else "" for each in others}
+    return {
+        each.name: f"{start_value(each):.15g} {each.unit or ''}".rstrip() if is_sent else "" for each in others
+    }
 
 
 def _signal(rig: Rig, wire: SignalMapping, quantity: Signal) -> MappedSignal:

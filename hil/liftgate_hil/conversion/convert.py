@@ -158,7 +158,7 @@ def _marks_for(source: Recording, target: Path) -> tuple[tuple[float, str], ...]
                 f"{source.path}: the mark {printable(text)!r} at {time_s:g} s, a time that {target.suffix} cannot "
                 f"hold; allowed: {earliest:g} to {_LONGEST_S:g} s"
             )
-    return tuple(sorted((time_s, printable(text)) for time_s, text in source.marks))
+    return tuple((time_s, printable(text)) for time_s, text in sorted(source.marks, key=lambda mark: mark[0]))
 
 
 def _written(

@@ -164,7 +164,7 @@ def prepare_thread(realtime: Realtime | None) -> None:
     if realtime is not None:
         realtime.enter()
         return
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, ValueError):  # a kernel that does not tell the CPU says -1
         os.sched_setaffinity(0, {ctypes.CDLL(None).sched_getcpu()})
 
 

@@ -100,8 +100,23 @@ def test_a_report_replaces_reports_only(kind: str, capsys: pytest.CaptureFixture
     assert main(["test", "s.toml", f"--{kind}", "one", "--results", "out"]) == 0
     assert main(["test", "s.toml", f"--{kind}", "one", "--results", "out"]) == 0
     names = {"json": "verdicts.json", "junit": "junit.xml", "html": "report.html"}
-    assert main(["test", "s.toml", f"--{kind}", f"out/{names[kind]}", "--results", "out"]) == 2
+    for _ in range(2):  # the same report, asked for twice
+        assert main(["test", "s.toml", f"--{kind}", f"out/{names[kind]}", "--results", "out"]) == 0
+    other = "junit" if kind == "json" else "json"
+    assert main(["test", "s.toml", f"--{other}", f"out/{names[kind]}", "--results", "out"]) == 2
     assert "another report is written there" in capsys.readouterr().err
+
+
+def test_a_wrong_flag_removes_reports_of_this_program_only() -> None:
+    scenario("s.toml", RESTS)
+    Path("package.json").write_text('{"name": "theirs"}')
+    Path("theirs.svg").write_text("<svg/>")
+    assert main(["test", "s.toml", "--json", "ours.json"]) == 0
+    assert main(["test", "s.toml", "--json", "package.json", "--html", "theirs.svg", "--bogus"]) == 2
+    assert main(["test", "s.toml", "--json", "ours.json", "--bogus"]) == 2
+    assert Path("package.json").read_text() == '{"name": "theirs"}'
+    assert Path("theirs.svg").exists()
+    assert not Path("ours.json").exists()
 
 
 def test_earlier_reports_are_gone_before_the_first_scenario_runs(monkeypatch: pytest.MonkeyPatch) -> None:

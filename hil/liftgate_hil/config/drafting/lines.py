@@ -24,6 +24,7 @@ _ENUMERATIONS = {
 }  # fmt: skip
 # Words that say what a switch is at 1.
 _ACTUATED = {"pulled", "gezogen", "pressed", "gedrueckt", "betaetigt", "actuated", "active", "aktiv"}
+_NEGATED = {"not", "nicht", "no", "un"}  # then 1 is the opposite
 # Step of a signal, in our unit, that no database of a gate has: the unit must be another one.
 _COARSE = {"A": 0.9, "V": 0.9, "deg": 4.0, "°C": 10.0, "rev/s": 20.0}
 _NO_VALUE = {
@@ -159,7 +160,7 @@ def _flag(line: Line, signal: Signal, kind: str) -> str:
     """Return the values of one bit whose name says what 1 means; "" if it does not."""
     concepts = concepts_in(signal.name)
     words = {*words_of(signal.name)}
-    if signal.length != 1:
+    if signal.length != 1 or words & _NEGATED:
         return ""
     if kind == "latch_release" and "release" in concepts:
         return "{ hold = 0, release = 1 }"

@@ -250,3 +250,11 @@ def test_a_counter_that_does_not_use_its_bits_is_asked_for(tmp_path: Path):
     assert "\ncounter" not in text
     whole, _ = draft_of(tmp_path, COMMON, CURRENTS.replace("[0|14]", "[0|15]"))
     assert '\ncounter = "Counter"' in whole
+
+
+@pytest.mark.parametrize("name", ["ButtonNotPressed", "Taster_nicht_betaetigt", "HandleNotPulled"])
+def test_a_switch_whose_name_is_negated_is_asked_for(tmp_path: Path, name: str):
+    signal = f' SG_ {name} : 52|1@1+ (1,0) [0|1] "" ECU\n'
+    text, _ = draft_of(tmp_path, COMMON, CURRENTS + signal)
+    assert name in text
+    assert not any(name in line for line in text.splitlines() if not line.startswith("#"))
