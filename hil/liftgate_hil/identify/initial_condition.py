@@ -35,6 +35,8 @@ _SPREAD_REV = 3.0
 _SPREAD_RPS = 5.0  # of a start at rest that neither a speed nor a position shows
 _SPREAD_K, _SPREAD_HOUSING_K = 20.0, 10.0
 _HOTTEST_K = 200.0
+_FIRST_SAMPLES = 12  # of a speed, from which its noise is taken
+_SECOND_DIFFERENCE = 0.6745 * math.sqrt(6.0)  # median size of the second differences of white noise, of its std
 _FIRST = 0.02  # s, time in which an angle hardly changes
 _CUT = 0.1  # s, a file whose first timestamp is later than this was cut
 
@@ -126,6 +128,8 @@ def _polynomial(t: Floats, y: Floats, degree: int) -> tuple[Floats, Floats]:
 def begins_at_rest(data: Data, creeps: bool = False) -> bool:
     """Whether nothing moves at the first sample; with `creeps`, undriven drives must not even creep."""
     share = _STILL_SHARE if creeps and not _is_driven(data) else _REST_SHARE
+    if any(_shows_rest(data.outputs.get(f"{side}_speed_rps"), share) for side in ("left", "right")):
+        return True
     first, margin, largest = motion(data, share)
     if math.isnan(first):
         angle = data.outputs.get("gate_angle_deg")
@@ -134,6 +138,21 @@ def begins_at_rest(data: Data, creeps: bool = False) -> bool:
         share = _REST_SHARE  # a gate may fall through its play while its drives rest
         first, margin, largest = _moving(data.times, angle, 2, share)
     return abs(first) <= share * largest + margin
+
+
+def _shows_rest(speed: Floats | None, share: float) -> bool:
+    """Whether the first samples of a speed (n,) [rev/s] show rest by themselves, as far as its noise allows that.
+
+    A polynomial cannot follow a light drive that runs up within some milliseconds, and would take it for moving.
+    One sample alone is not believed: a speed that was differentiated may begin with a zero.
+    """
+    values = np.zeros(0) if speed is None else speed[np.isfinite(speed)][:_FIRST_SAMPLES]
+    if len(values) < _FIRST_SAMPLES:
+        return False
+    assert speed is not None
+    least = share * float(np.quantile(np.abs(speed[np.isfinite(speed)]), 0.99))
+    noise = float(np.median(np.abs(np.diff(values, 2)))) / _SECOND_DIFFERENCE
+    return _SURE * noise <= least and abs(float(np.median(values[:3]))) <= least
 
 
 def _is_driven(data: Data) -> bool:

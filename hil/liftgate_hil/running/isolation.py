@@ -25,7 +25,7 @@ from liftgate_hil.running.processes.answers import AnswerChannel, BadAnswerError
 from liftgate_hil.running.processes.children import foreign_output, in_memory
 
 HANG_S = 10.0  # s that the ECU may take for a tick, to be created, or to end
-EXIT_S = 8.0  # s that the process may take to exit once it has answered
+EXIT_S = 5.0  # s that the process may take to exit once it has answered
 SILENT_S = 120.0  # s without a sign of life of the rest of the worker, plus the run's length
 _STOP_S = 1.0  # s that the ECU may take once the run is stopped
 _KILL_S = 5.0  # s that the worker's supervisor may take to end everything

@@ -203,3 +203,17 @@ def test_wrong_flags_are_one_line(
 def test_without_a_file_there_is_nothing_to_do(capsys: pytest.CaptureFixture[str]) -> None:
     (line,) = complaint(capsys, "validate")
     assert "FILE" in line
+
+
+@pytest.mark.parametrize("inertia", [4e-6, 6e-6, 1.1e-5])
+def test_a_light_motor_that_runs_up_at_the_first_sample_begins_at_rest(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, inertia: float
+) -> None:
+    file = Path(__file__).parents[3] / "docs/examples/car.toml"
+    car = ("--vehicle", file, "--set", f"motor.rotor_inertia={inertia}")
+    path = tmp_path / "step.csv"
+    assert call("simulate", *car, "--voltage", 12, "--duration", 2, "--output", path) == 0
+    capsys.readouterr()
+    result = fit(capsys, path, *car)
+    assert min(result["fit_percent"].values()) > 99.9
+    assert result["initial_states"] == {}

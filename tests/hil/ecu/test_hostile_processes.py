@@ -23,7 +23,7 @@ from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 SCENARIO = Scenario(NO_STIMULI, (), 0.1)
 CLOCKS = ("free", "lockstep", "realtime")
 AT = "now_ns == 50000000"
-NOT_EXITED = ("the ECU's process did not exit within 2 s after the run, and was killed",)
+NOT_EXITED = ("the ECU's process did not exit within 1 s after the run, and was killed",)
 
 PYTHON = """
 import atexit, os, re, signal, sys, threading, time
@@ -94,7 +94,7 @@ class ClosesEarly(Base):
 @pytest.fixture(autouse=True)
 def _short(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 0.5)
-    monkeypatch.setattr("liftgate_hil.running.isolation.EXIT_S", 2.0)
+    monkeypatch.setattr("liftgate_hil.running.isolation.EXIT_S", 1.0)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hostile.py").write_text(PYTHON)
 

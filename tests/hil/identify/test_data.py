@@ -90,6 +90,14 @@ def test_a_step_with_the_first_sample_is_a_start_from_rest_in_counts_too(volts: 
     assert not begins_at_rest(later(data, 1.0))
 
 
+def test_a_zero_before_the_first_difference_of_a_position_is_no_rest() -> None:
+    times = np.arange(2001) / 1000.0
+    data = later(measured(suv(), "full", {"left_speed_rps": 0.0}, None, 40.0, (times, np.full(2001, 12.0))), 1.0)
+    speed = data.outputs["left_speed_rps"].copy()
+    speed[0] = 0.0
+    assert not begins_at_rest(dataclasses.replace(data, outputs={"left_speed_rps": speed}))
+
+
 def test_data_that_say_nothing_of_motion_begin_at_rest() -> None:
     data = measured(suv(), "full", {"left_current_a": 0.05}, 1)
     assert begins_at_rest(data)
