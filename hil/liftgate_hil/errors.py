@@ -19,7 +19,9 @@ escaped, so that they cannot control a terminal.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import ClassVar, TypeVar
 
 _T = TypeVar("_T")
@@ -228,3 +230,8 @@ class ConfigIssues:
         within = [called for place, called in self._origins.items() if place.startswith(f"{key}.")]
         also = f" (with {', '.join(within)})" if within else ""
         return f"{self.source}: {key}{also}"
+
+
+def is_of_a_library(path: Path) -> bool:
+    """Whether a file belongs to an installed package or to Python itself."""
+    return bool({"site-packages", "dist-packages"} & {*path.parts}) or Path(os.__file__).parent in path.parents

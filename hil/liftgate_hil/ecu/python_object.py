@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.ecu.node import PORT
-from liftgate_hil.errors import ConfigError, EcuError, shown, text_of
+from liftgate_hil.errors import ConfigError, EcuError, is_of_a_library, shown, text_of
 from liftgate_hil.stimuli.requests import ACTIONS
 from liftgate_plant.compiler import INT_OF_LONG_INT, INT_OF_STEP
 
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     import can
 
     from liftgate_hil.config.rig import Rig
-
-_INSTALLED = {"site-packages", "dist-packages"}  # folders of libraries
 
 
 class PythonEcu(Adapter):
@@ -166,14 +163,9 @@ def _attribute(ecu: Any, name: str) -> Any:
         raise ConfigError(f"`ecu` {shown(ecu)}: {name}: {text}; allowed: attributes that can be read") from error
 
 
-def _is_of_a_library(path: Path) -> bool:
-    """Whether a file belongs to an installed package or to Python itself."""
-    return bool(_INSTALLED & {*path.parts}) or Path(os.__file__).parent in path.parents
-
-
 def _place_of(error: BaseException) -> str:
     """Return where in the ECU's code an error was raised, as text; libraries that it calls are passed over."""
     calls = traceback.extract_tb(error.__traceback__)[1:]  # the first call is in this package
-    own = [each for each in calls if not _is_of_a_library(Path(each.filename))]
+    own = [each for each in calls if not is_of_a_library(Path(each.filename))]
     place = own[-1] if own else calls[-1] if calls else None
     return "" if place is None else f" ({Path(place.filename).name}, line {place.lineno})"

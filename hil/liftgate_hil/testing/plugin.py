@@ -13,7 +13,6 @@ import itertools
 import re
 import shutil
 import sys
-import sysconfig
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from liftgate_hil.running.result import Result
     from liftgate_hil.testing.suite import Case, Outcome
 
-_PACKAGE, _PYTHON = Path(__file__).parents[1], Path(sysconfig.get_path("stdlib"))
+_PACKAGE = Path(__file__).parents[1]
 _GROUP = "liftgate-bus"
 _NOT_IN_A_NODE = re.compile(r"::+|[\[\]\x00-\x1f\x7f]")
 _INSTEAD = {"[": "(", "]": ")", ":": "."}  # replacements, by the first character
@@ -306,9 +305,10 @@ def _frames_of(error: BaseException) -> list[TracebackType]:
 
 def _is_of_the_user(entry: TracebackType) -> bool:
     """Whether a frame is neither of this package, nor of another one that is installed, nor of Python itself."""
+    from liftgate_hil.errors import is_of_a_library
+
     path = Path(entry.tb_frame.f_code.co_filename)
-    is_installed = {"site-packages", "dist-packages"} & {*path.parts} or _PYTHON in path.parents
-    return path.exists() and not is_installed and _PACKAGE not in path.parents
+    return path.exists() and not is_of_a_library(path) and _PACKAGE not in path.parents
 
 
 @pytest.fixture
