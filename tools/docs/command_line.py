@@ -23,7 +23,7 @@ _CODES = (
         "`doctor`: a problem; `replay`: frames were not sent",
     ),
     ("2", "wrong usage: a flag, a file or a value is not allowed, with one message for each; nothing was begun"),
-    ("3", "inconclusive: the bench has decided, not the ECU; see the table below"),
+    ("3", "inconclusive: the bench, not the ECU, has decided or ended the run; see the table below"),
     (
         "130, 143",
         "stopped by Ctrl-C, by SIGTERM before it was complete; a second signal ends it at once. `run`, `ecu` and "
@@ -32,7 +32,8 @@ _CODES = (
 )
 _VERDICTS = """\
 The worst verdict of a command that judges decides, in the order error, fail, inconclusive, pass. `run` and `demo`
-report on the bench: with `run --scenario` a failed expectation is no failure of the bench; `test` judges."""
+report on the bench: with `run --scenario` a failed or undecided expectation is no failure of the bench; `test`
+judges. 3 is also the code of a run that the bench has ended early, such as for a precondition not reached."""
 _WORST = (ERROR, FAIL, INCONCLUSIVE, PASS)
 _JUDGES = {"`test`, `judge`": EXIT_CODES, "`demo`": DEMO_EXIT_CODES, "`run`": RUN_EXIT_CODES}
 

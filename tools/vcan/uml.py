@@ -144,7 +144,7 @@ def _boot(job: Path, machine: Machine, kernel: str, memory: str) -> int:
 
 
 def with_whole_registers(job: Path) -> dict[str, str]:
-    """Return the environment in which the kernel boots on a processor with AMX too (xstate.c); {} without a compiler."""
+    """Return the environment in which the kernel boots with AMX, too (xstate.c); empty without a compiler."""
     source, library = Path(__file__).with_name("xstate.c"), job / "xstate.so"
     compiler = shutil.which("cc")
     if compiler is None:
@@ -152,9 +152,7 @@ def with_whole_registers(job: Path) -> dict[str, str]:
     command = [compiler, "-O2", "-shared", "-fPIC", "-o", str(library), str(source)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        say(
-            f"{source.name} does not compile, so a processor with AMX is not supported: {done.stderr.strip()[-200:]}"
-        )
+        say(f"{source.name} does not compile, so the kernel does not boot with AMX: {done.stderr.strip()[-200:]}")
         return {}
     earlier = os.environ.get("LD_PRELOAD")
     return {"LD_PRELOAD": f"{library}:{earlier}" if earlier else str(library)}

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import DEMO_EXIT_CODES
-from liftgate_hil.cli.run import given_up, report
+from liftgate_hil.cli.run import exit_code_of, report
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import run_loop
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     args.scenario = judged if is_whole else args.scenario or "demo"
     shown = _shown(args, stopped, has_wire)
     if shown.reason and not shown.summary.ticks:  # the precondition was not reached
-        return given_up(shown)
+        return exit_code_of(shown, DEMO_EXIT_CODES)
     busy = ""
     if is_whole and not _is_stopped(args, shown, stopped):
         busy = options.as_flags(busy_with(shown, is_ours))
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"liftgate-hil demo: failed: {reason}", file=sys.stderr)
     if is_whole and not reasons and not args.quiet and not args.json:
         print("the demo has passed: the gate met the rod, was reversed, and was latched at the end")
-    return 1 if reasons else given_up(shown)
+    return 1 if reasons else exit_code_of(shown, DEMO_EXIT_CODES)
 
 
 def _shown(args: argparse.Namespace, stopped: StopSignals, has_wire: bool) -> Result:

@@ -16,7 +16,6 @@ from liftgate_hil.cli.exit_codes import RUN_EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import run_loop
 from liftgate_hil.ecu.names import ON_A_BUS
-from liftgate_hil.judging.verdict import INCONCLUSIVE
 
 if TYPE_CHECKING:
     from liftgate_hil.running.result import Result
@@ -37,15 +36,15 @@ def run(args: argparse.Namespace) -> int:
     stopped = StopSignals()
     result = run_loop(args, stopped, RUN_EXIT_CODES, keeps_recordings=True)
     report(args, result, stopped)
-    return given_up(result)
+    return exit_code_of(result, RUN_EXIT_CODES)
 
 
-def given_up(result: Result) -> int:
-    """Return the exit code of a run; print the reason where the bench has ended it early."""
-    if result.verdict != INCONCLUSIVE or not result.reason:
-        return 0
-    print(f"liftgate-hil: {options.as_flags(result.reason)}", file=sys.stderr)
-    return RUN_EXIT_CODES[INCONCLUSIVE]
+def exit_code_of(result: Result, exit_codes: Mapping[str, int]) -> int:
+    """Return the exit code of a run that was not stopped; print the reason unless it is 0."""
+    code = exit_codes[result.ending]
+    if code and result.reason:
+        print(f"liftgate-hil: {options.as_flags(result.reason)}", file=sys.stderr)
+    return code
 
 
 def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **more: object) -> None:

@@ -9,6 +9,7 @@ from liftgate_hil.errors import Entries
 
 PASS, INCONCLUSIVE, FAIL, ERROR = "pass", "inconclusive", "fail", "error"
 STOPPED = "stopped"  # in place of a verdict: the run was stopped before its end
+GIVEN_UP = "given up"  # in place of a verdict: the bench has ended the run early
 PENDING = "pending"  # not decided yet, while the run goes on
 DIRECT, REPLAY = "direct", "replay"  # methods of reaching a verdict
 VERDICTS = (PASS, INCONCLUSIVE, FAIL, ERROR)  # the worst last

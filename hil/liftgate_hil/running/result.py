@@ -18,7 +18,7 @@ from liftgate_hil.ecu.events import Event
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.stepped_again import LONGEST, StepAgain
 from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary
-from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, Verdict, Verdicts, worst
+from liftgate_hil.judging.verdict import ERROR, FAIL, GIVEN_UP, INCONCLUSIVE, Verdict, Verdicts, worst
 from liftgate_hil.loop.closed_loop import Extremes, Trace
 from liftgate_hil.loop.observers import Sink
 from liftgate_hil.loop.statistics import Summary
@@ -45,6 +45,11 @@ class Result:
     notes: tuple[str, ...] = ()  # observations that may explain the verdict
     ecu_digest: str = ""  # of the ECU's memory at the end; "": unknown
     late: str = ""  # when the bench was too late, or what it has not done; "": neither is known
+
+    @property
+    def ending(self) -> str:
+        """The verdict; "given up": the bench has ended the run early."""
+        return GIVEN_UP if self.verdict == INCONCLUSIVE and self.reason else self.verdict
 
     def __bool__(self) -> bool:
         """Raise TypeError: a result that fails would be true, too."""

@@ -120,19 +120,19 @@ class _Run:
         try:
             result = self._result(stack)
         except ConfigError as error:
-            self._tell_end(ERROR, "; ".join(error.issues), ())
+            self._tell_end(ERROR, "; ".join(error.issues))
             raise
         except GivenUpError:
-            self._tell_end(PASS, "stopped before it began", ())
+            self._tell_end(PASS, "stopped before it began")
             raise
-        self._tell_end(result.verdict, result.reason, tuple(result.expectations.values()))
+        self._tell_end(result.verdict, result.reason, result.ending, tuple(result.expectations.values()))
         return result
 
-    def _tell_end(self, verdict: str, reason: str, expectations: Sequence[Verdict]) -> None:
+    def _tell_end(self, verdict: str, reason: str, ending: str = "", expectations: Sequence[Verdict] = ()) -> None:
         server = None if self._on_bus is None else self._on_bus.observers.server
         if server is not None:
             is_stopped = self._execution.stopped() and verdict != ERROR
-            code = self._plan.job.exit_codes.get(STOPPED if is_stopped else verdict)
+            code = self._plan.job.exit_codes.get(STOPPED if is_stopped else ending or verdict)
             server.ends(verdict, reason, expectations, code)
 
     def _result(self, stack: contextlib.ExitStack) -> Result:

@@ -293,6 +293,23 @@ def test_a_part_of_it_and_another_scenario_are_not_judged(folder: Path, argument
     assert demo("--ecu", "demo_ecus:Silent", "--no-record", *arguments) == 0
 
 
+@pytest.mark.parametrize(
+    ("expectation", "of_run", "of_demo"),
+    [
+        ('never = "gate_angle_deg > 1000"', 0, 0),
+        ('eventually = "gate_angle_deg > 1000"', 0, 1),
+        ('after = "gate_angle_deg > 1000"\nnever = "left_current_a > 1"', 0, 3),
+    ],
+)
+def test_a_run_reports_on_the_bench_and_the_demo_on_the_ecu(
+    folder: Path, expectation: str, of_run: int, of_demo: int
+) -> None:
+    (folder / "other.toml").write_text(f'duration = 0.1\n[[expect]]\nname = "one"\n{expectation}\n')
+    bench = ("--scenario", "other.toml", "--quiet", "--clock", "free")
+    assert main(["run", "--bus", "virtual:codes", *bench]) == of_run
+    assert main(["demo", "--no-record", *bench]) == of_demo
+
+
 def test_an_ecu_that_raises_is_an_error(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert demo("--ecu", "demo_ecus:Raises", "--no-record") == 1
     (line,) = (each for each in capsys.readouterr().err.splitlines() if "ValueError" in each)

@@ -504,9 +504,14 @@ def test_the_end_has_the_verdict_the_reasons_and_the_exit_code(tmp_path: Path) -
         assert run.wait(60) == 0
     assert [each["phase"] for each in states[-1:]] == ["ended"]
     end = states[-1]["end"]
-    assert (end["verdict"], end["exit_code"]) == ("fail", 0)
-    assert "opens: gate_angle_deg" in end["reason"]
-    assert [each["verdict"] for each in end["expectations"]] == ["fail"]
+    assert end["exit_code"] == 0
+    verdict = end["verdict"]
+    assert [each["verdict"] for each in end["expectations"]] == [verdict]
+    if verdict == "fail":
+        assert "opens: gate_angle_deg" in end["reason"]
+    else:  # the bench stood still for more than 0.25 s
+        assert verdict == "inconclusive"
+        assert "late" in end["expectations"][0]["reason"]
     assert states[0]["verdicts"][0]["verdict"] == "pending"
 
 
