@@ -11,11 +11,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
 from campaign_support import SHORT
 
+from liftgate_hil.campaign import adaptive
 from liftgate_hil.campaign.folder import Folder
 from liftgate_hil.cli.main import main
 
@@ -192,9 +194,17 @@ def test_two_campaigns_do_not_run_in_one_folder(scenario: str, capsys: pytest.Ca
     assert main(["campaign", scenario, *flags]) == 0
 
 
+@pytest.mark.parametrize("is_drawn", [False, True])
 def test_the_worst_is_a_scenario_of_its_own_with_the_same_margin(
-    scenario: str, capsys: pytest.CaptureFixture[str]
+    scenario: str, capsys: pytest.CaptureFixture[str], is_drawn: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    ours = adaptive.search_worst
+
+    def search_worst(*arguments: Any) -> adaptive.Worst:
+        found = ours(*arguments)
+        return found._replace(search=found.random, random=found.search) if is_drawn else found
+
+    monkeypatch.setattr(adaptive, "search_worst", search_worst)
     flags = [
         "--vary",
         "angle~uniform(70,79)",

@@ -316,6 +316,17 @@ def test_an_ecu_that_raises_is_an_error(folder: Path, capsys: pytest.CaptureFixt
     assert line.startswith("liftgate-hil: the ECU at 0.000 s: ValueError: not today (demo_ecus.py")
 
 
+def test_an_error_in_a_library_is_told_with_the_line_of_the_ecu(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("../beside.py").write_text(
+        "import json\n\n\nclass Ecu:\n    def step(self, now_s, frames):\n        return json.loads('no')\n"
+    )
+    assert demo("--ecu", "beside:Ecu", "--no-record") == 1
+    (line,) = (each for each in capsys.readouterr().err.splitlines() if "JSONDecodeError" in each)
+    assert line.endswith("(beside.py, line 6)")
+
+
 @c_ecu.needs_compiler
 def test_a_c_library_passes_too_and_is_among_the_sources(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -168,3 +168,45 @@ checksum = "Duty"
     ):
         assert faults.count(said) == 1, said
     assert "Fine.counter: missing" not in faults
+
+
+@pytest.mark.parametrize(
+    ("signal", "note", "issue"),
+    [
+        ('0|16@1- (0.0001,0) [-1|1] "%"', 1, ""),
+        ('0|16@1- (0.0001,0) [-1|1] "V"', 0, "a unit of voltage"),  # told once, as what it is
+        ('0|16@1- (0.01,0) [-100|100] "%"', 0, ""),
+    ],
+)
+def test_a_duty_that_reaches_little_is_noted_if_its_unit_is_known(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], signal: str, note: int, issue: str
+):
+    database = DATABASE.replace('0|16@1- (0.01,0) [-100|100] "%"', signal)
+    path = write_rig(tmp_path, database, RIG + 'gate_angle = "Fine.Angle"\n')
+    assert main(["rig", "check", str(path)]) == (2 if issue else 0)
+    said = capsys.readouterr()
+    assert (said.out + said.err).count("is its unit a share (1) and not %?") == note
+    assert issue in said.err
+
+
+def test_signals_of_pages_that_are_not_sent_are_not_said_to_be_sent(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    database = DATABASE.replace(
+        ' SG_ Angle : 0|16@1- (0.0001,0) [0|0] "rad" ECU\n',
+        """ SG_ Page M : 0|8@1+ (1,0) [0|255] "" ECU
+ SG_ Angle m1 : 8|16@1- (0.0001,0) [0|0] "rad" ECU
+ SG_ Beside m1 : 24|24@1+ (1,-1234567) [0|0] "mV" ECU
+ SG_ Elsewhere m2 : 8|8@1+ (1,0) [0|255] "" ECU
+ SG_ Current m3 : 8|16@1- (0.01,0) [0|0] "A" ECU
+""",
+    )
+    wires = 'gate_angle = "Fine.Angle"\n'
+    path = write_rig(tmp_path, database, RIG + wires)
+    assert main(["rig", "check", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "    not mapped, sent as: Beside = -1234567 mV\n" in out
+    assert "multiplexer values in turn" not in out
+    write_rig(tmp_path, database, RIG + wires + 'left_current = "Fine.Current"\n')
+    assert main(["rig", "check", str(path)]) == 0
+    assert "2 multiplexer values in turn" in capsys.readouterr().out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -84,6 +85,20 @@ def test_a_wrong_flag_of_one_report_stands_in_the_others(wrong: list[str]) -> No
     assert main(["test", "s.toml", "--junit", "j.xml"]) == 0
     assert main(["test", "s.toml", "--junit", "j.xml", *wrong]) == 2
     assert len(ElementTree.parse("j.xml").getroot().findall("testsuite/testcase/error")) == 1
+
+
+def test_reports_are_written_although_nobody_reads_the_output() -> None:
+    scenario("s.toml", RESTS)
+    read, write = os.pipe()
+    os.close(read)
+    arguments = ["test", "s.toml", "--json", "-", "--junit", "j.xml", "--html", "r.html"]
+    try:
+        command = [sys.executable, "-m", "liftgate_hil", *arguments]
+        subprocess.run(command, stdout=write, stderr=subprocess.DEVNULL, timeout=120, check=False)
+    finally:
+        os.close(write)
+    assert ElementTree.parse("j.xml").getroot().findall("testsuite/testcase")
+    assert Path("r.html").is_file()
 
 
 @pytest.mark.parametrize("kind", ["json", "junit", "html"])

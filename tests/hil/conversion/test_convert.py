@@ -182,6 +182,20 @@ def test_marks_go_along_in_order_of_time(tmp_path: Path, first: str, second: str
     assert np.array_equal(np.sort(frames_in(target)), np.sort(some_frames(0, 40_000)))
 
 
+def test_marks_of_one_time_keep_their_order(tmp_path: Path) -> None:
+    recorder = open_writer(tmp_path / "run.mcap", Content(columns_of(2), "can3"))
+    recorder.begin(EPOCH_NS)
+    recorder.write_rows(some_rows(20))
+    for text in ("second of its name", "command: first of its name"):
+        recorder.write_mark(10.4, text)
+    recorder.close()
+    convert(tmp_path / "run.mcap", tmp_path / "out.mf4")
+    assert [text for _, text in open_recording(tmp_path / "out.mf4").marks] == [
+        "second of its name",
+        "command: first of its name",
+    ]
+
+
 @pytest.mark.parametrize("suffix", [".asc", ".trc"])
 def test_a_mark_stands_in_a_text_log_between_the_frames_around_it(tmp_path: Path, suffix: str) -> None:
     target = tmp_path / f"out{suffix}"

@@ -492,6 +492,22 @@ def test_a_run_is_recorded_and_marked_from_the_page(client: Client, folder: Path
 
 
 @pytest.mark.realtime
+def test_the_last_step_of_a_slider_is_a_mark_although_the_run_ends(tmp_path: Path) -> None:
+    from asammdf import MDF
+
+    bench = ("--bus", "virtual:slider", "--overrun-limit", "3600", "--record", "own.mf4")
+    with process(*bench, "--dashboard", "--listen", "127.0.0.1:0", folder=tmp_path) as run:
+        client = Client(address_in(run, is_error=True))
+        until(client, is_going)
+        for slope in (1.0, 2.0, 3.0):
+            client.command(set={"road_slope_deg": slope})
+        run.send_signal(signal.SIGINT)
+        assert run.wait(60) == 0
+    with MDF(tmp_path / "own.mf4") as measured:
+        assert measured.events[-1].name == "command: set road_slope_deg 3"
+
+
+@pytest.mark.realtime
 def test_the_end_has_the_verdict_the_reasons_and_the_exit_code(tmp_path: Path) -> None:
     text = 'duration = 5\n[[expect]]\nname = "opens"\neventually = "gate_angle_deg > 70"\n'
     (tmp_path / "never.toml").write_text(text, encoding="utf-8")

@@ -95,3 +95,9 @@ def test_data_in_which_nothing_drives_are_warned_of() -> None:
     (warning,) = [each for each in warnings_of(result) if "no motor" in each]
     assert warning == "no motor is ever driven: the estimates rest on what moves the gate by itself"
     assert never_driven([data, later_driven()]) == []
+
+
+def test_a_current_before_the_timestamp_of_a_voltage_may_be_of_the_voltage() -> None:
+    problem = problem_of(later_driven(offset=0.5, first=0.06))
+    assert offsets_at_rest(problem) != []
+    assert offsets_at_rest(dataclasses.replace(problem, delay=-0.06)) == []

@@ -16,6 +16,7 @@ from liftgate_hil.ecu import mutants
 from liftgate_hil.ecu.calibration import CALIBRATED, coded
 from liftgate_hil.ecu.defects import NO_DEFECTS, Defects
 from liftgate_hil.ecu.mutants import MUTANTS, calibration_of
+from liftgate_hil.testing.mutation import MutationResult
 from liftgate_plant.coding import UNCODED
 
 FEW = ("stop_ignored", "latch_not_released", "heat_ignored")
@@ -208,3 +209,13 @@ def test_each_mutant_has_one_defect_of_its_own() -> None:
     assert sorted(used) == sorted(Defects._fields)
     assert set(NO_DEFECTS) == {0}
     assert mutants.NO_ECU not in MUTANTS
+
+
+@pytest.mark.parametrize(("threshold", "verdict"), [(66.7, "pass"), (66.8, "fail")])
+def test_a_score_is_judged_as_it_is_shown(threshold: float, verdict: str) -> None:
+    class TwoOfThree:
+        score = 2.0 / 3.0
+
+    found = MutationResult(TwoOfThree(), threshold)  # type: ignore[arg-type]
+    assert found.verdict == verdict
+    assert found.reason.startswith("66.7 % of the mutants are killed")
