@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -46,7 +47,7 @@ class PythonCanWriter(StreamWriter):
             self._writer: Any = can.BLFWriter(stream, max_container_size=_CONTAINER)
         else:
             text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
-            self._writer = (can.ASCWriter if suffix == ".asc" else can.TRCWriter)(text)
+            self._writer = _asc_writer(text) if suffix == ".asc" else can.TRCWriter(text)
 
     @property
     def written(self) -> int:
@@ -61,8 +62,7 @@ class PythonCanWriter(StreamWriter):
             self._epoch_ns = epoch_ns
             self._writer.start_timestamp = int(start * 1000) / 1000  # in ms in the header
         elif self._suffix == ".asc":
-            self._writer.log_event("start of the run", start)
-            self._writer.started = 0.0
+            self._writer.begin(start)
         else:
             self._writer.write_header(start)
             self._writer.first_timestamp = 0.0
@@ -98,6 +98,27 @@ class PythonCanWriter(StreamWriter):
     def close(self) -> None:
         """Complete the log and close the file."""
         self._writer.stop()
+
+
+def _asc_writer(stream: io.TextIOWrapper) -> Any:
+    """Return python-can's writer of ASC; its header has the start of the run, where 1 ms is .001 instead of .1."""
+    from liftgate_hil.config.can_libraries import can
+
+    class AscWriter(can.ASCWriter):  # type: ignore[misc]
+        def begin(self, start: float) -> None:
+            """Write the header anew, for a run that starts at a time [s since 1970], from which times count."""
+            date = datetime.fromtimestamp(start)
+            self.file.seek(0)
+            self.file.truncate()
+            self.file.write(f"date {self._format_header_datetime(date)}\nbase hex  timestamps absolute\n")
+            self.file.write("internal events logged\n")
+            self.log_event("start of the run", start)
+            self.started = 0.0
+
+        def _format_header_datetime(self, dt: datetime) -> str:
+            return f"{dt:%a %b %d %H:%M:%S}.{dt.microsecond // 1000:03d} {dt:%Y}"
+
+    return AscWriter(stream)
 
 
 _BLOCK = 20_000  # frames that are read at a time

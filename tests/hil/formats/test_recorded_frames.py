@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 
 import can
@@ -95,6 +96,14 @@ def test_python_can_reads_can_fd_frames_as_they_were(tmp_path: Path, suffix: str
         (True, bytes(range(64))),
         (True, bytes(12)),
     ]
+
+
+def test_both_dates_of_an_asc_header_are_the_start_of_the_run(tmp_path: Path) -> None:
+    recorded(tmp_path / "bus.asc", [sent([(0x120, b"a")])], epoch_ns=EPOCH_NS + 30_000_000)
+    lines = (tmp_path / "bus.asc").read_text().splitlines()
+    dates = [line.split(" ", words)[words] for line, words in ((lines[0], 1), (lines[3], 2))]
+    expected = datetime.fromtimestamp(EPOCH_NS // 10**9).strftime("%a %b %d %H:%M:%S.030 %Y")
+    assert dates == [expected, expected]
 
 
 @pytest.mark.parametrize("channel", ["a b", "größe", "", "/dev/ttyACM0@115200", "ff15::1"])
