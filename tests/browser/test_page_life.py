@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -86,6 +87,20 @@ def test_a_run_that_makes_no_ticks_is_stalled_and_not_late(browser: Any, tmp_pat
         with process("dashboard", *arguments, folder=tmp_path) as child:
             opened(browser, address_in(child), ("stalled",))
             assert "the run stands still" in text_of(browser, "#health")
+            assert errors_in(browser) == []
+
+
+def test_a_server_that_stands_still_is_told_and_comes_back(browser: Any, tmp_path: Path) -> None:
+    with process("--bus", "virtual:frozen", *BENCH, folder=tmp_path) as run:
+        arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
+        with process("dashboard", *arguments, folder=tmp_path) as child:
+            opened(browser, address_in(child))
+            child.send_signal(signal.SIGSTOP)
+            try:
+                until(browser, lambda _: text_of(browser, "#phase").startswith("no data"))
+            finally:
+                child.send_signal(signal.SIGCONT)
+            until(browser, lambda _: text_of(browser, "#phase") in GOING)
             assert errors_in(browser) == []
 
 

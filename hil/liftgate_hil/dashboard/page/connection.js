@@ -3,7 +3,9 @@
 
 const HISTORY_S = 300; // of a run that is kept here
 const PROBE_MS = 2000; // between two looks for a server that has gone
+const SILENCE_MS = 2000; // without a state, of which 30 come in a second
 let wire = null; // the stream
+let heard = 0; // when the last state came
 let isGone = false; // the server
 const ANSWER_MS = 8000; // that an answer is shown
 let answered = null;
@@ -51,7 +53,9 @@ function connect() {
   wire = new WebSocket(
     path(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/stream`),
   );
+  heard = performance.now();
   wire.onmessage = (event) => {
+    heard = performance.now();
     const state = JSON.parse(event.data);
     if (state.number !== undefined && state.number !== about.number) {
       location.reload(); // the next run
@@ -71,6 +75,12 @@ function connect() {
     if (about.kind !== "recording") gone();
   };
 }
+
+// A server that stands still keeps its connections: only the missing states tell.
+setInterval(() => {
+  if (wire && about.kind !== "recording" && !hasEnded && performance.now() > heard + SILENCE_MS)
+    showPhase("silent");
+}, SILENCE_MS / 4);
 
 // The server is gone. A frame, unlike a request, fails without an entry in the browser's console.
 function gone() {

@@ -10,6 +10,7 @@ const PHASES = {
   recorded: "recording",
   idle: "no run",
   lost: "no connection",
+  silent: "no data: the page's server stands still",
 };
 let last = null; // state that is shown
 let hasEnded = false;
