@@ -160,12 +160,22 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
         preexec_fn=dies_with_parent,  # noqa: PLW1509
     )
     wire.close()
+    has_ended = threading.Event()  # the run
+
+    def watch() -> None:
+        code = child.wait()
+        if not has_ended.is_set():
+            again = f"liftgate-hil dashboard --attach {os.getpid()}"
+            teller.say(f"the page has ended (exit code {code}), the run goes on; to have one again: {again}")
+
+    watcher = threading.Thread(target=watch, name="page", daemon=True)
+    watcher.start()
     try:
         yield
     finally:
-        if (code := child.poll()) is not None:
-            teller.say(f"the page ended before the run (exit code {code})")
+        has_ended.set()
         end(child, _LEAVE_S)
+        watcher.join()
 
 
 @contextlib.contextmanager

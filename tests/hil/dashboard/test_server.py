@@ -540,6 +540,25 @@ def test_events_of_an_ecu_in_a_second_process_are_in_the_log(tmp_path: Path) -> 
         until(client, lambda state: any(text.startswith("ecu ") for _, _, text in state["log"]))
 
 
+def test_a_page_that_ends_before_its_run_is_told_at_once_with_how_to_have_one_again(tmp_path: Path) -> None:
+    bench = ("--bus", "virtual:alone", "--overrun-limit", "3600", "--dashboard", "--listen", "127.0.0.1:0")
+    with process(*bench, folder=tmp_path) as run:
+        client = Client(address_in(run, is_error=True))
+        until(client, is_going)
+        # pid (name) state parent
+        statuses = [each.read_text().rpartition(")") for each in Path("/proc").glob("[0-9]*/stat")]
+        (page,) = (int(head.split()[0]) for head, _, rest in statuses if rest.split()[1] == str(run.pid))
+        os.kill(page, signal.SIGKILL)
+        assert run.stderr is not None
+        said = next(line for line in run.stderr if "the page" in line)
+        assert said == (
+            "the page has ended (exit code -9), the run goes on; to have one again: "
+            f"liftgate-hil dashboard --attach {run.pid}\n"
+        )
+        with process(*f"dashboard --attach {run.pid} --listen 127.0.0.1:0".split(), folder=tmp_path) as again:
+            assert is_going(until(Client(address_in(again)), is_going))
+
+
 def test_a_run_that_is_killed_ends_with_an_error(tmp_path: Path) -> None:
     with (
         process("--bus", "virtual:killed", "--overrun-limit", "3600", folder=tmp_path) as bench,
