@@ -104,7 +104,7 @@ def _asc_writer(stream: io.TextIOWrapper) -> Any:
     """Return python-can's writer of ASC; its header has the start of the run, where 1 ms is .001 instead of .1."""
     from liftgate_hil.config.can_libraries import can
 
-    class AscWriter(can.ASCWriter):  # type: ignore[misc]
+    class AscWriter(can.ASCWriter):
         def begin(self, start: float) -> None:
             """Write the header anew, for a run that starts at a time [s since 1970], from which times count."""
             date = datetime.fromtimestamp(start)

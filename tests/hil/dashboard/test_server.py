@@ -540,14 +540,22 @@ def test_events_of_an_ecu_in_a_second_process_are_in_the_log(tmp_path: Path) -> 
         until(client, lambda state: any(text.startswith("ecu ") for _, _, text in state["log"]))
 
 
+def children_of(pid: int) -> list[int]:
+    found = []
+    for each in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended
+            state_and_parent = each.read_text().rpartition(")")[2].split()[:2]
+            if state_and_parent[1] == str(pid):
+                found.append(int(each.parent.name))
+    return found
+
+
 def test_a_page_that_ends_before_its_run_is_told_at_once_with_how_to_have_one_again(tmp_path: Path) -> None:
     bench = ("--bus", "virtual:alone", "--overrun-limit", "3600", "--dashboard", "--listen", "127.0.0.1:0")
     with process(*bench, folder=tmp_path) as run:
         client = Client(address_in(run, is_error=True))
         until(client, is_going)
-        # pid (name) state parent
-        statuses = [each.read_text().rpartition(")") for each in Path("/proc").glob("[0-9]*/stat")]
-        (page,) = (int(head.split()[0]) for head, _, rest in statuses if rest.split()[1] == str(run.pid))
+        (page,) = children_of(run.pid)
         os.kill(page, signal.SIGKILL)
         assert run.stderr is not None
         said = next(line for line in run.stderr if "the page" in line)
