@@ -179,3 +179,9 @@ def test_a_map_names_columns_and_units_and_leaves_outputs_alone(tmp_path: Path) 
 def test_what_is_specified_for_a_bad_input(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         read_samples(table(tmp_path, text), {})
+
+
+def test_columns_that_no_input_has_are_named_but_not_those_of_a_recording(tmp_path: Path) -> None:
+    path = tmp_path / "input.csv"
+    path.write_text("time_s,voltage_v,road_slop_deg,left_current_a [mA],latched\n0,0,5,0,1\n1,12,5,3,1\n")
+    assert read_samples(path, {})[1] == ("ignored, as no input has this name: road_slop_deg",)
