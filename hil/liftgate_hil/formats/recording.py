@@ -91,7 +91,8 @@ class Recording:
 def check_time_first(path: Path, names: Sequence[str]) -> None:
     """Raise ConfigError unless `time_s` is a file's first column; `path` is for the message only."""
     if names[:1] != ["time_s"]:
-        raise ConfigError(f"{path}: time_s: missing; allowed: a recording whose first column is time_s")
+        first = f", the first column is {names[0][:60]!r}" if names and names[0] else ""
+        raise ConfigError(f"{path}: time_s: missing{first}; allowed: a recording whose first column is time_s")
 
 
 def nanoseconds_of(text: str) -> int:
