@@ -19,6 +19,9 @@ VCAN_TESTS ?= tests/vcan
 # The compiled model: kept on the host, as all else that a machine writes is lost.
 MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 
+# Some machines set it: there each of the tests' thousands of processes would compile our sources anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: campaign demo docs manual test last-bits test-package test-browser test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile scheduling campaign-study study coverage clean
 
 setup: $(VENV)/.ready

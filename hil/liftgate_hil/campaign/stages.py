@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from liftgate_hil.campaign import adaptive
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.campaign import Campaign, batch_size, batches_in, batches_of
 from liftgate_hil.campaign.executors.executor import Batch, Executor
@@ -54,6 +53,8 @@ def evaluate(found: Prepared, campaign: Campaign, folder: Folder, pace: Pace) ->
 
 
 def _search(found: Prepared, campaign: Campaign, folder: Folder) -> Analysis:
+    from liftgate_hil.campaign import adaptive
+
     request, names = found.request, found.space.names
     name = request.expectation
     budget = request.evaluations or WORST_EVALUATIONS
@@ -72,6 +73,8 @@ def _search(found: Prepared, campaign: Campaign, folder: Folder) -> Analysis:
 
 
 def _estimate(found: Prepared, campaign: Campaign) -> Analysis:
+    from liftgate_hil.campaign import adaptive
+
     request = found.request
     name = request.expectation
     budget = request.evaluations or PROBABILITY_EVALUATIONS

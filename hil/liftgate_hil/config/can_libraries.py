@@ -6,8 +6,10 @@ only. `formats.mf4_file` writes MF4 files without python-can, so asammdf is hidd
 
 import contextlib
 import logging
+import pickle
 import sys
 from collections.abc import Iterator
+from typing import Any
 
 _hidden = "asammdf" not in sys.modules and "can" not in sys.modules
 if _hidden:
@@ -19,7 +21,12 @@ finally:
     if _hidden:
         del sys.modules["asammdf"]
 
-__all__ = ["can", "cantools", "logged"]
+__all__ = ["can", "cantools", "logged", "unpickled"]
+
+
+def unpickled(content: bytes) -> Any:
+    """Return a pickled object. The messages of its rig import cantools, which has been imported here by then."""
+    return pickle.loads(content)
 
 
 @contextlib.contextmanager

@@ -65,6 +65,7 @@ def _beat(memory: Memory) -> None:
 
 def _result_of(pickled: bytes, memory: Memory) -> object:
     """Return the result of a pickled plan, or the error that ended it."""
+    from liftgate_hil.config.can_libraries import unpickled
     from liftgate_hil.running.plan import Plan
     from liftgate_hil.running.run_plan import run_plan
 
@@ -76,7 +77,7 @@ def _result_of(pickled: bytes, memory: Memory) -> object:
 
     rate = 1.0
     try:
-        plan: Plan = pickle.loads(pickled)
+        plan: Plan = unpickled(pickled)
         rate = plan.options.rate
         return run_plan(plan, (), stopped, memory)
     except LiftgateError as error:

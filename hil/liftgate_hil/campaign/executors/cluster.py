@@ -26,6 +26,7 @@ from liftgate_hil.campaign.executors.executor import Batch, Done
 from liftgate_hil.campaign.executors.slot import Slot
 from liftgate_hil.campaign.results import table_of
 from liftgate_hil.campaign.store import Store, StoreError, packed, unpacked
+from liftgate_hil.config.can_libraries import unpickled
 from liftgate_hil.errors import ConfigError, LiftgateError, words_of
 from liftgate_hil.version import versions
 
@@ -318,7 +319,7 @@ def _slot_for(content: _Content, identity: str) -> Slot:
             slot = None
         if slot is None:
             pickled = content.pickled()
-            slot = _slots[place] = Slot(pickle.loads(pickled), pickled)
+            slot = _slots[place] = Slot(unpickled(pickled), pickled)
         return slot
 
 
@@ -333,7 +334,7 @@ def _evaluated(content: _Content, identity: str, values: Floats, name: str, stor
     """Evaluate a batch in this worker of the cluster."""
     from distributed import get_worker
 
-    base: Base = pickle.loads(content.pickled())
+    base: Base = unpickled(content.pickled())
     if text := _differs(versions(), base.versions):
         return _Answer(0, refused=f"worker {get_worker().address}: {text}")
     is_shared = store.is_shared(mark)

@@ -33,6 +33,7 @@ BEAT_S = 1.0  # from one sign of life to the next
 def main() -> int:
     """Evaluate what the caller sends until it closes the connection; return the exit code."""
     from liftgate_hil.campaign.executors.forked import become_reaper
+    from liftgate_hil.config.can_libraries import unpickled
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
     signal.signal(signal.SIGTERM, _end)
@@ -49,7 +50,7 @@ def main() -> int:
     messenger = _Messenger(connection)
     try:
         with messenger.beating():
-            runner = _runner_of(pickle.loads(content))
+            runner = _runner_of(unpickled(content))
         messenger.send(READY)
         gc.collect()
         gc.freeze()  # the plan's objects live as long as this process

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from liftgate_hil.campaign.probability.cells import Cells, between
 from liftgate_hil.campaign.probability.mixture import Mixture, Sample
 from liftgate_hil.campaign.probability.population import SHARE, Level, Population, Run, populate, side_by_side
+from liftgate_hil.campaign.share import clopper_pearson
 
 Floats = NDArray[np.float64]
 Cellwise = Sequence[Population]  # a run: one population of each cell
@@ -156,16 +157,12 @@ class _Simulation:
         return [populations[i * cells.count : (i + 1) * cells.count] for i in range(len(numbers))]
 
     def _monte_carlo(self) -> Generator[Floats, Floats, Estimate]:
-        """Return the share of failures among independent points, with Clopper and Pearson's interval (1934)."""
-        from scipy.stats import beta
-
+        """Return the share of failures among independent points, with Clopper and Pearson's interval."""
         count = self._left
         margins = yield self._rng(2).standard_normal((count, self._dimension))
         failed = int(np.sum(margins < 0.0))
-        low = float(beta.ppf(0.025, failed, count - failed + 1)) if failed else 0.0
-        high = float(beta.ppf(0.975, failed + 1, count - failed)) if failed < count else 1.0
         variation = math.sqrt((1.0 - failed / count) / failed) if failed else math.inf
-        return self._estimate("Monte Carlo", failed / count, variation, (low, high))
+        return self._estimate("Monte Carlo", failed / count, variation, clopper_pearson(failed, count))
 
     def _bound(self, runs: Sequence[Cellwise]) -> Estimate:
         """Return the upper bound when no point has failed: the last levels' probability, none failing there."""

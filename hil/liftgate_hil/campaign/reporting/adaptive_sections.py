@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.campaign.adaptive import Evaluated, Probability, Worst
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
 from liftgate_hil.report.numbers import significant
 from liftgate_hil.report.page import alert, figure, pairs, section, table, text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from liftgate_hil.campaign.adaptive import Evaluated, Probability, Worst
 
 
 def least_of(history: Sequence[Evaluated]) -> Evaluated | None:

@@ -14,6 +14,7 @@ from liftgate_hil.campaign.reporting.heat_map import Cells, cells_of, heat_map
 from liftgate_hil.campaign.reporting.sensitivity import Index, rest_of
 from liftgate_hil.campaign.reporting.summary import FORCE, Summary
 from liftgate_hil.campaign.results import MARGIN
+from liftgate_hil.campaign.share import clopper_pearson
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
 from liftgate_hil.report.numbers import axis_label, significant
 from liftgate_hil.report.page import Markup, alert, figure, page, pairs, section, table, text
@@ -114,13 +115,10 @@ def tiles(summary: Summary, is_chosen: bool = False) -> str:
 
 
 def interval(failed: int, count: int) -> str:
-    """Return the 95 % interval of a share after Clopper and Pearson (1934), in percent."""
-    from scipy.stats import beta
-
+    """Return the 95 % interval of a share, in percent."""
     if not count:
         return "unknown"
-    low = float(beta.ppf(0.025, failed, count - failed + 1)) if failed else 0.0
-    high = float(beta.ppf(0.975, failed + 1, count - failed)) if failed < count else 1.0
+    low, high = clopper_pearson(failed, count)
     return f"{100.0 * low:.2g} to {100.0 * high:.2g} %"
 
 
