@@ -10,7 +10,8 @@ import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-LOOP = "liftgate-loop"  # name of the loop's thread, at most 15 characters
+from liftgate_hil.loop.loop_thread import cpus_of_earlier_loops
+
 _NAME, _TIMERSLACK = 15, 29  # PR_SET_NAME, PR_SET_TIMERSLACK
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # the system call's number
 # linux/sched/types.h: size, policy, flags, nice, priority, runtime, deadline, period
@@ -158,14 +159,22 @@ def prepare_thread(realtime: Realtime | None) -> None:
     """Prepare the calling thread for a loop on a fixed step: with `realtime` as that asks for, else on its CPU.
 
     Unbound, the kernel moves a thread that wakes up while its CPU is busy to another one, where it meets all that
-    keeps off its own: clients of the page, for example. docs/real-time.md has the figures.
+    keeps off its own: clients of the page, for example. docs/real-time.md has the figures. A CPU to which another
+    bench's loop is bound is avoided where there is one without.
     """
     wake_sharply()
     if realtime is not None:
         realtime.enter()
         return
+    here, free = ctypes.CDLL(None).sched_getcpu(), _free_cpus()
     with contextlib.suppress(OSError, ValueError):  # a kernel that does not tell the CPU says -1
-        os.sched_setaffinity(0, {ctypes.CDLL(None).sched_getcpu()})
+        os.sched_setaffinity(0, {here if here in free else min(free)})
+
+
+def _free_cpus() -> set[int]:
+    """Return the CPUs that the calling thread may use, without those of other loops unless there are no others."""
+    allowed = os.sched_getaffinity(0)
+    return allowed - cpus_of_earlier_loops() or allowed
 
 
 def allowed_cpus() -> str:
@@ -174,11 +183,14 @@ def allowed_cpus() -> str:
 
 
 def best_cpu() -> int:
-    """Return an isolated CPU where there is one (isolcpus=), else the last: interrupts favour the first."""
-    allowed = os.sched_getaffinity(0)
+    """Return an isolated CPU where there is one (isolcpus=), else the last: interrupts favour the first.
+
+    It is one without another bench's loop, if there is such a one.
+    """
+    free = _free_cpus()
     path = Path("/sys/devices/system/cpu/isolated")
     text = path.read_text().strip() if path.is_file() else ""
-    return max(allowed & set(cpus_of(text)) or allowed)
+    return max(free & set(cpus_of(text)) or free)
 
 
 def cpus_of(text: str) -> list[int]:

@@ -22,8 +22,9 @@ from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop import realtime_loop
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import distribution
+from liftgate_hil.loop.loop_thread import LOOP
 from liftgate_hil.loop.observers import Observer, Sink
-from liftgate_hil.loop.priority import LOOP, Realtime, name_thread, prepare_thread
+from liftgate_hil.loop.priority import Realtime, name_thread, prepare_thread
 from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
 from liftgate_hil.loop.python_loop import Peer
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, ArrivalReader, Memory, RingReader

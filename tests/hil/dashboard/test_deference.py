@@ -12,13 +12,14 @@ from pathlib import Path
 
 from dashboard_support import Client, address_in, process
 
-from liftgate_hil.dashboard.deference import LoopThread
+from liftgate_hil.loop.loop_thread import LoopThread
 
 # In a process of its own, as all its threads are moved: one is named as a loop's, and stays on one CPU.
 MOVED = """
 import json, os, threading
-from liftgate_hil.dashboard.deference import Deference, LoopThread
-from liftgate_hil.loop.priority import LOOP, name_thread
+from liftgate_hil.dashboard.deference import Deference
+from liftgate_hil.loop.loop_thread import LOOP, LoopThread
+from liftgate_hil.loop.priority import name_thread
 
 allowed, started, over = sorted(os.sched_getaffinity(0)), threading.Event(), threading.Event()
 
@@ -63,13 +64,6 @@ def test_all_threads_leave_the_cpu_of_the_loop_but_those_that_are_kept() -> None
     assert moved == [without, without]
     assert back == [allowed, allowed]
     assert kept == [without, [allowed[-1]]]
-
-
-def test_a_process_without_a_loop_has_no_cpu_to_avoid() -> None:
-    assert LoopThread(os.getpid()).cpu() is None
-    gone = subprocess.Popen([sys.executable, "-c", ""])
-    gone.wait()
-    assert LoopThread(gone.pid).cpu() is None
 
 
 def test_a_page_goes_last_and_avoids_the_cpu_of_the_loop(tmp_path: Path) -> None:

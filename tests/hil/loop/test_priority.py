@@ -16,6 +16,7 @@ import pytest
 
 import liftgate_hil as lh
 from liftgate_hil.loop import priority
+from liftgate_hil.loop.loop_thread import LOOP
 from liftgate_hil.loop.priority import PRIORITY, PRIORITY_BESIDE, Realtime, best_cpu, cpus_of
 from liftgate_hil.loop.wakeups import in_own_thread
 
@@ -275,7 +276,7 @@ def test_a_loop_without_fifo_keeps_the_cpu_on_which_it_begins(tmp_path: Path):
 
         def step(self, now_s: float, frames: object) -> list[object]:
             for thread in Path("/proc/self/task").iterdir():
-                if (thread / "comm").read_text().strip() == priority.LOOP:
+                if (thread / "comm").read_text().strip() == LOOP:
                     cpus.append(os.sched_getaffinity(int(thread.name)))
             return []
 
