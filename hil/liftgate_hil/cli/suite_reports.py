@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.cli import streams
+from liftgate_hil.cli.options import as_flags
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ def reporting_issues(targets: Mapping[str, list[str]]) -> Iterator[None]:
     except ConfigError as error:
         from liftgate_hil.testing.junit import issues_as_junit
 
-        content = issues_as_junit(error.issues)
+        content = issues_as_junit([as_flags(each) for each in error.issues])
         write_all(targets, {"junit": lambda: content})
         remove_earlier({**targets, "junit": []})
         raise

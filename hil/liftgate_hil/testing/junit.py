@@ -56,7 +56,7 @@ def _of_mutants(number: int, mutation: MutationResult) -> ElementTree.Element:
 
 def issues_as_junit(issues: Sequence[str]) -> bytes:
     """Return JUnit XML of a suite that was not begun: an error for each issue of its files and flags."""
-    root = ElementTree.Element("testsuites", name="liftgate-hil test")
+    root = ElementTree.Element("testsuites", name="liftgate-hil")
     suite = _testsuite("files and flags", 0, "", time.time(), 0.0, [ERROR] * len(issues))
     root.append(suite)
     ElementTree.SubElement(suite, "properties")
