@@ -64,8 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=options.whole(10, 10**7),
         default=0,
         metavar="N",
-        help="evaluations at most; default: 500 for --worst, which draws as many at random to compare with, and 5000 "
-        "for --probability, which needs 1200",
+        help="evaluations at most; default: 500 for --worst, which draws as many at random to compare with, and "
+        "5000 for --probability, which needs 1200",
     )
     parser.add_argument(
         "--probability", metavar="NAME", help="estimate the probability that this expectation fails"

@@ -8,7 +8,7 @@ import dataclasses
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from liftgate_hil.report.provenance import Provenance
     from liftgate_plant.vehicle import Vehicle
 
+_DRIVING = ("voltage_v", "duty", "coast")  # a motor's inputs
 _NEAR_DEG = 5.0  # from a stated angle: more than a sensor is wrong by
 _STILL_RPS, _STILL_SHARE = 2.0, 0.05  # speed, and share of the largest one, up to which a motor counts as at rest
 MODEL_NAMES = ("full", "third-order", "second-order")
@@ -119,7 +120,8 @@ def problem_of(
     if not is_the_law(vehicle):
         notes.append(f"{args.vehicle}: the model omits how [friction] varies with travel, runs and age")
     for measurement, each in zip(measurements, data, strict=True):
-        notes += [f"{measurement.source}: {options.as_flags(note)}" for note in measurement.notes]
+        found = (*measurement.notes, *_driven_alike(measurement, vehicle.drives))
+        notes += [f"{measurement.source}: {options.as_flags(note)}" for note in found]
         if each.decimation is not None:
             steps = [] if args.resample is None else [f"resampled to {args.resample:g} Hz"]
             steps += [f"decimated by {args.decimate} after a low-pass filter"] if args.decimate > 1 else []
@@ -134,6 +136,13 @@ def problem_of(
                 "--initial gives the angle of a gate that has rested for long"
             )
     return problem, tuple(notes)
+
+
+def _driven_alike(measurement: Measurement, drives: int) -> Iterator[str]:
+    """Yield a note on a motor for which the measurement has no input (see `rows_of`)."""
+    for side, other in (("left", "right"), ("right", "left"))[:drives]:
+        if drives == 2 and not any(f"{side}_{what}" in measurement.columns for what in _DRIVING):
+            yield f"no {side}_voltage_v or {side}_duty: the {side} motor is driven as the {other} one"
 
 
 def _check_beginnings(data: Sequence[Data], angles: Sequence[float | None], given: str) -> None:

@@ -9,8 +9,16 @@ import numpy as np
 from liftgate_hil.errors import ConfigError, printable
 from liftgate_hil.formats.open import WITH_ROWS, open_file
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
-from liftgate_hil.measurement.measurement import OUTPUTS
-from liftgate_hil.measurement.table import INPUT_KIND, RECORDED_NOTE, SIDES, Reading, read_series, shift_inputs
+from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
+from liftgate_hil.measurement.table import (
+    INPUT_KIND,
+    RECORDED_NOTE,
+    SIDES,
+    Reading,
+    misspelt,
+    read_series,
+    shift_inputs,
+)
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.samples import Floats, Samples
 
@@ -60,8 +68,9 @@ def _notes(reading: Reading, times: Floats) -> tuple[str, ...]:
     notes = [*reading.file.notes, *([RECORDED_NOTE] if reading.recorded else [])]
     if times[0] != 0.0:
         notes.append(f"begins at {times[0]:.9g} s, which is time 0 here")
-    names = reading.file.names
-    known = {*reading.names.values(), *(Theirs(name).found_in(names) for name in _OURS)}
+    names, near = reading.file.names, misspelt(reading, ("voltage_v", *INPUTS))
+    notes += near.values()
+    known = {*near, *reading.names.values(), *(Theirs(name).found_in(names) for name in _OURS)}
     others = [name for name in names if name and name not in known]
     if others:
         more = f" and {len(others) - _MOST_NAMED} more" if len(others) > _MOST_NAMED else ""

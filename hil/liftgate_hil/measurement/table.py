@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import difflib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from liftgate_hil.config.units import SAME
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, printable
 from liftgate_hil.formats.recording import Recording, Series
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, near_miss
-from liftgate_hil.signals import SENSED_PREFIX
+from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX
 
 SIDES = ("left", "right")
 Kinds = tuple[tuple[str, tuple[str, ...]], ...]
@@ -26,6 +27,7 @@ RECORDED_NOTE = "a recording of the emulator: each input is taken from the next 
 _VOLTAGES = ("voltage_v", "left_voltage_v", "right_voltage_v")
 # Columns that state what drives the motors.
 DRIVES = (*_VOLTAGES, *(f"{side}_{what}" for side in SIDES for what in ("duty", "coast")))
+_NEAR = 0.8  # similarity of two names (difflib's ratio) of which one may be the other misspelt
 _SLOPE, _LEVEL_DEG = "road_slope_deg", 0.5
 # Unit that a column out of its range probably has, by the ending of its name.
 _RATHER = {"_duty": "%", "_a": "mA", "_v": "mV"}
@@ -246,6 +248,20 @@ def _own_samples(series: Series, shared: Floats | None) -> tuple[Floats, Floats]
     return times[there], series.values[there]
 
 
+def misspelt(reading: Reading, ours: Iterable[str]) -> dict[str, str]:
+    """Return notes on columns that are not read and nearly have one of our names, by their names in the file."""
+    taken = set(reading.names.values())
+    free = [name for name in ours if name not in (*reading.names, "time_s")]
+    notes = {}
+    for name in reading.file.names:
+        bare = name.partition("[")[0].strip()
+        if name in taken or bare in COLUMN_PLACE or bare in KNOWN:
+            continue
+        if near := difflib.get_close_matches(bare, free, 1, cutoff=_NEAR):
+            notes[name] = f"{printable(name)} is not read: is it {near[0]}?"
+    return notes
+
+
 def _unread_slope(reading: Reading) -> list[str]:
     """Return a note on a slope that only a sensor's column states, and that is not read."""
     name = SENSED_PREFIX + _SLOPE
@@ -263,7 +279,7 @@ def _measurement(
 ) -> Measurement:
     """Return the measurement: all columns over one time base."""
     columns: dict[str, Floats] = {}
-    notes = [*reading.file.notes, *_unread_slope(reading)]
+    notes = [*reading.file.notes, *_unread_slope(reading), *misspelt(reading, KNOWN).values()]
     start = times[0] if len(times) else 0.0
     for name, (at, values) in own.items():
         if name in OUTPUTS:

@@ -118,7 +118,9 @@ def test_a_picture_is_written_in_the_format_of_its_suffix(
 ) -> None:
     path, target = table(tmp_path / "a.csv", RUN, HEAD), tmp_path / f"out{suffix}"
     assert main(["plot", str(path), "--output", str(target)]) == 0
-    assert capsys.readouterr().out == f"written: {target}\nnot drawn: 2 more columns, see --columns\n"
+    assert (
+        capsys.readouterr().out == f"written: {target}\nnot drawn: 2 more columns, which --columns NAME,… draws\n"
+    )
     content = target.read_bytes()
     if suffix == ".png":
         assert content.startswith(b"\x89PNG")

@@ -400,3 +400,8 @@ def test_a_refused_cell_is_shown_as_it_is_written(tmp_path: Path) -> None:
     path = tmp_path / "m.csv"
     path.write_text(HEAD.replace(",", ";") + "0;1'234,5;2\n1;2,5;2\n")
     assert faults_of(path) == ['left_voltage_v: "1\'234,5" in row 1; allowed: a number']
+
+
+def test_a_column_that_nearly_has_one_of_our_names_is_noted(tmp_path: Path) -> None:
+    columns = {**GOOD, "left_speed": TIMES, "left_curent_rms": TIMES, "comment": TIMES}
+    assert read(write_csv(tmp_path / "m.csv", columns)).notes == ("left_speed is not read: is it left_speed_rps?",)

@@ -29,7 +29,11 @@ def draw(subject: Subject) -> Drawn:
     left_out = 0 if subject.columns else len(table.signals) - 1 - len(names) - len(still)
     notes = list(table.notes)
     notes += [f"not drawn, as they do not change: {', '.join(still)}"] if still else []
-    notes += [f"not drawn: {left_out} more column{'s' * (left_out > 1)}, see --columns"] if left_out else []
+    notes += (
+        [f"not drawn: {left_out} more column{'s' * (left_out > 1)}, which --columns NAME,… draws"]
+        if left_out
+        else []
+    )
     drawn = picture.run_picture(subject.title, columns, panels, units, marks)
     return Drawn(drawn, ", ".join(names), "\n".join(notes))
 

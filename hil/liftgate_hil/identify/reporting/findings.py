@@ -20,6 +20,10 @@ _WELL_PERCENT = 80.0  # fit above which it is not
 _LARGER_PART = math.sqrt(0.5)  # of an rms: its squared mean is more than half of the squared rms
 _PARTS, _CONSTANT = 4, 0.5  # parts in time, and share of the mean error that each of them has where it is constant
 _SURE = 5.0  # standard deviations of a mean error that is reported
+_NOT_IN_STD = (
+    "; the standard deviations account for its correlation, not for a bias, nor for noise of a measured voltage: "
+    "give the commanded one, or a filtered one"
+)
 _STRONG = 0.9  # correlation of two parameters from which on it is reported
 
 
@@ -112,8 +116,7 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
         if coloured:
             found.append(
                 f"{name}: residuals are not white: {', '.join(map(_with_phase, coloured))}. "
-                "Model or timestamps leave a part unexplained"
-                + ("; the standard deviations account for its correlation, not for a bias" if has_std else "")
+                "Model or timestamps leave a part unexplained" + (_NOT_IN_STD if has_std else "")
             )
     return found
 
