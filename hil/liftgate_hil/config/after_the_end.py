@@ -13,12 +13,12 @@ def stimuli_after(scenario: Scenario, end: float) -> list[str]:
     """Return a note for each stimulus that begins, or profile that changes, at or after the end of a run [s]."""
     return [
         f"{what} at {instant.time:g} s is never made: the run ends at {end:g} s"
-        for what, instant in _begins(scenario)
+        for what, instant in begins(scenario)
         if not instant.condition and instant.time >= end
     ]
 
 
-def _begins(scenario: Scenario) -> Iterator[tuple[str, Instant]]:
+def begins(scenario: Scenario) -> Iterator[tuple[str, Instant]]:
     """Yield what each stimulus is, and when it begins."""
     for request in scenario.requests:
         yield f"request {request.action}", request.when

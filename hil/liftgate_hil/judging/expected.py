@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ from liftgate_hil.diagnostics.answers import MOST_CODES
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.judging.expectation import PRESENT, Expectation
-from liftgate_hil.judging.fault_times import TimedFault
+from liftgate_hil.judging.stimulus_times import TimedFault
 from liftgate_hil.judging.table import (
     ALWAYS,
     BLOCK,
@@ -30,6 +30,7 @@ from liftgate_hil.judging.table import (
     Expectations,
     Judged,
 )
+from liftgate_hil.stimuli.moments import Instant
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -48,6 +49,7 @@ class Expected:
     codes: tuple[str, ...] = ()  # trouble codes that they refer to
     diagnostics: Diagnostics | None = None  # how the ECU is asked for trouble codes
     faults: tuple[TimedFault, ...] = ()  # of the scenario
+    begins: tuple[tuple[str, Instant], ...] = ()  # what each of its stimuli is, and when it begins
 
     def names(self, place: int) -> list[str]:
         """Return the columns and signals that an expectation and its opener refer to, each once."""
@@ -66,13 +68,15 @@ def expected_of(
     awaited: Sequence[Expectation] = (),
     diagnostics: Diagnostics | None = None,
     faults: Sequence[TimedFault] = (),
+    begins: Iterable[tuple[str, Instant]] = (),
 ) -> Expected:
     """Return expectations with their conditions parsed, and checked against a database and a gate.
 
     `parameters` are those of the scenario, `messages` the database's by name, `drives` is the gate's number of
     drives, `source` the file that issues name. `awaited` are conditions that stimuli wait for, as expectations: if
     one never comes, nothing passes. `diagnostics` is how the ECU is asked for trouble codes; None: it cannot be.
-    `faults` are the scenario's. Raises ConfigError with all issues.
+    `faults` are the scenario's, `begins` what each stimulus is and when it begins. Raises ConfigError with all
+    issues.
     """
     expectations = [*expectations, *awaited]
     issues = ConfigIssues(source)
@@ -111,7 +115,7 @@ def expected_of(
     issues.raise_if_any()
     found = tuple(expectations), tuple(conditions), opener_of
     asked = diagnostics if codes else None
-    return Expected(*found, signals, messages, len(awaited), codes, asked, tuple(faults))
+    return Expected(*found, signals, messages, len(awaited), codes, asked, tuple(faults), tuple(begins))
 
 
 def codes_of(

@@ -9,6 +9,7 @@ from liftgate_hil.conditions.condition import AND, EQ, GE, GT, LE, LT, NE, NOT, 
 from liftgate_hil.judging.comparisons import Comparison, comparisons_of
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.table import SLACK
+from liftgate_hil.signals import COLUMNS
 
 # What a comparison allows, and its negation.
 _ALLOWED = {
@@ -62,12 +63,20 @@ def _measured(condition: Condition, progress: Any) -> str:
     unit, at = condition.units[decider], f"at {shown_time(progress.margin_at)}"
     named, sign, limit = _sides(comparison)
     allowed = _NEGATED[sign] if negated(condition)[decider] else sign
-    if allowed == "==":
+    if allowed == "==" and _is_switch(named) and {limit, abs(margin)} <= {0.0, 1.0}:
+        return f"{named}: {abs(limit - abs(margin)):g}, allowed exactly {limit:g}, {at}"
+    if allowed == "==":  # to which side it differs is not known
         off = _with_unit(f"{abs(margin):.4g}", unit)
-        return f"{named}: {off} from {_with_unit(f'{limit:.10g}', unit)}, the only value allowed, {at}"
+        return f"{named}: {off} away from {_with_unit(f'{limit:.10g}', unit)}, the only value allowed, {at}"
     measured = limit + margin if allowed in (">", ">=", "!=") else limit - margin
     shown = _with_unit(_distinguished(measured, limit), unit)
     return f"{named}: {shown}, allowed {_ALLOWED[allowed]} {_with_unit(f'{limit:.10g}', unit)}, {at}"
+
+
+def _is_switch(name: str) -> bool:
+    """Whether a column is 0 or 1."""
+    column = COLUMNS.get(name)
+    return column is not None and column.is_whole and (column.low, column.high) == (0.0, 1.0)
 
 
 def _sides(comparison: Comparison) -> tuple[str, str, float]:

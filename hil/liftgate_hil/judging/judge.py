@@ -17,8 +17,8 @@ from liftgate_hil.judging.comparisons import comparisons_of
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.expected import Expected, tables_of
 from liftgate_hil.judging.failure import failure_of, shown_time
-from liftgate_hil.judging.fault_times import brief_faults
 from liftgate_hil.judging.stepped_again import LONGEST, StepAgain, stepped_again
+from liftgate_hil.judging.stimulus_times import brief_faults, never_made
 from liftgate_hil.judging.table import SLACK, Progress, judge_block
 from liftgate_hil.judging.timeliness import Timeliness
 from liftgate_hil.judging.verdict import DIRECT, ERROR, FAIL, INCONCLUSIVE, PASS, PENDING, Verdict
@@ -327,7 +327,7 @@ class Judge:
         return failure_of(self.expected.expectations[place], self.expected.conditions[place], progress, last)
 
     def notes(self) -> list[str]:
-        """Return notes on stimuli that may explain verdicts: faults that were in force too briefly to matter."""
+        """Return notes on stimuli that may explain verdicts: those never made, and faults in force too briefly."""
         expected = self.expected
         first = len(expected.expectations) - expected.awaited
         came = {
@@ -335,7 +335,8 @@ class Judge:
             for place, each in enumerate(expected.expectations)
             if place >= first and self._progress(place).is_decided
         }
-        return brief_faults(expected.faults, came, self._last, self._tables.step)
+        briefly = brief_faults(expected.faults, came, self._last, self._tables.step)
+        return [*briefly, *never_made(expected.begins, came, self._last)]
 
 
 def _with_reason(verdict: Verdict, more: str) -> Verdict:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from liftgate_hil.config.after_the_end import begins
 from liftgate_hil.config.bus_fault import located
 from liftgate_hil.config.fault_kinds import FAULT_KINDS, MESSAGE
 from liftgate_hil.config.rig import Rig
@@ -18,7 +19,7 @@ from liftgate_hil.ecu.identity import identity_of
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.expected import Expected, expected_of
-from liftgate_hil.judging.fault_times import TimedFault
+from liftgate_hil.judging.stimulus_times import TimedFault
 from liftgate_hil.loop.tick import LoopConfig
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.loop_start import loop_config_of
@@ -197,6 +198,7 @@ def expected_in(setup: Setup, rig: Rig) -> Expected:
         scenario.awaited(),
         rig.diagnostics,
         _timed_faults(scenario.faults, rig),
+        begins(scenario),
     )
 
 

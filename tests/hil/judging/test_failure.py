@@ -68,7 +68,15 @@ FAILURES: list[tuple[tuple[Any, ...], dict[str, list[float]], str]] = [
     ),
     (
         ("always", "pinch_force_n == 100"), {"pinch_force_n": [100.0, 100.5]},
-        "pinch_force_n: 0.5 N from 100 N, the only value allowed, at 0.02 s",
+        "pinch_force_n: 0.5 N away from 100 N, the only value allowed, at 0.02 s",
+    ),
+    (
+        ("always", "latched == 1"), {"latched": [1.0, 0.0]},
+        "latched: 0, allowed exactly 1, at 0.02 s",
+    ),
+    (
+        ("never", "latched != 0"), {"latched": [0.0, 1.0]},
+        "latched: 1, allowed exactly 0, at 0.02 s",
     ),
     (
         ("always", "left_current_a >= right_current_a - 1"),

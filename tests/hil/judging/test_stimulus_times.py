@@ -64,3 +64,12 @@ def test_a_fault_behind_the_end_is_not_among_those_that_were_too_short(tmp_path:
     path = tmp_path / "s.toml"
     path.write_text(f'{HEAD}[[fault]]\nkind = "supply_open"\nstart = 5.0\n')
     assert lh.run(path).notes == ("fault supply_open at 5 s is never made: the run ends at 2 s",)
+
+
+def test_what_would_begin_after_the_end_is_told_where_a_condition_starts_it(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    at = 'start = "time_s >= 1"\ndelay_s = '
+    path.write_text(f'{HEAD}[[fault]]\nkind = "supply_open"\n{at}5\n[[fault]]\nkind = "supply_open"\n{at}0.5\n')
+    assert lh.run(path).notes == (
+        "fault supply_open, 5 s after time_s >= 1, is never made: at 6 s, where the run ends at 2 s",
+    )

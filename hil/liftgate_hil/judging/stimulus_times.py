@@ -1,4 +1,4 @@
-"""Whether the faults of a run were in force long enough to matter, from the rows that the judge gets."""
+"""Whether stimuli of a run were made, and faults in force for long enough, from the rows that the judge gets."""
 
 from __future__ import annotations
 
@@ -49,6 +49,22 @@ def brief_faults(
                 f"to matter, the time-out of {each.bridge} bridges {each.least:.4g} s"
             )
     return found
+
+
+def never_made(
+    begins: Sequence[tuple[str, Instant]], came: Mapping[tuple[str, float | str], float], last: float
+) -> list[str]:
+    """Return a note for each stimulus whose condition came true, but which would begin after the run's end.
+
+    `begins` is what each stimulus is, and when it begins; `came` and `last` are as for `brief_faults`.
+    """
+    times = ((what, instant, _time_of(instant, 0.0, came)) for what, instant in begins if instant.condition)
+    return [
+        f"{what}, {instant.delay:g} s after {instant.condition}, is never made: at {shown_time(time)}, "
+        f"where the run ends at {shown_time(last)}"
+        for what, instant, time in times
+        if time >= last - SLACK
+    ]
 
 
 def _time_of(instant: Instant, after: float | str, came: Mapping[tuple[str, float | str], float]) -> float:
