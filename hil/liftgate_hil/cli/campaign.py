@@ -22,6 +22,7 @@ from liftgate_hil.cli.test import add_set_parameter, naming_the_flag, parameters
 from liftgate_hil.config.kinds import SEED
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError, LiftgateError, printable
+from liftgate_hil.judging.verdict import ERROR
 
 if TYPE_CHECKING:
     from liftgate_hil.campaign.campaign import Progress as State
@@ -244,8 +245,11 @@ def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:
     """Print how many variants have which verdict, and where the results are."""
     if args.quiet:
         return
-    counts = ", ".join(f"{number} {name}" for name, number in sorted(outcome.counts.items()))
-    number = sum(outcome.counts.values())
+    progress, known, number = outcome.progress, dict(outcome.counts), str(sum(outcome.counts.values()))
+    if not outcome.is_complete and outcome.prepared.against is None:  # what was not evaluated is an error there
+        known[ERROR] = max(0, known.get(ERROR, 0) - (progress.count - progress.done))
+        number = f"{progress.done} of {progress.count}"
+    counts = ", ".join(f"{count} {name}" for name, count in sorted(known.items()) if count)
     print(f"{number} variants: {counts or 'none'}; {outcome.seconds:.1f} s", flush=True)
     for line in _found(outcome):
         print(printable(line), flush=True)

@@ -269,7 +269,7 @@ def started(*flags: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,
     )
@@ -305,11 +305,14 @@ def test_a_stopped_campaign_keeps_what_it_has_and_says_that_it_is_incomplete(
     process = started(*MANY)
     wait_for_batches(2)
     process.send_signal(number)
-    _, err = process.communicate(timeout=PATIENCE)
+    out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == code
     assert b"Traceback" not in err
     rows, found = rows_in("campaign"), manifest_in("campaign")
     unfinished = [row for row in rows if row["error"] == "stopped before it was evaluated"]
+    (line,) = [each for each in out.decode().splitlines() if " variants: " in each]
+    assert line.startswith(f"{120 - len(unfinished)} of 120 variants: ")
+    assert "error" not in line
     assert len(rows) == 120
     assert 0 < len(unfinished) < 120
     assert {row["verdict"] for row in unfinished} == {"error"}
