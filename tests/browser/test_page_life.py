@@ -98,9 +98,11 @@ def test_a_server_that_stands_still_is_told_and_comes_back(browser: Any, tmp_pat
             child.send_signal(signal.SIGSTOP)
             try:
                 until(browser, lambda _: text_of(browser, "#phase").startswith("no data"))
+                assert found(browser, "#commands").get_property("disabled")
             finally:
                 child.send_signal(signal.SIGCONT)
             until(browser, lambda _: text_of(browser, "#phase") in GOING)
+            assert not found(browser, "#commands").get_property("disabled")
             assert errors_in(browser) == []
 
 

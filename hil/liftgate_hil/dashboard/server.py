@@ -30,6 +30,7 @@ from liftgate_hil.errors import ConfigError, RunGoneError
 
 LARGEST = 65_536  # bytes of a command
 _BODY_S = 10.0  # s for a command to come
+_LOOK_S = 0.005  # s until the end of a connection is known that came with the command
 _PAGE = Path(__file__).parent / "page"
 _PARTS = (
     "uPlot.min.css", "page.css", "uPlot.iife.min.js", "elements.js", "drawing.js", "charts.js", "controls.js",
@@ -212,6 +213,10 @@ class Page:
                         return _refused(413, [f"command too long; allowed: up to {LARGEST} bytes"])
         except TimeoutError:
             return _refused(408, [f"the command did not come; allowed: within {_BODY_S:g} s"])
+        # Where this process stood still, a client may have given up long ago: its command would surprise.
+        await asyncio.sleep(_LOOK_S)
+        if await request.is_disconnected():
+            return _refused(408, ["the client has gone before its command could be executed"])
         try:
             return orjson.loads(body)
         except orjson.JSONDecodeError as error:

@@ -267,11 +267,7 @@ def test_two_ecus_are_compared_variant_by_variant(scenario: str) -> None:
 def started(*flags: str) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "liftgate_hil", "campaign", "short.toml", *flags]
     return subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
     )
 
 

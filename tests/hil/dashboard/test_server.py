@@ -540,6 +540,24 @@ def test_events_of_an_ecu_in_a_second_process_are_in_the_log(tmp_path: Path) -> 
         until(client, lambda state: any(text.startswith("ecu ") for _, _, text in state["log"]))
 
 
+@pytest.mark.realtime
+def test_a_command_of_a_client_that_has_gone_is_not_executed(tmp_path: Path) -> None:
+    with process("--bus", "virtual:gone", "--overrun-limit", "3600", folder=tmp_path) as run:
+        arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
+        with process("dashboard", *arguments, folder=tmp_path) as page:
+            client = Client(address_in(page))
+            until(client, is_going)
+            page.send_signal(signal.SIGSTOP)
+            body = b'{"set": {"road_slope_deg": 7}}'
+            head = f"POST /api/command?token={client.token} HTTP/1.1\r\nHost: {client.host}\r\n"
+            head += f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
+            with socket.create_connection(client.host.split(":")) as wire:
+                wire.sendall(head.encode() + body)
+            page.send_signal(signal.SIGCONT)
+            assert client.command(mark="after it")[0] == 422  # nothing is recorded; it came later
+            assert client.ask("/api/state")[1]["in_force"]["set"] == {}
+
+
 def children_of(pid: int) -> list[int]:
     found = []
     for each in Path("/proc").glob("[0-9]*/stat"):

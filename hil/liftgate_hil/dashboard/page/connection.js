@@ -4,8 +4,10 @@
 const HISTORY_S = 300; // of a run that is kept here
 const PROBE_MS = 2000; // between two looks for a server that has gone
 const SILENCE_MS = 2000; // without a state, of which 30 come in a second
+const REPLY_MS = 5000; // for the reply to a command; the server does not execute one that is given up before it looks
 let wire = null; // the stream
 let heard = 0; // when the last state came
+let isUnheard = false; // no states come
 let isGone = false; // the server
 const ANSWER_MS = 8000; // that an answer is shown
 let answered = null;
@@ -19,7 +21,7 @@ function answer(words, isBad) {
     }, ANSWER_MS);
 }
 
-async function post(where, content) {
+async function post(where, content, signal = undefined) {
   if (isGone) {
     answer("no connection to the server", true);
     return null;
@@ -30,6 +32,7 @@ async function post(where, content) {
       body: JSON.stringify(content),
       headers: { "Content-Type": "application/json" },
       keepalive: true,
+      signal,
     });
     const reply = await response.json();
     if (!response.ok) {
@@ -37,14 +40,15 @@ async function post(where, content) {
       return null;
     }
     return reply;
-  } catch {
-    answer("no connection to the server", true);
+  } catch (error) {
+    const isLate = error.name === "TimeoutError";
+    answer(isLate ? "no reply for five seconds: given up" : "no connection to the server", true);
     return null;
   }
 }
 
 async function command(content) {
-  const reply = await post("/api/command", content);
+  const reply = await post("/api/command", content, AbortSignal.timeout(REPLY_MS));
   if (reply) answer(reply.waits || `${text(reply.time_s, 3)} s: ${reply.done}`, false);
   return reply;
 }
@@ -56,6 +60,7 @@ function connect() {
   heard = performance.now();
   wire.onmessage = (event) => {
     heard = performance.now();
+    if (isUnheard) silence(false);
     const state = JSON.parse(event.data);
     if (state.number !== undefined && state.number !== about.number) {
       location.reload(); // the next run
@@ -78,9 +83,14 @@ function connect() {
 
 // A server that stands still keeps its connections: only the missing states tell.
 setInterval(() => {
-  if (wire && about.kind !== "recording" && !hasEnded && performance.now() > heard + SILENCE_MS)
-    showPhase("silent");
+  if (wire && about.kind !== "recording" && !hasEnded && performance.now() > heard + SILENCE_MS) silence(true);
 }, SILENCE_MS / 4);
+
+function silence(isSo) {
+  isUnheard = isSo;
+  find("commands").disabled = isSo;
+  if (isSo) showPhase("silent");
+}
 
 // The server is gone. A frame, unlike a request, fails without an entry in the browser's console.
 function gone() {
