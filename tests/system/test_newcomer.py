@@ -76,6 +76,7 @@ HERE = (
     "liftgate-hil replay their.asc",
     "liftgate-hil plot run.mf4",
     "liftgate-hil plot before.csv",
+    "liftgate-hil plot out.csv",
     "liftgate-hil plot run.csv --figure thesis",
     "liftgate-hil plot run.csv --figure phase",
     "liftgate-hil plot run.csv --figure pinch",
@@ -521,6 +522,7 @@ def test_the_plant_alone(folder: Path) -> None:
     run(command("liftgate-hil simulate --voltage 12 --duration 6 --draw"), folder)
     assert (folder / "out.csv").read_bytes() != plain
     assert len((folder / "out.csv").read_text().splitlines()) == 6002
+    assert run(command("liftgate-hil plot out.csv"), folder).startswith("written: out.png\n")
     out = run(command("liftgate-hil simulate --voltage -12"), folder)
     assert len(out.splitlines()) == 1602
     (folder / "measured.csv").write_text("time_s,voltage_v\n0,0\n0.1,9\n1,9\n")

@@ -95,15 +95,17 @@ def unfinished(campaign: Campaign) -> Iterator[pa.Table]:
 
     Of very many, those beyond MOST_UNFINISHED are left out: their number is in campaign.json.
     """
-    left = MOST_UNFINISHED
+    left, kept = MOST_UNFINISHED, 0
     for batch in campaign.asked:
         table = campaign.stored(batch)
         if table is not None:
+            kept += table.num_rows
             yield table
         elif left > 0:
             values = batch.values[:left]
             left -= len(values)
             yield without_results(campaign.base, values, _UNFINISHED)
+    campaign.progress.done = kept  # of a batch that was not stored, nothing is kept
 
 
 def evaluate_against(
