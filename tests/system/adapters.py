@@ -1,4 +1,4 @@
-"""Stand-ins for what is at the other end of python-can's interfaces: an slcan adapter, a socketcand server."""
+"""Stand-ins for what is at the other end of python-can's interfaces: slcan adapter, socketcand server, driver."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ import tty
 from collections.abc import Callable, Iterator
 
 FRAMES = b"tTrR"  # how lines of slcan begin that are frames; all others are commands to the adapter
+
+# A driver who asks again: an ECU that hears nothing for a while, on a busy machine, stops and forgets the request.
+DRIVER = [flag for second in range(0, 90, 3) for flag in ("--request", f"{second + 0.2}:open")]
 
 
 @contextlib.contextmanager

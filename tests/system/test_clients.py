@@ -23,6 +23,7 @@ import can
 import cantools
 import pyte
 import pytest
+from adapters import DRIVER
 
 from liftgate_hil.config.shipped import data_root
 
@@ -30,8 +31,6 @@ pytestmark = pytest.mark.realtime
 
 DBC = data_root() / "dbc" / "liftgate.dbc"
 PATIENCE = 90.0  # s until a process must have done what is waited for; nothing is judged by it
-# A driver who asks again: an ECU that hears nothing for a while, on a busy machine, stops and forgets the request.
-DRIVER = [flag for second in range(0, 90, 3) for flag in ("--request", f"{second + 0.2}:open")]
 _groups = itertools.count(os.getpid() % 200)
 
 

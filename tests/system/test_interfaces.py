@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from adapters import slcan_adapters, socketcand_server
+from adapters import DRIVER, slcan_adapters, socketcand_server
 from c_ecu import serial_line
 
 pytestmark = pytest.mark.realtime
@@ -21,8 +21,6 @@ pytestmark = pytest.mark.realtime
 PATIENCE = 90.0  # s until it must have happened; nothing is judged by it
 CACHE = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")  # with the compiled model
 Ends = tuple[list[str], list[str]]  # flags of the gate, and of the ECU
-# A driver who asks again: an ECU that hears nothing for a while, on a busy machine, stops and forgets the request.
-DRIVER = [flag for second in range(0, 90, 3) for flag in ("--request", f"{second + 0.2}:open")]
 
 
 @contextlib.contextmanager

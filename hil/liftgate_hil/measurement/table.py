@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -250,6 +249,8 @@ def _own_samples(series: Series, shared: Floats | None) -> tuple[Floats, Floats]
 
 def misspelt(reading: Reading, ours: Iterable[str]) -> dict[str, str]:
     """Return notes on columns that are not read and nearly have one of our names, by their names in the file."""
+    from difflib import get_close_matches  # imported only where used, since the import takes time
+
     taken = set(reading.names.values())
     free = [name for name in ours if name not in (*reading.names, "time_s")]
     notes = {}
@@ -257,7 +258,7 @@ def misspelt(reading: Reading, ours: Iterable[str]) -> dict[str, str]:
         bare = name.partition("[")[0].strip()
         if name in taken or bare in COLUMN_PLACE or bare in KNOWN:
             continue
-        if near := difflib.get_close_matches(bare, free, 1, cutoff=_NEAR):
+        if near := get_close_matches(bare, free, 1, cutoff=_NEAR):
             notes[name] = f"{printable(name)} is not read: is it {near[0]}?"
     return notes
 
