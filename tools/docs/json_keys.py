@@ -166,6 +166,7 @@ RUN = Document(
         "maxima.COLUMN": "in the unit of the [signal](signals.md); null: unknown",
         "minima": "smallest value of each column of recordings",
         "minima.COLUMN": "in the unit of the [signal](signals.md); null: unknown",
+        "notes": "what may explain the run, as texts, such as requests that the ECU does not take",
         "link": "errors of the link, see Link",
         "provenance": "see Provenance",
         "pinch": "`demo` only: the contact with the largest pinch force; null: nothing was pinched",

@@ -9,8 +9,9 @@ from typing import Annotated, Any
 from liftgate_hil.campaign.design import METHODS
 from liftgate_hil.campaign.request import Request
 from liftgate_hil.campaign.space import COVARIANCE
+from liftgate_hil.config.file_kinds import check_kind
 from liftgate_hil.config.kinds import Choice, Raw, Text, Texts, Whole
-from liftgate_hil.config.schema import Key, Record, read_record
+from liftgate_hil.config.schema import Key, Record, keys_of, read_record
 from liftgate_hil.config.shipped import data_root, shipped_names
 from liftgate_hil.config.toml import Table, read_toml, show, table
 from liftgate_hil.errors import ConfigError, ConfigIssues
@@ -81,7 +82,9 @@ def read_campaign_file(name: str, template: Request) -> CampaignFile:
     """
     path = _path_of(name)
     issues = ConfigIssues(str(path))
-    given = read_record(issues, "", read_toml(path), CampaignTable)
+    content = read_toml(path)
+    check_kind(path, content, "campaign", [key.name for key in keys_of(CampaignTable)])
+    given = read_record(issues, "", content, CampaignTable)
     if not isinstance(given.part, list | tuple) or not given.part:
         issues.add("part", f"{show(given.part)}; allowed: [[part]] tables")
     issues.raise_if_any()

@@ -121,6 +121,7 @@ def _drive(
 ) -> None:
     """Run the ECU until it is stopped, or the duration is over."""
     from liftgate_hil.ecu.peer import Peer
+    from liftgate_hil.running.notes import without_effect
     from liftgate_hil.running.stimulation import alone
     from liftgate_hil.transport.find import find_way, open_transport
 
@@ -134,6 +135,8 @@ def _drive(
             requests = []
         asked = alone(requests)
         teller.say(f"ECU {args.ecu} on {transport.name}; {_planned(requests)}")
+        for note in without_effect([each.action for each in requests], adapter):
+            teller.say(f"note: {note}")
         peer = Peer(adapter, transport, asked)
         waiting = _Waiting(rig, transport.name, way.within, teller)
         _take_turns(peer, adapter, waiting, args.duration, stop, teller)

@@ -16,6 +16,7 @@ from liftgate_hil.cli.exit_codes import RUN_EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import run_loop
 from liftgate_hil.ecu.names import ON_A_BUS
+from liftgate_hil.errors import printable
 
 if TYPE_CHECKING:
     from liftgate_hil.running.result import Result
@@ -48,7 +49,10 @@ def exit_code_of(result: Result, exit_codes: Mapping[str, int]) -> int:
 
 
 def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **more: object) -> None:
-    """Print the summary of a run; as JSON it also contains `more`."""
+    """Print the notes on a run and its summary; as JSON the latter also contains `more`."""
+    if not args.quiet:
+        for note in result.notes:
+            print(printable(f"note: {options.as_flags(note)}"), file=sys.stderr)
     if args.json:
         print(json.dumps({**_content(args, result, stopped), **more}, allow_nan=False))
     elif not args.quiet:
@@ -64,6 +68,7 @@ def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> 
         "stop_reason": stopped.name or "duration",
         "maxima": _known(result.maxima),
         "minima": _known(result.minima),
+        "notes": list(result.notes),
         "provenance": provenance_of(args.command_line, result.sources).as_dict(),
     }
 

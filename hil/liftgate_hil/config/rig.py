@@ -22,11 +22,12 @@ from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.database import KINDS, find_database, load_messages
 from liftgate_hil.config.diagnostics import diagnostics_of
 from liftgate_hil.config.driver import NO_DRIVER, Driver, buttons_of, reset_of
+from liftgate_hil.config.file_kinds import check_kind
 from liftgate_hil.config.inject import SIGNAL, OrderMessage, orders_of
 from liftgate_hil.config.kinds import Number, Subtable, Text
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.restbus import sendable
-from liftgate_hil.config.schema import Key, Record, read_record
+from liftgate_hil.config.schema import Key, Record, keys_of, read_record
 from liftgate_hil.config.signal_mapping import signal_mappings
 from liftgate_hil.config.toml import Table, read_toml, show
 from liftgate_hil.diagnostics.tester import Diagnostics
@@ -199,14 +200,16 @@ def load_rig(path: Path) -> Rig:
 def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
     """Return the rig of a file, as far as it can be read, and its issues.
 
-    Raises ConfigError if the file is not TOML, e.g. a database.
+    Raises ConfigError if the file is not TOML, e.g. a database, or one of another kind.
     """
     if path.suffix.lower() in KINDS:
         raise ConfigError(
             f"{path}: a database, not a rig; allowed: a rig in TOML "
             f"(liftgate-hil rig draft {path.name} writes a first one)"
         )
-    return rig_of_content(read_toml(path), path)
+    content = read_toml(path)
+    check_kind(path, content, "rig", [key.name for key in keys_of(RigTable)])
+    return rig_of_content(content, path)
 
 
 def rig_of_content(

@@ -165,12 +165,24 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
             )
     return [
         *notes,
+        *_coasting_drive(rig, vehicle),
         *_weak_duties(rig),
         *_unprotected(rig),
         *_other_counters(rig),
         *_other_scales(rig),
         *_latched_by_angle(rig),
     ]
+
+
+def _coasting_drive(rig: Rig, vehicle: Vehicle) -> Iterator[str]:
+    """Yield a note for a vehicle with two drives whose right one gets no command."""
+    mapped = {wire.quantity: wire for wire in rig.inputs}
+    if vehicle.drives == 2 and "left_duty" in mapped and "right_duty" not in mapped:
+        left = mapped["left_duty"]
+        yield (
+            f"{rig.source}: inputs.right_duty is missing: the vehicle has two drives, and the right motor coasts; "
+            f'one command for both: right_duty = "{left.message}.{left.signal}", for one drive: drives = 1'
+        )
 
 
 def _weak_duties(rig: Rig) -> Iterator[str]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from liftgate_hil.config.file_kinds import check_kind
 from liftgate_hil.config.files import is_there, issue_with
 from liftgate_hil.config.profile_csv import PointsReader
 from liftgate_hil.config.restbus import SignalValue
@@ -239,6 +240,7 @@ def _issues_of(part: _Part) -> ConfigIssues:
 def _parts(path: Path, above: Sequence[Path]) -> list[_Part]:
     """Return the files of a scenario, each once, after those that it includes. Raises ConfigError."""
     raw = read_toml(path)
+    check_kind(path, raw, "scenario", [key.name for key in keys_of(ScenarioTable)])
     above = [*above, path.resolve()]
     found: list[_Part] = []
     issues: list[tuple[str, str]] = []

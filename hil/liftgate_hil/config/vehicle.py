@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from liftgate_hil.config.file_kinds import check_kind
 from liftgate_hil.config.settings import Setting, applied
 from liftgate_hil.config.spread import spreads_of
 from liftgate_hil.config.toml import Table, copied_table, known_keys, number, read_toml, show, table, text
@@ -24,6 +25,8 @@ from liftgate_plant.quantity import Points, Quantity
 from liftgate_plant.sensors import Sensors, encoder_of
 from liftgate_plant.vehicle import DriveTables, Vehicle
 
+# Top-level keys; `identification` says how values were estimated, and nothing here depends on it.
+_KNOWN = ("drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "spread", "identification")
 _GEOMETRIES = 64  # linkages of which it is kept whether they are possible
 _ROUNDED = 1.01  # data sheets round the constants of a motor, and measurements scatter
 
@@ -54,7 +57,9 @@ class VehicleFile:
 
 def read_vehicle(path: Path, name: str = "") -> VehicleFile:
     """Read a vehicle file; `name` is what it was requested by, its path by default. Raises ConfigError."""
-    return VehicleFile(path, name or str(path), read_toml(path))
+    content = read_toml(path)
+    check_kind(path, content, "vehicle", _KNOWN)
+    return VehicleFile(path, name or str(path), content)
 
 
 def load_vehicle(path: Path, settings: Sequence[Setting] = (), variant: Variant = AS_FILED) -> Vehicle:
@@ -65,8 +70,7 @@ def load_vehicle(path: Path, settings: Sequence[Setting] = (), variant: Variant 
 def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None) -> Vehicle:
     """Return the vehicle of a file's content; `source` names it in messages, `origins` is as in ConfigIssues."""
     issues = ConfigIssues(source, origins)
-    # `identification` says how values were estimated; nothing here depends on it.
-    known_keys(issues, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "spread", "identification"])
+    known_keys(issues, "", raw, _KNOWN)
     spreads_of(issues, raw)
     drives = raw.get("drives")
     if isinstance(drives, bool) or drives not in (1, 2):

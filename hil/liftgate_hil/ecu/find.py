@@ -56,12 +56,17 @@ def check_ecu(ecu: Any) -> None:
     if is_library(name):
         if not Path(name).is_file():
             raise ConfigError(f"`ecu` {name}: no such file")
-    elif _CLASS.fullmatch(name):
+    elif _CLASS.fullmatch(name) and not _names_file(name):
         top = re.split("[.:]", name, maxsplit=1)[0]
         if not _is_module(top):
             raise ConfigError(f"`ecu` {name}: no module {top} in {Path.cwd()}, nor installed")
     else:
         raise ConfigError(f"`ecu` {name}: {_advice(name)}allowed: {_ALLOWED}")
+
+
+def _names_file(name: str) -> bool:
+    """Whether a name is that of a Python file with a class of it, FILE.py:CLASS."""
+    return name.partition(":")[0].endswith(".py")
 
 
 def _is_module(name: str) -> bool:
@@ -78,8 +83,15 @@ def _advice(name: str) -> str:
     if path.suffix in _COMPILERS:
         compiler = _COMPILERS[path.suffix]
         return f"source code; its shared library is needed: {compiler} -shared -fPIC -o {path.stem}.so {name}; "
-    if path.suffix == ".py":
-        return f"a Python file; name its class: {path.stem}:CLASS; "
+    if path.suffix == ".py" or _names_file(name):
+        file, _, attribute = name.partition(":")
+        path = Path(file)
+        is_below = (
+            not path.is_absolute() and ".." not in path.parts
+        )  # the working directory, where modules are found
+        module = ".".join(path.with_suffix("").parts) if is_below else path.stem
+        where = "" if is_below else f", with PYTHONPATH={path.parent}"
+        return f"a Python file; name its module and class: {module}:{attribute or 'CLASS'}{where}; "
     if path.is_file():
         return "neither a shared library (.so) nor a Python class; a program of its own is reached by a bus; "
     from difflib import get_close_matches  # imported only where used, since the import takes time
@@ -103,7 +115,9 @@ def _instance_of(name: str) -> Any:
     module, _, attribute = name.partition(":")
     try:
         with FOREIGN:
-            return getattr(importlib.import_module(module), attribute)()
+            loaded = importlib.import_module(module)
+            if hasattr(loaded, attribute):
+                return getattr(loaded, attribute)()
     except NoAnswerError:
         raise EcuError(f"`ecu` {name}: no response to the request to stop") from None
     except (Exception, SystemExit) as error:  # a user's module may raise anything
@@ -111,3 +125,8 @@ def _instance_of(name: str) -> Any:
             f"`ecu` {name}: {type(error).__name__}: {text_of(error)}; allowed: MODULE:CLASS that can be imported "
             "and called without arguments"
         ) from error
+    own = [key for key, each in vars(loaded).items() if isinstance(each, type) and each.__module__ == module]
+    raise ConfigError(
+        f"`ecu` {name}: {module} has no {attribute}; allowed: "
+        f"{', '.join(f'{module}:{each}' for each in own) or 'MODULE:CLASS that the module has'}"
+    )

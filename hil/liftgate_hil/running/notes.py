@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.ecu.node import PORT
@@ -27,11 +27,7 @@ def notes_on(setup: Setup, adapter: Adapter, first_row: NDArray[Any] | None) -> 
     scenario = setup.scenario
     found = [*_compared_with_itself(scenario)]
     found += [f"parameters.{name}: not used: ${name} stands nowhere" for name in scenario.unused_parameters]
-    actions = dict.fromkeys((*scenario.precondition, *(each.action for each in scenario.requests)))
-    # A reset is none of these: one that the ECU does not take ends the run.
-    missed = [each for each in actions if each in BUTTONS and adapter.kind == PORT and not adapter.takes(each)]
-    if missed:
-        found.append(f"requests without effect: {', '.join(missed)}: the ECU has no {adapter.request_name}()")
+    found += without_effect((*scenario.precondition, *(each.action for each in scenario.requests)), adapter)
     if scenario.precondition and first_row is not None:
         action = scenario.precondition[-1]
         angle, open_deg = first_row[COLUMN_PLACE["gate_angle_deg"]], math.degrees(setup.vehicle.gate.open_angle)
@@ -42,6 +38,18 @@ def notes_on(setup: Setup, adapter: Adapter, first_row: NDArray[Any] | None) -> 
                 "begins there"
             )
     return found
+
+
+def without_effect(actions: Iterable[str], adapter: Adapter) -> list[str]:
+    """Return a note on requests for which an ECU in this process has no function, in a list; empty: it has one."""
+    # A reset is none of these: one that the ECU does not take ends the run.
+    missed = [
+        each
+        for each in dict.fromkeys(actions)
+        if each in BUTTONS and adapter.kind == PORT and not adapter.takes(each)
+    ]
+    text = f"requests without effect: {', '.join(missed)}: the ECU has no {adapter.request_name}()"
+    return [text] if missed else []
 
 
 def _compared_with_itself(scenario: Scenario) -> Iterator[str]:

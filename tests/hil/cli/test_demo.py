@@ -428,6 +428,20 @@ def test_what_cannot_be_meant_is_usage_and_writes_nothing(
     assert list(folder.iterdir()) == []
 
 
+def test_the_notes_on_a_run_are_printed_beside_its_summary(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    note = "requests without effect: open, close: the ECU has no request()"
+    given = ["--ecu", "demo_ecus:Silent", "--no-record", "--duration", "30"]
+    demo(*given)
+    assert f"note: {note}\n" in capsys.readouterr().err
+    demo(*given, "--json")
+    told = capsys.readouterr()
+    assert json.loads(told.out)["notes"] == [note]
+    demo(*given, "--quiet")
+    assert note not in capsys.readouterr().err
+
+
 def test_its_summary_is_json_when_asked(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert demo("--json", "--no-record") == 0
     summary = json.loads(capsys.readouterr().out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,7 @@ BA_DEF_DEF_ "GenMsgCycleTime" 10;
     text = f"""dbc = "their.dbc"
 [inputs]
 left_duty = "Cmd.Duty"
+right_duty = "Cmd.Duty"
 [outputs]
 {quantity} = {{ signal = "Out.X"{keys} }}
 [messages.Out]
@@ -80,6 +82,15 @@ def test_an_angle_in_steps_without_a_latch_switch_is_noted(tmp_path: Path):
     (note,) = notes_on_fit(rig, suv(), 1000.0)
     assert "outputs.latch_state is missing" in note
     assert "Out.X shows before it is latched" in note
+
+
+def test_a_right_drive_without_a_command_is_noted(tmp_path: Path):
+    rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current")
+    rig = replace(rig, inputs=tuple(wire for wire in rig.inputs if wire.quantity == "left_duty"))
+    (note,) = notes_on_fit(rig, suv(), 1000.0)
+    assert "inputs.right_duty is missing: the vehicle has two drives, and the right motor coasts" in note
+    assert 'right_duty = "Cmd.Duty"' in note
+    assert notes_on_fit(rig, vehicle_from("suv", ["drives=1"], ideal=True), 1000.0) == []
 
 
 def test_a_signal_that_a_stalled_motor_leaves_is_reported(tmp_path: Path):
@@ -168,6 +179,7 @@ BA_DEF_DEF_ "GenMsgCycleTime" 10;
     text = """dbc = "their.dbc"
 [inputs]
 left_duty = "Cmd.Duty"
+right_duty = "Cmd.Duty"
 [outputs]
 left_current = "Out.Current"
 [messages.Cmd]

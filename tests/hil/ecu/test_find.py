@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from liftgate_hil.ecu.find import check_ecu
+from liftgate_hil.ecu.find import adapter_for, check_ecu
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.setup import rig_from
 
 
 @pytest.mark.parametrize(
@@ -20,7 +21,13 @@ from liftgate_hil.running.plan import plan_of
             "source code; its shared library is needed: cc -shared -fPIC -o ecu.so ecu.c; allowed: reference,",
         ),
         ("src/ecu.cpp", "source code; its shared library is needed: c++ -shared -fPIC -o ecu.so src/ecu.cpp; "),
-        ("my_ecu.py", "a Python file; name its class: my_ecu:CLASS; allowed: "),
+        ("my_ecu.py", "a Python file; name its module and class: my_ecu:CLASS; allowed: "),
+        ("my_ecu.py:Ecu", "a Python file; name its module and class: my_ecu:Ecu; allowed: "),
+        ("src/my_ecu.py:Ecu", "a Python file; name its module and class: src.my_ecu:Ecu; allowed: "),
+        (
+            "../my_ecu.py:Ecu",
+            "a Python file; name its module and class: my_ecu:Ecu, with PYTHONPATH=..; allowed: ",
+        ),
         (
             "program",
             "neither a shared library (.so) nor a Python class; a program of its own is reached by a bus; ",
@@ -43,6 +50,15 @@ def test_a_name_that_names_no_ecu_is_told_with_what_it_may_have_meant(
     with pytest.raises(ConfigError) as failure:  # before anything runs
         plan_of(Job(scenario="anti_trap", ecu=name))
     assert failure.value.issues == [issue]
+
+
+def test_a_class_that_its_module_lacks_is_told_with_those_that_it_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "misspelt_ecu.py").write_text("from pathlib import Path\nclass Door: ...\n")
+    with pytest.raises(ConfigError, match=r"misspelt_ecu has no Dor; allowed: misspelt_ecu:Door$"):
+        adapter_for("misspelt_ecu:Dor", rig_from("liftgate"), 2)
 
 
 def test_a_library_that_exists_and_a_module_in_the_working_directory_are_fine(

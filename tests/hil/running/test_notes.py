@@ -8,6 +8,7 @@ import pytest
 from run_support import ScriptedEcu
 
 import liftgate_hil as lh
+from liftgate_hil.cli.main import main
 
 
 class Asked(ScriptedEcu):
@@ -30,6 +31,15 @@ REQUESTS = '[[request]]\ntime = 0.1\naction = "open"\n[[request]]\ntime = 0.2\na
 def test_requests_that_the_ecu_does_not_take_are_named_once(tmp_path: Path, clock: str) -> None:
     (note,) = notes_of(tmp_path, REQUESTS, ScriptedEcu(lambda turn: []), clock)
     assert note == "requests without effect: open, close: the ECU has no request()"
+
+
+def test_an_ecu_in_a_process_of_its_own_says_what_it_does_not_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "deaf_ecu.py").write_text("class Deaf:\n    def step(self, now_s, frames):\n        return []\n")
+    assert main(["ecu", "--ecu", "deaf_ecu:Deaf", "--bus", "virtual:deaf", "--duration", "0.01"]) == 0
+    assert "note: requests without effect: open, close: the ECU has no request()\n" in capsys.readouterr().err
 
 
 def test_an_ecu_that_takes_requests_or_gets_none_needs_no_note(tmp_path: Path) -> None:
