@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -101,10 +103,26 @@ def test_on_a_full_disk_a_run_goes_on_and_says_what_was_not_recorded(
     with can.Bus(interface="virtual", channel=channel) as other:
         assert run_beside(channel, path, good) == 1
         assert last_state(other) == 3
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line == f"liftgate-hil: --record {path}: recording ended: No space left on device"
+    told = capsys.readouterr()
+    (line,) = told.err.splitlines()
+    assert re.fullmatch(
+        rf"liftgate-hil: --record {re.escape(str(path))}: recording ended at 0\.\d+ s: No space left on device",
+        line,
+    )
     states = [data[7] & 3 for identifier, data, _ in frames_in(good) if identifier == 0x6E0]
     assert states[-1] == 3, "the other recording goes on to the end of the run"
+
+
+def test_a_full_disk_takes_the_recording_and_not_the_summary(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "full.csv"
+    path.symlink_to("/dev/full")
+    given = ["--bus", f"virtual:{uuid.uuid4()}", "--duration", "0.5", "--overrun-limit", "3600", "--json"]
+    assert main([*given, "--record", str(path)]) == 1
+    told = capsys.readouterr()
+    assert json.loads(told.out)["ticks"] == 501
+    assert told.err.splitlines()[-1].startswith(f"liftgate-hil: --record {path}: recording ended at ")
 
 
 def test_a_service_that_is_stopped_has_its_recordings_completed(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import DEMO_EXIT_CODES
-from liftgate_hil.cli.run import exit_code_of, report
+from liftgate_hil.cli.run import exit_code_of, raise_error, report
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import run_loop
@@ -109,7 +109,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _shown(args: argparse.Namespace, stopped: StopSignals, has_wire: bool) -> Result:
     """Run the demo and return its result. Raises LiftgateError."""
-    return run_loop(args, stopped, DEMO_EXIT_CODES, has_wire, _every(args, options.setup_of(args)))
+    shown = run_loop(args, stopped, DEMO_EXIT_CODES, has_wire, _every(args, options.setup_of(args)))
+    raise_error(args, shown, stopped)
+    return shown
 
 
 def _present(args: argparse.Namespace, shown: Result, stopped: StopSignals, folder: Path, mark: str) -> None:

@@ -16,7 +16,7 @@ from liftgate_hil.cli.exit_codes import RUN_EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import run_loop
 from liftgate_hil.ecu.names import ON_A_BUS
-from liftgate_hil.errors import printable
+from liftgate_hil.judging.verdict import ERROR
 
 if TYPE_CHECKING:
     from liftgate_hil.running.result import Result
@@ -36,8 +36,18 @@ def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()
     result = run_loop(args, stopped, RUN_EXIT_CODES, keeps_recordings=True)
+    raise_error(args, result, stopped)
     report(args, result, stopped)
     return exit_code_of(result, RUN_EXIT_CODES)
+
+
+def raise_error(args: argparse.Namespace, result: Result, stopped: StopSignals) -> None:
+    """Raise what went wrong in a run, if something did, after its summary where that is known."""
+    if result.verdict != ERROR:
+        return
+    if math.isfinite(result.maxima["time_s"]):
+        report(args, result, stopped)
+    raise stopped.failure(result.reason)
 
 
 def exit_code_of(result: Result, exit_codes: Mapping[str, int]) -> int:
@@ -49,10 +59,7 @@ def exit_code_of(result: Result, exit_codes: Mapping[str, int]) -> int:
 
 
 def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **more: object) -> None:
-    """Print the notes on a run and its summary; as JSON the latter also contains `more`."""
-    if not args.quiet:
-        for note in result.notes:
-            print(printable(f"note: {options.as_flags(note)}"), file=sys.stderr)
+    """Print the summary of a run; as JSON it also contains `more`."""
     if args.json:
         print(json.dumps({**_content(args, result, stopped), **more}, allow_nan=False))
     elif not args.quiet:

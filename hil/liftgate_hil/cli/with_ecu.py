@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 _USAGE = 2  # exit code for wrong usage or configuration
 _EVENT = re.compile(r"^ecu\s+(\d+\.\d+) s  (.*)$")
 _LEAVE_S = 5.0  # s, time for the ECU's process to end
+_PAGE_LEAVES_S = 2.0  # s, time for the page's, from which nothing can be lost
 _BEGIN_S = 600.0  # s until a run begins, which may have to be compiled before
 
 
@@ -53,8 +54,9 @@ def run_loop(
 
     With `keeps_recordings` files that have the names of the run's recordings are set aside. Without a wire and on
     a virtual bus the ECU is in this process, or in a worker of its own; on any other bus it is a second process
-    there. Raises LiftgateError, also for what went wrong in the run.
+    there. Raises LiftgateError; what went wrong in the run is in the result.
     """
+    from liftgate_hil.config.after_the_end import stimuli_after
     from liftgate_hil.running.plan import plan_of
     from liftgate_hil.running.run import execute
 
@@ -81,8 +83,11 @@ def run_loop(
         raise stopped.failure(str(error)) from error
     finally:
         teller.clear()
-    if result.verdict == ERROR:
-        raise stopped.failure(result.reason)
+    # Who shortens a run with --duration knows that it ends before the rest of its scenario.
+    known = [] if args.duration is None else stimuli_after(plan.setup.scenario, args.duration)
+    for note in result.notes:
+        if note not in known:
+            teller.say(f"note: {note}")
     return result
 
 
@@ -165,7 +170,7 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
     def watch() -> None:
         code = child.wait()
         if not has_ended.is_set():
-            again = f"liftgate-hil dashboard --attach {os.getpid()}"
+            again = f"liftgate-hil dashboard --attach {os.getpid()} --listen {listen}"
             teller.say(f"the page has ended (exit code {code}), the run goes on; to have one again: {again}")
 
     watcher = threading.Thread(target=watch, name="page", daemon=True)
@@ -174,7 +179,7 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
         yield
     finally:
         has_ended.set()
-        end(child, _LEAVE_S)
+        end(child, _PAGE_LEAVES_S)
         watcher.join()
 
 

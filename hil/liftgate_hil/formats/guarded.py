@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from liftgate_hil.errors import LiftgateError, RecordingError
 from liftgate_hil.formats.rotation import Parts
 from liftgate_hil.formats.target import why
+from liftgate_hil.signals import COLUMN_PLACE
 
 Say = Callable[[str], None]
 
@@ -26,12 +28,14 @@ class GuardedWriter:
         self._what = what
         self._parts = parts
         self._say = say
+        self._time_s = -math.inf  # of the last row or frame, which an error may concern
         self.failure = ""
 
     @property
     def files(self) -> list[str]:
-        """Paths of the files of the recording."""
-        return self._parts.files
+        """Paths of the files of the recording; after an error the text files instead of one that is unfinished."""
+        files, texts = self._parts.files, self._parts.texts
+        return [*files[:-1], *texts] if self.failure and texts else files
 
     @property
     def written(self) -> int:
@@ -44,10 +48,14 @@ class GuardedWriter:
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
         """Write rows (n, ROW_WIDTH), unless an error came before."""
+        if len(rows):
+            self._reach(float(rows[-1, COLUMN_PLACE["time_s"]]))
         self._try(self._parts.write_rows, rows)
 
     def write_frames(self, frames: Any) -> None:
         """Write frames (n,) LOGGED, unless an error came before."""
+        if len(frames):
+            self._reach(1e-9 * int(frames["time_ns"][-1]))
         self._try(self._parts.write_frames, frames)
 
     def write_mark(self, time_s: float, text: str) -> None:
@@ -65,6 +73,11 @@ class GuardedWriter:
         except Exception as error:
             self.failure = self.failure or self._reported(error)
 
+    def _reach(self, time_s: float) -> None:
+        """Note the time [s] of what is about to be written, unless an error came before."""
+        if not self.failure:
+            self._time_s = max(time_s, self._time_s)
+
     def _try(self, action: Callable[..., None], *arguments: object) -> None:
         if not self.failure:
             try:
@@ -78,7 +91,10 @@ class GuardedWriter:
             text = why(error)
         else:
             text = str(error) if isinstance(error, LiftgateError) else repr(error)
-        return f"{self._what}: recording ended: {text}"
+        when = "" if self._time_s < 0.0 else f" at {self._time_s:.3f} s"
+        texts = self._parts.texts
+        left = f"; the data recorded so far is in {' and '.join(texts)}" if texts and texts[0] not in text else ""
+        return f"{self._what}: recording ended{when}: {text}{left}"
 
 
 def raise_failures(recorders: Sequence[GuardedWriter]) -> None:

@@ -92,6 +92,7 @@ RECORDED = tuple(suffix for suffix, each in FORMATS.items() if each.write)
 TABLES = tuple(suffix for suffix in RECORDED if FORMATS[suffix].has_rows)
 WITH_ROWS = tuple(suffix for suffix, each in FORMATS.items() if each.has_rows)
 WITH_MARKS = tuple(suffix for suffix, each in FORMATS.items() if each.holds_marks)
+_SALVAGE_SUFFIXES = (".log", ".csv")  # of text files with frames and rows beside an unfinished file
 BUS_LOGS = tuple(suffix for suffix in FORMATS if suffix not in WITH_ROWS)
 
 
@@ -115,7 +116,10 @@ def _opened(path: Path) -> Recording:
     if path.suffix.lower() in RECORDED:
         check_readable(path)
         if path.stat().st_size == 0:
-            raise ConfigError(f"{path}: empty; allowed: a recording")
+            texts = [path.with_name(path.name + suffix) for suffix in _SALVAGE_SUFFIXES]
+            left = [each.name for each in texts if each.is_file()]
+            beside = f", such as {' or '.join(left)} beside it" if left else ""
+            raise ConfigError(f"{path}: empty; allowed: a recording{beside}")
     return open_file(path, RECORDED).as_recording()
 
 
@@ -200,7 +204,7 @@ def _open_part(content: Content, is_salvaged: bool, path: Path) -> Part:
     form = FORMATS[path.suffix]
     texts: list[tuple[Path, Writer]] = []
     try:
-        for suffix, has_it in ((".log", form.has_frames), (".csv", form.has_rows)):
+        for suffix, has_it in zip(_SALVAGE_SUFFIXES, (form.has_frames, form.has_rows), strict=True):
             if has_it and is_salvaged and not form.is_text:
                 salvage = path.with_name(path.name + suffix)
                 texts.append((salvage, _writer(suffix, open_salvage(salvage), content)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,6 +20,10 @@ _SLICE = 512  # rows or frames after which the size is checked
 
 class Part(Writer, Protocol):
     """Writer of one file of a recording."""
+
+    @property
+    def texts(self) -> Sequence[str]:
+        """Paths of text files that hold the same until the file is complete."""
 
     def leave(self) -> None:
         """Close the file unfinished, after an error."""
@@ -49,6 +53,11 @@ class Parts:
     def files(self) -> list[str]:
         """Paths of the files that are kept."""
         return [str(path) for path in self._written]
+
+    @property
+    def texts(self) -> Sequence[str]:
+        """Paths of text files that hold the same as the open file until it is complete."""
+        return self._part.texts
 
     @property
     def written(self) -> int:

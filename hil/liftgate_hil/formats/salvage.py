@@ -26,6 +26,11 @@ class SalvagedWriter:
         self._all = [*(text for _, text in texts), recorder]  # the text files first
 
     @property
+    def texts(self) -> list[str]:
+        """Paths of the text files, which hold the same as the file until it is complete."""
+        return [str(path) for path, _ in self._texts]
+
+    @property
     def written(self) -> int:
         """Bytes written so far to the file itself."""
         return self._recorder.written
@@ -65,7 +70,7 @@ class SalvagedWriter:
             if not self._texts:
                 raise
             reason = why(error) if isinstance(error, OSError) else str(error)
-            raise RecordingError(f"{reason}; the data recorded so far is in {self._names()}") from error
+            raise RecordingError(f"{reason}; the data recorded so far is in {' and '.join(self.texts)}") from error
         for path, text in self._texts:
             text.close()
             path.unlink()
@@ -77,6 +82,3 @@ class SalvagedWriter:
                 each.close()
             except Exception:  # the error that came before has been reported
                 continue
-
-    def _names(self) -> str:
-        return " and ".join(str(path) for path, _ in self._texts)

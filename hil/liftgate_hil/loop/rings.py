@@ -46,6 +46,7 @@ CONTROL = np.dtype(
         ("foreign", "i8"),  # times that an ECU's own code began or ended; odd: it runs
         ("beats", "i8"),  # heartbeats of the thread that supervises the run
         ("pulse", "i8"),  # heartbeats of a thread that needs only the interpreter lock, see `worker`
+        ("asked", "i8"),  # written from outside: 1 asks that thread where the ECU's code is
     ]
 )
 

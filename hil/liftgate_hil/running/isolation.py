@@ -21,12 +21,13 @@ from typing import NamedTuple
 from liftgate_hil.errors import EcuError
 from liftgate_hil.loop.closed_loop import FRAMES
 from liftgate_hil.loop.rings import Memory
-from liftgate_hil.running.processes.answers import AnswerChannel, BadAnswerError
+from liftgate_hil.running.processes.answers import PLACE, AnswerChannel, BadAnswerError
 from liftgate_hil.running.processes.children import foreign_output, in_memory
 
 HANG_S = 10.0  # s that the ECU may take for a tick, to be created, or to end
 EXIT_S = 5.0  # s that the process may take to exit once it has answered
 SILENT_S = 120.0  # s without a sign of life of the rest of the worker, plus the run's length
+_PLACE_S = 0.5  # s that a worker that hangs may take to say where
 _STOP_S = 1.0  # s that the ECU may take once the run is stopped
 _KILL_S = 5.0  # s that the worker's supervisor may take to end everything
 _STATUS = struct.Struct("i")  # status of a process that was waited for
@@ -117,11 +118,25 @@ class _Watch:
             if progress != seen:
                 seen, since = progress, now
             elif now - since > self._patience():
-                raise self._failure(f"no response for {self._patience():g} s")
+                return self._late_answer(f"no response for {self._patience():g} s")
             if int(self._control.pulse) != pulse:
                 pulse, pulse_since = int(self._control.pulse), now
             elif pulse and now - pulse_since > self._hang_s:
-                raise self._failure(f"no response for {self._hang_s:g} s", is_its=True)
+                return self._late_answer(f"no response for {self._hang_s:g} s", is_its=True)
+
+    def _late_answer(self, what: str, is_its: bool = False) -> bytes:
+        """Return an answer that came too late, but came; else raise an EcuError as `_failure` makes it.
+
+        A worker whose interpreter lock is free says where the ECU's code in Python is.
+        """
+        self._control.asked = 1
+        payload = None
+        with contextlib.suppress(BadAnswerError):
+            payload = self._channel.take(_PLACE_S)
+        if payload is not None and not payload.startswith(PLACE):
+            return payload
+        place = b"" if payload is None else payload.removeprefix(PLACE)
+        raise self._failure(what + place.decode(errors="replace"), is_its)
 
     def _end(self) -> str:
         """Return in words how the worker has ended."""

@@ -9,6 +9,7 @@ holds no descriptor that its caller reads from.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pickle
 import sys
@@ -18,8 +19,8 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.errors import EcuError, LiftgateError, text_of
-from liftgate_hil.running.processes.answers import send_answer
+from liftgate_hil.errors import EcuError, LiftgateError, is_of_a_library, text_of
+from liftgate_hil.running.processes.answers import PLACE, send_answer
 from liftgate_hil.running.processes.supervisor import dies_with_parent, supervise
 
 if TYPE_CHECKING:
@@ -39,8 +40,8 @@ def main() -> int:
 
     memory = Memory(rows, frames, descriptor, others_write=True)
     os.close(descriptor)
-    threading.Thread(target=_beat, args=(memory,), daemon=True).start()
     address, path, plan = pickle.loads(sys.stdin.buffer.read())
+    threading.Thread(target=_beat, args=(memory, address), daemon=True).start()
     # Appended last, so that a module of an ECU does not hide one that this program needs.
     sys.path += [each for each in (*path, str(Path.cwd())) if each and each not in sys.path]
     nothing = os.open(os.devnull, os.O_RDONLY)
@@ -55,12 +56,29 @@ def main() -> int:
     return 0
 
 
-def _beat(memory: Memory) -> None:
-    """Show for as long as the process lives that the interpreter lock is free now and then: an ECU may keep it."""
+def _beat(memory: Memory, address: tuple[str, bytes]) -> None:
+    """Show for as long as the process lives that the interpreter lock is free now and then: an ECU may keep it.
+
+    Once asked where the ECU's code is, the thread answers that.
+    """
     control = memory.shared.control[0]
-    while True:
+    while not control.asked:
         control.pulse += 1
         time.sleep(_PULSE_S)
+    with contextlib.suppress(OSError):
+        send_answer(address, PLACE + _place_now().encode())
+
+
+def _place_now() -> str:
+    """Return where the ECU's code in Python is at present, as text; "": it does not run, or is not in Python."""
+    import liftgate_plant
+
+    ours = {Path(__file__).resolve().parents[1], *(Path(each).resolve() for each in liftgate_plant.__path__)}
+    main = threading.main_thread().ident
+    calls = traceback.extract_stack(sys._current_frames().get(main or 0))
+    paths = [(Path(each.filename), each.lineno) for each in calls if not each.filename.startswith("<")]
+    own = [(path, line) for path, line in paths if not ours & {*path.parents} and not is_of_a_library(path)]
+    return f" ({own[-1][0].name}, line {own[-1][1]})" if own else ""
 
 
 def _result_of(pickled: bytes, memory: Memory) -> object:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 import select
 import signal
 import subprocess
@@ -477,6 +478,17 @@ def test_a_signal_ends_it_and_nothing_is_written(tmp_path: Path, number: int) ->
         os.close(reader)
 
 
+def test_an_empty_file_that_a_killed_run_left_names_the_texts_beside_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "run.mf4"
+    path.touch()
+    (tmp_path / "run.mf4.csv").touch()
+    assert main(["convert", str(path), str(tmp_path / "out.csv")]) == 2
+    said = f"{path}: empty; allowed: a recording, such as run.mf4.csv beside it\n"
+    assert capsys.readouterr().err.endswith(said)
+
+
 def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
     """In a process of its own, whose files may not grow beyond 50 kB."""
     path = recorded(tmp_path / "run.csv", some_rows(2000))
@@ -488,5 +500,7 @@ def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert done.stderr == (f"liftgate-hil: {tmp_path / 'out.parquet'}: recording ended: File too large\n")
+    begin, _, end = done.stderr.partition(" recording ended at ")
+    assert begin == f"liftgate-hil: {tmp_path / 'out.parquet'}:"
+    assert re.fullmatch(r"\d+\.\d+ s: File too large\n", end)
     assert list(tmp_path.iterdir()) == [path]

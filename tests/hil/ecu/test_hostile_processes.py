@@ -117,7 +117,7 @@ def of_python(name: str, clock: str = "free") -> lh.Result:
         ("EndsWell", "its process ended (exit code 0)"),
         ("Interrupts", "KeyboardInterrupt (hostile.py, line "),
         ("Exits", "SystemExit: 0 (hostile.py, line "),
-        ("Hangs", "no response for 0.5 s"),
+        ("Hangs", "no response for 0.5 s (hostile.py, line "),
         ("Stops", "no response for 0.5 s"),
         ("ClosesAndHangs", "no response for 0.5 s"),
         ("Destroyed", "no response for 0.5 s"),

@@ -183,7 +183,7 @@ def test_a_full_disk_is_said_at_once_and_costs_nothing_but_the_recording(tmp_pat
         recorder.write_rows(rows_from(k, 1))
         recorder.write_frames(sent([(0x120, b"a")]))
         recorder.flush()
-        assert said == [f"`record` {path}: recording ended: No space left on device"]
+        assert said == [f"`record` {path}: recording ended at 0.000 s: No space left on device"]
     recorder.close()
     assert said == [recorder.failure]
 
@@ -215,9 +215,13 @@ print(recorder.failure)
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
     )
-    assert done.stdout.splitlines()[0].endswith("recording ended: File too large")
+    (said,) = {*done.stdout.splitlines()}
+    when, texts = said.partition("recording ended at ")[2].split(
+        " s: File too large; the data recorded so far is in "
+    )
+    assert float(when) > 0.1
     left = [each for each in tmp_path.iterdir() if each.name.startswith(f"run{suffix}.")]
-    assert left
+    assert {str(each) for each in left} == {*texts.split(" and ")} != set()
     for each in left:
         whole, _, _cut = each.read_bytes().rpartition(b"\n")
         assert whole.count(b"\n") > 100

@@ -165,7 +165,7 @@ def test_a_full_disk_is_reported_at_once_and_at_the_end(memory: Memory, tmp_path
     write(memory, rows_from(10, 10))
     with pytest.raises(RecordingError, match="No space left on device"):
         process.close()
-    assert said == [f"`record` {full}: recording ended: No space left on device"]
+    assert said == [f"`record` {full}: recording ended at 0.009 s: No space left on device"]
     assert len(read_csv(good)) == 20, "the other recording goes on"
 
 

@@ -225,8 +225,14 @@ function showGauge(now, peak, limit) {
   find("gauge-now").classList.toggle("over", Boolean(limit) && now > limit);
   find("gauge-peak").setAttribute("d", peak > 0 ? `M${x(peak)} 2V16` : "");
   find("gauge-limit").setAttribute("d", limit ? `M${x(limit)} 1V20` : "");
-  const words = `Pinch force ${text(now, 0)} N${limit ? `, limit ${text(limit, 0)} N` : ""}`;
-  if (find("gauge-text").textContent !== words) find("gauge-text").textContent = words;
+  const words = {
+    "gauge-force": `Pinch force ${text(now, 0)} N`,
+    "gauge-peak-text": peak > 0 ? `last peak ${text(peak, 0)} N` : "",
+    "gauge-limit-text": limit ? `limit ${text(limit, 0)} N` : "",
+  };
+  for (const [name, each] of Object.entries(words)) {
+    if (find(name).textContent !== each) find(name).textContent = each;
+  }
 }
 
 // Whether the gate is drawn, and if not, why.

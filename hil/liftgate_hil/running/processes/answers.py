@@ -18,6 +18,7 @@ import zlib
 
 _HEAD = struct.Struct("<4s16sQI")  # magic, token, length [bytes], CRC-32 of what follows
 _MAGIC = b"LGHA"
+PLACE = b"place:"  # begin of an answer that says where the code of an ECU hangs
 _MOST = 1 << 40  # bytes of an answer
 _PIECE = 1 << 20
 _HEAD_S = 1.0  # s that a connection may take for its header
