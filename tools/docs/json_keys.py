@@ -205,6 +205,9 @@ VERDICTS = Document(
         "scenarios[].verdict": "the worst of its expectations; `error`: it did not reach its end",
         "scenarios[].reason": "why it did not reach its end; else empty",
         "scenarios[].notes": "texts that may explain the verdict",
+        "scenarios[].condition_times": "when each condition with which a stimulus begins came true; "
+        "those that never did are missing",
+        "scenarios[].condition_times.CONDITION": "model time [s]",
         "scenarios[].description": "`description` of the scenario",
         "scenarios[].requirement": "list: `requirement` of the scenario",
         "scenarios[].vehicle": "name of the vehicle",

@@ -328,15 +328,22 @@ class Judge:
 
     def notes(self) -> list[str]:
         """Return notes on stimuli that may explain verdicts: those never made, and faults in force too briefly."""
-        expected = self.expected
-        first = len(expected.expectations) - expected.awaited
-        came = {
+        came = self._came()
+        briefly = brief_faults(self.expected.faults, came, self._last, self._tables.step)
+        return [*briefly, *never_made(self.expected.begins, came, self._last)]
+
+    def condition_times(self) -> dict[str, float]:
+        """Return when each condition with which a stimulus begins first came true [s], by its text."""
+        return {condition: time for (condition, after), time in self._came().items() if after == 0.0}
+
+    def _came(self) -> dict[tuple[str, float | str], float]:
+        """Return when each condition that stimuli wait for came true [s], by text and what it counted after."""
+        first = len(self.expected.expectations) - self.expected.awaited
+        return {
             (each.condition, each.after): float(self._progress(place).decided_at)
-            for place, each in enumerate(expected.expectations)
+            for place, each in enumerate(self.expected.expectations)
             if place >= first and self._progress(place).is_decided
         }
-        briefly = brief_faults(expected.faults, came, self._last, self._tables.step)
-        return [*briefly, *never_made(expected.begins, came, self._last)]
 
 
 def _with_reason(verdict: Verdict, more: str) -> Verdict:

@@ -42,6 +42,7 @@ class Result:
     sources: Mapping[str, Source] = field(default_factory=dict)  # vehicle, rig, dbc, scenario, ecu
     trace: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)  # kept rows, if requested
     trace_summaries: Mapping[str, TraceSummary] = field(default_factory=dict)  # by expectation, if requested
+    condition_times: Mapping[str, float] = field(default_factory=dict)  # s, of those with which stimuli begin
     notes: tuple[str, ...] = ()  # observations that may explain the verdict
     ecu_digest: str = ""  # of the ECU's memory at the end; "": unknown
     late: str = ""  # when the bench was too late, or what it has not done; "": neither is known
@@ -96,6 +97,7 @@ def result_of(
         trace=trace,
         trace_summaries=next((each.trace_summaries() for each in sinks if isinstance(each, TraceSummarizer)), {}),
         late=not_made or ("" if judge is None else judge.late()),
+        condition_times={} if judge is None else judge.condition_times(),
         notes=tuple(judge.notes()) if judge is not None else (),
     )
 

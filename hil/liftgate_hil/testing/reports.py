@@ -33,6 +33,7 @@ def _scenario(outcome: Outcome) -> dict[str, Any]:
         "verdict": outcome.verdict,
         "reason": outcome.reason,
         "notes": outcome.notes,
+        "condition_times": {} if outcome.result is None else dict(outcome.result.condition_times),
         "description": setup.scenario.description,
         "requirement": list(setup.scenario.requirement),
         "vehicle": setup.vehicle_name,

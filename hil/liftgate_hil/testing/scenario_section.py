@@ -61,7 +61,8 @@ def figures_of(drawings: Sequence[str], verdict: Verdict, trace_summary: TraceSu
 def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, str], str]) -> str:
     """Return the section of a scenario; `figures` are those of expectations, by file and name."""
     scenario = outcome.case.plan.setup.scenario
-    happened = [] if outcome.case.recordings else happenings(scenario)
+    times = None if outcome.result is None else outcome.result.condition_times
+    happened = [] if outcome.case.recordings else happenings(scenario, times)
     rest = len(happened) - _MOST_HAPPENINGS
     entries = [*happened[:_MOST_HAPPENINGS], *([f"and {rest} more"] if rest > 0 else [])]
     parts = [

@@ -11,6 +11,8 @@ from liftgate_hil.running.job import Job
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.rejudge import expectations_of, judged
+from liftgate_hil.testing.reports import as_json
+from liftgate_hil.testing.words import happenings
 
 HEAD = """
 duration = 2.0
@@ -73,3 +75,20 @@ def test_what_would_begin_after_the_end_is_told_where_a_condition_starts_it(tmp_
     assert lh.run(path).notes == (
         "fault supply_open, 5 s after time_s >= 1, is never made: at 6 s, where the run ends at 2 s",
     )
+
+
+def test_a_result_and_its_report_say_when_a_condition_came_true(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    faults = "".join(
+        f'[[fault]]\nkind = "supply_open"\nstart = "{start}"\ndelay_s = 0.25\n'
+        for start in ("time_s >= 1", "gate_angle_deg > 79")
+    )
+    path.write_text(HEAD + faults)
+    (case,) = suite.cases_of([path], Job(scenario=None, ecu="reference", options=RunOptions(clock="free")))
+    outcome = suite.run_case(case)
+    assert outcome.result is not None
+    assert outcome.result.condition_times == {"time_s >= 1": 1.0}
+    told = happenings(case.plan.setup.scenario, outcome.result.condition_times)
+    came = [each.rpartition(" (the condition ")[2] for each in told[-2:]]
+    assert came == ["came true at 1.000 s)", "never came true)"]
+    assert as_json([outcome], {})["scenarios"][0]["condition_times"] == {"time_s >= 1": 1.0}

@@ -165,12 +165,13 @@ def test_names_in_tables_leave_out_the_folder_that_all_are_in(tmp_path: Path) ->
         assert outcome.case.file in page.text
 
 
-def test_a_scenario_is_reported_in_words(page: Any) -> None:
+def test_a_scenario_is_reported_in_words(page: Any, outcomes: list[Any]) -> None:
     part = page.text[page.text.index("closing onto a rod") : page.text.index("What is expected")]
     for said in (
         "LG-12, LG-7", "most = 100", "starts at 50 deg, seed 0", "at 0.1 s: close is requested",
         "profile of supply_voltage_v: 12.5 V at 0 s, 11 V at 2 s; interpolated linearly",
         "obstacle at 47 deg, 1 m from the hinge, 20000 N/m, met while closing; from gate_angle_deg < 49.9",
+        f"(the condition came true at {outcomes[0].result.condition_times['gate_angle_deg < 49.9']:.3f} s)",
         "fault spring_weak, left, factor = 0.75: from 0.2 s until 2 s (the drive's spring has less force)",
     ):  # fmt: skip
         assert said in part
