@@ -170,7 +170,9 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
     def watch() -> None:
         code = child.wait()
         if not has_ended.is_set():
-            again = f"liftgate-hil dashboard --attach {os.getpid()} --listen {listen}"
+            again = (
+                f"liftgate-hil dashboard --attach {os.getpid()}{f' --listen {args.listen}' if args.listen else ''}"
+            )
             teller.say(f"the page has ended (exit code {code}), the run goes on; to have one again: {again}")
 
     watcher = threading.Thread(target=watch, name="page", daemon=True)
