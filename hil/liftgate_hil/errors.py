@@ -232,6 +232,14 @@ class ConfigIssues:
         return f"{self.source}: {key}{also}"
 
 
+def is_of_this_program(path: Path) -> bool:
+    """Whether a file belongs to one of this program's own packages."""
+    import liftgate_plant
+
+    own = {Path(__file__).resolve().parent, *(Path(each).resolve() for each in liftgate_plant.__path__)}
+    return not own.isdisjoint(path.resolve().parents)
+
+
 def is_of_a_library(path: Path) -> bool:
     """Whether a file belongs to an installed package or to Python itself."""
     return bool({"site-packages", "dist-packages"} & {*path.parts}) or Path(os.__file__).parent in path.parents

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from liftgate_hil.cli import streams
 from liftgate_hil.cli.options import as_flags
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.report.page import GENERATOR
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,11 +23,7 @@ if TYPE_CHECKING:
 
 _IN_RESULTS = {"json": "verdicts.json", "junit": "junit.xml", "html": "report.html"}  # files of --results
 # Bytes near the beginning of our own reports.
-_BEGINS = {
-    "json": b'{\n  "verdict"',
-    "junit": b'<testsuites name="liftgate-hil',
-    "html": b"Content-Security-Policy",
-}
+_BEGINS = {"json": b'{\n  "verdict"', "junit": b'<testsuites name="liftgate-hil', "html": GENERATOR.encode()}
 
 
 class Output:

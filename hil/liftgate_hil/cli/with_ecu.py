@@ -8,6 +8,7 @@ import contextlib
 import math
 import os
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 _USAGE = 2  # exit code for wrong usage or configuration
 _EVENT = re.compile(r"^ecu\s+(\d+\.\d+) s  (.*)$")
+_OWN_ERROR = "liftgate-hil: "  # begin of the line with which our commands report an error
 _LEAVE_S = 5.0  # s, time for the ECU's process to end
 _PAGE_LEAVES_S = 2.0  # s, time for the page's, from which nothing can be lost
 _BEGIN_S = 600.0  # s until a run begins, which may have to be compiled before
@@ -104,8 +106,12 @@ def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) ->
     plan = plan.varied(job)
     with _ecu_process(args, plan.setup.vehicle, job.listener) as child:
         result = execute(plan, lambda: stopped() or child.has_ended())
-        events = child.end(is_early=not stopped(), has_taken_part=bool(result.summary.received.accepted))
-    return result if result.verdict == ERROR else replace(result, events=events)
+        try:
+            child.end(is_early=not stopped(), has_taken_part=bool(result.summary.received.accepted))
+        except EcuError as error:
+            reason = "; ".join(filter(None, (str(error), result.reason if result.verdict == ERROR else "")))
+            return replace(result, verdict=ERROR, reason=reason, events=child.events)
+    return result if result.verdict == ERROR else replace(result, events=child.events)
 
 
 def _job_of(
@@ -164,15 +170,15 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
         pass_fds=[wire.fileno()],
         preexec_fn=dies_with_parent,  # noqa: PLW1509
     )
+    host, port = wire.getsockname()[:2]
     wire.close()
+    again = f"liftgate-hil dashboard --attach {os.getpid()} --listen {f'[{host}]' if ':' in host else host}:{port}"
+    again += " --read-only" if args.read_only else ""
     has_ended = threading.Event()  # the run
 
     def watch() -> None:
         code = child.wait()
         if not has_ended.is_set():
-            again = (
-                f"liftgate-hil dashboard --attach {os.getpid()}{f' --listen {args.listen}' if args.listen else ''}"
-            )
             teller.say(f"the page has ended (exit code {code}), the run goes on; to have one again: {again}")
 
     watcher = threading.Thread(target=watch, name="page", daemon=True)
@@ -220,12 +226,13 @@ class EcuProcess:
             stderr=subprocess.PIPE,
             text=True,
             errors="replace",
-            # The ECU must end if this process is killed; no thread runs here yet.
+            # The ECU must end if this process is killed; a thread that runs here already, of the page, only waits.
             preexec_fn=dies_with_parent,  # noqa: PLW1509
         )
         self._teller = teller
         self._is_ours = is_ours
-        self._events: list[Event] = []
+        self.events: list[Event] = []  # that it has printed
+        self._errors: list[str] = []
         self._others: collections.deque[str] = collections.deque(maxlen=20)
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -238,9 +245,11 @@ class EcuProcess:
         for line in stream:
             match = _EVENT.match(line) if self._is_ours else None
             if match:
-                self._events.append(Event(float(match[1]), IN_WORDS, match[2]))
+                self.events.append(Event(float(match[1]), IN_WORDS, match[2]))
                 self._teller.happened(float(match[1]), match[2])
                 continue
+            if line.startswith(_OWN_ERROR):
+                self._errors.append(line.removeprefix(_OWN_ERROR).strip())
             self._others.append(line.strip())
             self._teller.say(line.rstrip())
 
@@ -248,25 +257,25 @@ class EcuProcess:
         """Whether the process has ended by itself."""
         return self._process.poll() is not None
 
-    def end(self, is_early: bool, has_taken_part: bool) -> list[Event]:
-        """End the process and return the events that it printed.
+    def end(self, is_early: bool, has_taken_part: bool) -> None:
+        """End the process.
 
-        Raises ConfigError or EcuError where it had failed, had ended too early, or is ours and has not taken part
-        in a run that was not stopped.
+        Raises ConfigError or EcuError where it had failed or fails now, had ended too early, or is ours and has
+        not taken part in a run that was not stopped.
         """
-        code = self._process.poll()
+        has_ended = self.has_ended()
         self.kill()
+        code = self._process.returncode
         self._reader.join(_LEAVE_S)  # a process that it has started may hold the pipe
-        if code:
-            text = "; ".join(self._others)[-300:] or f"exit code {code}"
+        if code and (has_ended or code not in (-signal.SIGTERM, -signal.SIGKILL)):
+            text = "; ".join(self._errors or self._others)[-300:] or f"exit code {code}"
             kind = ConfigError if code == _USAGE else EcuError
-            raise kind(f"the ECU's process: {text.replace('liftgate-hil: ', '')}")
-        if code == 0 and is_early:
+            raise kind(f"the ECU's process: {text}")
+        if has_ended and is_early:
             raise EcuError("the ECU's process ended before the run")
-        if not (self._events or has_taken_part) and self._is_ours and is_early:
+        if not (self.events or has_taken_part) and self._is_ours and is_early:
             text = "; ".join(self._others)[-300:] or "it printed nothing"
             raise EcuError(f"the ECU's process did not take part: {text}")
-        return self._events
 
     def kill(self) -> None:
         """End the process at once; its supervisor, if any, ends the processes that it has started."""

@@ -6,6 +6,7 @@ import functools
 import importlib.machinery
 import importlib.util
 import re
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,8 +21,8 @@ from liftgate_plant.coding import UNCODED, Coding
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
 
-_LIBRARY = re.compile(r".+\.(so|dylib|dll)(\.[0-9.]+)?$")
-_CLASS = re.compile(r"[\w.]+:\w+$")
+_LIBRARY = re.compile(r".+\.(so|dylib|dll)(\.[0-9.]+)?", re.DOTALL)
+_CLASS = re.compile(r"\w+(\.\w+)*:\w+")
 _COMPILERS = {".c": "cc", ".cc": "c++", ".cpp": "c++", ".cxx": "c++"}
 _ALLOWED = "reference, the path of a shared library, MODULE:CLASS, or bus"
 
@@ -90,8 +91,11 @@ def _advice(name: str) -> str:
             not path.is_absolute() and ".." not in path.parts
         )  # the working directory, where modules are found
         module = ".".join(path.with_suffix("").parts) if is_below else path.stem
-        where = "" if is_below else f", with PYTHONPATH={path.parent}"
-        return f"a Python file; name its module and class: {module}:{attribute or 'CLASS'}{where}; "
+        if not all(map(str.isidentifier, module.split("."))):
+            return "a Python file, but no module, for its name; rename it with letters, digits and _; "
+        where = "" if is_below else f", with PYTHONPATH={shlex.quote(str(path.parent))}"
+        name = attribute if attribute.isidentifier() else "CLASS"
+        return f"a Python file; name its module and class: {module}:{name}{where}; "
     if path.is_file():
         return "neither a shared library (.so) nor a Python class; a program of its own is reached by a bus; "
     from difflib import get_close_matches  # imported only where used, since the import takes time
@@ -127,6 +131,6 @@ def _instance_of(name: str) -> Any:
         ) from error
     own = [key for key, each in vars(loaded).items() if isinstance(each, type) and each.__module__ == module]
     raise ConfigError(
-        f"`ecu` {name}: {module} has no {attribute}; allowed: "
+        f"`ecu` {name}: {module} ({getattr(loaded, '__file__', None) or 'built in'}) has no {attribute}; allowed: "
         f"{', '.join(f'{module}:{each}' for each in own) or 'MODULE:CLASS that the module has'}"
     )

@@ -13,7 +13,7 @@ from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.ecu.node import PORT
-from liftgate_hil.errors import ConfigError, EcuError, is_of_a_library, shown, text_of
+from liftgate_hil.errors import ConfigError, EcuError, is_of_a_library, is_of_this_program, shown, text_of
 from liftgate_hil.stimuli.requests import ACTIONS
 from liftgate_plant.compiler import INT_OF_LONG_INT, INT_OF_STEP
 
@@ -164,8 +164,10 @@ def _attribute(ecu: Any, name: str) -> Any:
 
 
 def _place_of(error: BaseException) -> str:
-    """Return where in the ECU's code an error was raised, as text; libraries that it calls are passed over."""
+    """Return where in the ECU's code an error was raised, as text; libraries and this program are passed over."""
     calls = traceback.extract_tb(error.__traceback__)[1:]  # the first call is in this package
-    own = [each for each in calls if not is_of_a_library(Path(each.filename))]
+    paths = {each.filename: Path(each.filename) for each in calls}
+    foreign = {name for name, path in paths.items() if is_of_a_library(path) or is_of_this_program(path)}
+    own = [each for each in calls if each.filename not in foreign]
     place = own[-1] if own else calls[-1] if calls else None
     return "" if place is None else f" ({Path(place.filename).name}, line {place.lineno})"

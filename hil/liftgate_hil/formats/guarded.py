@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ class GuardedWriter:
     @property
     def files(self) -> list[str]:
         """Paths of the files of the recording; after an error the text files instead of one that is unfinished."""
-        files, texts = self._parts.files, self._parts.texts
+        files, texts = self._parts.files, self._texts()
         return [*files[:-1], *texts] if self.failure and texts else files
 
     @property
@@ -86,13 +87,17 @@ class GuardedWriter:
                 self.failure = self._reported(error)
                 self._say(self.failure)
 
+    def _texts(self) -> list[str]:
+        """Return the paths of text files that hold something of what the unfinished file should hold."""
+        return [each for each in self._parts.texts if Path(each).is_file() and Path(each).stat().st_size]
+
     def _reported(self, error: Exception) -> str:
         if isinstance(error, OSError):
             text = why(error)
         else:
             text = str(error) if isinstance(error, LiftgateError) else repr(error)
         when = "" if self._time_s < 0.0 else f" at {self._time_s:.3f} s"
-        texts = self._parts.texts
+        texts = self._texts()
         left = f"; the data recorded so far is in {' and '.join(texts)}" if texts and texts[0] not in text else ""
         return f"{self._what}: recording ended{when}: {text}{left}"
 

@@ -117,7 +117,7 @@ def _opened(path: Path) -> Recording:
         check_readable(path)
         if path.stat().st_size == 0:
             texts = [path.with_name(path.name + suffix) for suffix in _SALVAGE_SUFFIXES]
-            left = [each.name for each in texts if each.is_file()]
+            left = [each.name for each in texts if each.is_file() and each.stat().st_size]
             beside = f", such as {' or '.join(left)} beside it" if left else ""
             raise ConfigError(f"{path}: empty; allowed: a recording{beside}")
     return open_file(path, RECORDED).as_recording()

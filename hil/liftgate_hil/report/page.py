@@ -38,6 +38,7 @@ svg.plot text { font-family: system-ui, sans-serif !important; }
   html { font-size: 11px; } body { margin: 0; max-width: none; font-size: 11px; padding: 0; }
   figure, tr, .alert { break-inside: avoid; } h2, h3 { break-after: avoid; } .wide { overflow: visible; } }
 """
+GENERATOR = '<meta name="generator" content="liftgate-hil">'  # near the beginning of each report
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
@@ -51,6 +52,7 @@ def page(title: str, subtitle: str, sections: Iterable[str], style: str = "") ->
     """Return the whole file from title and subtitle as text, sections as HTML, and additional CSS (`style`)."""
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f"{GENERATOR}\n"
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{text(title)}</title>\n<style>{_CSS}{style}</style>\n</head>\n<body>\n"

@@ -110,7 +110,7 @@ class _Watch:
                 payload = self._channel.take(0.0 if is_over else _LOOK_S)
             except BadAnswerError as error:
                 raise self._failure(f"its process's answer was corrupted: {error}") from error
-            if payload is not None:
+            if payload is not None and not payload.startswith(PLACE):  # nobody has asked for a place yet
                 return payload
             if is_over:
                 raise self._failure(f"its process ended ({self._end()})")

@@ -134,8 +134,6 @@ def _isolated(plan: Plan, stopped: Callable[[], bool]) -> Result:
     if isinstance(answer, LiftgateError):
         raise answer
     assert isinstance(answer, Result)
-    if note:
-        job.listener.say(note)
     return replace(answer, notes=(*answer.notes, *([note] if note else [])))
 
 

@@ -19,7 +19,7 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.errors import EcuError, LiftgateError, is_of_a_library, text_of
+from liftgate_hil.errors import EcuError, LiftgateError, is_of_a_library, is_of_this_program, text_of
 from liftgate_hil.running.processes.answers import PLACE, send_answer
 from liftgate_hil.running.processes.supervisor import dies_with_parent, supervise
 
@@ -66,18 +66,15 @@ def _beat(memory: Memory, address: tuple[str, bytes]) -> None:
         control.pulse += 1
         time.sleep(_PULSE_S)
     with contextlib.suppress(OSError):
-        send_answer(address, PLACE + _place_now().encode())
+        send_answer(address, PLACE + _place_now().encode(errors="backslashreplace"))
 
 
 def _place_now() -> str:
     """Return where the ECU's code in Python is at present, as text; "": it does not run, or is not in Python."""
-    import liftgate_plant
-
-    ours = {Path(__file__).resolve().parents[1], *(Path(each).resolve() for each in liftgate_plant.__path__)}
     main = threading.main_thread().ident
     calls = traceback.extract_stack(sys._current_frames().get(main or 0))
     paths = [(Path(each.filename), each.lineno) for each in calls if not each.filename.startswith("<")]
-    own = [(path, line) for path, line in paths if not ours & {*path.parents} and not is_of_a_library(path)]
+    own = [(path, line) for path, line in paths if not is_of_this_program(path) and not is_of_a_library(path)]
     return f" ({own[-1][0].name}, line {own[-1][1]})" if own else ""
 
 
@@ -113,8 +110,7 @@ def _result_of(pickled: bytes, memory: Memory) -> object:
 def _is_ours(error: BaseException) -> bool:
     """Whether an error was raised by this program's own code, not by an ECU's."""
     calls = traceback.extract_tb(error.__traceback__)
-    own = str(Path(__file__).resolve().parents[1])
-    return bool(calls) and str(Path(calls[-1].filename).resolve()).startswith(own)
+    return bool(calls) and is_of_this_program(Path(calls[-1].filename))
 
 
 def _place_of(error: BaseException) -> str:

@@ -61,8 +61,9 @@ def figures_of(drawings: Sequence[str], verdict: Verdict, trace_summary: TraceSu
 def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, str], str]) -> str:
     """Return the section of a scenario; `figures` are those of expectations, by file and name."""
     scenario = outcome.case.plan.setup.scenario
-    times = None if outcome.result is None else outcome.result.condition_times
-    happened = [] if outcome.case.recordings else happenings(scenario, times)
+    result = outcome.result
+    came = () if result is None else (result.condition_times, result.summary.model_time_s)
+    happened = [] if outcome.case.recordings else happenings(scenario, *came)
     rest = len(happened) - _MOST_HAPPENINGS
     entries = [*happened[:_MOST_HAPPENINGS], *([f"and {rest} more"] if rest > 0 else [])]
     parts = [

@@ -16,18 +16,22 @@ from liftgate_hil.stimuli.timeline import Profile, TimedObstacle
 _MOST_POINTS = 8  # points of a profile that are written out
 
 
-def happenings(scenario: Scenario, times: Mapping[str, float] | None = None) -> list[str]:
+def happenings(scenario: Scenario, times: Mapping[str, float] | None = None, end: float = math.inf) -> list[str]:
     """Return a scenario's stimuli and faults, a sentence each.
 
-    `times` is when the conditions came true with which they begin [s]; None: it is unknown.
+    `times` is when the conditions came true with which they begin [s], None: it is unknown; `end` is how far the
+    run went [s].
     """
     before = scenario.precondition
     return [
         *([f"before time 0: {', '.join(before)}, each completed"] if before else []),
-        *(f"{_when(each.when)}{_came(each.when, times)}: {_asked(each.action)}" for each in scenario.requests),
+        *(
+            f"{_when(each.when)}{_came(each.when, times, end)}: {_asked(each.action)}"
+            for each in scenario.requests
+        ),
         *(_profile(name, each) for name, each in scenario.stimuli.profiles.items()),
-        *(f"{_obstacle(each)}{_came(each.start, times)}" for each in scenario.stimuli.obstacles),
-        *(f"{_fault(each)}{_came(each.start, times)}" for each in scenario.faults),
+        *(f"{_obstacle(each)}{_came(each.start, times, end)}" for each in scenario.stimuli.obstacles),
+        *(f"{_fault(each)}{_came(each.start, times, end)}" for each in scenario.faults),
     ]
 
 
@@ -55,12 +59,14 @@ def _when(instant: Instant) -> str:
     return f"at {instant.time:g} s"
 
 
-def _came(begin: Instant, times: Mapping[str, float] | None) -> str:
+def _came(begin: Instant, times: Mapping[str, float] | None, end: float) -> str:
     """Return in words when the condition of a begin came true; "" if it has none, or that is unknown."""
     if times is None or not begin.condition:
         return ""
     time = times.get(begin.condition)
-    return " (the condition never came true)" if time is None else f" (the condition came true at {time:.3f} s)"
+    if time is None:
+        return f" (the condition had not come true when the run ended, at {end:.3f} s)"
+    return f" (the condition came true at {time:.3f} s)"
 
 
 def _span(start: Instant, end: Instant) -> str:

@@ -498,6 +498,13 @@ class Raises:
         if now_s > 0.3:
             raise ValueError("not today")
         return []
+
+
+class Hangs:
+    def step(self, now_s, frames):
+        while now_s > 0.3:
+            pass
+        return []
 """
 
 
@@ -515,7 +522,21 @@ def test_an_ecus_process_that_fails_ends_the_run_with_its_cause(
     (folder / "their_ecus.py").write_text(ON_A_BUS)
     line = ["--bus", "udp_multicast:239.74.163.61", "--ecu", ecu, "--duration", "30", "--quiet"]
     assert main(line) == code
-    assert told in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert told in said
+    assert "requests, from the gate's first frame on" not in said  # what it printed before it failed
+
+
+def test_the_summary_of_a_run_stays_where_the_ecus_process_fails(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "their_ecus.py").write_text(ON_A_BUS)
+    line = ["--bus", "udp_multicast:239.74.163.61", "--ecu", "their_ecus:Hangs", "--duration", "1", "--json"]
+    assert main(line) == 1
+    told = capsys.readouterr()
+    assert json.loads(told.out)["ticks"] == 1001
+    (failure,) = [each for each in told.err.splitlines() if each.startswith("liftgate-hil: the ECU's process: ")]
+    assert "no response to the request to stop (their_ecus.py, line " in failure
 
 
 def test_an_ecus_process_may_tell_more_than_a_pipe_holds(capsys: pytest.CaptureFixture[str]) -> None:
@@ -524,7 +545,8 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(capsys: pytest.CaptureF
     until = time.monotonic() + 60.0
     while not child.has_ended() and time.monotonic() < until:
         time.sleep(0.01)
-    assert [(event.time, event.text) for event in child.end(False, has_taken_part=True)] == [(1.25, "opening")]
+    child.end(False, has_taken_part=True)
+    assert [(event.time, event.text) for event in child.events] == [(1.25, "opening")]
     assert capsys.readouterr().err == "x" * 1_000_000 + "\necu   1.250 s  opening\n"
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fitting_files import KEPT, TRUTH, call, complaint, driven, noisy, settings, simulated
+from fitting_files import KEPT, TRUTH, call, complaint, driven, noisy, read_columns, settings, simulated
 from fitting_files import write_columns as write
 
 OUTPUTS = (*KEPT, "gate_angle_deg")
@@ -52,6 +52,16 @@ def test_an_output_with_an_offset_is_pointed_out_and_noise_is_not(
     assert result["experiments"][0]["mean_std"]["left_current_a"] == pytest.approx(0.05 / 1251**0.5, rel=0.3)
     assert call("validate", opening, *true, "--map", table) == 0
     assert "white about its mean" in capsys.readouterr().out
+
+
+def test_a_motor_without_an_input_of_its_own_is_noted(
+    capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
+) -> None:
+    assert not [each for each in fit(capsys, opening)["notes"] if "is driven as" in each]
+    kept = {name: column for name, column in read_columns(opening).items() if name != "right_voltage_v"}
+    notes = fit(capsys, write(tmp_path / "left.csv", kept))["notes"]
+    (note,) = [each for each in notes if "is driven as" in each]
+    assert note.endswith("no right_voltage_v or right_duty: the right motor is driven as the left one")
 
 
 def test_a_wrong_model_fits_worse_and_is_not_adapted(capsys: pytest.CaptureFixture[str], opening: Path) -> None:

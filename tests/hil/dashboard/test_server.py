@@ -569,7 +569,16 @@ def children_of(pid: int) -> list[int]:
 
 
 def test_a_page_that_ends_before_its_run_is_told_at_once_with_how_to_have_one_again(tmp_path: Path) -> None:
-    bench = ("--bus", "virtual:alone", "--overrun-limit", "3600", "--dashboard", "--listen", "127.0.0.1:0")
+    bench = (
+        "--bus",
+        "virtual:alone",
+        "--overrun-limit",
+        "3600",
+        "--dashboard",
+        "--listen",
+        "127.0.0.1:0",
+        "--read-only",
+    )
     with process(*bench, folder=tmp_path) as run:
         client = Client(address_in(run, is_error=True))
         until(client, is_going)
@@ -579,7 +588,7 @@ def test_a_page_that_ends_before_its_run_is_told_at_once_with_how_to_have_one_ag
         said = next(line for line in run.stderr if "the page" in line)
         assert said == (
             "the page has ended (exit code -9), the run goes on; to have one again: "
-            f"liftgate-hil dashboard --attach {run.pid} --listen 127.0.0.1:0\n"
+            f"liftgate-hil dashboard --attach {run.pid} --listen {client.host} --read-only\n"
         )
         with process(*f"dashboard --attach {run.pid} --listen 127.0.0.1:0".split(), folder=tmp_path) as again:
             assert is_going(until(Client(address_in(again)), is_going))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from liftgate_hil.ecu.find import adapter_for, check_ecu
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, printable
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.plan import plan_of
 from liftgate_hil.running.setup import rig_from
@@ -23,6 +23,14 @@ from liftgate_hil.running.setup import rig_from
         ("src/ecu.cpp", "source code; its shared library is needed: c++ -shared -fPIC -o ecu.so src/ecu.cpp; "),
         ("my_ecu.py", "a Python file; name its module and class: my_ecu:CLASS; allowed: "),
         ("my_ecu.py:Ecu", "a Python file; name its module and class: my_ecu:Ecu; allowed: "),
+        ("my-ecu.py:Ecu", "a Python file, but no module, for its name; rename it with letters, digits and _; "),
+        ("my_ecu.py:Ecu:Other", "a Python file; name its module and class: my_ecu:CLASS; allowed: "),
+        (
+            "../a b/my_ecu.py:Ecu",
+            "a Python file; name its module and class: my_ecu:Ecu, with PYTHONPATH='../a b'; ",
+        ),
+        (".my_ecu:Ecu", "allowed: reference, the path of a shared library, MODULE:CLASS, or bus"),
+        ("a\nb/nowhere.so", "no such file"),
         ("src/my_ecu.py:Ecu", "a Python file; name its module and class: src.my_ecu:Ecu; allowed: "),
         (
             "../my_ecu.py:Ecu",
@@ -46,7 +54,7 @@ def test_a_name_that_names_no_ecu_is_told_with_what_it_may_have_meant(
     with pytest.raises(ConfigError) as failure:
         check_ecu(name)
     (issue,) = failure.value.issues
-    assert issue.startswith(f"`ecu` {name}: {told}")
+    assert issue.startswith(f"`ecu` {printable(name)}: {told}")
     with pytest.raises(ConfigError) as failure:  # before anything runs
         plan_of(Job(scenario="anti_trap", ecu=name))
     assert failure.value.issues == [issue]
@@ -57,7 +65,9 @@ def test_a_class_that_its_module_lacks_is_told_with_those_that_it_has(
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "misspelt_ecu.py").write_text("from pathlib import Path\nclass Door: ...\n")
-    with pytest.raises(ConfigError, match=r"misspelt_ecu has no Dor; allowed: misspelt_ecu:Door$"):
+    with pytest.raises(
+        ConfigError, match=r"misspelt_ecu \(/.*/misspelt_ecu\.py\) has no Dor; allowed: misspelt_ecu:Door$"
+    ):
         adapter_for("misspelt_ecu:Dor", rig_from("liftgate"), 2)
 
 

@@ -209,19 +209,21 @@ for k in range(1, 1000):
         break
 recorder.close()
 print(recorder.failure)
+print(*recorder.files)
 """
     folder = Path(__file__).parent
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(folder.parent), *sys.path])}
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
     )
-    (said,) = {*done.stdout.splitlines()}
+    (said,) = {*done.stdout.splitlines()[:-1]}
     when, texts = said.partition("recording ended at ")[2].split(
         " s: File too large; the data recorded so far is in "
     )
     assert float(when) > 0.1
     left = [each for each in tmp_path.iterdir() if each.name.startswith(f"run{suffix}.")]
     assert {str(each) for each in left} == {*texts.split(" and ")} != set()
+    assert {*done.stdout.splitlines()[-1].split(" ")} == {str(each) for each in left}  # instead of the file itself
     for each in left:
         whole, _, _cut = each.read_bytes().rpartition(b"\n")
         assert whole.count(b"\n") > 100

@@ -77,10 +77,18 @@ def test_what_would_begin_after_the_end_is_told_where_a_condition_starts_it(tmp_
     )
 
 
+def test_what_would_begin_exactly_at_the_end_is_never_made(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text(f'{HEAD}[[fault]]\nkind = "supply_open"\nstart = "time_s >= 1"\ndelay_s = 1\n')
+    (note,) = lh.run(path).notes
+    assert note == "fault supply_open, 1 s after time_s >= 1, is never made: at 2 s, where the run ends at 2 s"
+
+
 def test_a_result_and_its_report_say_when_a_condition_came_true(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
+    # The end's condition counts after the start's: it came true, and no stimulus begins with it.
     faults = "".join(
-        f'[[fault]]\nkind = "supply_open"\nstart = "{start}"\ndelay_s = 0.25\n'
+        f'[[fault]]\nkind = "supply_open"\nstart = "{start}"\ndelay_s = 0.25\nend = "time_s >= 1.5"\n'
         for start in ("time_s >= 1", "gate_angle_deg > 79")
     )
     path.write_text(HEAD + faults)
@@ -88,7 +96,7 @@ def test_a_result_and_its_report_say_when_a_condition_came_true(tmp_path: Path) 
     outcome = suite.run_case(case)
     assert outcome.result is not None
     assert outcome.result.condition_times == {"time_s >= 1": 1.0}
-    told = happenings(case.plan.setup.scenario, outcome.result.condition_times)
+    told = happenings(case.plan.setup.scenario, outcome.result.condition_times, 2.001)
     came = [each.rpartition(" (the condition ")[2] for each in told[-2:]]
-    assert came == ["came true at 1.000 s)", "never came true)"]
+    assert came == ["came true at 1.000 s)", "had not come true when the run ended, at 2.001 s)"]
     assert as_json([outcome], {})["scenarios"][0]["condition_times"] == {"time_s >= 1": 1.0}

@@ -28,8 +28,9 @@ def loop(done):
     name_thread(LOOP)
     os.sched_setaffinity(0, {cpu})
     os.sched_setaffinity(0, allowed)
+    earlier = sorted(loop_thread.cpus_of_earlier_loops())
     prepare_thread(None)
-    found.append(sorted(os.sched_getaffinity(0)))
+    found.append((earlier, sorted(os.sched_getaffinity(0))))
     done.set()
     over.wait()
 
@@ -37,7 +38,7 @@ for _ in range(2):
     done = threading.Event()
     threading.Thread(target=loop, args=(done,)).start()
     done.wait()
-found.append(best_cpu())
+    found.append(best_cpu())
 over.set()
 print(json.dumps(found))
 """
@@ -45,11 +46,12 @@ print(json.dumps(found))
 
 def test_a_loop_keeps_off_the_cpu_of_an_earlier_one() -> None:
     done = subprocess.run([sys.executable, "-c", TWO], capture_output=True, text=True, check=True, timeout=60)
-    allowed, first, second, best = json.loads(done.stdout)
+    allowed, (before_first, first), beside_one, (before_second, second), beside_two = json.loads(done.stdout)
+    assert (before_first, before_second) == ([], first)
     assert len(first) == len(second) == 1
     assert (first == second) == (len(allowed) == 1)
-    others = {*allowed} - {*first, *second}
-    assert best == max(others or allowed)
+    assert beside_one == max({*allowed} - {*first} or allowed)
+    assert beside_two == max({*allowed} - {*first, *second} or allowed)
 
 
 def test_a_process_without_a_loop_has_no_cpu_to_avoid() -> None:
