@@ -109,6 +109,7 @@ def run(args: argparse.Namespace) -> int:
         with naming_the_flag():
             cases = suite.cases_of(files, template)
     remove_earlier(targets)
+    _tell_fit(cases, teller)
     keeps = args.recordings or "all"
     if args.results and keeps != "none":
         cases = _recorded(cases, Path(args.results), args.retry_inconclusive)
@@ -149,6 +150,16 @@ def run(args: argparse.Namespace) -> int:
     if mutation is not None and mutation.verdict != PASS:
         print(f"liftgate-hil: {mutation.reason}", file=sys.stderr)
     return stop.exit_code if stop.received else EXIT_CODES[verdict]
+
+
+def _tell_fit(cases: Sequence[Case], teller: Teller) -> None:
+    """Print the notes on how rigs and vehicles fit, each once, whatever the number of scenarios."""
+    from liftgate_hil.config.rig_fit import notes_on_fit
+
+    plans = [case.plan for case in cases]
+    notes = [notes_on_fit(each.rig, each.setup.vehicle, each.options.rate) for each in plans]
+    for note in dict.fromkeys(itertools.chain.from_iterable(notes)):
+        teller.say(f"note: {note}")
 
 
 def _mutated(

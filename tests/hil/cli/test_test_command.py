@@ -17,6 +17,7 @@ from html_page import Page
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.shipped import find_config
 
 RESTS = '[[expect]]\nname = "rests"\nalways = "gate_angle_deg < $most"\n'
 MOVES = '[[expect]]\nname = "moves & <more>"\neventually = "gate_angle_deg > 1"\n'
@@ -49,6 +50,16 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def scenario(name: str, *expectations: str) -> str:
     Path(name).write_text(HEAD + "".join(expectations))
     return name
+
+
+def test_how_rig_and_vehicle_fit_is_noted_once(capsys: pytest.CaptureFixture[str]) -> None:
+    shipped = find_config("rigs", "liftgate", "rig").read_text()
+    Path("left.toml").write_text(shipped.replace('right_duty = "DriveCommand.RightDuty"\n', ""))
+    scenarios = [scenario(f"{name}.toml", RESTS) for name in "ab"]
+    assert main(["test", *scenarios, "--rig", "left.toml"]) == 0
+    said = [line for line in capsys.readouterr().err.splitlines() if "the right motor coasts" in line]
+    assert len(said) == 1
+    assert said[0].startswith("note: left.toml: inputs.right_duty is missing: ")
 
 
 @pytest.mark.parametrize(
