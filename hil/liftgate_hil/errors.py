@@ -20,6 +20,7 @@ escaped, so that they cannot control a terminal.
 from __future__ import annotations
 
 import os
+import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, TypeVar
@@ -139,16 +140,16 @@ class PlantDivergedError(LiftgateError):
 
 
 def text_of(error: BaseException) -> str:
-    """Return the text of an error of foreign code, whose `__str__` may fail too."""
+    """Return the text of an error of foreign code on one line; its `__str__` may fail too."""
     try:
-        return str(error)
+        return " ".join(str(error).split())
     except Exception as other:
         return f"(its str raised {type(other).__name__})"
 
 
 def words_of(error: BaseException) -> str:
     """Return the text of an error on one line, or its type: drivers' texts have line breaks, or are empty."""
-    return " ".join(text_of(error).split()) or type(error).__name__
+    return text_of(error) or type(error).__name__
 
 
 def shown(value: object) -> str:
@@ -238,6 +239,18 @@ def is_of_this_program(path: Path) -> bool:
 
     own = {Path(__file__).resolve().parent, *(Path(each).resolve() for each in liftgate_plant.__path__)}
     return not own.isdisjoint(path.resolve().parents)
+
+
+def place_of(error: BaseException) -> str:
+    """Return where in a user's code an error was raised, as text; "": nowhere in it.
+
+    Calls of libraries and of this program are passed over.
+    """
+    for call in reversed(traceback.extract_tb(error.__traceback__)):
+        path = Path(call.filename)
+        if not (call.filename.startswith("<") or is_of_a_library(path) or is_of_this_program(path)):
+            return f" ({path.name}, line {call.lineno})"
+    return ""
 
 
 def is_of_a_library(path: Path) -> bool:

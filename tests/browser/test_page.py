@@ -83,6 +83,8 @@ def test_surroundings_and_driver_are_commanded_in_words(page: Any, address: str)
     number.clear()
     number.send_keys("8", Keys.ENTER)
     until(page, lambda _: client.ask("/api/state")[1]["in_force"]["set"] == {"road_slope_deg": 8})
+    number.send_keys(Keys.CONTROL + "a" + Keys.NULL, "1,5", Keys.ENTER)  # a decimal comma
+    until(page, lambda _: client.ask("/api/state")[1]["in_force"]["set"] == {"road_slope_deg": 1.5})
     slider = found(page, "#set input[aria-label='Supply voltage, slider']")
     slider.send_keys(Keys.HOME)
     until(page, lambda _: client.ask("/api/state")[1]["in_force"]["set"].get("supply_voltage_v") == 6.0)
@@ -92,6 +94,16 @@ def test_surroundings_and_driver_are_commanded_in_words(page: Any, address: str)
     until(page, lambda _: client.ask("/api/state")[1]["truth"]["handle_pulled"] == 1.0)
     press(page, "stop")
     clear_all(page)
+    assert errors_in(page) == []
+
+
+def test_the_form_of_the_obstacle_shows_the_one_in_force(page: Any, address: str) -> None:
+    client = Client(address)
+    field = "#obstacle input[type=number][aria-label='Angle']"
+    assert client.command(obstacle={"angle_deg": 41.5})[0] == 200  # by another tab
+    until(page, lambda _: found(page, field).get_property("value") == "41.5")
+    clear_all(page)
+    assert text_of(page, "#gauge-limit-text") == "limit 100 N"
     assert errors_in(page) == []
 
 

@@ -132,6 +132,11 @@ def test_a_recording_shows_its_pinch_and_is_played(browser: Any, tmp_path: Path)
         until(browser, lambda _: text_of(browser, "#play") == "Play")
         assert float(text_of(browser, "#time")) == pytest.approx(42.0, abs=0.01)
         assert errors_in(browser) == []
+        child.kill()
+        child.wait()
+        browser.execute_script("seek(about.begin_s)")
+        until(browser, lambda _: text_of(browser, "#phase") == "no connection")
+        assert all("CONNECTION_REFUSED" in each for each in errors_in(browser))
 
 
 def test_a_bus_log_shows_what_it_holds_and_says_what_it_lacks(browser: Any, tmp_path: Path) -> None:

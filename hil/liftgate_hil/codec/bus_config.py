@@ -258,7 +258,7 @@ def _check_overlap(
     for wire in mappings:
         if wire.signal in taken:
             issues.add(
-                wire.quantity,
+                f"{'outputs' if sending else 'inputs'}.{wire.quantity}",
                 f"{name}.{wire.signal} carries {taken[wire.signal]} too; allowed: one use per signal",
             )
         if sending:

@@ -73,7 +73,7 @@ def parsed(text: str, parameters: Mapping[str, float], messages: Mapping[str, Me
     except _NoSuchSignalError as error:
         near = near_signals(messages or {}, str(error))
         raise ValueError(
-            f"{error}: no such signal in the rig's database; allowed: "
+            f"{error}: no such signal in the database of the run's rig; allowed: "
             f"{', '.join(near) + ', …' if near else 'Message.Signal of it'}"
         ) from None
     except _NoSuchColumnError as error:

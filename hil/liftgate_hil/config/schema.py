@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Self, TypeVar, get_type_hints
 
@@ -16,6 +17,7 @@ from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.moments import START, Instant
 
 LATEST = 1e6  # s
+_TIME = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(?:s|ms|sec|min)?\s*")  # a time in quotes, which is no condition
 
 
 class When:
@@ -25,6 +27,11 @@ class When:
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Instant:
         """Return the instant; an issue if it is neither a time nor a condition."""
+        if isinstance(value, str) and (number_only := _TIME.fullmatch(value)):
+            issues.add(
+                key, f"{show(value)}; allowed: a number of seconds without quotes, such as {number_only[1]}"
+            )
+            return self.invalid
         if isinstance(value, str) and value.strip():
             return Instant(math.nan, value, key=key, source=issues.source)
         if isinstance(value, bool) or not isinstance(value, int | float):

@@ -15,7 +15,7 @@ from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.calibration import CALIBRATED, coded
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
-from liftgate_hil.errors import ConfigError, EcuError, text_of
+from liftgate_hil.errors import ConfigError, EcuError, place_of, text_of
 from liftgate_plant.coding import UNCODED, Coding
 
 if TYPE_CHECKING:
@@ -126,8 +126,8 @@ def _instance_of(name: str) -> Any:
         raise EcuError(f"`ecu` {name}: no response to the request to stop") from None
     except (Exception, SystemExit) as error:  # a user's module may raise anything
         raise ConfigError(
-            f"`ecu` {name}: {type(error).__name__}: {text_of(error)}; allowed: MODULE:CLASS that can be imported "
-            "and called without arguments"
+            f"`ecu` {name}: {type(error).__name__}: {text_of(error)}{place_of(error)}; allowed: MODULE:CLASS that "
+            "can be imported and called without arguments"
         ) from error
     own = [key for key, each in vars(loaded).items() if isinstance(each, type) and each.__module__ == module]
     raise ConfigError(

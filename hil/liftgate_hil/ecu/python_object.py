@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +11,7 @@ from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.ecu.node import PORT
-from liftgate_hil.errors import ConfigError, EcuError, is_of_a_library, is_of_this_program, shown, text_of
+from liftgate_hil.errors import ConfigError, EcuError, place_of, shown, text_of
 from liftgate_hil.stimuli.requests import ACTIONS
 from liftgate_plant.compiler import INT_OF_LONG_INT, INT_OF_STEP
 
@@ -44,7 +42,8 @@ class PythonEcu(Adapter):
         self._reason = ""
         self._message_of = message_of_fields
         if isinstance(ecu, type) or not callable(_attribute(ecu, "step")):
-            raise ConfigError(f"`ecu` {shown(ecu)}: allowed: an object with step(now_s, frames) -> frames")
+            what = f"a class; its object is needed, {ecu.__name__}()" if isinstance(ecu, type) else "no step()"
+            raise ConfigError(f"`ecu` {shown(ecu)}: {what}; allowed: an object with step(now_s, frames) -> frames")
         self._request: Callable[[str], object] | None = _attribute(ecu, "request")
         period = _attribute(ecu, "period_s")
         seconds = rig.command_cycle_ms() * 1e-3 if period is None else period
@@ -78,7 +77,7 @@ class PythonEcu(Adapter):
             raise
         except Exception as error:  # a user's object may raise anything
             raise EcuError(
-                f"the ECU's reset: {type(error).__name__}: {text_of(error)}{_place_of(error)}"
+                f"the ECU's reset: {type(error).__name__}: {text_of(error)}{place_of(error)}"
             ) from error
         self._request = _attribute(self._ecu, "request")
         head = self.state.port.head[0]
@@ -94,9 +93,12 @@ class PythonEcu(Adapter):
         if isinstance(self._error, KeyboardInterrupt):
             raise self._error
         if isinstance(self._error, NoAnswerError):
-            return f"no response to the request to stop{_place_of(self._error)}"
+            return f"no response to the request to stop{place_of(self._error)}"
         if self._error is not None:
-            return f"{type(self._error).__name__}: {text_of(self._error)}{_place_of(self._error)}"
+            place = place_of(self._error)
+            is_call = isinstance(self._error, TypeError) and not place  # which the ECU's methods do not take
+            allowed = "; allowed: step(now_s, frames) and request(action)" if is_call else ""
+            return f"{type(self._error).__name__}: {text_of(self._error)}{place}{allowed}"
         return super().failure()
 
     def close(self) -> None:
@@ -159,15 +161,5 @@ def _attribute(ecu: Any, name: str) -> Any:
         with FOREIGN:
             return getattr(ecu, name, None)
     except Exception as error:  # a property may raise anything
-        text = f"{type(error).__name__}: {text_of(error)}{_place_of(error)}"
+        text = f"{type(error).__name__}: {text_of(error)}{place_of(error)}"
         raise ConfigError(f"`ecu` {shown(ecu)}: {name}: {text}; allowed: attributes that can be read") from error
-
-
-def _place_of(error: BaseException) -> str:
-    """Return where in the ECU's code an error was raised, as text; libraries and this program are passed over."""
-    calls = traceback.extract_tb(error.__traceback__)[1:]  # the first call is in this package
-    paths = {each.filename: Path(each.filename) for each in calls}
-    foreign = {name for name, path in paths.items() if is_of_a_library(path) or is_of_this_program(path)}
-    own = [each for each in calls if each.filename not in foreign]
-    place = own[-1] if own else calls[-1] if calls else None
-    return "" if place is None else f" ({Path(place.filename).name}, line {place.lineno})"

@@ -43,6 +43,8 @@ class FurtherRecording:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._process: RecorderProcess | None = None  # while it records
+        self._early: list[tuple[float, str]] = []  # marks that it gets as soon as it records
+        self._lock = threading.Lock()  # of both
         self._path, self._phase = Path(), ""
         self.files: list[str] = []  # that are complete
 
@@ -62,7 +64,7 @@ class FurtherRecording:
                 f"record {show(name)[:80]}: {self._path.name} is open; allowed: after it was stopped"
             )
         path = self._path_of(name)
-        self._path, self._phase, self._stop = path, STARTING, threading.Event()
+        self._path, self._phase, self._stop, self._early = path, STARTING, threading.Event(), []
         self._thread = threading.Thread(
             target=self._record, args=(self._stop,), name="further recording", daemon=True
         )
@@ -78,7 +80,8 @@ class FurtherRecording:
         """Write a mark to all recordings that can hold it. Raises ConfigError where there is none."""
         if not isinstance(text, str) or not 0 < len(text) <= _LONGEST or not text.isprintable():
             raise ConfigError(f"mark {show(text)[:80]}; allowed: 1 to {_LONGEST} printable characters")
-        holds = self._process is not None and self._path.suffix in WITH_MARKS
+        is_open = self.is_on and self._phase in (STARTING, RECORDING)
+        holds = is_open and self._path.suffix in WITH_MARKS
         if not holds and not self._own_holds_marks:
             raise ConfigError(f"mark: no recording is open that holds marks; allowed: in {', '.join(WITH_MARKS)}")
         if not self.note(time_s, text):
@@ -90,8 +93,12 @@ class FurtherRecording:
         Of a longer text than a mark may have the end is left out.
         """
         text = text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
-        process = self._process
-        taken = [process.mark(time_s, text)] if process is not None and self._path.suffix in WITH_MARKS else []
+        taken = []
+        with self._lock:
+            if self._process is not None and self._path.suffix in WITH_MARKS:
+                taken.append(self._process.mark(time_s, text))
+            elif self.is_on and self._phase == STARTING:
+                self._early.append((time_s, text))
         taken += [self._own_mark(time_s, text)] if self._own_holds_marks else []
         return all(taken)
 
@@ -130,11 +137,19 @@ class FurtherRecording:
             content = whole_content_of(self._plan, self._channel, self._interface)
             process = RecorderProcess([path], content, None, self._memory, failed, None, True, stop.set)
             process.wait_until_ready()
-            self._process, self._phase = process, RECORDING
+            with self._lock:
+                self._process, self._phase = process, RECORDING
+                if path.suffix in WITH_MARKS:
+                    for time_s, text in self._early:
+                        process.mark(time_s, text)
+            if not stop.is_set():
+                now_s = int(self._memory.shared.control["tick"][0]) / self._plan.options.rate
+                self._say(f"record {path.name}: recording from {now_s:.3f} s on")
             stop.wait()
         except (ConfigError, OSError) as error:
             self._say(f"record {path.name}: {error}")
-        self._process, self._phase = None, COMPLETING
+        with self._lock:
+            self._process, self._phase = None, COMPLETING
         if process is None:
             return
         try:

@@ -7,18 +7,23 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from liftgate_hil.ecu.needs import SIDES
 from liftgate_hil.ecu.node import PORT
+from liftgate_hil.judging.verdict import PASS
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
 from liftgate_hil.stimuli.requests import BUTTONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.scenario import Scenario
     from liftgate_hil.ecu.adapter import Adapter
+    from liftgate_hil.running.result import Result
     from liftgate_hil.running.setup import Setup
 
 _ITSELF = re.compile(r"(?<![\w.])(\w+)\s*[!=]=\s*\1(?![\w.])")
+_STILL_DEG = 0.5  # less is a gate that presses against its latch or seal
 _NEAR_DEG = 2.0  # from the end of its travel, where a motion counts as complete: a gate sags below its open stop
 
 
@@ -38,6 +43,37 @@ def notes_on(setup: Setup, adapter: Adapter, first_row: NDArray[Any] | None) -> 
                 "begins there"
             )
     return found
+
+
+def too_rare(rig: Rig, adapter: Adapter) -> list[str]:
+    """Return a note on an ECU in this process that is called so rarely that its commands time out, in a list."""
+    period_s = adapter.node.port.period_ns * 1e-9 if adapter.kind == PORT else 0.0
+    name = rig.command_message()
+    timeout_s = 1e-3 * rig.timeout_ms(name)
+    if not 0.0 < timeout_s < period_s:
+        return []
+    times = f"every {period_s:g} s (its period_s), and {name} times out after {timeout_s:g} s"
+    return [f"the ECU is called {times}: is the period in ms, where s are meant?"]
+
+
+def without_motion(scenario: Scenario, result: Result) -> list[str]:
+    """Return a note on what commanded a gate that did not move as it was asked to, in a list."""
+    angles = result.minima["gate_angle_deg"], result.maxima["gate_angle_deg"]
+    is_asked = any(each.action in ("open", "close") for each in scenario.requests)
+    if result.verdict == PASS or not is_asked or not result.summary.received.accepted:
+        return []
+    if not angles[1] - angles[0] < _STILL_DEG:  # true for NaN, too
+        return []
+    sides = [side for side in SIDES if math.isfinite(result.maxima[f"{side}_duty"])]
+    duties = [_span(side, result.minima[f"{side}_duty"], result.maxima[f"{side}_duty"]) for side in sides]
+    latch = ", and the latch stayed engaged" if result.minima["latched"] == 1.0 else ""
+    text = f"the gate moved by less than {_STILL_DEG:g}°: the commands were {', '.join(duties)}{latch}"
+    return [f"{text}; positive opens"]
+
+
+def _span(side: str, low: float, high: float) -> str:
+    values = f"{100.0 * low:.3g}" if low == high else f"{100.0 * low:.3g} to {100.0 * high:.3g}"
+    return f"{side} duty {values} %"
 
 
 def without_effect(actions: Iterable[str], adapter: Adapter) -> list[str]:

@@ -26,7 +26,7 @@ from liftgate_hil.running.compilation import reporting_compilation
 from liftgate_hil.running.driver import Driver
 from liftgate_hil.running.episode_driver import EpisodeDriver
 from liftgate_hil.running.execution import Execution
-from liftgate_hil.running.notes import notes_on
+from liftgate_hil.running.notes import notes_on, too_rare, without_motion
 from liftgate_hil.running.result import Result, nothing_of, result_of, silence_of, tolerance_of
 from liftgate_hil.running.signs_of_life import foreign_code
 from liftgate_hil.running.stepping import StepsAgain, relevant_frames
@@ -167,7 +167,9 @@ class _Run:
         """Return the result with notes on the run before those of its judge."""
         execution = self._execution
         first = next(each.first for each in execution.sinks if isinstance(each, Extremes))
-        notes = notes_on(self._plan.setup, execution.adapter, first)
+        setup, adapter = self._plan.setup, execution.adapter
+        notes = [*notes_on(setup, adapter, first), *too_rare(self._plan.rig, adapter)]
+        notes += without_motion(setup.scenario, result)
         return replace(result, notes=(*notes, *result.notes)) if notes else result
 
     def _driver_of(self, stack: contextlib.ExitStack) -> Driver:

@@ -19,7 +19,7 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.errors import EcuError, LiftgateError, is_of_a_library, is_of_this_program, text_of
+from liftgate_hil.errors import EcuError, LiftgateError, is_of_a_library, is_of_this_program, place_of, text_of
 from liftgate_hil.running.processes.answers import PLACE, send_answer
 from liftgate_hil.running.processes.supervisor import dies_with_parent, supervise
 
@@ -104,18 +104,13 @@ def _result_of(pickled: bytes, memory: Memory) -> object:
             traceback.print_exception(error)
             who = "the run's process"
         ticks = int(control.tick[0])
-        return EcuError(f"{who} at {ticks / rate:.3f} s: {text}{_place_of(error)}", ticks)
+        return EcuError(f"{who} at {ticks / rate:.3f} s: {text}{place_of(error)}", ticks)
 
 
 def _is_ours(error: BaseException) -> bool:
     """Whether an error was raised by this program's own code, not by an ECU's."""
     calls = traceback.extract_tb(error.__traceback__)
     return bool(calls) and is_of_this_program(Path(calls[-1].filename))
-
-
-def _place_of(error: BaseException) -> str:
-    calls = traceback.extract_tb(error.__traceback__)
-    return f" ({Path(calls[-1].filename).name}, line {calls[-1].lineno})" if calls else ""
 
 
 if __name__ == "__main__":

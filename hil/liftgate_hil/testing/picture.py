@@ -141,12 +141,7 @@ def _margin_on(
     side = decider.left if decider.left.constant is None else decider.right
     if side.text != panel.title or not math.isfinite(verdict.margin):
         return None
-    # The smallest margin of a stretch is somewhere in it.
-    first, last = (
-        int(np.searchsorted(view.times, time + 1e-7, side="right")) - 1
-        for time in (verdict.margin_time_s - expectation.hold, verdict.margin_time_s)
-    )
-    bins = slice(max(first, 0), max(last, 0) + 1)
+    bins = _bins_of_margin(view, expectation, verdict.margin_time_s)
     label = f"margin {margin_text(verdict)}"
     stretch = None
     if expectation.hold:
@@ -154,15 +149,43 @@ def _margin_on(
     line = panel.lines[labels.index(side.text)]
     limit = decider.limit
     if limit is not None:
-        reach = abs(verdict.margin)
-        found = [(_distance(line, bins, value), value) for value in (limit[2] - reach, limit[2] + reach)]
-        (_, place), value = min(found)
+        value = _value_at_margin(expectation, verdict, trace_summary, view, side)
+        _, place = _distance(line, bins, value)
         return Margin(_time_of(view, bins, place, verdict), limit[2], value, label, stretch)
     other = decider.right.text
     if other not in labels:
         return None
     ends = [_middle(panel.lines[labels.index(each)], bins) for each in (other, side.text)]
     return Margin(verdict.margin_time_s, ends[0], ends[1], label, stretch)
+
+
+def _bins_of_margin(view: View, expectation: Expectation, time_s: float) -> slice:
+    """Return the bins of a margin at a time [s]: the smallest one of a stretch is somewhere in it."""
+    first, last = (
+        int(np.searchsorted(view.times, time + 1e-7, side="right")) - 1
+        for time in (time_s - expectation.hold, time_s)
+    )
+    return slice(max(first, 0), max(last, 0) + 1)
+
+
+def _value_at_margin(
+    expectation: Expectation, verdict: Verdict, trace_summary: TraceSummary, view: View, side: Side
+) -> float:
+    """Return the signal's value at the margin: the limit less, or plus the margin, whichever the signal has.
+
+    A bin of the whole window may hold both, so that the view around the margin decides.
+    """
+    decider = next(each for each in trace_summary.condition if each.text == verdict.decided_by)
+    assert decider.limit is not None
+    assert verdict.margin is not None
+    assert verdict.margin_time_s is not None
+    limit, reach = decider.limit[2], abs(verdict.margin)
+    views = [each for each in (trace_summary.near, view) if each is not None]
+    pairs = ((each, curve) for each in views for curve in each.curves if curve.side.text == side.text)
+    finest, curve = next(pairs)
+    bins = _bins_of_margin(finest, expectation, verdict.margin_time_s)
+    line = Line(side.text, curve.low, curve.high)
+    return min((_distance(line, bins, value)[0], value) for value in (limit - reach, limit + reach))[1]
 
 
 def _distance(line: Line, bins: slice, value: float) -> tuple[float, int]:

@@ -203,7 +203,7 @@ def test_a_period_that_is_none_is_a_mistake_of_the_caller(period: Any) -> None:
 
 
 def test_an_error_in_a_library_is_told_with_the_line_of_the_ecu_that_called_it(tmp_path: Path) -> None:
-    from liftgate_hil.ecu.python_object import _place_of
+    from liftgate_hil.errors import place_of
 
     library = tmp_path / "site-packages" / "theirs.py"
     library.parent.mkdir()
@@ -213,4 +213,4 @@ def test_an_error_in_a_library_is_told_with_the_line_of_the_ecu_that_called_it(t
     exec(compile("\ndef step():\n    fail()\n", str(tmp_path / "mine.py"), "exec"), names)
     with pytest.raises(ValueError) as caught:
         names["step"]()
-    assert _place_of(caught.value) == " (mine.py, line 3)"
+    assert place_of(caught.value) == " (mine.py, line 3)"

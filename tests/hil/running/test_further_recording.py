@@ -85,6 +85,7 @@ def test_it_holds_what_came_between_start_and_stop_and_the_marks(
     put(memory, 0, 10)
     recording.start("part.mf4")
     assert recording.in_force() == {"file": "part.mf4", "phase": STARTING}
+    recording.mark(0.0045, "early")  # before it records: kept until then
     until(recording, RECORDING)
     put(memory, 10, 5)
     recording.mark(0.0125, "here")
@@ -93,9 +94,10 @@ def test_it_holds_what_came_between_start_and_stop_and_the_marks(
     assert recording.files == [str(tmp_path / "part.mf4")]
     assert table_in(tmp_path / "part.mf4")["time_s"] == pytest.approx(rows_from(10, 5)[:, 0])
     with MDF(tmp_path / "part.mf4") as measured:
-        assert [(each.name, each.value) for each in measured.events] == [("here", pytest.approx(0.0125))]
+        marks = [(each.name, each.value) for each in measured.events]
+        assert marks == [("early", pytest.approx(0.0045)), ("here", pytest.approx(0.0125))]
         assert b'"seed"' in measured.extract_attachment(0)[0]  # the provenance
-    assert bench.said == [f"recorded: {tmp_path / 'part.mf4'}"]
+    assert bench.said == ["record part.mf4: recording from 0.000 s on", f"recorded: {tmp_path / 'part.mf4'}"]
     recording.start("next.csv")
     until(recording, RECORDING)
     put(memory, 15, 2)

@@ -47,6 +47,16 @@ async function post(where, content, signal = undefined) {
   }
 }
 
+// Asks for something that the server knows; null: it is gone.
+async function ask(where) {
+  try {
+    return await (await fetch(path(where))).json();
+  } catch {
+    if (!isGone) gone();
+    return null;
+  }
+}
+
 async function command(content) {
   const reply = await post("/api/command", content, AbortSignal.timeout(REPLY_MS));
   if (reply) answer(reply.waits || `${text(reply.time_s, 3)} s: ${reply.done}`, false);
@@ -77,7 +87,7 @@ function connect() {
   };
   wire.onclose = () => {
     wire = null;
-    if (about.kind !== "recording") gone();
+    gone();
   };
 }
 
@@ -97,6 +107,7 @@ function gone() {
   isGone = true;
   find("commands").disabled = true;
   if (!hasEnded) showPhase("lost");
+  find("play").textContent = "Play";
   const frame = element("iframe", { hidden: true, title: "connection" });
   frame.onload = () => {
     let content = "";
@@ -106,7 +117,7 @@ function gone() {
       /* nobody answers yet */
     }
     frame.remove();
-    if (content.includes('"number"')) {
+    if (content.includes('"kind"')) {
       location.reload();
       return;
     }

@@ -296,6 +296,7 @@ class Controls {
     const shown = JSON.stringify(force);
     if (shown === this.shown) return;
     this.shown = shown;
+    this.showRod(force.obstacle || {});
     const label = (each) => this.can.fault[each.kind]?.label || each.kind;
     const inWords = ({ kind, where, ...rest }) =>
       [label({ kind }), where, ...Object.entries(rest).map(([name, value]) => `${name} ${text(value)}`)]
@@ -321,6 +322,16 @@ class Controls {
         { clear: { signal: name } },
       ]),
     );
+  }
+
+  // The obstacle's form shows the one in force, whoever put it, unless a field of it is being changed.
+  showRod(obstacle) {
+    for (const [name, value] of Object.entries(obstacle)) {
+      const { number, slider } = this.rod[name] || {};
+      if (!number || [number, slider].includes(document.activeElement)) continue;
+      number.value = slider.value = value;
+    }
+    if (obstacle.meets && document.activeElement !== this.meets) this.meets.value = obstacle.meets;
   }
 
   chips(id, each) {

@@ -18,7 +18,7 @@ const FORCES = {
   pinch: "pinch",
 };
 const LINE = 22,
-  COLUMN = 155,
+  COLUMN = matchMedia("(max-width: 900px)").matches ? 250 : 155, // where page.css has larger letters
   ROWS = 4; // of the legend: between two lines and two columns of text; lines above the car's roof
 const ROD_M = 0.045; // radius of the obstacle as it is drawn
 
@@ -521,6 +521,8 @@ class Drawing {
       "d",
       this.handAt ? `M${grip[0]} ${grip[1]}L${this.at(this.handAt).join(" ")}` : "",
     );
+    const isOffered = Boolean(obstacle) || !find("commands").disabled;
+    for (const each of [this.rod, this.rodText]) each.style.display = isOffered ? "" : "none";
     this.rodInForce = obstacle;
     this.rod.classList.toggle("parked", !obstacle);
     if (obstacle && !this.rod.classList.contains("held") && document.activeElement !== this.rod) {

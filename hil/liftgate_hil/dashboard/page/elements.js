@@ -24,6 +24,13 @@ function element(name, attributes = {}, ...children) {
   return made;
 }
 
+// A decimal comma is a decimal point: number fields drop it, and 1,5 would become 15.
+addEventListener("beforeinput", (event) => {
+  if (event.target.type !== "number" || event.inputType !== "insertText" || event.data !== ",") return;
+  event.preventDefault();
+  document.execCommand("insertText", false, ".");
+});
+
 function rows(table, made) {
   const body = table.tBodies[0];
   while (body.rows.length > made.length) body.deleteRow(-1);

@@ -28,10 +28,10 @@ function isStalled() {
   return performance.now() > moved.at + 1000;
 }
 
-// Whether the ECU of a run sends no commands now.
+// Whether the ECU of a run sends no commands now, or sent none when it ended.
 function isSilent(state) {
   const age = (state.bus || {}).command_age_s;
-  return ["running", "late"].includes(state.phase) && (age === null || age > 0.5);
+  return ["running", "late", "ended"].includes(state.phase) && (age === null || age > 0.5);
 }
 
 const numberOf = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s"}`;
@@ -160,7 +160,13 @@ function showMessages(messages, now) {
   });
 }
 
+// Lines of the log that an operator must not miss: a recording or the link is gone.
+const ALARM = /: recording ended | is lost$/;
+const openedAt = Date.now() / 1000;
+
 function showLog(lines) {
+  const alarms = lines.filter(([, when, line]) => when > openedAt && ALARM.test(line));
+  if (alarms.length) answer(alarms.at(-1)[2], true);
   for (const [id, own, shorten] of [
     ["log", lines, (line) => line],
     ["events", lines.filter(([, , line]) => line.startsWith("ecu ")), (line) => line.slice(4)],

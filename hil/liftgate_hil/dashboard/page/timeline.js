@@ -23,7 +23,8 @@ async function load(low = -Infinity, high = Infinity) {
     `points=${POINTS}`,
     ...(Number.isFinite(low) ? [`from=${low}`, `to=${high}`] : []),
   ];
-  charts.take(await (await fetch(path(`/api/plot?${asked.join("&")}`))).json());
+  const found = await ask(`/api/plot?${asked.join("&")}`);
+  if (found) charts.take(found);
 }
 
 let loading = null;
@@ -80,7 +81,8 @@ async function seek(time) {
     return;
   }
   point(time);
-  show(await (await fetch(path(`/api/state?time=${time}`))).json());
+  const state = await ask(`/api/state?time=${time}`);
+  if (state) show(state);
 }
 
 function stop() {
@@ -107,6 +109,10 @@ function makeReplay() {
   play.onclick = () => {
     if (wire) {
       stop();
+      return;
+    }
+    if (isGone) {
+      answer("no connection to the server", true);
       return;
     }
     const begin = +bar.value >= about.end_s - 1e-9 ? about.begin_s : +bar.value;
