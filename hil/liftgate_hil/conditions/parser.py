@@ -43,6 +43,7 @@ _KEPT = 4096  # parsed conditions that are cached
 _BUS_SIGNAL = re.compile(r"[^\W\d]\w*\.[^\W\d]\w*")
 _PARAMETER = re.compile(r"\$(\w+)")
 _COMPARISONS = {"<": LT, "<=": LE, ">": GT, ">=": GE, "==": EQ, "!=": NE}
+_OF_OTHERS = {"=": "==", "&": "and", "|": "or", "!": "not"}  # signs of other languages, and ours
 _SUMS, _PRODUCTS = {"+": ADD, "-": SUB}, {"*": MUL, "/": DIV}
 _TOKEN = re.compile(
     r"""\s*(?:
@@ -73,7 +74,7 @@ def parsed(text: str, parameters: Mapping[str, float], messages: Mapping[str, Me
     except _NoSuchSignalError as error:
         near = near_signals(messages or {}, str(error))
         raise ValueError(
-            f"{error}: no such signal in the database of the run's rig; allowed: "
+            f"{error}: no such signal in the rig's database; allowed: "
             f"{', '.join(near) + ', …' if near else 'Message.Signal of it'}"
         ) from None
     except _NoSuchColumnError as error:
@@ -142,6 +143,9 @@ class _Parser:
             found = _TOKEN.match(text, place)
             if found is None or found.lastgroup is None:
                 place += len(text[place:]) - len(text[place:].lstrip())
+                ours = next((each for sign, each in _OF_OTHERS.items() if text.startswith(sign, place)), "")
+                if ours:
+                    raise ValueError(f"{text[place]!r} at character {place + 1}; allowed: {ours}")
                 raise ValueError(
                     f"{text[place]!r} at character {place + 1}; allowed: columns, Message.Signal, numbers, $name, "
                     "< <= > >= == != + - * / abs() and or not ( )"

@@ -311,10 +311,14 @@ def _check_duty(issues: ConfigIssues, rig: Rig, wire: SignalMapping, mapped: set
     direction = wire.quantity.replace("_duty", "_direction")
     low, high = wire.quantity_range(rig.messages[wire.message].get_signal_by_name(wire.signal))
     if direction not in mapped and not low < 0.0 < high:
+        taken = {other.signal for other in rig.inputs if other.message == wire.message}
+        signals = rig.messages[wire.message].signals
+        named = [f"{wire.message}.{each.name}" for each in signals if each.choices and each.name not in taken]
+        hint = f" (with labels: {', '.join(named)})" if named else ""
         issues.add(
             f"inputs.{direction}",
             f"missing, and {wire.message}.{wire.signal} is {low:g} to {high:g} %, so the motor turns one way "
-            f"only; allowed: a signal with the direction, or a {wire.quantity} that is signed",
+            f"only; allowed: a signal with the direction{hint}, or a {wire.quantity} that is signed",
         )
 
 

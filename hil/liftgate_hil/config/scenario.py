@@ -288,9 +288,14 @@ def _parameters(
     """
     known: dict[str, float] = {}
     origins: dict[str, str] = {}
+    top_keys = {key.name for key in keys_of(ScenarioTable)}
     for part in parts:
         given = table(part.issues, "parameters", part.raw.get("parameters", {}))
         for name, value in given.items():
+            if isinstance(value, str | list | dict) and name in top_keys:
+                issue = f"{show(value)} is not a number; allowed: a number, or {name} above the first [table]"
+                part.issues.add(f"parameters.{name}", issue)
+                continue
             known[name] = number(part.issues, f"parameters.{name}", value, -1e15, 1e15)
             origins[name] = f"{part.path}: parameters.{name}"
     issues = parts[-1].issues

@@ -17,7 +17,8 @@ from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.moments import START, Instant
 
 LATEST = 1e6  # s
-_TIME = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(?:s|ms|sec|min)?\s*")  # a time in quotes, which is no condition
+_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0}
+_TIME = re.compile(rf"\s*(\d+(?:\.\d+)?)\s*({'|'.join(_UNITS)})?\s*")  # a time in quotes, which is no condition
 
 
 class When:
@@ -27,10 +28,9 @@ class When:
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Instant:
         """Return the instant; an issue if it is neither a time nor a condition."""
-        if isinstance(value, str) and (number_only := _TIME.fullmatch(value)):
-            issues.add(
-                key, f"{show(value)}; allowed: a number of seconds without quotes, such as {number_only[1]}"
-            )
+        if isinstance(value, str) and (time := _TIME.fullmatch(value)):
+            seconds = float(time[1]) * _UNITS[time[2] or "s"]
+            issues.add(key, f"{show(value)}; allowed: a number of seconds without quotes, such as {seconds:g}")
             return self.invalid
         if isinstance(value, str) and value.strip():
             return Instant(math.nan, value, key=key, source=issues.source)

@@ -17,7 +17,14 @@ Table = dict[str, Any]
 # Beyond these a file is no configuration; the time of Python's parser grows with the square of a key's length.
 MOST_BYTES = 2_000_000
 DEEPEST = 16  # nested tables and lists, and parts of a key
-_DATABASES = (".dbc", ".arxml", ".kcd", ".sym")
+_NO_TOML = (  # what a file is by its suffix, and where that is taken
+    ("a CAN database", (".dbc", ".arxml", ".kcd", ".sym"), "a rig file names the database"),
+    (
+        "a recording",
+        (".csv", ".parquet", ".mf4", ".mcap", ".log", ".blf", ".asc", ".trc"),
+        "judge, plot, convert and replay take recordings",
+    ),
+)
 _MOST_KEYS = 20  # unknown keys that are reported one by one
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _LONG_KEY = re.compile(  # where a key may begin
@@ -36,8 +43,10 @@ def read_text(path: Path) -> str:
 
 def read_toml(path: Path) -> Table:
     """Return the content of a file. Raises ConfigError if it cannot be read or is not TOML."""
-    if path.suffix.lower() in _DATABASES:
-        raise ConfigError(f"{path}: a CAN database; allowed: a TOML file; a rig file names the database")
+    suffix = path.suffix.lower()
+    for what, suffixes, hint in _NO_TOML:
+        if suffix in suffixes:
+            raise ConfigError(f"{path}: {what}; allowed: a TOML file; {hint}")
     written = read_text(path)
     too_deep = f"{path}: keys or tables deeper than {DEEPEST}; allowed: up to {DEEPEST}"
     if _LONG_KEY.search(written):

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from liftgate_hil.running.setup import Setup
 
 _ITSELF = re.compile(r"(?<![\w.])(\w+)\s*[!=]=\s*\1(?![\w.])")
+_LEAST_MS = 1.0  # s, a period of 1 ms that is taken for s
 _STILL_DEG = 0.5  # less is a gate that presses against its latch or seal
 _NEAR_DEG = 2.0  # from the end of its travel, where a motion counts as complete: a gate sags below its open stop
 
@@ -32,6 +33,7 @@ def notes_on(setup: Setup, adapter: Adapter, first_row: NDArray[Any] | None) -> 
     scenario = setup.scenario
     found = [*_compared_with_itself(scenario)]
     found += [f"parameters.{name}: not used: ${name} stands nowhere" for name in scenario.unused_parameters]
+    found += _long_windows(scenario)
     found += without_effect((*scenario.precondition, *(each.action for each in scenario.requests)), adapter)
     if scenario.precondition and first_row is not None:
         action = scenario.precondition[-1]
@@ -45,12 +47,20 @@ def notes_on(setup: Setup, adapter: Adapter, first_row: NDArray[Any] | None) -> 
     return found
 
 
+def _long_windows(scenario: Scenario) -> Iterator[str]:
+    """Yield a note on each window that is longer than the run, whose `within_s` may be meant in ms."""
+    duration = scenario.duration
+    for each in scenario.expectations:
+        if duration is not None and math.isfinite(each.within) and each.within > duration:
+            yield f"{each.name}: within_s = {each.within:g} is longer than the run of {duration:g} s"
+
+
 def too_rare(rig: Rig, adapter: Adapter) -> list[str]:
     """Return a note on an ECU in this process that is called so rarely that its commands time out, in a list."""
     period_s = adapter.node.port.period_ns * 1e-9 if adapter.kind == PORT else 0.0
     name = rig.command_message()
     timeout_s = 1e-3 * rig.timeout_ms(name)
-    if not 0.0 < timeout_s < period_s:
+    if not 0.0 < timeout_s < period_s or period_s < _LEAST_MS:
         return []
     times = f"every {period_s:g} s (its period_s), and {name} times out after {timeout_s:g} s"
     return [f"the ECU is called {times}: is the period in ms, where s are meant?"]

@@ -52,3 +52,44 @@ def test_one_known_key_is_enough_to_report_the_others(tmp_path: Path):
     path.write_text("duration = 5\ndbc = 'x.dbc'\n")
     with pytest.raises(ConfigError, match=r"dbc: 'x\.dbc': unknown key"):
         load_scenario(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("car.dbc", "a CAN database; allowed: a TOML file; a rig file names the database"),
+        ("run.MF4", "a recording; allowed: a TOML file; judge, plot, convert and replay take recordings"),
+    ],
+)
+def test_what_is_no_toml_by_its_suffix_is_told_as_what_it_is(tmp_path: Path, name: str, said: str):
+    (tmp_path / name).write_bytes(bytes(3_000_000))
+    with pytest.raises(ConfigError) as failure:
+        load_scenario(tmp_path / name)
+    assert failure.value.issues == [f"{tmp_path / name}: {said}"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            '[[request]]\ntime = "500 ms"\n',
+            "request[0].time: '500 ms'; allowed: a number of seconds without quotes, such as 0.5",
+        ),
+        (
+            '[[request]]\ntime = "2"\n',
+            "request[0].time: '2'; allowed: a number of seconds without quotes, such as 2",
+        ),
+        (
+            '[parameters]\nprecondition = ["open"]\n',
+            "parameters.precondition: ['open'] is not a number; allowed: a number, or precondition above the "
+            "first [table]",
+        ),
+        ("[parameters]\nname = 'x'\n", "parameters.name: 'x' is not a number; allowed: -1e+15 to 1e+15"),
+    ],
+)
+def test_typical_slips_in_a_scenario_are_told_with_what_is_meant(tmp_path: Path, text: str, said: str):
+    path = tmp_path / "s.toml"
+    path.write_text("duration = 1\n" + text)
+    with pytest.raises(ConfigError) as failure:
+        load_scenario(path)
+    assert f"{path}: {said}" in failure.value.issues

@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from run_support import ScriptedEcu
+from hil_support import both, command_frame
+from run_support import ScriptedEcu, message
 
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
+from liftgate_hil.running.setup import rig_from
 
 
 class Asked(ScriptedEcu):
@@ -40,6 +42,44 @@ def test_an_ecu_in_a_process_of_its_own_says_what_it_does_not_take(
     (tmp_path / "deaf_ecu.py").write_text("class Deaf:\n    def step(self, now_s, frames):\n        return []\n")
     assert main(["ecu", "--ecu", "deaf_ecu:Deaf", "--bus", "virtual:deaf", "--duration", "0.01"]) == 0
     assert "note: requests without effect: open, close: the ECU has no request()\n" in capsys.readouterr().err
+
+
+def commanding(duty: float, direction: int) -> Asked:
+    """An ECU that sends one command to the left motor in every cycle."""
+    rig = rig_from("liftgate")
+    values = {**both(0.0, direction), "LeftDuty": duty}
+    return Asked(lambda turn: [message(*command_frame(rig, turn % 16, **values))])
+
+
+OPENS = REQUESTS + '[[expect]]\nname = "opens"\neventually = "gate_angle_deg > 1"\n'
+
+
+@pytest.mark.parametrize(
+    ("duty", "direction", "said"),
+    [(0.7, 1, "left duty 0 to 0.7 %"), (70.0, 2, "left duty -70 to 0 %"), (0.0, 1, "left duty 0 %")],
+)
+def test_a_gate_that_does_not_move_is_told_with_what_was_commanded(
+    tmp_path: Path, duty: float, direction: int, said: str
+) -> None:
+    (note,) = notes_of(tmp_path, OPENS, commanding(duty, direction))
+    assert note == (
+        f"the gate moved by less than 0.5°: the commands were {said}, right duty 0 %, and the latch stayed "
+        "engaged; positive opens"
+    )
+
+
+def test_a_period_beyond_the_commands_time_out_is_told(tmp_path: Path) -> None:
+    slow = Asked(lambda turn: [])
+    slow.period_s = 20
+    (note,) = notes_of(tmp_path, REQUESTS, slow)
+    assert note.startswith(
+        "the ECU is called every 20 s (its period_s), and DriveCommand times out after 0.03 s: "
+    )
+
+
+def test_a_window_that_is_longer_than_the_run_is_told(tmp_path: Path) -> None:
+    text = '[[expect]]\nname = "x"\neventually = "time_s > 0.1"\nwithin_s = 500\n'
+    assert notes_of(tmp_path, text, "reference") == ("x: within_s = 500 is longer than the run of 0.5 s",)
 
 
 def test_an_ecu_that_takes_requests_or_gets_none_needs_no_note(tmp_path: Path) -> None:

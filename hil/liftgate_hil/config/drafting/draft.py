@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.config.database import load_messages
 from liftgate_hil.config.drafting.candidates import Candidate, find_candidates
 from liftgate_hil.config.drafting.lines import Line, line_for, quoted
-from liftgate_hil.config.drafting.protections import checksums_of, protection_lines
+from liftgate_hil.config.drafting.protections import checksums_of, open_counters_of, protection_lines
 from liftgate_hil.config.drafting.words import named_values
 from liftgate_hil.config.rig import rig_of_content
 from liftgate_hil.errors import ConfigIssues, printable
@@ -67,6 +67,8 @@ def draft_rig(database: Path, target: Path) -> Draft:
         for signal in checksums_of(messages[name]):
             reason = f"{signal.name}: the database does not say which; without it wrong frames are accepted"
             waiting[f"messages.{name}.checksum"] = reason
+        for signal in open_counters_of(messages[name]):
+            waiting[f"messages.{name}.counter"] = f"{signal.name}: how it counts is not certain, see the draft"
     text += "".join(_buttons(lines, messages))
     text += "".join(_not_chosen(not_chosen))
     text += "".join(_unused(text, messages, {line.message.name for line in _all(lines)}, not_chosen))

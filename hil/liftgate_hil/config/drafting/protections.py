@@ -19,9 +19,25 @@ def checksums_of(message: Message) -> list[Signal]:
     return [signal for signal in message.signals if is_protection(message, signal) == "checksum"]
 
 
+def counters_of(message: Message) -> list[Signal]:
+    """Return the signals of a message that are counters by their names."""
+    return [signal for signal in message.signals if is_protection(message, signal) == "counter"]
+
+
+def open_counters_of(message: Message) -> list[Signal]:
+    """Return the counters of a message that its drafted table leaves to choose."""
+    counters = counters_of(message)
+    return counters if len(counters) > 1 else [each for each in counters if _ends_early(each)]
+
+
+def _ends_early(counter: Signal) -> bool:
+    """Whether the database says that a counter goes less far than its length allows."""
+    return bool(0 < (counter.maximum or 0) < 2**counter.length - 1)
+
+
 def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[str]:
     """Return the table of a message; commented out if nothing of the message is mapped yet."""
-    counters = [signal for signal in message.signals if is_protection(message, signal) == "counter"]
+    counters = counters_of(message)
     lines = []
     if is_cyclic and not 0.0 < cycle_of(message, MessageOptions()) <= 60_000.0:
         lines.append("# cycle_ms = 10                         # not in the database: fill it in")
@@ -29,7 +45,7 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
         line, why = f"counter = {quoted(signal.name)}", ""
         if len(counters) > 1:
             why = "one of several with such a name"
-        elif 0 < (signal.maximum or 0) < 2**signal.length - 1:
+        elif _ends_early(signal):
             why = f"goes to {signal.maximum:g}, not to {2**signal.length - 1}: as it stands with an E2E profile, "
             why += f"else counter = {{ signal = {quoted(signal.name)}, highest = {signal.maximum:g} }}"
         lines.append(f"# {line}  # {why}" if why else line)

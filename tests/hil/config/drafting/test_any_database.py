@@ -242,13 +242,15 @@ def test_a_motor_speed_is_mapped_with_a_remark_that_it_is_the_true_one(tmp_path:
 
 
 def test_a_counter_that_does_not_use_its_bits_is_asked_for(tmp_path: Path):
-    text, _ = draft_of(tmp_path, COMMON, CURRENTS)
+    text, waiting = draft_of(tmp_path, COMMON, CURRENTS)
+    assert waiting["messages.GateOut.counter"] == "Counter: how it counts is not certain, see the draft"
     assert (
         '# counter = "Counter"  # goes to 14, not to 15: as it stands with an E2E profile, else counter = {'
         in text
     )
     assert "\ncounter" not in text
-    whole, _ = draft_of(tmp_path, COMMON, CURRENTS.replace("[0|14]", "[0|15]"))
+    whole, waiting = draft_of(tmp_path, COMMON, CURRENTS.replace("[0|14]", "[0|15]"))
+    assert "messages.GateOut.counter" not in waiting
     assert '\ncounter = "Counter"' in whole
 
 

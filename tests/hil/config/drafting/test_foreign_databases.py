@@ -216,7 +216,7 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
         | both("direction", ("TgDriveCommand.TgDirection_Left", "TgDriveCommand.TgDirection_Right"), OPEN, 1.0)
         | both("current", ("TgDriveState.TgMotorCurrent_Left", "TgDriveState.TgMotorCurrent_Right"), -2.5, -2.5)
         | {"gate_angle": ("TgDriveState.TgOpeningAngle", 80.0, 80.0)},
-        set(),
+        {"messages.TgDriveCommand.counter", "messages.TgDriveState.counter"},
     ),
     "whole_car": (
         both("duty", ("LGM_Drive.LiftgateDutyLeft", "LGM_Drive.LiftgateDutyRight"), -40.0, -40.0)
