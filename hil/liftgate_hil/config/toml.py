@@ -17,7 +17,8 @@ Table = dict[str, Any]
 # Beyond these a file is no configuration; the time of Python's parser grows with the square of a key's length.
 MOST_BYTES = 2_000_000
 DEEPEST = 16  # nested tables and lists, and parts of a key
-_NO_TOML = (  # what a file is by its suffix, and where that is taken
+# What a file is by its suffix, and where that is taken. The suffixes are those of `database` and of the formats.
+NO_TOML = (
     ("a CAN database", (".dbc", ".arxml", ".kcd", ".sym"), "a rig file names the database"),
     (
         "a recording",
@@ -44,7 +45,7 @@ def read_text(path: Path) -> str:
 def read_toml(path: Path) -> Table:
     """Return the content of a file. Raises ConfigError if it cannot be read or is not TOML."""
     suffix = path.suffix.lower()
-    for what, suffixes, hint in _NO_TOML:
+    for what, suffixes, hint in NO_TOML:
         if suffix in suffixes:
             raise ConfigError(f"{path}: {what}; allowed: a TOML file; {hint}")
     written = read_text(path)

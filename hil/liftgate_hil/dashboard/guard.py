@@ -13,7 +13,7 @@ from collections.abc import Collection
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers
-from starlette.responses import JSONResponse
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
@@ -39,7 +39,8 @@ class Guard:
         if not status:
             await self._app(scope, receive, send)
             return
-        response = JSONResponse({"issues": [why]}, status)
+        is_page = scope["type"] == "http" and scope["path"] == "/"
+        response: Response = PlainTextResponse(why, status) if is_page else JSONResponse({"issues": [why]}, status)
         if scope["type"] == "websocket":
             await WebSocket(scope, receive, send).send_denial_response(response)
         else:
@@ -60,7 +61,7 @@ class Guard:
         if bearer.startswith("Bearer "):
             given = bearer.removeprefix("Bearer ")
         if not secrets.compare_digest(given.encode(), self._token):
-            return 401, "missing or wrong token; allowed: the token in the printed address"
+            return 401, "missing or wrong token; allowed: the token in the address that the server has printed"
         return 0, ""
 
 

@@ -87,9 +87,8 @@ def _advice(name: str) -> str:
     if path.suffix == ".py" or _names_file(name):
         file, _, attribute = name.partition(":")
         path = Path(file)
-        is_below = (
-            not path.is_absolute() and ".." not in path.parts
-        )  # the working directory, where modules are found
+        # Modules are found below the working directory.
+        is_below = not path.is_absolute() and ".." not in path.parts
         module = ".".join(path.with_suffix("").parts) if is_below else path.stem
         if not all(map(str.isidentifier, module.split("."))):
             return "a Python file, but no module, for its name; rename it with letters, digits and _; "

@@ -213,8 +213,8 @@ class Summary:
             lines.append(self.injections_reported())
         if self.commands:
             first = "; ".join(self.commanded[:_MOST_LISTED])
-            rest = len(self.commanded) - _MOST_LISTED
-            more = f"; and {rest} more (--json)" if rest > 0 else ""
+            rest = self.commands - min(len(self.commanded), _MOST_LISTED)
+            more = f"; and {rest} more" if rest > 0 else ""
             lines.append(f"commanded by the operator {number_of(self.commands, 'time')}: {first}{more}")
         if self.ecu_dropped_frames:
             lines.append(f"the ECU had no room for {self.ecu_dropped_frames} frames")

@@ -66,15 +66,15 @@ def too_rare(rig: Rig, adapter: Adapter) -> list[str]:
     return [f"the ECU is called {times}: is the period in ms, where s are meant?"]
 
 
-def without_motion(scenario: Scenario, result: Result) -> list[str]:
+def without_motion(setup: Setup, result: Result) -> list[str]:
     """Return a note on what commanded a gate that did not move as it was asked to, in a list."""
     angles = result.minima["gate_angle_deg"], result.maxima["gate_angle_deg"]
-    is_asked = any(each.action in ("open", "close") for each in scenario.requests)
+    is_asked = any(each.action in ("open", "close") for each in setup.scenario.requests)
     if result.verdict == PASS or not is_asked or not result.summary.received.accepted:
         return []
     if not angles[1] - angles[0] < _STILL_DEG:  # true for NaN, too
         return []
-    sides = [side for side in SIDES if math.isfinite(result.maxima[f"{side}_duty"])]
+    sides = SIDES[: setup.vehicle.drives]
     duties = [_span(side, result.minima[f"{side}_duty"], result.maxima[f"{side}_duty"]) for side in sides]
     latch = ", and the latch stayed engaged" if result.minima["latched"] == 1.0 else ""
     text = f"the gate moved by less than {_STILL_DEG:g}°: the commands were {', '.join(duties)}{latch}"

@@ -169,7 +169,7 @@ class _Run:
         first = next(each.first for each in execution.sinks if isinstance(each, Extremes))
         setup, adapter = self._plan.setup, execution.adapter
         notes = [*notes_on(setup, adapter, first), *too_rare(self._plan.rig, adapter)]
-        notes += without_motion(setup.scenario, result)
+        notes += without_motion(setup, result)
         return replace(result, notes=(*notes, *result.notes)) if notes else result
 
     def _driver_of(self, stack: contextlib.ExitStack) -> Driver:

@@ -10,13 +10,15 @@ import pytest
 
 from liftgate_hil.campaign.file import read_campaign_file
 from liftgate_hil.campaign.request import Request
+from liftgate_hil.config.database import KINDS
 from liftgate_hil.config.file_kinds import MARKS
 from liftgate_hil.config.rig import read_rig
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.shipped import data_root
-from liftgate_hil.config.toml import read_toml
+from liftgate_hil.config.toml import NO_TOML, read_toml
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.open import RECORDED
 
 CONFIGS = data_root() / "configs"
 FILES = {
@@ -52,6 +54,10 @@ def test_one_known_key_is_enough_to_report_the_others(tmp_path: Path):
     path.write_text("duration = 5\ndbc = 'x.dbc'\n")
     with pytest.raises(ConfigError, match=r"dbc: 'x\.dbc': unknown key"):
         load_scenario(path)
+
+
+def test_the_suffixes_of_what_is_no_toml_are_those_of_databases_and_recordings():
+    assert [{*suffixes} for _, suffixes, _ in NO_TOML] == [{*KINDS}, {*RECORDED}]
 
 
 @pytest.mark.parametrize(

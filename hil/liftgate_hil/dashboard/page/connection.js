@@ -87,7 +87,7 @@ function connect() {
   };
   wire.onclose = () => {
     wire = null;
-    gone();
+    if (!isGone) gone();
   };
 }
 
