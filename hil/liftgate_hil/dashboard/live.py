@@ -181,7 +181,8 @@ class Live:
                 "load_percent": self._load(),
                 "sent": int(control["sent"][0]),
                 "received": int(control["received"][0]),
-                "unsent": int(control["unsent"][0]),
+                # The line's own are known from the status only.
+                "unsent": max(int(control["unsent"][0]), status.get("unsent") or 0),
                 "dropped": int(control["dropped"][0]),
                 "bus_offs": int(control["bus_offs"][0]),
                 "not_shown": self._bus.not_kept,

@@ -184,6 +184,10 @@ class RealtimeRun:
             stale_frames=int(control.stale) + line.stale_frames,
         )
 
+    def _sent(self) -> int:
+        """Return how many frames were sent: those that the loop gave to the line, less its failures."""
+        return int(self.memory.shared.control[0].sent) - self.line.counts().send_failures
+
     def summary(self) -> Summary:
         """Return the figures so far."""
         control = self.memory.shared.control[0]
@@ -196,7 +200,7 @@ class RealtimeRun:
             overruns=int(control.overruns),
             timing=self.timing(),
             bus_load_percent=load,
-            frames_sent=int(control.sent),
+            frames_sent=self._sent(),
             command_timeouts=self.state.timeouts,
             received=self.state.counts,
             link=self._link(),
@@ -277,7 +281,7 @@ class RealtimeRun:
         shared = self.memory.shared
         control = shared.control[0]
         row = shared.rows[(int(control.rows) - 1) % len(shared.rows)]
-        moment = Moment(int(control.tick), row, int(control.sent), int(control.overruns), self._link())
+        moment = Moment(int(control.tick), row, self._sent(), int(control.overruns), self._link())
         self.monitor.look(moment, is_last)
 
     def _hand_on(self, rows: RingReader, frames: RingReader) -> None:
