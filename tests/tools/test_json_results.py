@@ -34,6 +34,7 @@ action = "close"
 [[obstacle]]
 angle_deg = "$angle"
 stiffness = 10_000
+start = "time_s > 0.2"
 [[expect]]
 name = "stays open"
 always = "gate_angle_deg > $angle"

@@ -483,7 +483,8 @@ def test_an_empty_file_that_a_killed_run_left_names_the_texts_beside_it(
 ) -> None:
     path = tmp_path / "run.mf4"
     path.touch()
-    (tmp_path / "run.mf4.csv").touch()
+    (tmp_path / "run.mf4.csv").write_text("time_s\n0.001\n")
+    (tmp_path / "run.mf4.log").touch()  # nothing was written to it
     assert main(["convert", str(path), str(tmp_path / "out.csv")]) == 2
     said = f"{path}: empty; allowed: a recording, such as run.mf4.csv beside it\n"
     assert capsys.readouterr().err.endswith(said)
