@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import json
 import os
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pyarrow.parquet as pq
@@ -19,6 +21,7 @@ from campaign_support import SHORT
 
 from liftgate_hil.campaign import adaptive
 from liftgate_hil.campaign.folder import Folder
+from liftgate_hil.cli.campaign import _summarise
 from liftgate_hil.cli.main import main
 
 PATIENCE = 300.0  # s; nothing is judged by it
@@ -292,6 +295,20 @@ def test_a_killed_campaign_is_resumed_to_the_same_results(scenario: str) -> None
     assert main(["campaign", scenario, *MANY, "--resume", "--quiet"]) == 0
     assert manifest_in("campaign")["is_complete"] is True
     assert rows_in("campaign") == rows_in("whole")
+
+
+def test_errors_of_a_stopped_campaign_are_those_of_what_was_evaluated(capsys: pytest.CaptureFixture[str]) -> None:
+    outcome: Any = SimpleNamespace(
+        progress=SimpleNamespace(count=10, done=5),
+        counts={"pass": 3, "error": 7},  # the five that were not evaluated are among these
+        is_complete=False,
+        prepared=SimpleNamespace(against=None),
+        seconds=1.0,
+        folder=SimpleNamespace(path=Path("campaign")),
+        analysis=SimpleNamespace(content={}),
+    )
+    _summarise(outcome, argparse.Namespace(quiet=False))
+    assert capsys.readouterr().out.splitlines()[0] == "5 of 10 variants: 2 error, 3 pass; 1.0 s"
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
