@@ -104,6 +104,8 @@ def _issue_with(kind: str, given: str) -> str:
         return f"`{kind}` {given}: no such folder; allowed: a file in an existing folder"
     if path.is_dir():
         return f"`{kind}` {given}: is a folder; allowed: a file"
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        return f"`{kind}` {given}: cannot be written; allowed: a file that can"
     if path.is_file() and not _is_report(path, kind):
         return f"`{kind}` {given}: holds something else; allowed: a new file, or an earlier report of this kind"
     return ""

@@ -553,6 +553,18 @@ def test_wrong_usage_is_reported(arguments: list[str], said: str, capsys: pytest
     assert said in capsys.readouterr().err
 
 
+def test_a_report_that_cannot_be_written_is_refused_before_the_run(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("ro").mkdir()
+    # Root may write everywhere but on a file system that is mounted read-only.
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "ro")
+    assert main(["test", scenario("s.toml", RESTS), "--junit", "ro/r.xml"]) == 2
+    told = capsys.readouterr()
+    assert told.err == "liftgate-hil: --junit ro/r.xml: cannot be written; allowed: a file that can\n"
+    assert told.out == ""
+
+
 def test_two_files_of_one_lexical_path_are_two_scenarios(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (here / "real" / "sub").mkdir(parents=True)
     Path("link").symlink_to("real/sub")
