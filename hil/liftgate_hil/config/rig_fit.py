@@ -149,13 +149,7 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
                 f"{_span(*held, unit)} and saturates; this vehicle reaches "
                 f"{_span(expected.lowest, expected.highest, unit)}"
             )
-    for name, cycle_ns in _cycles(rig, rig.outputs):
-        ticks = cycle_ns * rate / NS
-        if abs(ticks - round(ticks)) > 1e-6 * ticks:
-            notes.append(
-                f"{rig.source}: messages.{name}.cycle_ms: {cycle_ns / 1e6:g} is not a whole number of ticks of "
-                f"{1e3 / rate:g} ms: the cycle is kept on average, each frame up to a tick late"
-            )
+    notes += _uneven_cycles(rig, rate)
     for wire in rig.inputs:
         missing = missing_values(wire)
         if missing and wire.basis != "unknown":
@@ -172,6 +166,21 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
         *_other_scales(rig),
         *_latched_by_angle(rig),
     ]
+
+
+def _uneven_cycles(rig: Rig, rate: float) -> Iterator[str]:
+    """Yield a note for each cycle that is no whole number of ticks, with all messages that have it."""
+    found: dict[int, list[str]] = {}
+    for name, cycle_ns in _cycles(rig, rig.outputs):
+        ticks = cycle_ns * rate / NS
+        if abs(ticks - round(ticks)) > 1e-6 * ticks:
+            found.setdefault(cycle_ns, []).append(name)
+    for cycle_ns, (first, *others) in found.items():
+        same = f"; the same for {', '.join(others)}" if others else ""
+        yield (
+            f"{rig.source}: messages.{first}.cycle_ms: {cycle_ns / 1e6:g} is not a whole number of ticks of "
+            f"{1e3 / rate:g} ms: the cycle is kept on average, each frame up to a tick late{same}"
+        )
 
 
 def _coasting_drive(rig: Rig, vehicle: Vehicle) -> Iterator[str]:

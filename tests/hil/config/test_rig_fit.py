@@ -123,6 +123,9 @@ def test_a_cycle_of_no_whole_number_of_ticks_is_reported(tmp_path: Path):
     (note,) = notes_on_fit(rig, suv(), 1000.0)
     assert "messages.Out.cycle_ms: 2.5 is not a whole number of ticks of 1 ms" in note
     assert notes_on_fit(rig, suv(), 2000.0) == []
+    (note,) = notes_on_fit(rig_from("liftgate"), suv(), 500.0)
+    assert "messages.LeftDrive.cycle_ms: 5 is not a whole number of ticks of 2 ms" in note
+    assert "; the same for RightDrive, " in note
 
 
 @pytest.mark.parametrize(
