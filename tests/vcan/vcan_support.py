@@ -128,6 +128,10 @@ class Emulator(subprocess.Popen[str]):
         place = Path("/proc", str(self.pid))
         return len(list((place / "fd").iterdir())), len(list((place / "task").iterdir()))
 
+    def wait_until_it_holds(self, held: tuple[int, int]) -> None:
+        """Wait for that many; a look at the link or the machine opens a descriptor for a moment."""
+        wait_for(lambda: self.holds() == held, f"holds {self.holds()}, at first {held}")
+
 
 @contextlib.contextmanager
 def emulator(bus: Bus, *more: str, first: int = GATE) -> Iterator[Emulator]:
