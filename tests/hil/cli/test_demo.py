@@ -10,6 +10,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import c_ecu
@@ -24,6 +25,7 @@ from liftgate_hil.cli.with_ecu import EcuProcess
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
+from liftgate_hil.errors import EcuError
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.report.pinch import pinch_event
@@ -498,13 +500,6 @@ class Raises:
         if now_s > 0.3:
             raise ValueError("not today")
         return []
-
-
-class Hangs:
-    def step(self, now_s, frames):
-        while now_s > 0.3:
-            pass
-        return []
 """
 
 
@@ -531,12 +526,35 @@ def test_the_summary_of_a_run_stays_where_the_ecus_process_fails(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "their_ecus.py").write_text(ON_A_BUS)
-    line = ["--bus", "udp_multicast:239.74.163.61", "--ecu", "their_ecus:Hangs", "--duration", "1", "--json"]
+    line = ["--bus", "udp_multicast:239.74.163.61", "--ecu", "their_ecus:Raises", "--duration", "30", "--json"]
     assert main(line) == 1
     told = capsys.readouterr()
-    assert json.loads(told.out)["ticks"] == 1001
-    (failure,) = [each for each in told.err.splitlines() if each.startswith("liftgate-hil: the ECU's process: ")]
-    assert "no response to the request to stop (their_ecus.py, line " in failure
+    assert 0 < json.loads(told.out)["ticks"] < 30_000
+    failure = told.err.splitlines()[-1]
+    assert failure.startswith("liftgate-hil: the ECU's process: the ECU at 0.")
+    assert failure.endswith("ValueError: not today (their_ecus.py, line 5)")
+
+
+def test_an_ecus_process_that_fails_when_it_is_stopped_has_failed() -> None:
+    code = (
+        "import signal, sys, time\n"
+        "def stop(*_):\n"
+        "    print('liftgate-hil: the ECU at 1.000 s: no response (ecu.py, line 4)', file=sys.stderr)\n"
+        "    sys.exit(143)\n"
+        "signal.signal(signal.SIGTERM, stop)\n"
+        "print('it hangs', file=sys.stderr, flush=True)\n"
+        "time.sleep(600)\n"
+    )
+    said: list[str] = []
+    listener: Any = SimpleNamespace(say=said.append)
+    child = EcuProcess([sys.executable, "-c", code], listener, is_ours=False)
+    until = time.monotonic() + 60.0
+    while not said and time.monotonic() < until:
+        time.sleep(0.01)
+    with pytest.raises(
+        EcuError, match=r"^the ECU's process: the ECU at 1\.000 s: no response \(ecu\.py, line 4\)$"
+    ):
+        child.end(is_early=False, has_taken_part=True)
 
 
 def test_an_ecus_process_may_tell_more_than_a_pipe_holds(capsys: pytest.CaptureFixture[str]) -> None:
