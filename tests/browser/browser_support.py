@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import Any
 
 OPENS = 'duration = 1e6\n[[request]]\ntime = 0.5\naction = "open"\n'  # a scenario
@@ -60,6 +62,23 @@ def press(browser: Any, action: str) -> None:
     """A button of the driver."""
     browser.find_element("xpath", f"//div[@id='requests']/button[text()='{action}']").click()
     until(browser, lambda _: f"request {action}" in text_of(browser, "#answer"))
+
+
+def press_until(browser: Any, action: str, is_so: Callable[[], bool]) -> None:
+    """Press a button of the driver until something holds: on a busy machine the ECU may stop on its way."""
+    pressed = time.monotonic()
+    press(browser, action)
+
+    def holds(_: object) -> bool:
+        nonlocal pressed
+        if is_so():
+            return True
+        if time.monotonic() > pressed + 3.0 and abs(value_of(browser, "gate_rate_degps")) < 0.05:
+            pressed = time.monotonic()
+            press(browser, action)
+        return False
+
+    until(browser, holds)
 
 
 def clear_all(browser: Any) -> None:

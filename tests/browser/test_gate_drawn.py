@@ -14,6 +14,7 @@ from browser_support import (
     found,
     opened,
     press,
+    press_until,
     text_of,
     until,
     value_of,
@@ -28,22 +29,19 @@ def page(browser: Any, address: str) -> Any:
     opened(browser, address)
     clear_all(browser)
     if value_of(browser, "gate_angle_deg") < 75.0:
-        press(browser, "open")
-    until(browser, lambda _: value_of(browser, "gate_angle_deg") > 75.0)
+        press_until(browser, "open", lambda: value_of(browser, "gate_angle_deg") > 75.0)
     until(browser, lambda _: abs(value_of(browser, "gate_rate_degps")) < 0.05)
     return browser
 
 
 def test_the_gate_moves_as_the_ecu_moves_it(page: Any) -> None:
     assert drawn_angle(page) == pytest.approx(value_of(page, "gate_angle_deg"), abs=1.0)
-    press(page, "close")
-    until(page, lambda _: value_of(page, "gate_angle_deg") < 60.0)
+    press_until(page, "close", lambda: value_of(page, "gate_angle_deg") < 60.0)
     assert drawn_angle(page) < 65.0
-    until(page, lambda _: value_of(page, "latched") == 1.0)
+    press_until(page, "close", lambda: value_of(page, "latched") == 1.0)
     until(page, lambda _: "latch closed" in text_of(page, "#drawing"))
     assert drawn_angle(page) == pytest.approx(0.0, abs=1.0)
-    press(page, "open")
-    until(page, lambda _: drawn_angle(page) > 20.0)
+    press_until(page, "open", lambda: drawn_angle(page) > 20.0)
     assert errors_in(page) == []
 
 
