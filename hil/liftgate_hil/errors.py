@@ -242,11 +242,16 @@ def is_of_this_program(path: Path) -> bool:
 
 
 def place_of(error: BaseException) -> str:
-    """Return where in a user's code an error was raised, as text; "": nowhere in it.
+    """Return where in a user's code an error was raised, as text; "": nowhere in it."""
+    return place_in(traceback.extract_tb(error.__traceback__))
+
+
+def place_in(calls: Sequence[traceback.FrameSummary]) -> str:
+    """Return the innermost of some calls that is in a user's code, as text; "": none is.
 
     Calls of libraries and of this program are passed over.
     """
-    for call in reversed(traceback.extract_tb(error.__traceback__)):
+    for call in reversed(calls):
         path = Path(call.filename)
         if not (call.filename.startswith("<") or is_of_a_library(path) or is_of_this_program(path)):
             return f" ({path.name}, line {call.lineno})"

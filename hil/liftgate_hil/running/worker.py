@@ -19,7 +19,7 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.errors import EcuError, LiftgateError, is_of_a_library, is_of_this_program, place_of, text_of
+from liftgate_hil.errors import EcuError, LiftgateError, is_of_this_program, place_in, place_of, text_of
 from liftgate_hil.running.processes.answers import PLACE, send_answer
 from liftgate_hil.running.processes.supervisor import dies_with_parent, supervise
 
@@ -72,10 +72,7 @@ def _beat(memory: Memory, address: tuple[str, bytes]) -> None:
 def _place_now() -> str:
     """Return where the ECU's code in Python is at present, as text; "": it does not run, or is not in Python."""
     main = threading.main_thread().ident
-    calls = traceback.extract_stack(sys._current_frames().get(main or 0))
-    paths = [(Path(each.filename), each.lineno) for each in calls if not each.filename.startswith("<")]
-    own = [(path, line) for path, line in paths if not is_of_this_program(path) and not is_of_a_library(path)]
-    return f" ({own[-1][0].name}, line {own[-1][1]})" if own else ""
+    return place_in(traceback.extract_stack(sys._current_frames().get(main or 0)))
 
 
 def _result_of(pickled: bytes, memory: Memory) -> object:
