@@ -13,7 +13,6 @@ from browser_support import (
     errors_in,
     found,
     opened,
-    press,
     press_until,
     text_of,
     until,
@@ -95,8 +94,7 @@ def test_an_obstacle_placed_with_the_mouse_makes_the_ecu_reverse(page: Any) -> N
     rod = page.execute_script("return last.in_force.obstacle")
     assert 15.0 < rod["angle_deg"] < 60.0
     assert "parked" not in found(page, "#rod").get_attribute("class")
-    press(page, "close")
-    until(page, lambda _: value_of(page, "pinch_force_peak_n") > 5.0)
+    press_until(page, "close", lambda: value_of(page, "pinch_force_peak_n") > 5.0)
     assert value_of(page, "pinch_contact_deg") == pytest.approx(rod["angle_deg"], abs=1.0)
     until(page, lambda _: "reversing" in text_of(page, "#events"))
     until(page, lambda _: value_of(page, "gate_angle_deg") > rod["angle_deg"] + 3.0)
