@@ -66,6 +66,11 @@ def number_of(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
+def with_unit(number: str, unit: str) -> str:
+    """Return a number with its unit; "": it has none."""
+    return f"{number} {unit}" if unit else number
+
+
 class LiftgateError(Exception):
     """Base class of all errors that this program raises on purpose."""
 

@@ -94,6 +94,7 @@ def test_the_keys_of_verdicts(printed: Any, monkeypatch: pytest.MonkeyPatch) -> 
     for module in (mutation, mutants_section):
         monkeypatch.setattr(module, "MUTANTS", {first.name: first})
     monkeypatch.setattr(mutation.Matrix, "kills", lambda *_: [("s.toml", "stays open")])
+    monkeypatch.setattr(mutation.Matrix, "not_counted", [("s.toml", "stays open")])
     ours, attempts = suite.run_case, iter(["inconclusive"])
 
     def run_case(case: suite.Case, stopped: Any = None) -> suite.Outcome:

@@ -246,6 +246,9 @@ VERDICTS = Document(
         "mutation.prove_nothing": "expectations that hold with every mutant, and with no ECU at all",
         "mutation.prove_nothing[].file": "scenario",
         "mutation.prove_nothing[].expectation": "name of its expectation",
+        "mutation.not_counted": "expectations that the sound ECU itself does not pass: they can kill no mutant",
+        "mutation.not_counted[].file": "scenario",
+        "mutation.not_counted[].expectation": "name of its expectation",
     },
     {
         "scenarios[].expectations[]": EXPECTATION,

@@ -33,6 +33,7 @@ class Base:
     versions: Mapping[str, str]
     identity: str  # SHA-256 of all that goes into a result, but for the values
     ecu: Mapping[str, Any]  # identity of the ECU, by its content
+    margin_units: tuple[str, ...]  # of each expectation; "": none, or several
 
     def variant(self, values: Sequence[float]) -> str:
         """Return the name of a variant: the hash of everything that goes into its result."""
@@ -90,7 +91,8 @@ def base_of(plan: Plan, targets: Sequence[Target]) -> Base:
     }
     text = json.dumps(known, sort_keys=True, default=str)
     identity = hashlib.sha256(text.encode()).hexdigest()
-    return Base(job, tuple(targets), expectations, versions(), identity, ecu_of(plan))
+    units = tuple(plan.expected.margin_unit(k) for k in range(len(expectations)))
+    return Base(job, tuple(targets), expectations, versions(), identity, ecu_of(plan), units)
 
 
 def ecu_of(plan: Plan) -> dict[str, Any]:

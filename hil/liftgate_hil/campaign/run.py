@@ -152,7 +152,9 @@ def _summary(found: Prepared, folder: Folder, counts: dict[str, int]) -> Summary
     if not counts:
         return None
     path, request = folder.path / RESULTS, found.request
-    return summary_of(path, found.space.names, found.base.expectations, request.expectation)
+    return summary_of(
+        path, found.space.names, found.base.expectations, request.expectation, found.base.margin_units
+    )
 
 
 def _results_of(outcome: Outcome) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from liftgate_hil.campaign.request import PROBABILITY, WORST, Prepared
 from liftgate_hil.campaign.results import without_results
 from liftgate_hil.campaign.resumption import Pace
 from liftgate_hil.campaign.scenario_file import scenario_text
+from liftgate_hil.errors import with_unit
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -60,15 +61,16 @@ def _search(found: Prepared, campaign: Campaign, folder: Folder) -> Analysis:
     budget = request.evaluations or WORST_EVALUATIONS
     worst = adaptive.search_worst(campaign, found.space, name, budget, request.sampling_seed)
     least = adaptive_sections.least_of(worst.everything)
-    variant = ""
+    variant, unit = "", found.base.margin_units[found.base.expectations.index(name)]
     if least is not None:
         variant = found.base.variant(least.values)
-        comment = f"Smallest margin of {name!r} that was found: {least.margin:.6g}.\nvariant {variant}"
+        margin = with_unit(f"{least.margin:.6g}", unit)
+        comment = f"Smallest margin of {name!r} that was found: {margin}.\nvariant {variant}"
         folder.write(WORST_FILE, scenario_text(found, least.values, comment).encode())
     line = replay_line(folder.path, variant)
     return Analysis(
-        adaptive_sections.worst_as_dict(worst, name, variant, names),
-        [adaptive_sections.worst_section(worst, name, names, line)],
+        adaptive_sections.worst_as_dict(worst, name, variant, names, unit),
+        [adaptive_sections.worst_section(worst, name, names, line, unit)],
     )
 
 

@@ -21,7 +21,7 @@ from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.test import add_set_parameter, naming_the_flag, parameters_of
 from liftgate_hil.config.kinds import SEED
 from liftgate_hil.ecu.names import REFERENCE
-from liftgate_hil.errors import ConfigError, LiftgateError, printable
+from liftgate_hil.errors import ConfigError, LiftgateError, number_of, printable, with_unit
 from liftgate_hil.judging.verdict import ERROR
 
 if TYPE_CHECKING:
@@ -233,7 +233,8 @@ def _found(outcome: Outcome) -> Iterator[str]:
         yield f"no variant has a margin of {name}: it is inconclusive in all of them"
     elif "margin" in found:
         values = ", ".join(f"{each} = {value:.6g}" for each, value in found["values"].items())
-        yield f"smallest margin of {name}: {found['margin']:.6g} with {values}"
+        margin = with_unit(f"{found['margin']:.6g}", found["margin_unit"])
+        yield f"smallest margin of {name}: {margin} with {values}"
         yield f"to run it again: {replay_line(outcome.folder.path, found['variant'])}"
         yield f"as a scenario for other ECUs: {outcome.folder.path / WORST_FILE}"
     else:
@@ -245,12 +246,13 @@ def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:
     """Print how many variants have which verdict, and where the results are."""
     if args.quiet:
         return
-    progress, known, number = outcome.progress, dict(outcome.counts), str(sum(outcome.counts.values()))
+    progress, known = outcome.progress, dict(outcome.counts)
+    number = number_of(sum(known.values()), "variant")
     if not outcome.is_complete and outcome.prepared.against is None:  # what was not evaluated is an error there
         known[ERROR] = max(0, known.get(ERROR, 0) - (progress.count - progress.done))
-        number = f"{progress.done} of {progress.count}"
+        number = f"{progress.done} of {number_of(progress.count, 'variant')}"
     counts = ", ".join(f"{count} {name}" for name, count in sorted(known.items()) if count)
-    print(f"{number} variants: {counts or 'none'}; {outcome.seconds:.1f} s", flush=True)
+    print(f"{number}: {counts or 'none'}; {outcome.seconds:.1f} s", flush=True)
     for line in _found(outcome):
         print(printable(line), flush=True)
     state = "" if outcome.is_complete else "; incomplete: go on with --resume"

@@ -51,6 +51,11 @@ class Expected:
     faults: tuple[TimedFault, ...] = ()  # of the scenario
     begins: tuple[tuple[str, Instant], ...] = ()  # what each of its stimuli is, and when it begins
 
+    def margin_unit(self, place: int) -> str:
+        """Return the unit of an expectation's margin; "": none, or comparisons in several units decide it."""
+        units = {*self.conditions[place].units}
+        return units.pop() if len(units) == 1 else ""
+
     def names(self, place: int) -> list[str]:
         """Return the columns and signals that an expectation and its opener refer to, each once."""
         opener = self.openers[place]

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from liftgate_hil.conditions.condition import AND, EQ, GE, GT, LE, LT, NE, NOT, OR, Condition
+from liftgate_hil.errors import with_unit
 from liftgate_hil.judging.comparisons import Comparison, comparisons_of
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.table import SLACK
@@ -66,11 +67,11 @@ def _measured(condition: Condition, progress: Any) -> str:
     if allowed == "==" and _is_switch(named) and {limit, abs(margin)} <= {0.0, 1.0}:
         return f"{named}: {abs(limit - abs(margin)):g}, allowed exactly {limit:g}, {at}"
     if allowed == "==":  # to which side it differs is not known
-        off = _with_unit(f"{abs(margin):.4g}", unit)
-        return f"{named}: {off} away from {_with_unit(f'{limit:.10g}', unit)}, the only value allowed, {at}"
+        off = with_unit(f"{abs(margin):.4g}", unit)
+        return f"{named}: {off} away from {with_unit(f'{limit:.10g}', unit)}, the only value allowed, {at}"
     measured = limit + margin if allowed in (">", ">=", "!=") else limit - margin
-    shown = _with_unit(_distinguished(measured, limit), unit)
-    return f"{named}: {shown}, allowed {_ALLOWED[allowed]} {_with_unit(f'{limit:.10g}', unit)}, {at}"
+    shown = with_unit(_distinguished(measured, limit), unit)
+    return f"{named}: {shown}, allowed {_ALLOWED[allowed]} {with_unit(f'{limit:.10g}', unit)}, {at}"
 
 
 def _is_switch(name: str) -> bool:
@@ -117,7 +118,3 @@ def _distinguished(value: float, limit: float) -> str:
         if float(shown) != limit or value == limit:
             return shown
     return f"{value:.17g}"
-
-
-def _with_unit(number: str, unit: str) -> str:
-    return f"{number} {unit}" if unit else number

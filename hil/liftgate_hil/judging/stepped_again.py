@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from liftgate_hil.errors import with_unit
 from liftgate_hil.judging.verdict import INCONCLUSIVE, REPLAY, Verdict
 
 LONGEST = 0.25  # s of lateness, up to which the gate is stepped again
@@ -57,8 +58,10 @@ def stepped_again(
     # Where a comparison with `==` holds its margin is 0; so it is all around, where its uncertainty is 0, too.
     is_within = abs(verdict.margin) <= uncertainty and uncertainty > 0.0
     if math.isnan(uncertainty) or is_within:
-        unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""
-        text = f"the margin of {verdict.margin:.4g}{unit} is within its uncertainty of {uncertainty:.3g}{unit}"
+        margin, within = (
+            with_unit(each, verdict.margin_unit) for each in (f"{verdict.margin:.4g}", f"{uncertainty:.3g}")
+        )
+        text = f"the margin of {margin} is within its uncertainty of {within}"
         if verdict.margin == 0.0:  # such as that of a comparison with `==`
             text = "a margin of 0 leaves no room for that"
         reason = f"{why}; stepped again, {text}"

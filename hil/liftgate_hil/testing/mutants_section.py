@@ -23,7 +23,6 @@ def mutants_section(mutation: MutationResult) -> str:
         for each in MUTANTS.values()
         if each.name in matrix.killed
     ]
-    nothing = [f"{file}: {name}" for file, name in matrix.prove_nothing]
     parts += [
         "<p>Each mutant of the reference ECU has one defect. It is killed if an expectation fails that the ECU "
         "without a defect passes.</p>"
@@ -42,12 +41,12 @@ def mutants_section(mutation: MutationResult) -> str:
         ]
     if rows:
         parts += ["<p>Killed:</p>", table(("mutant", "defect", "killed by"), rows, ("n", "", ""))]
-    if nothing:
-        items = "".join(f"<li>{text(each)}</li>" for each in nothing)
-        parts.append(
-            "<p>Expectations that hold with every mutant, and with no ECU at all, prove nothing:</p>"
-            f"<ul>{items}</ul>"
-        )
+    for story, expectations in (
+        ("Expectations that hold with every mutant, and with no ECU at all, prove nothing:", matrix.prove_nothing),
+        ("Expectations that the ECU without a defect does not pass can kill no mutant:", matrix.not_counted),
+    ):
+        items = "".join(f"<li>{text(file)}: {text(name)}</li>" for file, name in expectations)
+        parts += [f"<p>{story}</p><ul>{items}</ul>"] if items else []
     return section("Mutants", *parts)
 
 

@@ -90,6 +90,16 @@ class Matrix:
             if all(self.verdicts.get((each, case.file, name)) == PASS for each in everybody)
         ]
 
+    @property
+    def not_counted(self) -> list[tuple[str, str]]:
+        """Expectations that the sound ECU does not pass and so can kill no mutant, as pairs of file and name."""
+        return [
+            (case.file, each.name)
+            for case in self.cases
+            for each in case.plan.setup.scenario.expectations
+            if self.verdicts.get((SOUND, case.file, each.name)) != PASS
+        ]
+
     def as_json(self) -> dict[str, Any]:
         """Return the matrix for JSON."""
         return {
@@ -99,11 +109,12 @@ class Matrix:
                     "name": each.name,
                     "meaning": each.meaning,
                     "is_reached": self.is_reached(each.name),
-                    "killed_by": [{"file": file, "expectation": name} for file, name in self.kills(each.name)],
+                    "killed_by": _as_dicts(self.kills(each.name)),
                 }
                 for each in MUTANTS.values()
             ],
-            "prove_nothing": [{"file": file, "expectation": name} for file, name in self.prove_nothing],
+            "prove_nothing": _as_dicts(self.prove_nothing),
+            "not_counted": _as_dicts(self.not_counted),
         }
 
     def summary(self) -> str:
@@ -126,6 +137,12 @@ class Matrix:
         yield self.summary()
         for file, name in self.prove_nothing:
             yield f"proves nothing: {file}: {name} (holds with every mutant, and with no ECU)"
+        for file, name in self.not_counted:
+            yield f"can kill no mutant: {file}: {name} (does not pass with the ECU without a defect)"
+
+
+def _as_dicts(expectations: Sequence[tuple[str, str]]) -> list[dict[str, str]]:
+    return [{"file": file, "expectation": name} for file, name in expectations]
 
 
 @dataclass(frozen=True)
@@ -161,9 +178,8 @@ class MutationResult:
     def as_json(self) -> dict[str, Any]:
         """Return the result for JSON."""
         threshold = None if self.threshold is None else self.threshold / 100.0
-        known = (
-            {"score": None, "mutants": [], "prove_nothing": []} if self.matrix is None else self.matrix.as_json()
-        )
+        unknown: dict[str, Any] = {"score": None, "mutants": [], "prove_nothing": [], "not_counted": []}
+        known = unknown if self.matrix is None else self.matrix.as_json()
         return {"verdict": self.verdict, "reason": self.reason, "threshold": threshold, **known}
 
 

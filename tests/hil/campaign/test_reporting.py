@@ -71,9 +71,9 @@ def test_verdicts_are_counted(small: Path) -> None:
 
 
 def test_expectations_are_counted_by_their_margins(small: Path) -> None:
-    soft, far = summary_of(small, ["rod"], ["soft", "far"]).expectations
-    assert soft == ("soft", 2, 2, 4, -3.0, f"{5:032x}")
-    assert far == ("far", 4, 1, 3, -2.0, f"{2:032x}")
+    soft, far = summary_of(small, ["rod"], ["soft", "far"], margin_units=("N", "")).expectations
+    assert soft == ("soft", 2, 2, 4, -3.0, f"{5:032x}", "N")
+    assert far == ("far", 4, 1, 3, -2.0, f"{2:032x}", "")
 
 
 def test_the_report_is_about_the_expectation_that_fails_most(small: Path) -> None:

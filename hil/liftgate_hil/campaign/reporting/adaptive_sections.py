@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from liftgate_hil.errors import with_unit
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
 from liftgate_hil.report.numbers import significant
 from liftgate_hil.report.page import alert, figure, pairs, section, table, text
@@ -29,13 +30,19 @@ def first_failure(history: Sequence[Evaluated]) -> int | None:
     return next((each.number for each in history if each.margin < 0.0), None)
 
 
-def worst_as_dict(found: Worst, expectation: str, variant: str, names: Sequence[str]) -> dict[str, Any]:
-    """Return a search for JSON; the smallest margin is that of all evaluations, random draws included."""
+def worst_as_dict(
+    found: Worst, expectation: str, variant: str, names: Sequence[str], unit: str = ""
+) -> dict[str, Any]:
+    """Return a search for JSON; the smallest margin is that of all evaluations, random draws included.
+
+    `unit` is that of the margins; "": they have none, or several.
+    """
     best = least_of(found.everything)
     return {
         "expectation": expectation,
         "variant": variant,
         "margin": None if best is None else best.margin,
+        "margin_unit": unit,
         "values": {} if best is None else dict(zip(names, best.values, strict=True)),
         "evaluations": found.end.evaluations,
         "found_after": None if best is None else best.number,
@@ -58,14 +65,14 @@ def _random_as_dict(history: Sequence[Evaluated]) -> dict[str, Any]:
     }
 
 
-def worst_section(found: Worst, expectation: str, names: Sequence[str], line: str) -> str:
-    """Return the report's section on a search; `line` runs the found variant again."""
+def worst_section(found: Worst, expectation: str, names: Sequence[str], line: str, unit: str = "") -> str:
+    """Return the report's section on a search; `line` runs the found variant again, `unit` is the margins'."""
     best = least_of(found.everything)
     if best is None:
         return section("Search for the worst", "<p>No variant has a margin.</p>")
     fails = best.margin < 0.0
     story = (
-        f"The smallest margin of “{expectation}” is {significant(best.margin, 4)}"
+        f"The smallest margin of “{expectation}” is {with_unit(significant(best.margin, 4), unit)}"
         f"{': it fails' if fails else ''}, after {best.number} evaluations."
     )
     values = [(name, significant(value, 6)) for name, value in zip(names, best.values, strict=True)]

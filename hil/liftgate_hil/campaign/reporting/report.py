@@ -15,6 +15,7 @@ from liftgate_hil.campaign.reporting.sensitivity import Index, rest_of
 from liftgate_hil.campaign.reporting.summary import FORCE, Summary
 from liftgate_hil.campaign.results import MARGIN
 from liftgate_hil.campaign.share import clopper_pearson
+from liftgate_hil.errors import with_unit
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
 from liftgate_hil.report.numbers import axis_label, significant
 from liftgate_hil.report.page import Markup, alert, figure, page, pairs, section, table, text
@@ -204,7 +205,7 @@ def requirements(summary: Summary) -> str:
             f"{each.passed:,}",
             Markup(f"<b>{each.failed:,}</b>") if each.failed else "0",
             f"{each.undecided:,}",
-            significant(each.least, 4),
+            with_unit(significant(each.least, 4), each.unit),
             Markup(f"<code>{text(each.variant[:12])}</code>"),
         )
         for each in summary.expectations

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,6 +33,7 @@ class Expected(NamedTuple):
     undecided: int  # without a margin: inconclusive, in error, or a trouble code
     least: float  # smallest margin, in the unit of the expectation; NaN: none is known
     variant: str  # with it
+    unit: str = ""  # of the margin; "": none, or several
 
 
 class Case(NamedTuple):
@@ -62,16 +64,23 @@ class Summary:
     force_indices: Sequence[Index]
 
 
-def summary_of(path: Path, varied: Sequence[str], expectations: Sequence[str], preferred: str = "") -> Summary:
+def summary_of(
+    path: Path,
+    varied: Sequence[str],
+    expectations: Sequence[str],
+    preferred: str = "",
+    margin_units: Sequence[str] = (),
+) -> Summary:
     """Return the summary of a file of results, which is read in parts.
 
     `preferred` is the expectation that the campaign is about; "": the one that fails most, else the largest force.
+    `margin_units` are those of the expectations' margins; (): not told.
     Of a large file, sensitivity, heat maps and distributions are those of each n-th variant (`every`).
     """
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
-        judged = [_Judged(name) for name in expectations]
+        judged = [_Judged(*each) for each in zip_longest(expectations, margin_units, fillvalue="")]
         verdicts, errors = Counter[str](), Counter[str]()
         for part in file.iter_batches(_PART, columns=[VARIANT, VERDICT, ERROR, *(each.column for each in judged)]):
             verdicts.update(part[VERDICT].to_pylist())
@@ -119,8 +128,8 @@ def _floats(column: Any) -> Floats:
 class _Judged:
     """Counts the results of an expectation, part by part."""
 
-    def __init__(self, name: str) -> None:
-        self.column, self._name = f"{MARGIN}{name}", name
+    def __init__(self, name: str, unit: str) -> None:
+        self.column, self._name, self._unit = f"{MARGIN}{name}", name, unit
         self._passed = self._failed = self._undecided = 0
         self._least, self._variant = math.nan, ""
 
@@ -138,7 +147,8 @@ class _Judged:
 
     def result(self) -> Expected:
         """Return the results."""
-        return Expected(self._name, self._passed, self._failed, self._undecided, self._least, self._variant)
+        counts = (self._passed, self._failed, self._undecided)
+        return Expected(self._name, *counts, self._least, self._variant, self._unit)
 
 
 def _driver_of(judged: Sequence[Expected]) -> str:
