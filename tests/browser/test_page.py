@@ -107,6 +107,23 @@ def test_the_form_of_the_obstacle_shows_the_one_in_force(page: Any, address: str
     assert errors_in(page) == []
 
 
+def test_states_that_come_faster_than_they_are_drawn_are_drawn_once_and_lose_no_line(page: Any) -> None:
+    drawn, events = page.execute_async_script("""
+        const done = arguments[0], ours = show;
+        let drawn = 0;
+        window.show = (state) => { drawn += 1; ours(state); };
+        for (let k = 0; k < 100; k += 1)
+          wire.onmessage({ data: JSON.stringify({ ...last, log: [[1e9 + k, 0, `ecu burst ${k}`]] }) });
+        requestAnimationFrame(() => requestAnimationFrame(() => {
+          window.show = ours;
+          done([drawn, find("events").textContent]);
+        }));
+    """)
+    assert 1 <= drawn <= 3  # of which two may be those of the run's own states
+    assert all(f"burst {k}" in events for k in range(100))
+    assert errors_in(page) == []
+
+
 def test_what_is_refused_is_reported_with_what_is_allowed(page: Any) -> None:
     box = found(page, "#signal-name")
     box.clear()

@@ -62,7 +62,7 @@ def test_a_run_with_its_own_page_shows_its_verdict_and_the_next_one(
 ) -> None:
     """The server ends with the run; the page waits for the next one, without errors in the console."""
     monkeypatch.setenv("LIFTGATE_HIL_TOKEN", "a-token-that-stays-the-same")
-    fails = 'duration = 1.5\n[[expect]]\nname = "opens"\neventually = "gate_angle_deg > 70"\n'
+    fails = 'duration = 8.0\n[[expect]]\nname = "opens"\neventually = "gate_angle_deg > 70"\n'
     (tmp_path / "fails.toml").write_text(fails, encoding="utf-8")
     own = ("--bus", "virtual:own", *BENCH, "--dashboard")
     with process(*own, "--scenario", "fails.toml", "--listen", "127.0.0.1:0", folder=tmp_path) as run:

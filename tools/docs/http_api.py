@@ -34,7 +34,8 @@ _CODES = (
 )
 _CONNECTIONS = """\
 A connection on which nothing comes for ten seconds is closed, as is a WebSocket whose client takes nothing, or
-does not answer pings, for that long. A client that is slower than the stream gets the latest state each time."""
+does not answer pings, for that long. A client that is slower than the stream gets one state in place of
+several: the latest, with all lines of the log, and the lowest and highest values (`span`) of all of them."""
 
 
 def _keys(keys: Mapping[str, str]) -> str:

@@ -5,9 +5,6 @@ from __future__ import annotations
 import asyncio
 import time
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
-
-import orjson
 
 from liftgate_hil.dashboard.deference import Deference
 from liftgate_hil.dashboard.following import Following
@@ -58,10 +55,10 @@ class ActiveSource:
                     state = {**source.moment(), "span": span, "log": source.lines(line)}
                     if count % _NOW_AND_THEN == 0:
                         state |= source.now_and_then()
-                    self.viewers.publish(self.stated(state))
+                    self.viewers.publish(self.numbered(state))
                 line = source.last_line
             elif self.viewers and count % _NOW_AND_THEN == 0:
-                self.viewers.publish(self.stated(source.state()))
+                self.viewers.publish(self.numbered(source.state()))
             count += 1
             due = max(due + (PERIOD_S if self.viewers else _IDLE_S), time.monotonic())
             await asyncio.sleep(due - time.monotonic())
@@ -92,12 +89,12 @@ class ActiveSource:
         if not isinstance(source, Live) or not self.viewers:
             return
         span = await self.look(source)
-        self.viewers.publish(self.stated({**source.moment(), "span": span}))
+        self.viewers.publish(self.numbered({**source.moment(), "span": span}))
         await self.viewers.have_taken()
 
-    def stated(self, state: dict[str, Any]) -> bytes:
-        """Return a state as JSON, with the number by which a viewer sees that another run is shown."""
+    def numbered(self, state: JsonObject) -> JsonObject:
+        """Return a state with the number by which a viewer sees that another run is shown."""
         state["number"] = self.number
         if self._starter is not None:
             state["started"] = self._starter.running
-        return orjson.dumps(state)
+        return state

@@ -12,7 +12,15 @@ import numpy as np
 
 from liftgate_hil.dashboard.controls import controls_of
 from liftgate_hil.dashboard.heard import BusView
-from liftgate_hil.dashboard.source import JsonObject, check_columns, in_stretches, split, times_of, units_of
+from liftgate_hil.dashboard.source import (
+    MOST_LINES,
+    JsonObject,
+    check_columns,
+    in_stretches,
+    split,
+    times_of,
+    units_of,
+)
 from liftgate_hil.errors import RunGoneError
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import bars, distribution
@@ -22,7 +30,6 @@ from liftgate_hil.running.attachment.phase import COMPILING, ENDED, LATE
 from liftgate_hil.signals import COLUMN_PLACE, Bench
 
 _HISTORY_S = 60.0  # s of history that a page opened later is shown
-_LINES = 200
 _ASK_S = 0.1  # s between two queries of the run's progress
 _LOAD_S = 1.0  # s over which the bus load is taken
 _UNKNOWN_END: JsonObject = {
@@ -51,7 +58,7 @@ class Live:
         self._bus = BusView(Path(self._description["rig"]))
         self._news: JsonObject = {"phase": COMPILING, "status": None, "in_force": {}, "acting": {}, "verdicts": []}
         self._end: JsonObject | None = None
-        self._lines: deque[list[Any]] = deque(maxlen=_LINES)
+        self._lines: deque[list[Any]] = deque(maxlen=MOST_LINES)
         self._asked = -1.0
         self._bits: deque[tuple[float, int]] = deque()
         self.has_ended = False

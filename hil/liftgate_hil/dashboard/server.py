@@ -139,7 +139,7 @@ class Page:
             return _refused(422, ["time: allowed only with a recording"])
         if isinstance(source, Live) and not self._active.viewers:  # else it is 33 ms old at most
             await self._active.look(source)
-        return Response(self._active.stated(source.state(when)), 200, _HEADERS, "application/json")
+        return _json(self._active.numbered(source.state(when)))
 
     async def _plot(self, request: Request) -> Response:
         source, asked = self._active.source, request.query_params

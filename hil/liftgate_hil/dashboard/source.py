@@ -14,6 +14,7 @@ from liftgate_hil.signals import COLUMNS, SENSED_PREFIX, Bench
 
 JsonObject = dict[str, Any]  # a JSON object
 MOST_POINTS = 4000  # of a curve
+MOST_LINES = 200  # of the log that are kept for a viewer
 # What a state of a run holds.
 STATE = {
     "phase": "`compiling`, `ready` (before time 0), `running`, `late` (ticks were missed in the last two seconds, "

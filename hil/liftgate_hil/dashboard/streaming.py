@@ -7,10 +7,12 @@ import contextlib
 import time
 from typing import Any
 
+import numpy as np
 import orjson
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from liftgate_hil.dashboard.recorded import RecordingSource
+from liftgate_hil.dashboard.source import MOST_LINES, JsonObject
 
 PERIOD_S = 1.0 / 30.0
 _PATIENCE_S = 10.0  # s for a viewer to take a message, after which it is dropped
@@ -20,40 +22,86 @@ class Viewers:
     """Viewers of a run: each gets the latest state as soon as it has taken the last one."""
 
     def __init__(self) -> None:
-        self._queues: set[asyncio.Queue[bytes]] = set()
+        self._waiting: set[_Waiting] = set()
 
     def __bool__(self) -> bool:
-        return bool(self._queues)
+        return bool(self._waiting)
 
-    def publish(self, message: bytes) -> None:
-        """Send a message to all viewers; a slow one gets the latest only."""
-        for queue in self._queues:
-            if queue.full():
-                queue.get_nowait()
-            queue.put_nowait(message)
+    def publish(self, state: JsonObject) -> None:
+        """Send a state to all viewers; a slow one gets one state in place of several, see `merged`."""
+        message = orjson.dumps(state)
+        for each in self._waiting:
+            each.put(state, message)
 
     async def have_taken(self) -> None:
         """Wait until every viewer has taken what was published last."""
-        while any(queue.qsize() for queue in self._queues):
+        while any(each.has_come.is_set() for each in self._waiting):
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.05)  # for the last one to be sent
 
     async def serve(self, wire: WebSocket) -> None:
         """Send all that is published on a WebSocket, until its viewer leaves, or takes nothing for ten seconds."""
-        queue: asyncio.Queue[bytes] = asyncio.Queue(maxsize=1)
-        self._queues.add(queue)
+        waiting = _Waiting()
+        self._waiting.add(waiting)
         leaves = asyncio.create_task(_left(wire))
         try:
             while not leaves.done():
-                news = asyncio.create_task(queue.get())
-                await asyncio.wait({news, leaves}, return_when=asyncio.FIRST_COMPLETED)
-                if not news.done():
-                    news.cancel()
+                comes = asyncio.create_task(waiting.has_come.wait())
+                await asyncio.wait({comes, leaves}, return_when=asyncio.FIRST_COMPLETED)
+                if not comes.done():
+                    comes.cancel()
                     return
-                await _send(wire, news.result())
+                await _send(wire, waiting.take())
         finally:
-            self._queues.discard(queue)
+            self._waiting.discard(waiting)
             leaves.cancel()
+
+
+class _Waiting:
+    """State that waits for a viewer to take it."""
+
+    def __init__(self) -> None:
+        self.has_come = asyncio.Event()
+        self._state: JsonObject = {}
+        self._message: bytes | None = None  # the state as JSON, shared with other viewers; None: not made yet
+
+    def put(self, state: JsonObject, message: bytes) -> None:
+        """Add a state with its JSON to what waits."""
+        if self.has_come.is_set():
+            self._state, self._message = merged(self._state, state), None
+        else:
+            self._state, self._message = state, message
+            self.has_come.set()
+
+    def take(self) -> bytes:
+        """Return what waits as JSON; nothing waits any more."""
+        self.has_come.clear()
+        return self._message or orjson.dumps(self._state)
+
+
+def merged(older: JsonObject, newer: JsonObject) -> JsonObject:
+    """Return one state in place of two: the newer one, with the lines of the log and the extremes of both.
+
+    What the older one alone has (messages and histograms, which come less often) is kept, unless the newer one is
+    that of another run.
+    """
+    if older.get("number") != newer.get("number"):
+        return newer
+    found = {**older, **newer}
+    if "log" in older:
+        found["log"] = [*older["log"], *newer.get("log", ())][-MOST_LINES:]
+    if older.get("span"):
+        found["span"] = _merged_spans(older["span"], newer.get("span") or older["span"])
+    return found
+
+
+def _merged_spans(one: JsonObject, other: JsonObject) -> JsonObject:
+    """Return `low` and `high` of two stretches of time; NaN in one only gives way to the other's number."""
+    with np.errstate(all="ignore"):
+        return {
+            "low": np.fmin(one["low"], other["low"]).tolist(),
+            "high": np.fmax(one["high"], other["high"]).tolist(),
+        }
 
 
 async def _left(wire: WebSocket) -> None:

@@ -4,9 +4,13 @@
 const HISTORY_S = 300; // of a run that is kept here
 const PROBE_MS = 2000; // between two looks for a server that has gone
 const SILENCE_MS = 2000; // without a state, of which 30 come in a second
+const STILL_MS = 100; // at least, between two drawings of the charts, and of the page while the gate stands
+const STILL_DEG = 0.01; // by which a gate that stands may move
 const REPLY_MS = 5000; // for the reply to a command; the server does not execute one that is given up before it looks
 let wire = null; // the stream
 let heard = 0; // when the last state came
+let unshown = null; // state that the next frame shows
+let shownAt = 0; // when the charts were drawn last
 let isUnheard = false; // no states come
 let isGone = false; // the server
 const ANSWER_MS = 8000; // that an answer is shown
@@ -63,6 +67,32 @@ async function command(content) {
   return reply;
 }
 
+// Shows the state that came last, once per frame of the browser: a busy machine draws fewer states and none of them late.
+function showLatest() {
+  const state = unshown,
+    now = performance.now(),
+    isDue = now > shownAt + STILL_MS;
+  if (!state) return;
+  if (wire && !isDue && isStill(state)) {
+    setTimeout(() => requestAnimationFrame(showLatest), shownAt + STILL_MS - now);
+    return;
+  }
+  unshown = null;
+  if (about.kind === "recording") point(state.time_s);
+  else if (isDue) {
+    shownAt = now;
+    if (!isHeld) follow();
+  }
+  show(state);
+}
+
+// Whether the gate of a run stands where it is shown.
+function isStill(state) {
+  return (
+    about.kind === "run" && last && Math.abs(state.truth.gate_angle_deg - last.truth.gate_angle_deg) < STILL_DEG
+  );
+}
+
 function connect() {
   wire = new WebSocket(
     path(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/stream`),
@@ -76,17 +106,16 @@ function connect() {
       location.reload(); // the next run
       return;
     }
-    if (about.kind === "recording") {
-      point(state.time_s);
-      if (state.is_over) stop();
-    } else if (state.span && state.span.low) {
+    if (about.kind !== "recording" && state.span && state.span.low)
       charts.append(state.time_s, state.span, HISTORY_S);
-      if (!isHeld) follow();
-    }
-    show(state);
+    if (state.is_over) stop();
+    if (!unshown) requestAnimationFrame(showLatest);
+    // What comes less often, and each line of the log, is kept of the states that are not shown.
+    unshown = { ...unshown, ...state, log: [...(unshown?.log ?? []), ...(state.log ?? [])] };
   };
   wire.onclose = () => {
     wire = null;
+    showLatest();
     if (!isGone) gone();
   };
 }

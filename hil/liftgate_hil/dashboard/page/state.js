@@ -165,6 +165,7 @@ const ALARM = /: recording ended | is lost$/;
 const openedAt = Date.now() / 1000;
 
 function showLog(lines) {
+  if (!lines.length) return; // the lists' scroll positions are not asked for: that would lay out the page each time
   const alarms = lines.filter(([, when, line]) => when > openedAt && ALARM.test(line));
   if (alarms.length) answer(alarms.at(-1)[2], true);
   for (const [id, own, shorten] of [
