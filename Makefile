@@ -1,7 +1,7 @@
 # make demo: the closed loop on a virtual bus.  make test: what CI runs, on all CPUs (JOBS=1: one after the other), and
 # in parallel the tests on a real vcan0 if a machine with one is available (VCAN=required: else it fails; BESIDE=: without).
 # make study: measurements that take minutes, shown in docs/ instead of judged with each change.  make coverage: lines that tests miss.
-# make test-package: sdist and wheel, built, installed into empty environments and used outside the checkout.
+# make test-package: sdist and wheel, built, installed into an empty environment and used outside the checkout.
 # make test-vcan: the tests on a vcan0 alone; VCAN=optional skips them if no machine with a vcan0 is available.
 PYTHON ?= python3
 VENV   ?= .venv
@@ -29,7 +29,7 @@ setup: $(VENV)/.ready
 $(VENV)/.ready: pyproject.toml
 	$(PYTHON) tools/make_venv.py $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --editable ".[all]" --group dev
+	$(BIN)/python -m pip install --quiet --no-compile --editable ".[all]" --group dev
 	touch $@
 
 demo: setup

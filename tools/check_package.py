@@ -1,7 +1,8 @@
 """Check of the package without a checkout: `python -m tools.check_package`, or `make test-package`.
 
-Builds sdist and wheel, compares the wheel's contents with the sources, installs each into an empty environment and
-uses it in a folder that has packages named like the checkout's folders. Needs a package index for dependencies.
+Builds sdist and wheel, compares the wheel's contents with the sources, installs it into an empty environment and
+uses it in a folder that has packages named like the checkout's folders; the sdist, which must build the same
+wheel, is installed in its place. Needs a package index for dependencies.
 """
 
 from __future__ import annotations
@@ -127,7 +128,7 @@ class Installation:
             "PATH": f"{binaries}{os.pathsep}{kept['PATH']}",
         }  # the user's cache is kept: it finds machine code of the same sources wherever they are
         run(sys.executable, ROOT / "tools/make_venv.py", folder / "environment")
-        self.pip("install", str(artifact))
+        self.pip("install", "--no-compile", str(artifact))
         self.pip("check")
 
     def pip(self, *arguments: str) -> None:
@@ -159,7 +160,7 @@ def check_use(installed: Installation, version: str) -> None:
         call("make", "-C", "ecu", within="x")
     else:
         print("NOT RUN: the copied ECU's Makefile: no C compiler or make here")
-    installed.pip("install", "pytest")
+    installed.pip("install", "--no-compile", "pytest")
     call("pytest", within="x")
     if shutil.which("make") and shutil.which("cc"):
         call(
@@ -185,10 +186,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sdist, wheel = build(folder / "dist")
         check_contents(wheel)
         check_metadata(wheel)
-        for artifact in (wheel, sdist):
-            place = folder / artifact.suffix[1:]  # whl, gz
-            check_use(Installation(artifact, place), version)
-            shutil.rmtree(place)
+        installed = Installation(wheel, folder / "installed")
+        check_use(installed, version)
+        installed.pip("uninstall", "--yes", "liftgate-hil")
+        installed.pip("install", "--no-deps", str(sdist))
+        expect(
+            installed.call("liftgate-hil", "--version") == f"liftgate-hil {version}\n", "--version of the sdist"
+        )
     print(f"check_package: {sdist.name} and {wheel.name} work away from the checkout")
 
 

@@ -145,9 +145,12 @@ class PlantDivergedError(LiftgateError):
 
 
 def text_of(error: BaseException) -> str:
-    """Return the text of an error of foreign code on one line; its `__str__` may fail too."""
+    """Return the text of an error of foreign code on one line; its `__str__` may fail too.
+
+    Its backticks become apostrophes: ours stand around arguments, which the command line turns into flags.
+    """
     try:
-        return " ".join(str(error).split())
+        return " ".join(str(error).split()).replace("`", "'")
     except Exception as other:
         return f"(its str raised {type(other).__name__})"
 

@@ -124,6 +124,15 @@ def test_states_that_come_faster_than_they_are_drawn_are_drawn_once_and_lose_no_
     assert errors_in(page) == []
 
 
+def test_an_alarm_is_shown_at_the_top_once(page: Any) -> None:
+    alarms = [[1, 0.0, "of before"], [10**9, 1e10, "9.000 s: can0 is bus-off"]]
+    page.execute_script("showAlarms(arguments[0])", alarms)
+    assert text_of(page, "#answer") == "9.000 s: can0 is bus-off"
+    assert found(page, "#answer").get_attribute("class") == "bad"
+    page.execute_script("answer('', false); showAlarms(arguments[0])", alarms)
+    assert text_of(page, "#answer") == ""
+
+
 def test_what_is_refused_is_reported_with_what_is_allowed(page: Any) -> None:
     box = found(page, "#signal-name")
     box.clear()

@@ -14,8 +14,8 @@ from liftgate_hil.config.rig import Rig
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--link-cycles", type=int, default=40, help="how often a link fault comes and goes")
-    parser.addoption("--load-seconds", type=float, default=15.0, help="how long a full bus is borne")
+    parser.addoption("--link-cycles", type=int, default=10, help="how often a link fault comes and goes")
+    parser.addoption("--load-seconds", type=float, default=5.0, help="how long a full bus is borne")
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The link fails while the emulator runs, forty times each (`--link-cycles`): it is told and counted, the
+"""The link fails while the emulator runs, ten times each (`--link-cycles`): it is told and counted, the
 motors coast, and the feedback comes back by itself. Times are in ticks, of the recording, where they are judged
 closely.
 """

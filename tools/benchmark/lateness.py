@@ -212,6 +212,7 @@ def our_run(condition: Condition, seconds: float) -> tuple[Times, NDArray[np.int
         bitrate=rig.bitrate,
         limit_ns=10**10,
         say=print,
+        alarm=print,
         realtime=Realtime() if condition.fifo else None,
     )
     try:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
@@ -153,7 +154,7 @@ def _lines_of(outcome: Outcome, is_named: bool, args: argparse.Namespace) -> lis
     if outcome.reason:
         return [*lines, f"{indent}{printable(options.as_flags(outcome.reason))}"]
     return lines + [
-        f"{indent}{printable(each.name)}: {line_of(each)}"
+        f"{indent}{printable(each.name)}: {line_of(replace(each, reason=options.as_flags(each.reason)))}"
         for each in outcome.expectations
         if not (args.quiet and each.verdict == "pass")
     ]

@@ -289,13 +289,14 @@ def _lines_of(outcome: Outcome, done: int, count: int, args: argparse.Namespace)
     if args.json == "-" or (args.quiet and outcome.verdict == "pass"):
         return []
     lines = [f"[{done}/{count}] {outcome.verdict:<12} {outcome.case.file}  {outcome.wall_s:.2f} s"]
-    shown = [each for each in outcome.expectations if not args.quiet or each.verdict != PASS]
-    whole, is_told = outcome.reason, False
+    told = [replace(each, reason=options.as_flags(each.reason)) for each in outcome.expectations]
+    shown = [each for each in told if not args.quiet or each.verdict != PASS]
+    whole, is_told = options.as_flags(outcome.reason), False
     for each in shown:
         is_again = is_told and each.reason == whole
         is_told = is_told or (bool(whole) and each.reason == whole)
         lines.append(f"    {printable(each.name)}: {line_of(replace(each, reason='') if is_again else each)}")
     if whole and not is_told:
         lines.insert(1, f"    {whole}")
-    lines += [f"    note: {printable(each)}" for each in outcome.notes]
+    lines += [f"    note: {printable(options.as_flags(each))}" for each in outcome.notes]
     return lines

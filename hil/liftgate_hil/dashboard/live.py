@@ -199,6 +199,7 @@ class Live:
             "in_force": self._news["in_force"],
             "acting": self._news["acting"],
             "verdicts": self._news["verdicts"],
+            "alarms": self._news["alarms"],
         }
 
     def now_and_then(self) -> JsonObject:

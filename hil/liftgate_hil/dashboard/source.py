@@ -34,6 +34,8 @@ STATE = {
     "messages": "the last frame of each message on the bus, decoded; in the stream five times a second",
     "histograms": "lateness, execution time and command delay as bars: from, to [µs], count; in the stream alike",
     "log": "lines: number, Unix time, text; in the stream those that are new",
+    "alarms": "of these lines the latest that nobody may miss: the link is lost, or back; a recording has ended "
+    "before its run",
     "number": "counts the runs that the page has shown: another one begins with another number",
 }
 
@@ -86,7 +88,7 @@ def nothing_known(phase: str) -> JsonObject:
         "end": None,
         "time_s": None,
         **{name: {} for name in tables},
-        **{name: [] for name in ("verdicts", "messages", "log")},
+        **{name: [] for name in ("verdicts", "messages", "log", "alarms")},
     }
 
 

@@ -30,6 +30,10 @@ class Listener:
     def say(self, text: str) -> None:
         """Called with events of the link, what is waited for or refused, and what the machine does not grant."""
 
+    def alarm(self, text: str) -> None:
+        """Called with what nobody may miss: the link is lost, or back; a recording has ended before its run."""
+        self.say(text)
+
     def starts(self, what: str) -> None:
         """Called with what is about to run."""
 
@@ -61,6 +65,10 @@ class Relay(Listener):
     def say(self, text: str) -> None:
         """Pass on what is said."""
         self.listener.say(text)
+
+    def alarm(self, text: str) -> None:
+        """Pass on an alarm."""
+        self.listener.alarm(text)
 
     def starts(self, what: str) -> None:
         """Pass on what is about to run."""

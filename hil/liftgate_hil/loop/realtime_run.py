@@ -100,6 +100,7 @@ class RealtimeRun:
     bitrate: float  # bit/s; NaN: the load is not known
     limit_ns: int
     say: Callable[[str], None]
+    alarm: Callable[[str], None]  # called when the link is lost, or back
     peers: Sequence[Peer] = ()
     sinks: Sequence[Sink] = ()
     monitor: ProgressMonitor | None = None
@@ -251,7 +252,7 @@ class RealtimeRun:
                 news = self.line.watch(control)
                 if news:
                     seconds = int(control.tick) * self.config.step
-                    self.say(f"{seconds:.3f} s: {self.line.name} {news}")
+                    self.alarm(f"{seconds:.3f} s: {self.line.name} {news}")
                 self._look_out()
                 self._hand_on(rows, frames)
             self._observe(heard)

@@ -301,7 +301,7 @@ class Player:
     def _look_after(self, line: Line, control: Any) -> None:
         news = line.watch(control)
         if news:
-            self._listener.say(f"{self._seconds():.3f} s: {line.name} {news}")
+            self._listener.alarm(f"{self._seconds():.3f} s: {line.name} {news}")
         position = self._schedule.position[0]
         end = self._due(int(position.written)) if position.is_whole else 0.0
         self._progress(self._seconds(), end, int(position.accepted))

@@ -99,7 +99,7 @@ class BusRun:
         `own_mark` writes a mark to the run's own recordings; the stack completes the recording.
         """
         plan, way = self.plan, self.way
-        further = FurtherRecording(plan, channel, way.interface, memory, self.listener.say, own_mark)
+        further = FurtherRecording(plan, channel, way.interface, memory, self.listener, own_mark)
         stack.callback(further.close)
         about = Description(plan.setup, plan.rig, plan.options, channel, way.bitrate(plan.rig), bool(self.peers))
         self.observers.let_in(about, memory, further)

@@ -15,6 +15,7 @@ from liftgate_hil.running.provenance import whole_content_of
 from liftgate_hil.running.recorder_process import RecorderProcess
 
 if TYPE_CHECKING:
+    from liftgate_hil.loop.listener import Listener
     from liftgate_hil.loop.rings import Memory
     from liftgate_hil.running.plan import Plan
 
@@ -28,15 +29,15 @@ Mark = Callable[[float, str], bool]  # writes a mark at a time [s] of the run; F
 class FurtherRecording:
     """Recording on an operator's request, one at a time, in the folder of the run's own recordings.
 
-    `memory` is that of the run's loop, `channel` names its bus, which has an `interface`; `say` reports what
-    becomes of the files; `own_mark` writes a mark to the run's own recordings, where these can hold one.
+    `memory` is that of the run's loop, `channel` names its bus, which has an `interface`; the listener is
+    told what becomes of the files; `own_mark` writes a mark to the run's own recordings, where these can hold one.
     """
 
     def __init__(
-        self, plan: Plan, channel: str, interface: str, memory: Memory, say: Callable[[str], None], own_mark: Mark
+        self, plan: Plan, channel: str, interface: str, memory: Memory, listener: Listener, own_mark: Mark
     ) -> None:
         self._plan, self._channel, self._interface = plan, channel, interface
-        self._memory, self._say, self._own_mark = memory, say, own_mark
+        self._memory, self._listener, self._own_mark = memory, listener, own_mark
         own = plan.options.record
         self._folder = own[0].parent if own else Path.cwd()
         self._own_holds_marks = any(each.suffix in WITH_MARKS for each in own)
@@ -130,7 +131,7 @@ class FurtherRecording:
 
         def failed(text: str) -> None:
             said.append(text)
-            self._say(text.replace(f"`record` {path}", f"record {path.name}"))
+            self._listener.alarm(text.replace(f"`record` {path}", f"record {path.name}"))
             stop.set()
 
         try:
@@ -144,10 +145,10 @@ class FurtherRecording:
                         process.mark(time_s, text)
             if not stop.is_set():
                 now_s = int(self._memory.shared.control["tick"][0]) / self._plan.options.rate
-                self._say(f"record {path.name}: recording from {now_s:.3f} s on")
+                self._listener.say(f"record {path.name}: recording from {now_s:.3f} s on")
             stop.wait()
         except (ConfigError, OSError) as error:
-            self._say(f"record {path.name}: {error}")
+            self._listener.alarm(f"record {path.name}: {error}")
         with self._lock:
             self._process, self._phase = None, COMPLETING
         if process is None:
@@ -156,7 +157,7 @@ class FurtherRecording:
             process.close()
             self.files += process.files
             if process.files:
-                self._say(f"recorded: {', '.join(process.files)}")
+                self._listener.say(f"recorded: {', '.join(process.files)}")
         except RecordingError as error:
             if str(error) not in said:
                 failed(str(error))

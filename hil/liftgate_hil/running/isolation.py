@@ -22,7 +22,7 @@ from liftgate_hil.errors import EcuError
 from liftgate_hil.loop.closed_loop import FRAMES
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.processes.answers import PLACE, AnswerChannel, BadAnswerError
-from liftgate_hil.running.processes.children import foreign_output, in_memory
+from liftgate_hil.running.processes.children import end_in_words, foreign_output, in_memory
 
 HANG_S = 10.0  # s that the ECU may take for a tick, to be created, or to end
 EXIT_S = 5.0  # s that the process may take to exit once it has answered
@@ -142,9 +142,9 @@ class _Watch:
         """Return in words how the worker has ended."""
         status = os.read(self._ended, _STATUS.size)
         if len(status) == _STATUS.size:
-            return _end_of(os.waitstatus_to_exitcode(_STATUS.unpack(status)[0]))
+            return end_in_words(os.waitstatus_to_exitcode(_STATUS.unpack(status)[0]))
         with contextlib.suppress(subprocess.TimeoutExpired):  # its supervisor was killed, too
-            return _end_of(self._child.wait(_KILL_S))
+            return end_in_words(self._child.wait(_KILL_S))
         return "cause unknown"
 
     def exit_note(self) -> str:
@@ -192,13 +192,3 @@ def _end(child: subprocess.Popen[bytes]) -> None:
         os.killpg(child.pid, signal.SIGKILL)
     with contextlib.suppress(subprocess.TimeoutExpired):
         child.wait(_KILL_S)
-
-
-def _end_of(status: int) -> str:
-    """Return in words how a process has ended."""
-    if status >= 0:
-        return f"exit code {status}"
-    try:
-        return signal.Signals(-status).name
-    except ValueError:  # a real-time signal
-        return f"signal {-status}"

@@ -50,7 +50,7 @@ class RealtimeDriver:
                 content_of(plan, channel, run.way.interface),
                 plan.options.limit(),
                 loop.memory,
-                run.listener.say,
+                run.listener.alarm,
                 plan.trigger,
             )
             stack.callback(self._recorder.close)
@@ -82,6 +82,7 @@ class RealtimeDriver:
             bitrate=run.way.bitrate(plan.rig),
             limit_ns=round(plan.options.overrun_limit * NS),
             say=run.listener.say,
+            alarm=run.listener.alarm,
             realtime=self._realtime,
         )
 

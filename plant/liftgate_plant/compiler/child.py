@@ -68,8 +68,7 @@ def compile_apart(request: Request, look: Callable[[], None]) -> Any:
         child.kill()
         child.wait()
     if child.returncode < 0:
-        name = signal.Signals(-child.returncode).name
-        raise CompileError(f"the compiler's process was ended from outside ({name})")
+        raise CompileError(f"the compiler's process was ended from outside (signal {-child.returncode})")
     return pickle.loads(answer) if child.returncode == 0 else None
 
 

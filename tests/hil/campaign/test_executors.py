@@ -307,6 +307,7 @@ def processes_in(folder: Path) -> list[int]:
     ("end", "cause"),
     [
         ("raise(SIGSEGV)", "SIGSEGV"),
+        ("raise(SIGRTMIN + 1)", "(signal 35)"),  # has no name
         ("exit(7)", "exit code 7"),
         ("_exit(0)", "exit code 0"),
         ('for (int k = 3; k < 64; k++) if (write(k, "garbage!garbage!", 16) == 0) steps = 0', "its answer"),

@@ -54,4 +54,4 @@ def test_a_run_that_is_stopped_while_it_compiles_ends_before_its_first_tick(
 
 def test_a_compilation_that_is_ended_from_outside_is_one_message():
     with pytest.raises(LiftgateError, match="ended from outside"), reporting_compilation(Listener()):
-        raise compiler.CompileError("the compiler's process was ended from outside (SIGKILL)")
+        raise compiler.CompileError("the compiler's process was ended from outside (signal 9)")

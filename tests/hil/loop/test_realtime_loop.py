@@ -758,7 +758,7 @@ def ready(rig: Rig) -> Iterator[Callable[..., RealtimeRun]]:
         memory = Memory(more.pop("rows", 4096), 4096)
         kept.append((line, memory))
         said: list[str] = []
-        options: dict[str, Any] = {"limit_ns": 3600 * 10**9, "say": said.append, **more}
+        options: dict[str, Any] = {"limit_ns": 3600 * 10**9, "say": said.append, "alarm": said.append, **more}
         state = options.pop("state", None) or start_of(config)
         return RealtimeRun(
             config=config,

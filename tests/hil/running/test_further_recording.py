@@ -15,6 +15,7 @@ from recording_support import rows_from, table_in
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.open import holds_nothing
+from liftgate_hil.loop.listener import Listener
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.further_recording import RECORDING, STARTING, FurtherRecording
 from liftgate_hil.running.job import Job
@@ -54,14 +55,30 @@ def until(recording: FurtherRecording, phase: str | None) -> None:
         time.sleep(0.005)
 
 
+class Heard(Listener):
+    """Notes what a run says, and which of it are alarms."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+        self.alarms: list[str] = []
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def alarm(self, text: str) -> None:
+        self.alarms.append(text)
+        super().alarm(text)
+
+
 class Bench:
     """A further recording, with what it says and the marks that it gives to the run's own recordings."""
 
     def __init__(self, memory: Memory, folder: Path, *record: str) -> None:
-        self.said: list[str] = []
+        self.heard = Heard()
+        self.said = self.heard.said
         self.marks: list[tuple[float, str]] = []
         own = plan(folder, *record)
-        self.recording = FurtherRecording(own, "can0", "virtual", memory, self.said.append, self.mark)
+        self.recording = FurtherRecording(own, "can0", "virtual", memory, self.heard, self.mark)
 
     def mark(self, time_s: float, text: str) -> bool:
         self.marks.append((time_s, text))
@@ -196,7 +213,8 @@ def test_a_recorder_that_is_killed_is_no_longer_in_force(bench: Bench) -> None:
     until(bench.recording, RECORDING)
     os.kill(process_of(bench), signal.SIGKILL)
     until(bench.recording, None)
-    assert any("ended from outside" in each for each in bench.said)
+    assert ["ended from outside" in each for each in bench.heard.alarms] == [True]
+    assert bench.heard.alarms[0] in bench.said
     with pytest.raises(ConfigError, match="no recording is open"):
         bench.recording.mark(1.0, "x")
     bench.recording.start("y.csv")

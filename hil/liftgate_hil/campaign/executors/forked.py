@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.running.isolation import HANG_S
+from liftgate_hil.running.processes.children import end_in_words
 from liftgate_hil.running.processes.supervisor import dies_with_parent
 
 _LOOK_S = 0.25
@@ -46,7 +47,7 @@ def answer_of(function: Callable[[], bytes], control: Any) -> tuple[bytes | None
     if cause or payload is not None:
         return payload, cause
     code = os.waitstatus_to_exitcode(status)
-    return None, f"its process ended ({signal.Signals(-code).name if code < 0 else f'exit code {code}'})"
+    return None, f"its process ended ({end_in_words(code)})"
 
 
 def become_reaper() -> None:

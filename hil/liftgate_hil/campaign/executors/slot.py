@@ -25,7 +25,7 @@ from liftgate_hil.campaign.evaluation import GROUP, Row, error_row
 from liftgate_hil.campaign.executors.worker import FAILED, READY, ROW
 from liftgate_hil.campaign.figures import Figures
 from liftgate_hil.errors import LiftgateError
-from liftgate_hil.running.processes.children import end, foreign_output
+from liftgate_hil.running.processes.children import end, end_in_words, foreign_output
 
 _MODULE = "liftgate_hil.campaign.executors.worker"
 _SILENT_S = 60.0  # s without a sign of life, which comes every second
@@ -155,7 +155,7 @@ class Slot:
             code = self._process.wait(_END_S)
         except subprocess.TimeoutExpired:
             return "its process closed its connection"
-        return f"its process ended ({signal.Signals(-code).name if code < 0 else f'exit code {code}'})"
+        return f"its process ended ({end_in_words(code)})"
 
     def _replace(self, cause: str) -> None:
         """Start another worker for the rest of the batch. Raises LiftgateError where none can be started."""

@@ -160,14 +160,18 @@ function showMessages(messages, now) {
   });
 }
 
-// Lines of the log that an operator must not miss: a recording or the link is gone.
-const ALARM = /: recording ended | is lost$/;
+// Alarms are lines of the log: those of before the page was opened are not shown.
+let alarmed = 0; // number of the last one that was shown
 const openedAt = Date.now() / 1000;
+function showAlarms(lines) {
+  const fresh = lines.filter(([number, when]) => number > alarmed && when > openedAt);
+  if (!fresh.length) return;
+  alarmed = fresh.at(-1)[0];
+  answer(fresh.at(-1)[2], true);
+}
 
 function showLog(lines) {
   if (!lines.length) return; // the lists' scroll positions are not asked for: that would lay out the page each time
-  const alarms = lines.filter(([, when, line]) => when > openedAt && ALARM.test(line));
-  if (alarms.length) answer(alarms.at(-1)[2], true);
   for (const [id, own, shorten] of [
     ["log", lines, (line) => line],
     ["events", lines.filter(([, , line]) => line.startsWith("ecu ")), (line) => line.slice(4)],
@@ -342,6 +346,7 @@ function show(state) {
     if (state.messages) showMessages(state.messages, state.time_s);
   }
   if (state.log) showLog(state.log);
+  showAlarms(state.alarms || []);
   if (!state.end) showVerdicts(state.verdicts);
   if (state.histograms && state.histograms.lateness_us) {
     find("histograms").hidden = !state.histograms.lateness_us.length;

@@ -30,6 +30,7 @@ from liftgate_hil.running.attachment.phase import PhaseTracker
 from liftgate_hil.running.commands.operator import Operator
 
 _LINES = 200  # lines of the log that are kept
+_ALARMS = 20  # of these that are kept as alarms
 _LONGEST = 1000  # characters of a line or an issue
 _MOST_ISSUES = 20  # issues of a command
 _PATIENCE_S = 0.02  # s for a client to read a reply
@@ -50,6 +51,7 @@ class Server(Relay):
         self._pid, self._verdicts = pid, verdicts
         self._phases = PhaseTracker()
         self._lines: deque[tuple[int, float, str]] = deque(maxlen=_LINES)  # number, Unix time, text
+        self._alarms: deque[tuple[int, float, str]] = deque(maxlen=_ALARMS)  # of these lines
         self._count = 0
         self._status: Status | None = None
         self._operator: Operator | None = None
@@ -66,6 +68,11 @@ class Server(Relay):
         """Log a text, and pass it on."""
         self._note(text)
         self.listener.say(text)
+
+    def alarm(self, text: str) -> None:
+        """Log an alarm, keep it for the clients, and pass it on."""
+        self._alarms.append(self._note(text))
+        self.listener.alarm(text)
 
     def starts(self, what: str) -> None:
         """Log what is about to run, and pass it on."""
@@ -88,10 +95,12 @@ class Server(Relay):
         self._phases.is_ready()
         self.listener.ready()
 
-    def _note(self, text: str) -> None:
+    def _note(self, text: str) -> tuple[int, float, str]:
+        """Add a line to the log, and return it."""
         with self._lock:
             self._count += 1
-            self._lines.append((self._count, time.time(), text[:_LONGEST]))
+            self._lines.append(line := (self._count, time.time(), text[:_LONGEST]))
+            return line
 
     # Clients.
 
@@ -215,6 +224,7 @@ class Server(Relay):
             "status": status,
             "verdicts": [_in_short(each) for each in self._verdicts()[:_MOST_VERDICTS]],
             "lines": lines,
+            "alarms": list(self._alarms),
             "in_force": {} if operator is None else operator.in_force(),
             "acting": {} if self.acting is None or self._status is None else self.acting.at(self._status.time_s),
         }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import subprocess
 from typing import Any
 
@@ -27,6 +28,16 @@ def foreign_output() -> int:
     except OSError:
         return subprocess.DEVNULL
     return 2
+
+
+def end_in_words(code: int) -> str:
+    """Return in words how a process has ended, by its exit code as Popen has it: negative for a signal."""
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        return signal.Signals(-code).name
+    except ValueError:  # a real-time signal
+        return f"signal {-code}"
 
 
 def end(child: subprocess.Popen[Any], patience: float) -> None:

@@ -316,6 +316,17 @@ def test_lines_are_reported_once_and_the_last_two_hundred_are_kept(server: tuple
     client.close()
 
 
+def test_an_alarm_is_a_line_of_the_log_that_every_client_is_told_again(server: tuple[Server, Memory]) -> None:
+    client = Client(os.getpid())
+    server[0].say("before")
+    server[0].alarm("1.000 s: can0 is bus-off")
+    news = client.news(0)
+    assert news["alarms"] == news["lines"][1:]
+    assert news["alarms"][0][2] == "1.000 s: can0 is bus-off"
+    assert client.news(news["lines"][-1][0])["alarms"] == news["alarms"]
+    client.close()
+
+
 def test_a_run_of_another_version_is_not_read(
     server: tuple[Server, Memory], monkeypatch: pytest.MonkeyPatch
 ) -> None:
