@@ -154,12 +154,16 @@ def run(args: argparse.Namespace) -> int:
 
 def _tell_fit(cases: Sequence[Case], teller: Teller) -> None:
     """Print the notes on how rigs and vehicles fit, each once, whatever the number of scenarios."""
+    for note in dict.fromkeys(itertools.chain.from_iterable(map(_fit_of, cases))):
+        teller.say(f"note: {note}")
+
+
+def _fit_of(case: Case) -> list[str]:
+    """Return the notes on how the rig and the vehicle of a scenario fit."""
     from liftgate_hil.config.rig_fit import notes_on_fit
 
-    plans = [case.plan for case in cases]
-    notes = [notes_on_fit(each.rig, each.setup.vehicle, each.options.rate) for each in plans]
-    for note in dict.fromkeys(itertools.chain.from_iterable(notes)):
-        teller.say(f"note: {note}")
+    plan = case.plan
+    return notes_on_fit(plan.rig, plan.setup.vehicle, plan.options.rate)
 
 
 def _mutated(
@@ -298,5 +302,7 @@ def _lines_of(outcome: Outcome, done: int, count: int, args: argparse.Namespace)
         lines.append(f"    {printable(each.name)}: {line_of(replace(each, reason='') if is_again else each)}")
     if whole and not is_told:
         lines.insert(1, f"    {whole}")
-    lines += [f"    note: {printable(options.as_flags(each))}" for each in outcome.notes]
+    known = _fit_of(outcome.case)  # printed once for all scenarios
+    notes = [printable(options.as_flags(each)) for each in outcome.notes if each not in known]
+    lines += [f"    note: {each}" for each in notes]
     return lines

@@ -59,6 +59,7 @@ def run_loop(
     there. Raises LiftgateError; what went wrong in the run is in the result.
     """
     from liftgate_hil.config.after_the_end import stimuli_after
+    from liftgate_hil.config.rig_fit import notes_on_fit
     from liftgate_hil.running.plan import plan_of
     from liftgate_hil.running.run import execute
 
@@ -87,6 +88,7 @@ def run_loop(
         teller.clear()
     # Who shortens a run with --duration knows that it ends before the rest of its scenario.
     known = [] if args.duration is None else stimuli_after(plan.setup.scenario, args.duration)
+    known += notes_on_fit(plan.rig, plan.setup.vehicle, plan.options.rate)  # said before the run
     for note in result.notes:
         if note not in known:
             teller.say(f"note: {note}")
@@ -188,7 +190,7 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
     finally:
         has_ended.set()
         end(child, _PAGE_LEAVES_S)
-        watcher.join()
+        watcher.join(_PAGE_LEAVES_S)
 
 
 @contextlib.contextmanager

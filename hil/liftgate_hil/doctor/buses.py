@@ -6,6 +6,7 @@ import contextlib
 import grp
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -20,6 +21,7 @@ _UP = 0x1  # IFF_UP
 _FD_MTU = 72
 _QUEUE = 10  # frames; the gate sends up to six at once
 PATIENCE = 10.0  # s that drivers have to answer
+_END_S = 1.0  # s for the search's process to be gone after it was killed
 VCAN = "sudo modprobe vcan; sudo ip link add vcan0 type vcan; sudo ip link set vcan0 up"
 
 # Runs in a process of its own, as a driver may hang or crash. Drivers log what they miss; only the answer counts.
@@ -146,8 +148,10 @@ class Detection:
     def close(self) -> None:
         """End the search, whether it is done or not."""
         if self._child is not None:
-            self._child.kill()
-            self._child.communicate()
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._child.pid, signal.SIGKILL)  # with what a driver has started
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._child.communicate(timeout=_END_S)
 
 
 def _undetected(why: str) -> Check:

@@ -106,14 +106,15 @@ def run(
 def execute(plan: Plan, stopped: Callable[[], bool] = lambda: False) -> Result:
     """Run a plan, in a process of its own where its ECU may crash. Raises ConfigError."""
     job = plan.job
-    for note in notes_on_fit(plan.rig, plan.setup.vehicle, plan.options.rate):
+    fit = notes_on_fit(plan.rig, plan.setup.vehicle, plan.options.rate)
+    for note in fit:
         job.listener.say(f"note: {note}")
     if job.is_isolated or is_library(job.ecu):
         result = _isolated(plan, stopped)
     else:
         result = run_plan(plan, (), stopped)
     late = [] if plan.duration is None else stimuli_after(plan.setup.scenario, plan.duration)
-    return replace(result, sources=plan.sources, notes=(*result.notes, *late))
+    return replace(result, sources=plan.sources, notes=(*fit, *result.notes, *late))
 
 
 def _isolated(plan: Plan, stopped: Callable[[], bool]) -> Result:

@@ -11,6 +11,7 @@ import liftgate_hil as lh
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.loop.python_loop import Loop
+from liftgate_hil.running import run
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import plan_of
@@ -55,6 +56,29 @@ def test_a_result_has_every_column_and_what_the_ecu_reported(scenario: Path) -> 
     assert 0.2 < result.pinch_time_s < 2.5
     assert result.events[0].text == "closing"
     assert result.summary.ticks == 2501
+
+
+def test_how_rig_and_vehicle_fit_is_noted_in_the_result_and_printed_once(
+    scenario: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from liftgate_hil.cli.main import main
+    from liftgate_hil.config import rig_fit
+
+    note = "rig: inputs.right_duty is missing"
+    for module in (run, rig_fit):
+        monkeypatch.setattr(module, "notes_on_fit", lambda *_: [note])
+    assert lh.run(scenario, ecu="reference").notes[0] == note
+    capsys.readouterr()
+    expecting = scenario.read_text() + '[[expect]]\nname = "shut"\nalways = "gate_angle_deg < 60"\n'
+    scenario.write_text(expecting)
+    for command in (
+        ["test", str(scenario), str(scenario)],
+        ["run", "--scenario", str(scenario), "--clock", "free"],
+    ):
+        ecu = ["--ecu", "reference", "--bus", "virtual:x"] if command[0] == "run" else []
+        main([*command, *ecu])
+        said = capsys.readouterr()
+        assert (said.out + said.err).count(note) == 1, command
 
 
 def test_parameters_replace_those_of_the_file(scenario: Path) -> None:
