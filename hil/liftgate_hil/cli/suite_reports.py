@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.cli import streams
 from liftgate_hil.cli.options import as_flags
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, number_of
 from liftgate_hil.report.page import GENERATOR
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ def _write(target: str, content: bytes) -> None:
 
 
 def summary_of(outcomes: Sequence[Outcome], args: argparse.Namespace, what: str) -> list[str]:
-    """Return the last line: how many expectations have which verdict. None if JSON goes to stdout.
+    """Return the last line: how many expectations have which verdict; [] if JSON goes to stdout.
 
     `what` names what was judged, in the plural: "scenarios", "recordings".
     """
@@ -209,7 +209,6 @@ def summary_of(outcomes: Sequence[Outcome], args: argparse.Namespace, what: str)
     counts: dict[str, Any] = counts_of(outcomes)
     share = counts.pop("inconclusive_share")
     text = ", ".join(f"{number} {name}" for name, number in counts.items() if number)
-    runs = f"{len(outcomes)} {what if len(outcomes) != 1 else what.removesuffix('s')}"
-    number = sum(counts.values())
-    judged = f"{number} expectation{'s' if number != 1 else ''}"
+    runs = number_of(len(outcomes), what.removesuffix("s"))
+    judged = number_of(sum(counts.values()), "expectation")
     return [f"{runs}, {judged}: {text}; {100.0 * share:.0f} % inconclusive"]

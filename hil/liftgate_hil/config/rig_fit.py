@@ -21,7 +21,7 @@ from liftgate_hil.config.inject import FAULT
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.config.units import conversion
-from liftgate_hil.errors import ConfigIssues
+from liftgate_hil.errors import ConfigIssues, with_unit
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from liftgate_plant import gate
 from liftgate_plant.gate import GRAVITY
@@ -300,4 +300,4 @@ def _holds(held: tuple[float, float], low: float, high: float) -> bool:
 
 
 def _span(low: float, high: float, unit: str) -> str:
-    return f"{low:.4g} to {high:.4g}{' ' + unit if unit else ''}"
+    return with_unit(f"{low:.4g} to {high:.4g}", unit)

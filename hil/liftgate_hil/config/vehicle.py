@@ -15,7 +15,7 @@ from liftgate_hil.config.spread import spreads_of
 from liftgate_hil.config.toml import Table, copied_table, known_keys, number, read_toml, show, table, text
 from liftgate_hil.config.variant import AS_FILED, Variant, settings_for
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, keys_of
-from liftgate_hil.errors import ConfigIssues
+from liftgate_hil.errors import ConfigIssues, with_unit
 from liftgate_plant import gate as gate_body
 from liftgate_plant import hall
 from liftgate_plant.friction_profile import MOST_PLACES, places_of
@@ -199,8 +199,7 @@ def _points(issues: ConfigIssues, key: str, value: object, quantity: Quantity) -
 def _allowed(quantity: Quantity, form: str = "") -> str:
     if quantity.options:
         return f"allowed: {', '.join(quantity.options)}"
-    unit = _unit(quantity)
-    return f"allowed: {form}{quantity.range}{' ' + unit if unit else ''}"
+    return f"allowed: {with_unit(f'{form}{quantity.range}', _unit(quantity))}"
 
 
 def _unit(quantity: Quantity) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from liftgate_hil.errors import number_of
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict, worst
 from liftgate_hil.report.page import Markup, alert, page, pairs, section, table, text
@@ -86,7 +87,7 @@ class SuiteReport:
         summary = _summary(outcomes)
         return page(
             title,
-            f"{_many(len(outcomes), subject_of(outcomes))}, liftgate-hil "
+            f"{number_of(len(outcomes), subject_of(outcomes))}, liftgate-hil "
             f"{provenance.versions.get('liftgate-hil', '')}, {provenance.date}",
             [
                 *([] if mutation is None else [mutants_section(mutation)]),
@@ -145,7 +146,7 @@ def _summary(outcomes: Sequence[Outcome]) -> str:
         *run,
     ]
     stopped = [each for each in outcomes if each.reason.startswith("stopped")]
-    warning = f"Incomplete: stopped early, and {_many(len(stopped), what)} did not end."
+    warning = f"Incomplete: stopped early, and {number_of(len(stopped), what)} did not end."
     return alert([warning] if stopped else []) + pairs(rows)
 
 
@@ -159,10 +160,6 @@ def _each(values: Iterable[str], most: int = 5) -> str:
     found = list(dict.fromkeys(values))
     more = f" and {len(found) - most} more: see the scenarios" if len(found) > most else ""
     return ", ".join(found[:most]) + more
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def _timing(outcomes: Sequence[Outcome]) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.scenario_tables import Fault
+from liftgate_hil.errors import with_unit
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.signals import PROFILES
 from liftgate_hil.stimuli.moments import Instant
@@ -88,9 +89,7 @@ def _asked(action: str) -> str:
 
 def _profile(name: str, profile: Profile) -> str:
     unit = PROFILES[name].unit if name in PROFILES else ""
-    points = [
-        f"{value:g}{f' {unit}' if unit else ''} at {time:g} s" for time, value in profile.points[:_MOST_POINTS]
-    ]
+    points = [f"{with_unit(f'{value:g}', unit)} at {time:g} s" for time, value in profile.points[:_MOST_POINTS]]
     rest = len(profile.points) - len(points)
     more = f", and {rest} more points" if rest else ""
     how = "interpolated linearly" if profile.is_linear else "held until the next point"

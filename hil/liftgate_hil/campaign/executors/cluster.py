@@ -18,7 +18,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from multiprocessing.connection import wait
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.distributions import Floats
@@ -29,9 +29,6 @@ from liftgate_hil.campaign.store import Store, StoreError, packed, unpacked
 from liftgate_hil.config.can_libraries import unpickled
 from liftgate_hil.errors import ConfigError, LiftgateError, words_of
 from liftgate_hil.version import versions
-
-if TYPE_CHECKING:
-    pass
 
 _ADDRESS = re.compile(r"(?:tcp|tls)://(\[[^\]]+\]|[^:/\[\]]+):(\d{1,5})")
 _CONNECT_S = 20.0  # s that a scheduler may take to answer

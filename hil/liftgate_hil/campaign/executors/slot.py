@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import pickle
 import signal
 import socket
 import subprocess
@@ -25,7 +26,7 @@ from liftgate_hil.campaign.evaluation import GROUP, Row, error_row
 from liftgate_hil.campaign.executors.worker import FAILED, READY, ROW
 from liftgate_hil.campaign.figures import Figures
 from liftgate_hil.errors import LiftgateError
-from liftgate_hil.running.processes.children import end, end_in_words, foreign_output
+from liftgate_hil.running.processes.children import end, end_in_words, foreign_output, in_memory
 
 _MODULE = "liftgate_hil.campaign.executors.worker"
 _SILENT_S = 60.0  # s without a sign of life, which comes every second
@@ -101,22 +102,22 @@ class Slot:
 
     def _start(self) -> None:
         ours, theirs = socket.socketpair()
+        given = in_memory(pickle.dumps((self._content, sys.path)))  # a socket would make this process wait
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", _MODULE, str(theirs.fileno())],
+                [sys.executable, "-P", "-m", _MODULE, str(theirs.fileno()), str(given)],
                 stdin=subprocess.DEVNULL,
                 stdout=foreign_output(),
-                pass_fds=[theirs.fileno()],
+                pass_fds=[theirs.fileno(), given],
                 start_new_session=True,  # signals for the caller's group are for the caller alone
                 env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
             )
         finally:
             theirs.close()
+            os.close(given)
         self._connection = Connection(ours.detach())
         self._heard = self._moved = time.monotonic()
         self._progress = ()
-        with contextlib.suppress(OSError):  # it has died already, which `look` finds out
-            self._connection.send((self._content, sys.path))
 
     def _send(self) -> None:
         assert self._connection is not None

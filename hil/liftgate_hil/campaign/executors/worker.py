@@ -1,6 +1,7 @@
 """A campaign's worker process: evaluates variants as they come, and answers with a row each.
 
-python -P -m liftgate_hil.campaign.executors.worker DESCRIPTOR       a socket; the other end is a `Worker`
+python -P -m liftgate_hil.campaign.executors.worker SOCKET FILE      descriptors: the other end of the socket is a
+`Slot`, the file holds the pickled base and the caller's module path
 
 A user's ECU may crash, hang or keep statics: each of its variants is evaluated in a child of this process, which
 is forked before any of the user's code is loaded.
@@ -39,10 +40,8 @@ def main() -> int:
     signal.signal(signal.SIGTERM, _end)
     become_reaper()
     connection = Connection(int(sys.argv[1]))
-    try:
-        content, path = connection.recv()
-    except (EOFError, OSError):
-        return 0
+    with os.fdopen(int(sys.argv[2]), "rb") as stream:
+        content, path = pickle.load(stream)
     # Appended last, so that a module of an ECU does not hide one that this program needs.
     with contextlib.suppress(OSError):  # the folder may be gone
         path = [*path, str(Path.cwd())]
