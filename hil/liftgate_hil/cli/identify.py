@@ -133,7 +133,7 @@ def _run(args: argparse.Namespace, teller: Teller) -> int:
     from liftgate_hil.report.numbers import significant
 
     targets = {"--result": args.result, "--save-vehicle": args.save_vehicle, "--html": args.html}
-    check_targets(targets, args.files)
+    check_targets(targets, [*args.files, args.vehicle] if Path(args.vehicle).is_file() else args.files)
     origin = fitting.origin_of(args)
     if args.plan:
         return _plan(args, teller, origin)

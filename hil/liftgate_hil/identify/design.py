@@ -65,7 +65,8 @@ def candidates(vehicle: Vehicle, duration: float, rate: float) -> list[Candidate
     share = times / max(duration, 1e-9)
     phase = _CHIRP[0] * times + 0.5 * (_CHIRP[1] - _CHIRP[0]) * share * times
     chirp = full * (0.6 + 0.35 * np.sin(2.0 * math.pi * phase))
-    bits = prbs(math.ceil(duration / _BIT) + 1)[(times / _BIT).astype(int)]
+    # 0.3 s is bit 6, although 0.3 / 0.05 is less than 6.
+    bits = prbs(math.ceil(duration / _BIT) + 1)[np.floor(times / _BIT + 1e-6).astype(int)]
     random = full * np.where(bits, 0.9, 0.35)
     turns = full * np.select([share < 0.4, share < 0.5, share < 0.9], [1.0, 0.0, -1.0], 0.0)
     level = [

@@ -37,6 +37,7 @@ Floats = NDArray[np.float64]
 _FAR_PERCENT = 0.0  # fit of the initial vehicle below which multiple shooting comes first
 _NEAR_PERCENT = 80.0  # fit that a good search reaches
 _NOWHERE_PERCENT = -1.0  # fit of an output below which a model contradicts the data
+_OF_A_RUN = ("sensors.", "supply.", "coding.", "bridge.")  # tables that no simulation of a measurement uses
 _HARDLY_PERCENT = 20.0  # the same, where the residual is not noise
 _NOTHING_PERCENT = 1.5  # fit of all outputs below which a model explains nothing
 _ROUGH_ROUNDS = 30
@@ -301,9 +302,14 @@ def _check_excited(problem: Problem) -> None:
     slopes = problem.slopes(begin, problem.predicted(begin))[:, :, : len(problem.sought)]
     there = np.isfinite(problem.measured)[:, :, None]
     if not np.any(there & np.isfinite(slopes) & (slopes != 0.0)):
-        raise NothingToTellError(
-            "no measured output depends on the estimated parameters: the input does not excite them"
-        )
+        text = "no measured output depends on the estimated parameters: the input does not excite them"
+        idle = [each.parameter.name for each in problem.sought if each.parameter.name.startswith(_OF_A_RUN)]
+        if idle:
+            text += (
+                f", or, as with {', '.join(idle)}, they act in a run and not on a measurement; allowed: offset "
+                "and scale of a column in a map"
+            )
+        raise NothingToTellError(text)
 
 
 def experiments_of(problem: Problem, point: Floats, before: Floats | None) -> list[Experiment]:

@@ -307,9 +307,9 @@ class Problem:
     def _difference(self, above: Floats, below: Floats, k: int, predicted: Floats) -> Floats:
         """Return the slope (rows, outputs) between points that differ in value k; `predicted` is at `below`."""
         slope = self.prediction(above)
-        with np.errstate(invalid="ignore"):  # predictions may have diverged
+        with np.errstate(invalid="ignore", over="ignore"):  # predictions may have diverged
             slope -= predicted
-        slope /= above[k] - below[k]
+            slope /= above[k] - below[k]
         return slope
 
     def _slopes(self, slope: Callable[[int], Floats], count: int) -> Floats:

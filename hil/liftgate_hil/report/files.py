@@ -8,6 +8,9 @@ from pathlib import Path
 
 from liftgate_hil.errors import ConfigError
 
+# Suffixes of files that a report may replace.
+_KINDS = {"--html": (".html", ".htm"), "--save-vehicle": (".toml",), "--result": (".json",)}
+
 
 def check_targets(targets: Mapping[str, str | None], sources: Sequence[str]) -> None:
     """Raise ConfigError with all issues of the files that flags name, where they are given.
@@ -24,6 +27,11 @@ def check_targets(targets: Mapping[str, str | None], sources: Sequence[str]) -> 
         except ConfigError as error:
             issues += error.issues
             continue
+        kinds = _KINDS.get(flag)
+        if kinds and Path(path).suffix.lower() not in kinds and Path(path).is_file():
+            issues.append(
+                f"{flag} {path}: is a file of another kind; allowed: a new file, or a {kinds[0]} to replace"
+            )
         if _place(path) in taken:
             issues.append(f"{flag} {path}: {taken[_place(path)]}; allowed: a separate file")
         taken.setdefault(_place(path), f"{flag} writes it")

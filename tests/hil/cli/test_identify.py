@@ -29,6 +29,7 @@ from fitting_files import (
 )
 
 from liftgate_hil.cli.fitting import _check_beginnings
+from liftgate_hil.config.shipped import find_config
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.identify.data import Data
 from liftgate_hil.running.setup import vehicle_from
@@ -621,3 +622,21 @@ def test_a_prior_that_is_too_sharp_to_be_weighed_is_refused(
 ) -> None:
     flags = ("--estimate", "motor.resistance", "--prior", "motor.resistance=0.6:1e-300")
     assert "--prior motor.resistance=0.6:1e-300" in complaint(capsys, "identify", opening, *flags)[0]
+
+
+def test_a_report_replaces_no_file_of_another_kind_and_no_input(
+    opening: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture, recording, vehicle = (tmp_path / each for each in ("p.png", "r.csv", "v.toml"))
+    for each in (picture, recording):
+        each.write_bytes(b"mine")
+    vehicle.write_bytes(find_config("vehicles", "suv").read_bytes())
+    estimate = ("identify", opening, "--vehicle", vehicle, "--estimate", "motor.resistance")
+    lines = complaint(capsys, *estimate, "--html", picture, "--save-vehicle", recording)
+    assert [each.partition("; ")[0].removeprefix("liftgate-hil: ") for each in lines] == [
+        f"--save-vehicle {recording}: is a file of another kind",
+        f"--html {picture}: is a file of another kind",
+    ]
+    assert picture.read_bytes() == recording.read_bytes() == b"mine"
+    (line,) = complaint(capsys, *estimate, "--save-vehicle", vehicle)
+    assert "is an input file; allowed: a separate file" in line

@@ -161,3 +161,11 @@ def test_positions_are_expected_to_tell_what_counts_tell(rate: float) -> None:
     ratio = np.array(found) / expected.relative_std
     assert np.all(ratio > 0.4)
     assert np.all(ratio < 2.5)
+
+
+def test_each_bit_of_a_planned_prbs_begins_with_its_row():
+    """The quotient of 0.3 s and 0.05 s is less than 6."""
+    (found,) = [each for each in candidates(suv(), 4.0, 1000.0) if each.name == "PRBS of 50 ms, opening"]
+    changes = np.flatnonzero(np.diff(found.voltage)) + 1
+    assert len(changes) > 20
+    assert np.all(changes % 50 == 0)

@@ -228,8 +228,10 @@ def test_an_input_that_excites_nothing_tells_nothing() -> None:
     times, volts = there_and_back(1.0)
     data = measured(vehicle, seed=1, drive=(times, 0.0 * volts))
     names = ["motor.resistance", "motor.rotor_inertia", "spring.preload"]
-    with pytest.raises(NothingToTellError, match="does not excite"):
+    with pytest.raises(NothingToTellError, match=r"does not excite them$"):
         estimated(vehicle, "third-order", names, [data])
+    with pytest.raises(NothingToTellError, match=r"as with sensors\.current_offset, they act in a run"):
+        estimated(vehicle, "third-order", ["sensors.current_offset"], [data])
 
 
 @pytest.mark.parametrize(
