@@ -87,6 +87,7 @@ def problem_of(
 ) -> tuple[Problem, tuple[str, ...]]:
     """Return the problem of these flags, and notes on what was done to the data. Raises ConfigError."""
     from liftgate_hil.cli.measurements import measurements_from
+    from liftgate_hil.config.plausibility import notes_on_vehicle
     from liftgate_hil.config.vehicle import issues_with
     from liftgate_hil.identify.problem import Problem
     from liftgate_plant.friction_profile import is_the_law
@@ -116,7 +117,8 @@ def problem_of(
         )
     except ValueError as error:
         raise ConfigError(f"{', '.join(args.files)}: {error}") from error
-    notes = [f"{args.vehicle}: with {setting}" for setting in args.settings]
+    notes = [f"{args.vehicle}: {each}" for each in notes_on_vehicle(vehicle)]
+    notes += [f"{args.vehicle}: with {setting}" for setting in args.settings]
     if not is_the_law(vehicle):
         notes.append(f"{args.vehicle}: the model omits how [friction] varies with travel, runs and age")
     for measurement, each in zip(measurements, data, strict=True):

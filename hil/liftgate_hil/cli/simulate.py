@@ -82,6 +82,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.progress import Progress
     from liftgate_hil.cli.screen import Screen
     from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.config.plausibility import notes_on_vehicle
     from liftgate_hil.formats.content import Content
     from liftgate_hil.formats.edges import EdgeFile
     from liftgate_hil.loop.simulation import simulate
@@ -109,6 +110,8 @@ def run(args: argparse.Namespace) -> int:
     duration = args.duration if args.duration is not None else scenario.duration
     if duration is None:
         duration = _length_of(args, samples.times)
+    for note in notes_on_vehicle(vehicle):
+        print(f"liftgate-hil simulate: {setup.vehicle_name}: {note}", file=sys.stderr)
     notes = (*notes, *_undriven(args, samples, vehicle.drives))
     for note in notes:
         print(f"{args.input or 'liftgate-hil simulate'}: {note}", file=sys.stderr)

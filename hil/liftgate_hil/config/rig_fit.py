@@ -18,6 +18,7 @@ from liftgate_hil.config.drafting.candidates import is_protection
 from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.inject import FAULT
+from liftgate_hil.config.plausibility import notes_on_vehicle
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.config.units import conversion
@@ -133,8 +134,8 @@ def check_fit(rig: Rig, vehicle: Vehicle, rate: float) -> None:
 
 
 def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
-    """Return what is worth knowing before a run, a line each."""
-    notes = []
+    """Return what is worth knowing before a run, a line each: of the vehicle itself, and of the rig for it."""
+    notes = [f"vehicle: {each}" for each in notes_on_vehicle(vehicle)]
     root, source = data_root().resolve(), Path(rig.source).resolve()
     if rig.database.resolve().is_relative_to(root / "dbc") and not source.is_relative_to(root):
         notes.append(
