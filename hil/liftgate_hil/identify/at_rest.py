@@ -1,4 +1,4 @@
-"""Warnings on data in which a current is not zero at rest, and on data in which no motor is driven."""
+"""Warnings on data: a current that is not zero at rest, a motor that is never driven, or through a gap."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from liftgate_hil.identify.data import Data, first_sample, is_count, is_driven
 from liftgate_hil.identify.problem import LONGEST_DELAY, Problem
 from liftgate_hil.identify.statistics import mean_std, rounding_step
+from liftgate_hil.measurement.quality import GAP, usual_spacing
 from liftgate_plant import gate
 from liftgate_plant.vehicle import Vehicle, plant_of
 
 Floats = NDArray[np.float64]
 
+_LONG_GAP_S = 0.2  # in which a voltage may have changed, and a motor settles
 _FEWEST = 10  # samples before the first voltage
 _SURE = 5.0  # standard deviations of a mean
 _LEAST_SHARE = 1e-3  # of the largest current: an offset that is worth a warning
@@ -29,6 +31,21 @@ def never_driven(data: Sequence[Data]) -> list[str]:
     if any(np.any(is_driven(each)) for each in data):
         return []
     return ["no motor is ever driven: the estimates rest on what moves the gate by itself"]
+
+
+def driven_through_gaps(data: Sequence[Data]) -> list[str]:
+    """Return a warning on each long gap between rows through which the last voltage or duty is held."""
+    found = []
+    for each in (each.whole or each for each in data):
+        is_held = is_driven(each)[:-1]
+        gaps = np.diff(each.rows)
+        for k in np.flatnonzero((gaps > _LONG_GAP_S) & (gaps > GAP * usual_spacing(each.rows)) & is_held):
+            begin, end = each.rows[k : k + 2]
+            found.append(
+                f"{each.name}: no rows from {begin:.5g} to {end:.5g} s: the motor is simulated with the last voltage "
+                "all the time; use the rows before or after the gap, unless it got that voltage"
+            )
+    return found
 
 
 def offsets_at_rest(problem: Problem) -> list[str]:

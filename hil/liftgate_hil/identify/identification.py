@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identify import statistics
-from liftgate_hil.identify.at_rest import never_driven, offsets_at_rest
+from liftgate_hil.identify.at_rest import driven_through_gaps, never_driven, offsets_at_rest
 from liftgate_hil.identify.coarse import coarse_of
 from liftgate_hil.identify.data import applied_voltage
 from liftgate_hil.identify.delays import at_best_delay
@@ -104,7 +104,7 @@ def identify(
         seconds=time.perf_counter() - began,
         covariance_kind=_KINDS[is_robust] + _scatter(jitter),
         input_jitter=jitter,
-        data_warnings=(*never_driven(problem.data), *offsets_at_rest(problem)),
+        data_warnings=(*never_driven(problem.data), *driven_through_gaps(problem.data), *offsets_at_rest(problem)),
         history=np.array(history),
         experiments=tuple(experiments_of(problem, found.point, problem.initial)),
         profiles=tuple(
@@ -245,7 +245,7 @@ def validate(problem: Problem) -> Validation:
         "",
         tuple(experiments_of(problem, point, None)),
         tuple(states),
-        data_warnings=tuple(offsets_at_rest(problem)),
+        data_warnings=(*driven_through_gaps(problem.data), *offsets_at_rest(problem)),
     )
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from liftgate_hil.identify.at_rest import never_driven, offsets_at_rest
+from liftgate_hil.identify.at_rest import driven_through_gaps, never_driven, offsets_at_rest
 from liftgate_hil.identify.data import Data
 from liftgate_hil.identify.identification import validate
 from liftgate_hil.identify.problem import Problem
@@ -95,6 +95,19 @@ def test_data_in_which_nothing_drives_are_warned_of() -> None:
     (warning,) = [each for each in warnings_of(result) if "no motor" in each]
     assert warning == "no motor is ever driven: the estimates rest on what moves the gate by itself"
     assert never_driven([data, later_driven()]) == []
+
+
+def test_a_gap_through_which_the_motor_is_driven_is_warned_of() -> None:
+    data = later_driven()
+
+    def without(begin: float, end: float) -> Data:
+        kept = (data.times < begin) | (data.times > end)
+        outputs = {name: values[kept] for name, values in data.outputs.items()}
+        return dataclasses.replace(data, times=data.times[kept], inputs=data.inputs[kept], outputs=outputs)
+
+    (warning,) = driven_through_gaps([without(0.8, 1.5)])
+    assert "no rows from 0.795 to 1.505 s: the motor is simulated with the last voltage" in warning
+    assert driven_through_gaps([data, without(0.02, 0.28), without(0.8, 0.9)]) == []
 
 
 def test_a_current_before_the_timestamp_of_a_voltage_may_be_of_the_voltage() -> None:
