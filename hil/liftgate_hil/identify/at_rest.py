@@ -42,8 +42,8 @@ def driven_through_gaps(data: Sequence[Data]) -> list[str]:
         for k in np.flatnonzero((gaps > _LONG_GAP_S) & (gaps > GAP * usual_spacing(each.rows)) & is_held):
             begin, end = each.rows[k : k + 2]
             found.append(
-                f"{each.name}: no rows from {begin:.5g} to {end:.5g} s: the motor is simulated with the last voltage "
-                "all the time; use the rows before or after the gap, unless it got that voltage"
+                f"{each.name}: no rows from {begin:.5g} to {end:.5g} s: the motor is simulated with the last "
+                "voltage all the time; use the rows before or after the gap, unless it got that voltage"
             )
     return found
 

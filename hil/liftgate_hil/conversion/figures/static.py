@@ -55,8 +55,11 @@ def draw(subject: Subject) -> Drawn:
         driven.set_ylabel("supply voltage [V]")
         driven.set_title("driven at full duty", loc="left")
         driven.set_xlabel("slope of the road [deg], positive with the rear raised")
-        for margins, word in ((found.starts_opening, "open"), (found.starts_closing, "close")):
-            _name_least(driven, slopes, found.voltages, margins, f"least supply to {word}")
+        for margins, word, side in (
+            (found.starts_opening, "open", "left"),
+            (found.starts_closing, "close", "right"),
+        ):
+            _name_least(driven, slopes, found.voltages, margins, f"least supply to {word}", side)
         slope, supply = math.degrees(rest.load.road_slope), rest.load.supply_voltage
         driven.plot([slope], [supply], "o", color=INK, markersize=8, fillstyle="none", mew=1.8, zorder=6)
         driven.annotate(
@@ -111,13 +114,15 @@ def _draw_areas(
     legend_above(axis, handles)
 
 
-def _name_least(axis: Axes, slopes: Floats, voltages: Floats, margins: Floats, text: str) -> None:
-    """Write a name beside the line on which a margin (slopes, voltages) is 0, where there is one."""
-    column = len(slopes) // 16
+def _name_least(axis: Axes, slopes: Floats, voltages: Floats, margins: Floats, text: str, end: str) -> None:
+    """Write a name at the left or right end of the line on which a margin (slopes, voltages) is 0, if any is."""
+    column = len(slopes) // 16 if end == "left" else len(slopes) - 1 - len(slopes) // 16
     above = np.flatnonzero(margins[column] > 0.0)
     if len(above) and above[0] > 0:
         place = slopes[column], voltages[above[0]]
-        axis.annotate(text, place, (0, 4), textcoords="offset points", fontsize=FONT, bbox=_PAPER, zorder=6)
+        axis.annotate(
+            text, place, (0, 4), textcoords="offset points", fontsize=FONT, bbox=_PAPER, zorder=6, ha=end
+        )
 
 
 def _fill(axis: Axes, across: Floats, up: Floats, margin: Floats, look: tuple[str, str, str]) -> None:
