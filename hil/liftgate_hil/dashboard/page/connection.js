@@ -4,6 +4,7 @@
 const HISTORY_S = 300; // of a run that is kept here
 const PROBE_MS = 2000; // between two looks for a server that has gone
 const SILENCE_MS = 2000; // without a state, of which 30 come in a second
+const MOST_LINES = 200; // of the log that are kept for a page in the background
 const STILL_MS = 100; // at least, between two drawings of the charts, and of the page while the gate stands
 const STILL_DEG = 0.01; // by which a gate that stands may move
 const REPLY_MS = 5000; // for the reply to a command; the server does not execute one that is given up before it looks
@@ -111,7 +112,8 @@ function connect() {
     if (state.is_over) stop();
     if (!unshown) requestAnimationFrame(showLatest);
     // What comes less often, and each line of the log, is kept of the states that are not shown.
-    unshown = { ...unshown, ...state, log: [...(unshown?.log ?? []), ...(state.log ?? [])] };
+    const lines = [...(unshown?.log ?? []), ...(state.log ?? [])];
+    unshown = { ...unshown, ...state, log: lines.slice(-MOST_LINES) };
   };
   wire.onclose = () => {
     wire = null;

@@ -188,7 +188,7 @@ function showLog(lines) {
       entry.dataset.number = number;
       list.append(entry);
     }
-    while (list.children.length > 200) list.firstElementChild.remove();
+    while (list.children.length > MOST_LINES) list.firstElementChild.remove();
     if (atEnd) list.scrollTop = list.scrollHeight;
   }
 }
