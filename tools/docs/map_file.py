@@ -18,7 +18,8 @@ column of a file is which of this program, in what unit:
 The value is scale · value + offset, in the given unit. See [measurements](measurements.md)."""
 _COLUMNS = """\
 The columns of measurements and of the input of `simulate`. `judge` knows all [signals](signals.md). A unit that is
-allowed may also follow the name of the file's column in brackets: `Iq [mA]`."""
+allowed may also follow the name of the file's column in brackets: `Iq [mA]`.
+Other usual spellings of a unit (`1/min`, `°`, `us`, `degC`) are read as well."""
 
 
 def map_file_page() -> str:
