@@ -839,7 +839,7 @@ def test_the_motors_are_off_at_its_end(ready: Callable[..., RealtimeRun]):
 def test_news_of_the_line_is_reported(ready: Callable[..., RealtimeRun]):
     said: list[str] = []
     line = SocketLine([None, "is lost", None, "is back"])
-    run = ready(line=line, say=said.append)
+    run = ready(line=line, alarm=said.append)
     run.begin()
     run.run(None, lambda: line.looks > 6)
     assert [text.partition(" s: ")[2] for text in said] == ["pair is lost", "pair is back"]
