@@ -598,7 +598,7 @@ def test_a_stated_beginning_that_the_data_contradict_is_refused(
 
 
 def test_what_can_be_written_is_written_whatever_fails(opening: Path, tmp_path: Path) -> None:
-    html, vehicle = tmp_path / "ok.html", tmp_path / "ok.toml"
+    html, vehicle, result = (tmp_path / each for each in ("ok.html", "ok.toml", "ok.json"))
     flags = ("--estimate", "motor.resistance", "--result", "/dev/full", "--html", html, "--save-vehicle", vehicle)
     assert call("identify", opening, *flags) == 2
     assert html.is_file()
@@ -607,14 +607,14 @@ def test_what_can_be_written_is_written_whatever_fails(opening: Path, tmp_path: 
         sys.executable,
         "-m",
         "liftgate_hil",
-        *map(str, ("identify", opening, *flags[:2], "--result", html)),
+        *map(str, ("identify", opening, *flags[:2], "--result", result)),
     ]
     with Path("/dev/full").open("w") as full:
         assert (
             subprocess.run(command, stdout=full, stderr=subprocess.DEVNULL, check=False, timeout=300).returncode
             == 1
         )
-    assert json.loads(html.read_text())["parameters"]
+    assert json.loads(result.read_text())["parameters"]
 
 
 def test_a_prior_that_is_too_sharp_to_be_weighed_is_refused(
