@@ -239,7 +239,7 @@ VERDICTS = Document(
         "mutation.mutants": "all mutants",
         "mutation.mutants[].name": "name of the mutant",
         "mutation.mutants[].meaning": "its defect",
-        "mutation.mutants[].is_reached": "whether the defect changes any scenario",
+        "mutation.mutants[].is_reached": "whether the defect makes a difference to the ECU in any control cycle",
         "mutation.mutants[].killed_by": "expectations that pass with the sound ECU and fail with the mutant",
         "mutation.mutants[].killed_by[].file": "scenario",
         "mutation.mutants[].killed_by[].expectation": "name of its expectation",

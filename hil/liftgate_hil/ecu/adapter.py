@@ -120,13 +120,14 @@ class ReferenceEcu(Adapter):
         super().reset()
         after = self.state.reference.memory
         after.events[:] = before.events
+        after.course[:] = before.course
         after.control.events[:] = after.control.noted[:] = before.control.events
         after.control.began_ns[:] = before.control.began_ns
         after.statuses[:] = before.statuses
         begin_cycle(after.statuses)
 
     def digest(self) -> str:
-        """Return a digest of the ECU's memory: state, learned loads, timers, events and trouble codes."""
+        """Return a digest of the ECU's memory: state, learned loads, timers, events, trouble codes and course."""
         return hashlib.sha256(b"".join(each.tobytes() for each in self.state.reference.memory)).hexdigest()
 
     def last_frames(self) -> Frames | None:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from liftgate_hil.ecu.calibration import BINS, Calibration
 from liftgate_hil.ecu.status import new_statuses
+from liftgate_hil.signals import INPUT_COUNT
+from liftgate_plant.compiler import compilable
 
 # States of the gate.
 UNKNOWN, CLOSED, OPENING, OPEN, CLOSING, STOPPED, REVERSING = range(7)
@@ -19,6 +21,8 @@ NO_REQUEST, STOP, REQUEST_OPEN, REQUEST_CLOSE = -1, 0, 1, 2
 MAX_WINDOW = 64  # control cycles over which counts may be differenced
 EVENTS = 64  # events kept in the ring
 CODES = 32  # codes of events, at most
+
+_FACTOR = np.uint64(6364136223846793005)  # odd, from Knuth's MMIX generator
 
 DRIVE = np.dtype(
     [
@@ -105,6 +109,9 @@ class Memory(NamedTuple):
 
     control: Any  # (1,) CONTROL
     drives: Any  # (drives,) DRIVE
+    command: NDArray[np.float64]  # (INPUT_COUNT,) values of all inputs, for the command being encoded
+    words: NDArray[np.uint64]  # these three, word by word
+    course: NDArray[np.uint64]  # checksum of each word over all control cycles, see `note_course`
     guards: Any  # (2,) GUARD: opening, closing
     events: Any  # (EVENTS,) EVENT, a ring
     statuses: NDArray[np.int64]  # (CODES,) status of each event's trouble code, see `status.py`
@@ -135,19 +142,37 @@ def new_memory(drives: int, shares_clock: bool = True) -> Memory:
 
     With `shares_clock` its clock is the gate's; otherwise it begins when the gate is first heard.
     """
-    control = np.zeros(1, dtype=CONTROL).view(np.recarray)
+    ends = np.cumsum([CONTROL.itemsize // 8, drives * DRIVE.itemsize // 8, INPUT_COUNT])
+    words = np.zeros(ends[-1], dtype=np.uint64)
+    control = words[: ends[0]].view(CONTROL).view(np.recarray)
     control.state, control.request = UNKNOWN, NO_REQUEST
     control.began_ns = 0 if shares_clock else -1
     control.free = control.travel = control.before = np.nan
     guards = np.zeros(2, dtype=GUARD).view(np.recarray)
     guards.offset = np.nan
     guards["reference"][:] = np.nan
-    each = np.zeros(drives, dtype=DRIVE).view(np.recarray)
+    each = words[ends[0] : ends[1]].view(DRIVE).view(np.recarray)
     each.taken = np.nan
+    command = words[ends[1] :].view(np.float64)
+    command[:] = np.nan
     return Memory(
         control=control,
         drives=each,
+        command=command,
+        words=words,
+        course=np.zeros_like(words),
         guards=guards,
         events=np.zeros(EVENTS, dtype=EVENT).view(np.recarray),
         statuses=new_statuses(CODES),
     )
+
+
+@compilable
+def note_course(memory: Memory) -> None:
+    """Add a control cycle to the checksums of the course.
+
+    They tell two ECUs apart that differed in any cycle, in state or command, although they may be equal again.
+    """
+    course = memory.course
+    course *= _FACTOR  # modulo 2^64
+    course += memory.words

@@ -24,10 +24,10 @@ from liftgate_hil.ecu.calibration import CALIBRATED, Calibration
 from liftgate_hil.ecu.controller import COASTING, DriveCommand, Feedback, lose_feedback, update
 from liftgate_hil.ecu.diagnostics import Server, ServerState, has_work, new_server, serve, server_of
 from liftgate_hil.ecu.events import note_statuses
-from liftgate_hil.ecu.memory import NO_REQUEST, Constants, Memory, constants_of, new_memory
+from liftgate_hil.ecu.memory import NO_REQUEST, Constants, Memory, constants_of, new_memory, note_course
 from liftgate_hil.ecu.states import is_moving
 from liftgate_hil.ecu.wire import next_time
-from liftgate_hil.signals import IN, INPUT_COUNT, OUT, OUTPUT_COUNT
+from liftgate_hil.signals import IN, OUT, OUTPUT_COUNT
 from liftgate_plant.compiler import compilable
 
 _COAST, _OPEN, _CLOSE, _BRAKE = 0.0, 1.0, 2.0, 3.0
@@ -66,7 +66,6 @@ class EcuState(NamedTuple):
     buttons: ButtonState
     counts: Counts
     memory: Memory
-    values: NDArray[np.float64]  # values of all quantities, for the command being encoded
     server: ServerState
     frames: Frames  # frames sent in this cycle
 
@@ -110,7 +109,6 @@ def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
         buttons=nothing_pressed(config.buttons),
         counts=NO_COUNTS,
         memory=new_memory(config.drives, shares_clock),
-        values=np.full(INPUT_COUNT, np.nan),
         server=new_server(config.server),
         frames=empty_frames(len(config.commands) * config.pages + MOST_SPOKEN),
     )
@@ -242,18 +240,24 @@ def percent_of(duty: float, signed: int) -> float:
 
 
 @compilable
-def command_frames(config: EcuConfig, state: EcuState, command: DriveCommand, everything: bool) -> Frames:
-    """Return the frames that carry a command; they are valid until the next call.
-
-    For a multiplexed message that is the next page or, with `everything`, all pages.
-    """
-    values, frames, control = state.values, state.frames, state.memory.control[0]
+def set_command(config: EcuConfig, memory: Memory, command: DriveCommand) -> None:
+    """Set the values of the command that is encoded next."""
+    values = memory.command
     values[IN.left_duty] = percent_of(command.left_duty, config.signed)
     values[IN.left_direction] = direction_of(command.left_duty)
     if config.drives > 1:
         values[IN.right_duty] = percent_of(command.right_duty, config.signed)
         values[IN.right_direction] = direction_of(command.right_duty)
     values[IN.latch_release] = 1.0 if command.latch_release else 0.0
+
+
+@compilable
+def command_frames(config: EcuConfig, state: EcuState, everything: bool) -> Frames:
+    """Return the frames that carry the command that is set; they are valid until the next call.
+
+    For a multiplexed message that is the next page or, with `everything`, all pages.
+    """
+    values, frames, control = state.memory.command, state.frames, state.memory.control[0]
     count = 0
     for _ in range(config.pages if everything else 1):
         for message in config.commands:
@@ -275,7 +279,6 @@ def step(config: EcuConfig, state: EcuState, frames: Frames, now_ns: int) -> tup
         buttons=state.buttons,
         counts=counts,
         memory=state.memory,
-        values=state.values,
         server=state.server,
         frames=state.frames,
     )
@@ -310,15 +313,18 @@ def controlled(config: EcuConfig, state: EcuState, now_ns: int) -> Frames:
             command = lose_feedback(config.constants, state.memory, now)
         else:
             command = update(config.constants, state.memory, now, feedback)
+    set_command(config, state.memory, command)
+    note_course(state.memory)
     ends = is_moving(before) and control.state != before
     if now_ns < control.command_ns and not ends:
         return config.nothing
     if now_ns >= control.command_ns:
         control.command_ns = next_time(control.command_ns, config.command_ns, now_ns)
-    return command_frames(config, state, command, False)
+    return command_frames(config, state, False)
 
 
 @compilable
 def last_frames(config: EcuConfig, state: EcuState) -> Frames:
     """Return the frames that the ECU sends last: all pages of a command with the motors off."""
-    return command_frames(config, state, COASTING, True)
+    set_command(config, state.memory, COASTING)
+    return command_frames(config, state, True)

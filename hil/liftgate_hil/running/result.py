@@ -44,7 +44,7 @@ class Result:
     trace_summaries: Mapping[str, TraceSummary] = field(default_factory=dict)  # by expectation, if requested
     condition_times: Mapping[str, float] = field(default_factory=dict)  # s, of those with which stimuli begin
     notes: tuple[str, ...] = ()  # observations that may explain the verdict
-    ecu_digest: str = ""  # of the ECU's memory at the end; "": unknown
+    ecu_digest: str = ""  # of the ECU's memory at the end, and of its course; "": unknown
     late: str = ""  # when the bench was too late, or what it has not done; "": neither is known
 
     @property

@@ -29,14 +29,14 @@ def mutants_section(mutation: MutationResult) -> str:
     ]
     if tolerated:
         parts += [
-            "<p>Survived, reached and tolerated: a scenario takes another course with these than with the ECU "
-            "without a defect, and no expectation fails. A stricter one would kill them.</p>",
+            "<p>Survived, reached and tolerated: in a scenario the defect changes the ECU's state or "
+            "command, and no expectation fails. A stricter one would kill them.</p>",
             table(("mutant", "defect"), tolerated, ("n", "")),
         ]
     if unreached:
         parts += [
-            "<p>Survived, never reached: in every scenario these behave as the ECU without a defect. It takes "
-            "another scenario to kill them.</p>",
+            "<p>Survived, never reached: in every control cycle of every scenario these do what the ECU without a "
+            "defect does. It takes another scenario to kill them.</p>",
             table(("mutant", "defect"), unreached, ("n", "")),
         ]
     if rows:

@@ -27,11 +27,12 @@ class Matrix:
 
     cases: Sequence[Case]
     verdicts: dict[tuple[str, str, str], str] = field(default_factory=dict)  # by mutant, file, expectation
-    behaviours: dict[tuple[str, str], tuple[object, ...]] = field(default_factory=dict)  # by mutant and file
+    courses: dict[tuple[str, str], str] = field(default_factory=dict)  # digests of the ECU's, by mutant and file
 
     def add(self, mutant: str, outcome: Outcome) -> None:
         """Add the outcome of a scenario with a mutant."""
-        self.behaviours[mutant, outcome.case.file] = _behaviour_of(outcome)
+        result = outcome.result
+        self.courses[mutant, outcome.case.file] = outcome.verdict if result is None else result.ecu_digest
         for each in outcome.expectations:
             self.verdicts[mutant, outcome.case.file, each.name] = each.verdict
 
@@ -65,18 +66,18 @@ class Matrix:
         return [name for name in MUTANTS if not self.kills(name)]
 
     def is_reached(self, mutant: str) -> bool:
-        """Whether a mutant's defect changes any scenario: a signal, an event, a margin or the ECU's memory."""
+        """Whether a mutant's defect shows in any scenario: in the ECU's state or command, in any control cycle."""
         files = [case.file for case in self.cases]
-        return any(self.behaviours.get((mutant, file)) != self.behaviours.get((SOUND, file)) for file in files)
+        return any(self.courses.get((mutant, file)) != self.courses.get((SOUND, file)) for file in files)
 
     @property
     def tolerated(self) -> list[str]:
-        """Mutants that no scenario kills although their defect changes one."""
+        """Mutants that no scenario kills although their defect shows in one."""
         return [name for name in self.survivors if self.is_reached(name)]
 
     @property
     def never_reached(self) -> list[str]:
-        """Mutants that behave in every scenario as the sound ECU does."""
+        """Mutants that do in every control cycle of every scenario what the sound ECU does."""
         return [name for name in self.survivors if not self.is_reached(name)]
 
     @property
@@ -181,21 +182,6 @@ class MutationResult:
         unknown: dict[str, Any] = {"score": None, "mutants": [], "prove_nothing": [], "not_counted": []}
         known = unknown if self.matrix is None else self.matrix.as_json()
         return {"verdict": self.verdict, "reason": self.reason, "threshold": threshold, **known}
-
-
-def _behaviour_of(outcome: Outcome) -> tuple[object, ...]:
-    """Return what tells the course of a run from another one.
-
-    It is the largest and the smallest value of every column, among them positions and temperatures, which depend
-    on all that was commanded before, the ECU's events and what it has in its memory at the end (the loads it has
-    learned, say), and the margins.
-    """
-    result = outcome.result
-    margins = tuple((each.name, each.verdict, each.margin, each.time_s) for each in outcome.expectations)
-    if result is None:
-        return (outcome.verdict, margins)
-    extremes = tuple(repr(each) for part in (result.maxima, result.minima) for each in part.values())
-    return (extremes, tuple((each.time, each.text) for each in result.events), result.ecu_digest, margins)
 
 
 def mutate(

@@ -377,3 +377,19 @@ def test_the_last_events_are_kept_however_many_there_were() -> None:
     assert [event.text for event in told[-2:]] == ["stopped by the driver", "opening"]
     assert told[-1].time == pytest.approx(1.0)
     assert events_since(controller.memory, 98) == told[-1:]
+
+
+@pytest.mark.parametrize("part", ["control", "drives", "command"])
+def test_two_courses_that_differed_for_one_cycle_are_told_apart(part: str) -> None:
+    same, other = new_memory(2), new_memory(2)
+    for cycle in range(300):
+        for each in (same, other):
+            each.control[0].now = cycle * CYCLE
+        before = getattr(other, part).copy()
+        if cycle == 7:
+            getattr(other, part).view(np.uint64)[0] ^= np.uint64(1)
+        memory.note_course(same)
+        memory.note_course(other)
+        getattr(other, part)[...] = before
+        assert np.array_equal(same.course, other.course) == (cycle < 7)
+    assert same.words.tobytes() == other.words.tobytes()
