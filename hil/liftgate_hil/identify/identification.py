@@ -17,6 +17,7 @@ from liftgate_hil.identify.data import applied_voltage
 from liftgate_hil.identify.delays import at_best_delay
 from liftgate_hil.identify.descent import Descent, Report, place_at
 from liftgate_hil.identify.estimates import estimates_of
+from liftgate_hil.identify.fixed_parameters import OF_A_RUN, fixed_parameters
 from liftgate_hil.identify.jitter import jitter_of
 from liftgate_hil.identify.mismatch import hints
 from liftgate_hil.identify.multiple_shooting import in_segments, is_far_off
@@ -39,7 +40,6 @@ _NEAR_PERCENT = 80.0  # fit that a good search reaches
 _NOWHERE_PERCENT = -1.0  # fit of an output below which a model contradicts the data
 _HARDLY_PERCENT = 20.0  # the same, where the residual is not noise
 _NOTHING_PERCENT = 1.5  # fit of all outputs below which a model explains nothing
-_OF_A_RUN = ("sensors.", "supply.", "coding.", "bridge.")  # tables that no simulation of a measurement uses
 _ROUGH_ROUNDS = 30
 _NO_SCORE = 1e-12  # of the classic variance: a robust variance that carries no information
 _KINDS = {False: "white residuals", True: "robust: the residuals are correlated"}
@@ -81,6 +81,7 @@ def identify(
     figures = _criteria(problem, found)
     names = [each.name for each in parameters]
     groups = [[k for k in group if k < count] for group in known.apart]
+    is_free = np.array([not each.is_at_bound for each in estimates])
     return Identification(
         model=problem.model,
         vehicle="",
@@ -103,6 +104,7 @@ def identify(
         evaluations=problem.evaluations,
         seconds=time.perf_counter() - began,
         covariance_kind=_KINDS[is_robust] + _scatter(jitter),
+        fixed=tuple(fixed_parameters(problem, found, given_std, is_free)),
         input_jitter=jitter,
         data_warnings=(*never_driven(problem.data), *driven_through_gaps(problem.data), *offsets_at_rest(problem)),
         history=np.array(history),
@@ -303,7 +305,7 @@ def _check_excited(problem: Problem) -> None:
     there = np.isfinite(problem.measured)[:, :, None]
     if not np.any(there & np.isfinite(slopes) & (slopes != 0.0)):
         text = "no measured output depends on the estimated parameters: the input does not excite them"
-        idle = [each.parameter.name for each in problem.sought if each.parameter.name.startswith(_OF_A_RUN)]
+        idle = [each.parameter.name for each in problem.sought if each.parameter.name.startswith(OF_A_RUN)]
         if idle:
             text += (
                 f", or, as with {', '.join(idle)}, they act in a run and not on a measurement; allowed: offset "

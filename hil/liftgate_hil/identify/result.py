@@ -87,6 +87,19 @@ class Profile:
 
 
 @dataclass(frozen=True)
+class FixedParameter:
+    """A parameter of the vehicle that is not estimated, and what depends on its value, by linear theory."""
+
+    name: str
+    value: float
+    unit: str
+    shifts: Floats  # (p,) change of each estimate, in its unit, if the value were 10 % larger
+    is_seen: bool  # whether the residuals would then show it
+    change: float  # share by which another value would fit best; nan: the estimates take up any value
+    explains: float  # share of the weighted squared errors that this would explain
+
+
+@dataclass(frozen=True)
 class Identification:
     """The whole result of an identification."""
 
@@ -114,6 +127,7 @@ class Identification:
     history: Floats  # (iterations + 1,), loss after each iteration, the initial loss first
     experiments: tuple[Experiment, ...]
     profiles: tuple[Profile, ...] = ()
+    fixed: tuple[FixedParameter, ...] = ()
     input_jitter: float = 0.0  # s, standard deviation of the inputs' timestamps about the time of their effect
     data_warnings: tuple[str, ...] = ()  # what in the data limits the result
     notes: tuple[str, ...] = field(default_factory=tuple)  # what was done to the data

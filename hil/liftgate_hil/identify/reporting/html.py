@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from liftgate_hil.identify.reporting import figures, figures_estimates
 from liftgate_hil.identify.reporting.findings import (
     EXCUSES,
+    dependences,
+    firsts,
     has_offset,
     strong_correlations,
     validation_warnings,
@@ -43,6 +45,7 @@ def identification_html(result: Identification, provenance: Provenance | None = 
             alert(warnings_of(result)),
             section("Parameters", _parameters(result.parameters), _estimates(result)),
             section("Correlation", _correlation(result)),
+            section("Fixed parameters", _dependences(result)),
             section("Profile likelihood", _profiles(result)),
             section("Initial states", _states(result.initial_states)),
             section("Fit", _fits(experiments, before=True)),
@@ -120,6 +123,27 @@ def _correlation(result: Identification) -> str:
     drawing = svg(figures_estimates.correlation_figure(result), "correlation", "Correlation")
     caption = f"Correlation of the estimates. Condition number: {significant(result.condition_number, 3)}."
     return figure(drawing, caption, small=len(result.parameters) < 8) + bullets(pairs)
+
+
+def _dependences(result: Identification) -> str:
+    rows = [
+        (
+            each.estimate.name if is_first else "",
+            each.fixed.name,
+            plain(each.fixed.value),
+            each.fixed.unit,
+            percent(100.0 * each.share, "+"),
+            significant(each.shift / each.estimate.std, 2),
+        )
+        for each, is_first in firsts(dependences(result))
+    ]
+    if not rows:
+        return ""
+    heads = ("estimate", "fixed parameter", "its value", "", "change %", "in std")
+    return (
+        "<p>Change of an estimate if a parameter that is not estimated were 10 % larger. The residuals would not "
+        "show it.</p>"
+    ) + table(heads, rows, ("name", "name", "r", "n", "r", "r"))
 
 
 def _profiles(result: Identification) -> str:

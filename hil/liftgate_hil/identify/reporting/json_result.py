@@ -54,6 +54,17 @@ def identification_json(result: Identification) -> dict[str, Any]:
         "iterations": int(result.iterations),
         "evaluations": int(result.evaluations),
         "seconds": _number(result.seconds),
+        "fixed_parameters": {
+            each.name: {
+                "value": _number(each.value),
+                "unit": each.unit,
+                "shifts": _map({one.name: float(by) for one, by in zip(parameters, each.shifts, strict=True)}),
+                "is_seen": each.is_seen,
+                "change": _number(each.change),
+                "explains": _number(each.explains),
+            }
+            for each in result.fixed
+        },
         "profiles": {
             each.name: {
                 "values": _numbers(each.values),

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 
 from liftgate_hil.identify.reporting.findings import (
     EXCUSES,
+    dependences,
+    firsts,
     has_offset,
     strong_correlations,
     validation_warnings,
@@ -37,6 +39,7 @@ def identification_text(result: Identification) -> str:
         _titled("Attention", _bullets(warnings_of(result))),
         _titled("Parameters", _parameters(result.parameters)),
         _titled("Strongly correlated", _pairs(result)),
+        _titled("If a fixed parameter were 10 % larger, unseen in the residuals", _dependences(result)),
         _titled("Initial states", _states(result.initial_states)),
         _titled("95 % intervals by profile likelihood", _profiles(result)),
         _titled("Noise variance (NoiseVar)", _noise(result)),
@@ -134,6 +137,20 @@ def _states(estimates: Sequence[Estimate]) -> list[str]:
 
 def _pairs(result: Identification) -> list[str]:
     return [f"{clean(one)} and {clean(other)}: {r:+.3f}" for one, other, r in strong_correlations(result)[:10]]
+
+
+def _dependences(result: Identification) -> list[str]:
+    rows = [
+        (
+            clean(each.estimate.name, 30) if is_first else "",
+            clean(each.fixed.name, 40),
+            f"{plain(each.fixed.value)} {clean(each.fixed.unit, 12)}".rstrip(),
+            percent(100.0 * each.share, "+"),
+            significant(each.shift / each.estimate.std, 2),
+        )
+        for each, is_first in firsts(dependences(result))
+    ]
+    return table(("estimate", "fixed parameter", "its value", "change %", "in std"), rows, "lllrr") if rows else []
 
 
 def _profiles(result: Identification) -> list[str]:
