@@ -17,7 +17,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import COMMAND, Recording
 from liftgate_hil.report.drawing import FINAL, GRID, INK, MARK, MEASURED, ORANGE, line, new_figure, style
 from liftgate_hil.report.numbers import axis_label, clean, significant
-from liftgate_hil.signals import COLUMNS, SENSED_PREFIX
+from liftgate_hil.signals import COLUMNS, INPUT_SIGNALS, SENSED_PREFIX
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -119,7 +119,7 @@ def run_picture(
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axis, names in zip(axes, panels, strict=True):
             for name, looks in zip(names, _repeated(len(names)), strict=True):
-                _draw(axis, columns["time_s"], columns[name], looks, _short(name))
+                _draw(axis, columns["time_s"], columns[name], looks, _short(name), name in INPUT_SIGNALS)
             axis.set_ylabel(_label(names[0] if len(names) == 1 else _common(names), units[names[0]]))
             if len(names) > 1:
                 legend_above(axis)
@@ -166,7 +166,7 @@ def two_pictures(
         grid = figure.subplots(len(names), 2, sharex=True, squeeze=False, width_ratios=(1.5, 1.0))
         for (over, beside), name in zip(grid, names, strict=True):
             for columns, looks, title in zip(both, _LOOKS, titles, strict=False):
-                _draw(over, columns["time_s"], columns[name], looks, clean(title, 40))
+                _draw(over, columns["time_s"], columns[name], looks, clean(title, 40), name in INPUT_SIGNALS)
             over.set_ylabel(_label(name, units[name]))
             difference = differences_of(first[name][here], second[name][there])
             _draw_difference(beside, times, difference)
@@ -184,9 +184,13 @@ def _repeated(count: int) -> list[tuple[str, Any, float]]:
     return [_LOOKS[k % len(_LOOKS)] for k in range(count)]
 
 
-def _draw(axis: Axes, times: Floats, values: Floats, looks: tuple[str, Any, float], label: str) -> None:
+def _draw(
+    axis: Axes, times: Floats, values: Floats, looks: tuple[str, Any, float], label: str, is_held: bool
+) -> None:
+    """Draw values over time; an input is held from its sample until the next one."""
     colour, dashes, width = looks
-    line(axis, times, values, colour, linestyle=dashes, linewidth=width, label=label)
+    how = "steps-post" if is_held else "default"
+    line(axis, times, values, colour, linestyle=dashes, linewidth=width, label=label, drawstyle=how)
 
 
 def _draw_difference(axis: Axes, times: Floats, difference: Floats) -> None:

@@ -37,7 +37,7 @@ def trace_figure(experiment: Experiment) -> Figure:
         axes = figure.subplots(
             len(rows) + 1, 1, sharex=True, squeeze=False, height_ratios=[0.55, *[1.0] * len(rows)]
         )[:, 0]
-        line(axes[0], experiment.times, experiment.voltage, INK, linewidth=1.0)
+        line(axes[0], experiment.times, experiment.voltage, INK, linewidth=1.0, drawstyle="steps-post")
         axes[0].set_ylabel("voltage [V]")
         for axis, series in zip(axes[1:], rows, strict=True):
             _traces(axis, series)
@@ -46,22 +46,23 @@ def trace_figure(experiment: Experiment) -> Figure:
             axis.margins(x=0.01)
         if rows:
             handles, labels = axes[1].get_legend_handles_labels()
-            for handle in handles:
+            legend = figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+            for handle in legend.get_lines():
                 handle.set_linewidth(2.0)
-            figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
         figure.align_ylabels(axes)
     return figure
 
 
 def _traces(axis: Axes, series: Series) -> None:
     measured, final, before = series.measured, series.simulated, series.before
-    line(axis, series.times, measured, MEASURED, linewidth=0.9, label="measured")
+    # Wide, as the model's line lies on it where the fit is good.
+    line(axis, series.times, measured, MEASURED, linewidth=2.8, label="measured")
     fits = f"fit {fit(series.fit_percent)} %"
     if len(before):
         line(axis, series.times, before, INITIAL, linestyle=(0, (5, 2)), linewidth=1.2, label="initial model")
         fits = f"fit {fit(series.fit_before)} → {fit(series.fit_percent)} %"
     name = "estimated model" if len(before) else "model"
-    line(axis, series.times, final, FINAL, linewidth=1.4, label=name)
+    line(axis, series.times, final, FINAL, linewidth=1.1, label=name)
     bounds = limits(np.concatenate([measured, final]), before)
     if bounds is not None:
         axis.set_ylim(*bounds)
