@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     judged = _LEARNED if is_ours else _JUDGED
     args.scenario = judged if is_whole else args.scenario or "demo"
     shown = _shown(args, stopped, has_wire)
-    if shown.reason and not shown.summary.ticks:  # the precondition was not reached
+    if shown.is_given_up and not shown.summary.ticks:  # the precondition was not reached
         return exit_code_of(shown, DEMO_EXIT_CODES)
     busy = ""
     if is_whole and not _is_stopped(args, shown, stopped):

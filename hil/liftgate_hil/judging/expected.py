@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from cantools.database.can import Message
 
 
+_NEAR_DEG = 2.0  # from the end of its travel, where a motion counts as complete: a gate sags below its open stop
+
+
 @dataclass(frozen=True)
 class Expected:
     """Expectations with their conditions, checked against a rig's database and a gate's drives."""
@@ -50,6 +53,19 @@ class Expected:
     diagnostics: Diagnostics | None = None  # how the ECU is asked for trouble codes
     faults: tuple[TimedFault, ...] = ()  # of the scenario
     begins: tuple[tuple[str, Instant], ...] = ()  # what each of its stimuli is, and when it begins
+    completed: tuple[str, float] | None = None  # last motion of the precondition, and the angle [deg] at its end
+
+    def not_completed(self, angle_deg: float) -> str:
+        """Return that the gate was not where the precondition ends when the scenario began; "": it was.
+
+        `angle_deg` is where it was; NaN: unknown.
+        """
+        if self.completed is None:
+            return ""
+        action, end = self.completed
+        if not abs(angle_deg - end) > _NEAR_DEG:
+            return ""
+        return f"precondition: {action}: the gate came to rest at {angle_deg:.1f}°, not at {end:.1f}°"
 
     def margin_unit(self, place: int) -> str:
         """Return the unit of an expectation's margin; "": none, or comparisons in several units decide it."""
@@ -74,14 +90,15 @@ def expected_of(
     diagnostics: Diagnostics | None = None,
     faults: Sequence[TimedFault] = (),
     begins: Iterable[tuple[str, Instant]] = (),
+    completed: tuple[str, float] | None = None,
 ) -> Expected:
     """Return expectations with their conditions parsed, and checked against a database and a gate.
 
     `parameters` are those of the scenario, `messages` the database's by name, `drives` is the gate's number of
     drives, `source` the file that issues name. `awaited` are conditions that stimuli wait for, as expectations: if
     one never comes, nothing passes. `diagnostics` is how the ECU is asked for trouble codes; None: it cannot be.
-    `faults` are the scenario's, `begins` what each stimulus is and when it begins. Raises ConfigError with all
-    issues.
+    `faults` are the scenario's, `begins` what each stimulus is and when it begins, `completed` is the last motion
+    of the precondition with the angle [deg] at which it ends. Raises ConfigError with all issues.
     """
     expectations = [*expectations, *awaited]
     issues = ConfigIssues(source)
@@ -120,7 +137,7 @@ def expected_of(
     issues.raise_if_any()
     found = tuple(expectations), tuple(conditions), opener_of
     asked = diagnostics if codes else None
-    return Expected(*found, signals, messages, len(awaited), codes, asked, tuple(faults), tuple(begins))
+    return Expected(*found, signals, messages, len(awaited), codes, asked, tuple(faults), tuple(begins), completed)
 
 
 def codes_of(

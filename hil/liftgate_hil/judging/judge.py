@@ -27,6 +27,7 @@ from liftgate_plant.compiler import compiled
 
 _NO_MARKS = np.zeros(0, dtype=np.int64)
 _TIME = COLUMN_PLACE["time_s"]
+_FIRST_S = 0.1  # latest time of a first row that still shows where a scenario begins
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ class Judge:
         self._timeliness = None if tolerance is None else Timeliness(tolerance, 1.0 / rate)
         self.end = end
         self._last = -math.inf
+        self._began_deg = math.nan  # gate angle in the first row
         self._not_made = 0.0  # stimuli that could not be applied, at the last row
         self._frames = no_logged()
         self._marks = _NO_MARKS
@@ -93,6 +95,8 @@ class Judge:
             frames = frames[np.argsort(frames["time_ns"], kind="stable")]
         if self._timeliness is not None:
             self._timeliness.take(rows)
+        if math.isinf(self._last) and rows[0, _TIME] < _FIRST_S:
+            self._began_deg = float(rows[0, COLUMN_PLACE["gate_angle_deg"]])
         last, inside = float(rows[-1, _TIME]), len(rows)
         if last > self.end + SLACK:
             inside = int(np.searchsorted(rows[:, _TIME], self.end + SLACK, side="right"))
@@ -196,9 +200,10 @@ class Judge:
     def _hindered(self, found: list[Verdict], late: str, gaps: Sequence[Gap]) -> list[Verdict]:
         """Return the verdicts; a pass becomes inconclusive if stimuli never came, any but an error if `late`.
 
-        So does a failure because a trouble code was not reported: what it reports may be the stimulus.
+        So does a pass of a scenario that did not begin where its precondition should have ended, and a failure
+        because a trouble code was not reported: what it reports may be the stimulus.
         """
-        missed = []
+        missed = [*filter(None, [self.expected.not_completed(self._began_deg)])]
         for place in range(len(found), len(self.expected.expectations)):
             if not self._progress(place).is_decided:
                 waiting = self.expected.expectations[place]

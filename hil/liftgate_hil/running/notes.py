@@ -1,21 +1,19 @@
-"""Notes on a run that may explain its verdict: requests that the ECU does not take, a precondition not met."""
+"""Notes on a run that may explain its verdict, such as requests that the ECU does not take."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from liftgate_hil.ecu.needs import SIDES
 from liftgate_hil.ecu.node import PORT
 from liftgate_hil.judging.verdict import PASS
-from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
+from liftgate_hil.signals import COLUMNS
 from liftgate_hil.stimuli.requests import BUTTONS
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.scenario import Scenario
     from liftgate_hil.ecu.adapter import Adapter
@@ -25,25 +23,15 @@ if TYPE_CHECKING:
 _ITSELF = re.compile(r"(?<![\w.])(\w+)\s*[!=]=\s*\1(?![\w.])")
 _LEAST_MS = 1.0  # s, a period of 1 ms that is taken for s
 _STILL_DEG = 0.5  # less is a gate that presses against its latch or seal
-_NEAR_DEG = 2.0  # from the end of its travel, where a motion counts as complete: a gate sags below its open stop
 
 
-def notes_on(setup: Setup, adapter: Adapter, first_row: NDArray[Any] | None) -> list[str]:
-    """Return the notes on a run; `first_row` is the scenario's first, None: it has not begun."""
+def notes_on(setup: Setup, adapter: Adapter) -> list[str]:
+    """Return the notes on a run."""
     scenario = setup.scenario
     found = [*_compared_with_itself(scenario)]
     found += [f"parameters.{name}: not used: ${name} stands nowhere" for name in scenario.unused_parameters]
     found += _long_windows(scenario)
     found += without_effect((*scenario.precondition, *(each.action for each in scenario.requests)), adapter)
-    if scenario.precondition and first_row is not None:
-        action = scenario.precondition[-1]
-        angle, open_deg = first_row[COLUMN_PLACE["gate_angle_deg"]], math.degrees(setup.vehicle.gate.open_angle)
-        end = {"open": open_deg, "close": 0.0}.get(action, angle)
-        if abs(angle - end) > _NEAR_DEG:
-            found.append(
-                f"precondition: {action}: the gate came to rest at {angle:.1f}°, not at {end:.1f}°: the scenario "
-                "begins there"
-            )
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -199,7 +200,15 @@ def expected_in(setup: Setup, rig: Rig) -> Expected:
         rig.diagnostics,
         _timed_faults(scenario.faults, rig),
         begins(scenario),
+        _completed(setup),
     )
+
+
+def _completed(setup: Setup) -> tuple[str, float] | None:
+    """Return the last motion of a precondition with the angle [deg] at which it ends; None: there is none."""
+    ends = {"open": math.degrees(setup.vehicle.gate.open_angle), "close": 0.0}
+    action = next(reversed(setup.scenario.precondition), "")
+    return (action, ends[action]) if action in ends else None
 
 
 def _timed_faults(faults: Sequence[Fault], rig: Rig) -> list[TimedFault]:

@@ -31,7 +31,7 @@ class Result:
     """Result of a run. `maxima` and `minima` hold every column of recordings, in its unit."""
 
     verdict: str  # the worst of its expectations; "error": the run did not reach its end
-    reason: str  # of "error": why; of "fail": why each failed; of "inconclusive": why given up
+    reason: str  # of "error": why; of "fail" and "inconclusive": why each of the expectations, or why given up
     maxima: Mapping[str, float]
     minima: Mapping[str, float]
     events: Sequence[Event]  # reported by the ECU, where it is the reference ECU
@@ -45,12 +45,13 @@ class Result:
     condition_times: Mapping[str, float] = field(default_factory=dict)  # s, of those with which stimuli begin
     notes: tuple[str, ...] = ()  # observations that may explain the verdict
     ecu_digest: str = ""  # of the ECU's memory at the end, and of its course; "": unknown
+    is_given_up: bool = False  # the bench has ended the run early
     late: str = ""  # when the bench was too late, or what it has not done; "": neither is known
 
     @property
     def ending(self) -> str:
         """The verdict; "given up": the bench has ended the run early."""
-        return GIVEN_UP if self.verdict == INCONCLUSIVE and self.reason else self.verdict
+        return GIVEN_UP if self.is_given_up and self.verdict == INCONCLUSIVE else self.verdict
 
     def __bool__(self) -> bool:
         """Raise TypeError: a result that fails would be true, too."""
@@ -96,6 +97,7 @@ def result_of(
         pinch_time_s=extremes.pinch_time,
         trace=trace,
         trace_summaries=next((each.trace_summaries() for each in sinks if isinstance(each, TraceSummarizer)), {}),
+        is_given_up=bool(given_up),
         late=not_made or ("" if judge is None else judge.late()),
         condition_times={} if judge is None else judge.condition_times(),
         notes=tuple(judge.notes()) if judge is not None else (),
@@ -103,9 +105,17 @@ def result_of(
 
 
 def reason_of(verdicts: Sequence[Verdict], verdict: str) -> str:
-    """Return the reasons of all failed expectations of a run that fails; "" for another verdict."""
-    failed = [each for each in verdicts if verdict == FAIL == each.verdict]
-    return "; ".join(f"{each.name}: {each.reason}" for each in failed)
+    """Return why a run fails, or is inconclusive: the reasons of the expectations that do; "" for another verdict.
+
+    A reason that several expectations share stands once, after all their names.
+    """
+    if verdict not in (FAIL, INCONCLUSIVE):
+        return ""
+    names: dict[str, list[str]] = {}
+    for each in verdicts:
+        if each.verdict == verdict:
+            names.setdefault(each.reason, []).append(each.name)
+    return "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
 
 
 def nothing_of(job: Job, reason: str, ticks: int) -> Result:

@@ -30,6 +30,7 @@ from liftgate_hil.running.notes import notes_on, too_rare, without_motion
 from liftgate_hil.running.result import Result, nothing_of, result_of, silence_of, tolerance_of
 from liftgate_hil.running.signs_of_life import foreign_code
 from liftgate_hil.running.stepping import StepsAgain, relevant_frames
+from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_plant.compiler import GivenUpError
 
 if TYPE_CHECKING:
@@ -166,9 +167,12 @@ class _Run:
     def _noted(self, result: Result) -> Result:
         """Return the result with notes on the run before those of its judge."""
         execution = self._execution
-        first = next(each.first for each in execution.sinks if isinstance(each, Extremes))
         setup, adapter = self._plan.setup, execution.adapter
-        notes = [*notes_on(setup, adapter, first), *too_rare(self._plan.rig, adapter)]
+        first = next(each.first for each in execution.sinks if isinstance(each, Extremes))
+        began_deg = math.nan if first is None else float(first[COLUMN_PLACE["gate_angle_deg"]])
+        unmet = self._plan.expected.not_completed(began_deg)
+        notes = [f"{unmet}: the scenario begins there"] if unmet else []
+        notes += [*notes_on(setup, adapter), *too_rare(self._plan.rig, adapter)]
         notes += without_motion(setup, result)
         return replace(result, notes=(*notes, *result.notes)) if notes else result
 

@@ -25,7 +25,7 @@ def happenings(scenario: Scenario, times: Mapping[str, float] | None = None, end
     """
     before = scenario.precondition
     return [
-        *([f"before time 0: {', '.join(before)}, each completed"] if before else []),
+        *([f"before time 0: {', '.join(before)}, each when the motion before has ended"] if before else []),
         *(
             f"{_when(each.when)}{_came(each.when, times, end)}: {_asked(each.action)}"
             for each in scenario.requests

@@ -1,4 +1,4 @@
-"""Notes of a run: requests that the ECU does not take, a precondition that is not met."""
+"""Notes of a run, such as requests that the ECU does not take."""
 
 from __future__ import annotations
 

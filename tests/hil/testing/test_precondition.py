@@ -106,6 +106,37 @@ def test_motions_that_never_end_leave_the_scenario_inconclusive(
     )
 
 
+class Idle:
+    """An ECU that does nothing at all."""
+
+    def step(self, frames: object, time: float) -> list[can.Message]:
+        return []
+
+
+def test_what_passes_after_a_precondition_that_was_not_completed_is_inconclusive(tmp_path: Path) -> None:
+    text = 'precondition = ["open"]\n' + OPEN + "[[expect]]\nname = 'soft'\nalways = 'pinch_force_n < 150'\n"
+    result = lh.run(scenario(tmp_path, text), ecu=Idle())
+    unmet = "precondition: open: the gate came to rest at 0.0°, not at 80.0°"
+    assert {name: each.verdict for name, each in result.expectations.items()} == {
+        "opens": "fail",  # which may be for the same reason: it is noted
+        "soft": "inconclusive",
+    }
+    assert result.expectations["soft"].reason == unmet
+    assert f"{unmet}: the scenario begins there" in result.notes
+
+
+def test_the_reason_of_an_inconclusive_run_names_what_is_undecided_and_why(tmp_path: Path) -> None:
+    text = OPENS + "".join(
+        f"[[expect]]\nname = '{name}'\nalways = 'pinch_force_n < 150'\nafter = 'gate_angle_deg > {angle}'\n"
+        for name, angle in (("a", 200), ("b", 200), ("c", 300), ("d", 10))
+    )
+    result = lh.run(scenario(tmp_path, text))
+    assert result.verdict == result.ending == "inconclusive"
+    assert result.reason == (
+        "a, b: its trigger never came: gate_angle_deg > 200; c: its trigger never came: gate_angle_deg > 300"
+    )
+
+
 @pytest.mark.parametrize(
     ("line", "said"),
     [
