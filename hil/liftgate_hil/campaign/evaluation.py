@@ -49,11 +49,13 @@ class Row(NamedTuple):
     figures: Figures
     wall_s: float
     error: str  # why there is no result; "": there is one
+    verdicts: tuple[str, ...] = ()  # on each expectation
 
 
 def error_row(base: Base, error: str, wall_s: float = math.nan) -> Row:
     """Return the row of a variant without a result."""
-    return Row(ERROR, (math.nan,) * len(base.expectations), NO_FIGURES, wall_s, error)
+    count = len(base.expectations)
+    return Row(ERROR, (math.nan,) * count, NO_FIGURES, wall_s, error, (ERROR,) * count)
 
 
 class _Ecu(NamedTuple):
@@ -198,7 +200,8 @@ class Evaluator:
         found = {each.name: each for each in verdicts}
         margins = tuple(_margin(found.get(name)) for name in self.base.expectations)
         wall_s = trial.spent + time.perf_counter() - began
-        return Row(worst(each.verdict for each in verdicts), margins, trial.figures, wall_s, "")
+        own = tuple(found[name].verdict if name in found else INCONCLUSIVE for name in self.base.expectations)
+        return Row(worst(each.verdict for each in verdicts), margins, trial.figures, wall_s, "", own)
 
     def adapter_of(self, plan: Plan, stack: contextlib.ExitStack) -> Adapter:
         """Return the adapter of the ECU as it is switched on; that of our own ECU is kept for the next variant."""

@@ -11,7 +11,7 @@ from typing import Any
 
 from liftgate_hil.campaign.folder import Folder
 from liftgate_hil.campaign.request import prepared
-from liftgate_hil.campaign.results import MARGIN, VARIANT, VERDICT
+from liftgate_hil.campaign.results import JUDGED, MARGIN, VARIANT, VERDICT
 from liftgate_hil.campaign.resumption import differences
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE
@@ -66,9 +66,11 @@ def _columns_of(result: Result, expectations: Sequence[str]) -> dict[str, Any]:
     """Return the columns of results that a run of its own shows."""
     from liftgate_hil.campaign.figures import figures_of
 
-    margins = {}
+    margins: dict[str, Any] = {}
+    none = ERROR if result.verdict == ERROR else INCONCLUSIVE
     for name in expectations:
         each = result.expectations.get(name)
+        margins[f"{JUDGED}{name}"] = none if each is None else each.verdict
         is_known = each is not None and each.margin is not None and each.verdict != INCONCLUSIVE
         margins[f"{MARGIN}{name}"] = each.margin if is_known and each is not None else None
     figures = figures_of(result.trace)._asdict() if result.verdict != ERROR else {}

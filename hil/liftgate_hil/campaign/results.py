@@ -20,13 +20,14 @@ if TYPE_CHECKING:
 
 VARIANT, VERDICT, WALL, ERROR = "variant", "verdict", "wall_s", "error"
 MARGIN = "margin."  # prefix of the columns of margins
+JUDGED = "verdict."  # the same of the expectations' verdicts
 MISSING = "campaigns need pyarrow; allowed: with liftgate-hil[campaign] installed"
 
 
 def columns_of(base: Base) -> tuple[str, ...]:
     """Return the names of all columns, in their order."""
     varied = tuple(each.name for each in base.targets)
-    margins = tuple(f"{MARGIN}{name}" for name in base.expectations)
+    margins = tuple(f"{prefix}{name}" for prefix in (JUDGED, MARGIN) for name in base.expectations)
     return VARIANT, *varied, VERDICT, *margins, *Figures._fields, WALL, ERROR
 
 
@@ -58,6 +59,10 @@ def table_of(base: Base, values: Floats, rows: Sequence[Row]) -> pa.Table:
     found: dict[str, Any] = {VARIANT: pa.array([base.variant(each) for each in values.tolist()], pa.string())}
     found |= {each.name: _numbers(values[:, k]) for k, each in enumerate(base.targets)}
     found[VERDICT] = pa.array([each.verdict for each in rows], pa.string())
+    for k, name in enumerate(base.expectations):
+        found[f"{JUDGED}{name}"] = pa.array(
+            [each.verdicts[k] if each.verdicts else None for each in rows], pa.string()
+        )
     found |= {f"{MARGIN}{name}": _numbers(margins[:, k]) for k, name in enumerate(base.expectations)}
     found |= {name: _numbers(figures[:, k]) for k, name in enumerate(Figures._fields)}
     found[WALL] = _numbers(np.array([each.wall_s for each in rows], dtype=np.float64))
@@ -77,6 +82,7 @@ def without_results(base: Base, values: Floats, error: str) -> pa.Table:
         VERDICT: pa.repeat(pa.scalar("error"), count),
         ERROR: pa.repeat(pa.scalar(error), count),
     }
+    known |= {f"{JUDGED}{name}": known[VERDICT] for name in base.expectations}
     return pa.table({field.name: known.get(field.name, pa.nulls(count, field.type)) for field in none.schema})
 
 
@@ -88,6 +94,7 @@ def _numbers(values: Floats) -> Any:
 def rows_of(base: Base, table: pa.Table) -> list[Row]:
     """Return the rows of a table, as `table_of` was given them."""
     margins = [_list(table, f"{MARGIN}{name}") for name in base.expectations]
+    judged = [table[f"{JUDGED}{name}"].to_pylist() for name in base.expectations]
     figures = [_list(table, name) for name in Figures._fields]
     verdicts, errors = table[VERDICT].to_pylist(), table[ERROR].to_pylist()
     walls = _list(table, WALL)
@@ -98,6 +105,7 @@ def rows_of(base: Base, table: pa.Table) -> list[Row]:
             Figures(*(each[k] for each in figures)),
             walls[k],
             errors[k] or "",
+            tuple(each[k] for each in judged),
         )
         for k in range(table.num_rows)
     ]
@@ -116,13 +124,16 @@ def numbers_in(table: pa.Table, name: str) -> Floats:
 def description_of(base: Base) -> Mapping[str, str]:
     """Return the meaning of each column."""
     varied = {each.name: f"varied: {each.kind}" for each in base.targets}
+    judged = {f"{JUDGED}{name}": f"verdict on the expectation {name!r}" for name in base.expectations}
     margins = {
-        f"{MARGIN}{name}": f"margin of the expectation {name!r}, negative: it failed" for name in base.expectations
+        f"{MARGIN}{name}": f"margin of the expectation {name!r}, negative: it failed; null: it has none"
+        for name in base.expectations
     }
     return {
         VARIANT: "hash of everything that goes into the result",
         **varied,
         VERDICT: "pass, inconclusive, fail or error: the worst of the expectations",
+        **judged,
         **margins,
         "peak_pinch_force_n": "N, largest pinch force; 0: nothing was pinched",
         "reversal_time_s": "s, from the first touch to where the gate turned; null: it did not",

@@ -167,6 +167,14 @@ def new_memory(drives: int, shares_clock: bool = True) -> Memory:
     )
 
 
+def memory_copied(memory: Memory) -> Memory:
+    """Return a copy of the records, whose `words` are those of the copy."""
+    copy = new_memory(len(memory.drives))
+    for own, given in zip(copy, memory, strict=True):
+        own[...] = given
+    return copy
+
+
 @compilable
 def note_course(memory: Memory) -> None:
     """Add a control cycle to the checksums of the course.

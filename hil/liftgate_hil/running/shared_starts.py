@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from liftgate_hil.ecu.memory import memory_copied
 from liftgate_hil.ecu.node import REFERENCE
 from liftgate_hil.loop.tick import copied
 
@@ -68,7 +69,8 @@ class SharedStarts:
 
 def reference_copied(node: NodeState) -> NodeState:
     """Return a state of the reference ECU with arrays of its own; the port, which it does not use, is shared."""
-    return node._replace(reference=copied(node.reference))
+    reference = copied(node.reference)
+    return node._replace(reference=reference._replace(memory=memory_copied(node.reference.memory)))
 
 
 def _key_of(plan: Plan) -> tuple[Any, ...]:

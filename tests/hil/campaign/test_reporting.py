@@ -33,6 +33,10 @@ NAN = math.nan
 Values = Sequence[float | None]
 
 
+def _sign(margin: float | None) -> str:
+    return "inconclusive" if margin is None or math.isnan(margin) else "pass" if margin >= 0.0 else "fail"
+
+
 def write(
     path: Path, verdicts: Sequence[str], varied: dict[str, Any], margins: dict[str, Values], **more: Any
 ) -> Path:
@@ -41,6 +45,8 @@ def write(
     columns: dict[str, Any] = {"variant": [f"{k:032x}" for k in range(count)]}
     columns |= {name: pa.array(each, pa.float64()) for name, each in varied.items()}
     columns["verdict"] = list(verdicts)
+    judged = more.get("judged", {name: [_sign(one) for one in each] for name, each in margins.items()})
+    columns |= {f"verdict.{name}": pa.array(each, pa.string()) for name, each in judged.items()}
     columns |= {f"margin.{name}": pa.array(each, pa.float64(), from_pandas=True) for name, each in margins.items()}
     force = more.get("force", np.zeros(count))
     columns["peak_pinch_force_n"] = pa.array(force, pa.float64(), from_pandas=True)
@@ -417,3 +423,39 @@ def test_a_probability_of_nothing_seen_is_told_as_a_bound() -> None:
     own = Probability(estimate(0.0, bounded=True, variation=math.inf), np.zeros((0, 3)), 100)
     assert "its probability of failure is below 0.0002" in adaptive_sections.probability_section(own, "soft")
     assert adaptive_sections.probability_as_dict(own, "soft")["variation"] is None
+
+
+def test_expectations_without_a_margin_are_counted_by_their_verdicts(tmp_path: Path) -> None:
+    """A trouble code has no margin, and a comparison of states may fail with one of 0."""
+    path = write(
+        tmp_path / "results.parquet",
+        ["fail", "fail", "pass"],
+        {"rod": [1.0, 2.0, 3.0]},
+        {"code": [None, None, None], "state": [0.0, 0.0, 0.0]},
+        judged={"code": ["fail", "pass", "pass"], "state": ["fail", "fail", "pass"]},
+        force=[5.0, 7.0, 6.0],
+    )
+    found = summary_of(path, ["rod"], ["code", "state"])
+    assert [(each.name, each.passed, each.failed, each.undecided) for each in found.expectations] == [
+        ("code", 2, 1, 0),
+        ("state", 1, 2, 0),
+    ]
+    assert found.driver == "margin.state"
+    only = summary_of(path, ["rod"], ["code"])
+    assert only.driver == "peak_pinch_force_n"  # nothing else tells one failure from another
+    assert worst(only, "folder").count("force [N]") == 1
+
+
+def test_variants_that_differ_in_a_trouble_code_only_are_different(tmp_path: Path) -> None:
+    paths = [
+        write(
+            tmp_path / f"{name}.parquet",
+            ["fail", "fail"],
+            {"rod": [1.0, 2.0]},
+            {"code": [None, None], "other": [-1.0, -1.0]},
+            judged={"code": ["pass", verdict], "other": ["fail", "fail"]},
+        )
+        for name, verdict in (("one", "pass"), ("two", "fail"))
+    ]
+    found = comparison_of(paths[0], paths[1], ["rod"], ["code", "other"], ("one", "two"))
+    assert found.differing["rod"].to_pylist() == [2.0]

@@ -393,3 +393,13 @@ def test_two_courses_that_differed_for_one_cycle_are_told_apart(part: str) -> No
         getattr(other, part)[...] = before
         assert np.array_equal(same.course, other.course) == (cycle < 7)
     assert same.words.tobytes() == other.words.tobytes()
+
+
+def test_a_copied_memory_has_words_of_its_own() -> None:
+    one = new_memory(2)
+    one.control[0].now, one.guards[0].offset, one.statuses[3] = 4.0, 2.5, 7
+    other = memory.memory_copied(one)
+    assert [each.tobytes() for each in one] == [each.tobytes() for each in other]
+    other.drives[1].load = 3.0
+    assert one.words.tobytes() != other.words.tobytes()
+    assert one.drives[1].load == 0.0

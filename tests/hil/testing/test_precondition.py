@@ -109,7 +109,7 @@ def test_motions_that_never_end_leave_the_scenario_inconclusive(
 class Idle:
     """An ECU that does nothing at all."""
 
-    def step(self, frames: object, time: float) -> list[can.Message]:
+    def step(self, frames: object, time: float) -> list[object]:
         return []
 
 

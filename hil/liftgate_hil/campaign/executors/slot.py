@@ -135,8 +135,8 @@ class Slot:
         elif kind == FAILED:
             raise LiftgateError(f"a worker of the campaign: {message[1]}")
         elif kind == ROW:
-            verdict, margins, figures, wall_s, error = message[1]
-            self.rows.append(Row(verdict, margins, Figures(*figures), wall_s, error))
+            verdict, margins, figures, *others = message[1]
+            self.rows.append(Row(verdict, margins, Figures(*figures), *others))
             self._moved = self._heard
         elif message[1:] != self._progress:
             self._progress, self._moved = message[1:], self._heard

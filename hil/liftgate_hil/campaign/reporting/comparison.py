@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from liftgate_hil.campaign.results import MARGIN, VARIANT, VERDICT, arrow, numbers_in
+from liftgate_hil.campaign.results import JUDGED, MARGIN, VARIANT, VERDICT, arrow, numbers_in
 from liftgate_hil.report.numbers import significant
 from liftgate_hil.report.page import Markup, section, table, text
 
@@ -51,8 +51,9 @@ def comparison_of(
 
     pa = arrow()
     margins = [f"{MARGIN}{each}" for each in expectations]
-    one = pq.read_table(own, columns=[VARIANT, *varied, VERDICT, *margins])
-    two = pq.read_table(other, columns=[VARIANT, VERDICT, *margins])
+    judged = [f"{JUDGED}{each}" for each in expectations]
+    one = pq.read_table(own, columns=[VARIANT, *varied, VERDICT, *judged, *margins])
+    two = pq.read_table(other, columns=[VARIANT, VERDICT, *judged, *margins])
     verdicts = one[VERDICT].to_numpy(zero_copy_only=False), two[VERDICT].to_numpy(zero_copy_only=False)
     largest = np.zeros(one.num_rows)
     for name in margins:
@@ -60,10 +61,14 @@ def comparison_of(
         apart = np.where(np.isnan(a) & np.isnan(b), 0.0, np.abs(a - b))
         largest = np.fmax(largest, np.where(np.isnan(apart), np.inf, apart))  # only one of them has a margin
     is_other = verdicts[0] != verdicts[1]
+    for name in judged:
+        is_other = is_other | (
+            one[name].to_numpy(zero_copy_only=False) != two[name].to_numpy(zero_copy_only=False)
+        )
     order = np.lexsort((np.arange(len(largest)), -largest, ~is_other))
     kept = order[(is_other | (largest > 0.0))[order]]
     found = one.take(kept).append_column(DIFFERENCE, pa.array(largest[kept]))
-    for name in (VARIANT, VERDICT, *margins):
+    for name in (VARIANT, VERDICT, *judged, *margins):
         found = found.append_column(f"{AGAINST}{name}", two[name].take(kept))
     pairs = Counter(zip(verdicts[0].tolist(), verdicts[1].tolist(), strict=True))
     return Comparison(one.num_rows, dict(pairs), found, names)

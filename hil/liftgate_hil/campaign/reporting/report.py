@@ -288,19 +288,14 @@ def _histogram(values: Floats, label: str, line: float) -> Figure:
 
 def worst(summary: Summary, folder: str) -> str:
     """Return the table of the worst variants, with the command that runs one again."""
-    heads = (
-        "variant",
-        *summary.values,
-        "verdict",
-        "margin" if summary.driver != FORCE else "force [N]",
-        "force [N]",
-    )
+    has_margin = summary.driver != FORCE
+    heads = ("variant", *summary.values, "verdict", *(["margin"] if has_margin else []), "force [N]")
     rows = [
         (
             Markup(f"<code>{text(each.variant[:12])}</code>"),
             *(significant(value, 5) for value in each.values),
             each.verdict,
-            significant(each.margin, 4),
+            *([significant(each.margin, 4)] if has_margin else []),
             significant(each.force, 4),
         )
         for each in summary.worst
@@ -308,7 +303,8 @@ def worst(summary: Summary, folder: str) -> str:
     if not rows:
         return ""
     line = f"{replay_line(folder, summary.worst[0].variant)} --record worst.mf4"
-    return table(heads, rows, ("", *("r" for _ in summary.values), "", "r", "r")) + (
+    classes = ["" if each in ("variant", "verdict") else "r" for each in heads]
+    return table(heads, rows, classes) + (
         f'<p class="soft">Any of them, bit for bit, with all signals:</p><p><code>{text(line)}</code></p>'
     )
 

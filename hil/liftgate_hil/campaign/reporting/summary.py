@@ -14,8 +14,8 @@ import numpy as np
 
 from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.campaign.reporting.sensitivity import Index, first_order
-from liftgate_hil.campaign.results import ERROR, MARGIN, VARIANT, VERDICT
-from liftgate_hil.judging.verdict import VERDICTS
+from liftgate_hil.campaign.results import ERROR, JUDGED, MARGIN, VARIANT, VERDICT
+from liftgate_hil.judging.verdict import FAIL, PASS, VERDICTS
 
 FORCE = "peak_pinch_force_n"
 MOST_ROWS = 250_000  # variants of which sensitivity, heat maps and distributions are made, at most
@@ -30,7 +30,7 @@ class Expected(NamedTuple):
     name: str
     passed: int
     failed: int
-    undecided: int  # without a margin: inconclusive, in error, or a trouble code
+    undecided: int  # inconclusive, or in error
     least: float  # smallest margin, in the unit of the expectation; NaN: none is known
     variant: str  # with it
     unit: str = ""  # of the margin; "": none, or several
@@ -81,8 +81,9 @@ def summary_of(
 
     with pq.ParquetFile(path) as file:
         judged = [_Judged(*each) for each in zip_longest(expectations, margin_units, fillvalue="")]
+        own = [f"{prefix}{name}" for prefix in (JUDGED, MARGIN) for name in expectations]
         verdicts, errors = Counter[str](), Counter[str]()
-        for part in file.iter_batches(_PART, columns=[VARIANT, VERDICT, ERROR, *(each.column for each in judged)]):
+        for part in file.iter_batches(_PART, columns=[VARIANT, VERDICT, ERROR, *own]):
             verdicts.update(part[VERDICT].to_pylist())
             errors.update(each for each in part[ERROR].to_pylist() if each is not None)
             for each in judged:
@@ -129,17 +130,15 @@ class _Judged:
     """Counts the results of an expectation, part by part."""
 
     def __init__(self, name: str, unit: str) -> None:
-        self.column, self._name, self._unit = f"{MARGIN}{name}", name, unit
-        self._passed = self._failed = self._undecided = 0
+        self._name, self._unit = name, unit
+        self._counts = Counter[str]()
         self._least, self._variant = math.nan, ""
 
     def take(self, part: Any) -> None:
         """Count the rows of a part."""
-        margins = _floats(part[self.column])
+        self._counts.update(part[f"{JUDGED}{self._name}"].to_pylist())
+        margins = _floats(part[f"{MARGIN}{self._name}"])
         known = np.isfinite(margins)
-        self._passed += int((margins[known] >= 0.0).sum())
-        self._failed += int((margins[known] < 0.0).sum())
-        self._undecided += int((~known).sum())
         if known.any():
             place = int(np.nanargmin(np.where(known, margins, np.nan)))
             if not margins[place] >= self._least:
@@ -147,13 +146,14 @@ class _Judged:
 
     def result(self) -> Expected:
         """Return the results."""
-        counts = (self._passed, self._failed, self._undecided)
-        return Expected(self._name, *counts, self._least, self._variant, self._unit)
+        passed, failed = self._counts[PASS], self._counts[FAIL]
+        undecided = self._counts.total() - passed - failed
+        return Expected(self._name, passed, failed, undecided, self._least, self._variant, self._unit)
 
 
 def _driver_of(judged: Sequence[Expected]) -> str:
-    """Return the column that the report is about: of the expectation that fails most; without any, the force."""
-    failing = [each for each in judged if each.failed]
+    """Return the column that the report is about: the margin of what fails most, or else the force."""
+    failing = [each for each in judged if each.failed and math.isfinite(each.least)]
     if not failing:
         return FORCE
     return f"{MARGIN}{max(failing, key=lambda each: each.failed).name}"
