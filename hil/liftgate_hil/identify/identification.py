@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identify import statistics
-from liftgate_hil.identify.at_rest import driven_through_gaps, never_driven, offsets_at_rest
+from liftgate_hil.identify.data_warnings import driven_one_way, driven_through_gaps, never_driven, offsets_at_rest
 from liftgate_hil.identify.coarse import coarse_of
 from liftgate_hil.identify.data import applied_voltage
 from liftgate_hil.identify.delays import at_best_delay
@@ -106,7 +106,12 @@ def identify(
         covariance_kind=_KINDS[is_robust] + _scatter(jitter),
         fixed=tuple(fixed_parameters(problem, found, given_std, is_free)),
         input_jitter=jitter,
-        data_warnings=(*never_driven(problem.data), *driven_through_gaps(problem.data), *offsets_at_rest(problem)),
+        data_warnings=(
+            *never_driven(problem.data),
+            *driven_one_way(problem),
+            *driven_through_gaps(problem.data),
+            *offsets_at_rest(problem),
+        ),
         history=np.array(history),
         experiments=tuple(experiments_of(problem, found.point, problem.initial)),
         profiles=tuple(
@@ -199,7 +204,7 @@ def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | 
     is_lost = is_far_off(problem, found.errors, _NEAR_PERCENT)
     if is_lost and not is_far_off(coarse, rough.errors, _NEAR_PERCENT):
         found = _search(problem, report, given_std)
-    return _best(problem, found, report, given_std)
+    return past_dents(problem, _best(problem, found, report, given_std), report, given_std)
 
 
 def _best(problem: Problem, found: Descent, report: Report | None, given_std: Floats | None) -> Descent:

@@ -2,7 +2,8 @@
 
 In one direction of travel, spring and friction are both a constant torque, which only the stops and the play tell
 apart: along their sum the loss is a flat valley with a dent for each time at which a tooth strikes. A minimum in
-such a dent has the curvature of the dent, and lies many of its standard deviations from the deepest one.
+such a dent has the curvature of the dent, and lies many of its standard deviations from the deepest one. Where the
+loss is found to be flat, the valley is walked: one parameter goes on by short steps, the others follow.
 """
 
 from __future__ import annotations
@@ -24,10 +25,13 @@ _REACH = (16.0, 24.0, 32.0, 48.0, 64.0, 96.0)  # standard deviations to either s
 _ADJUSTED = 2  # steps of the other unknowns at each of these points
 # Share of the deviance of a paraboloid (the square of the standard deviations) below which a point may lie in
 # another dent that is as deep.
-_FLAT = 0.05
+_FLAT = 0.3
 _WORTH = 0.5  # decrease of the deviance that counts
-_ROUNDS = 5  # times that a better minimum is searched around, at most
 _BLIND = 1e-9  # share of an unknown's own curvature that is added, so that an undetermined one stays where it is
+_PACE, _FOLLOW = 2.0, 3  # standard deviations of a step along a valley, and steps of the others that follow it
+_FARTHEST = 200  # steps along a valley, at most
+_TRIED = 3  # dents of a valley from which the minimum is searched, the deepest ones
+_ABOVE = 60.0  # deviance above the least so far at which a valley ends
 
 
 def past_dents(
@@ -36,21 +40,43 @@ def past_dents(
     """Return the search's end, or a deeper minimum that lies along one of the longest directions of the loss."""
     if problem.model != "full" or not problem.sought:
         return found
-    for _ in range(_ROUNDS):
-        beside = min(_flat(problem, found, given_std), key=lambda place: place.deviance, default=None)
-        if beside is None:
-            break
-        other = past_kinks(problem, search(problem, report, given_std, beside.point), report, given_std)
-        if other.deviance > found.deviance - _WORTH:
-            break
-        found = better(found, other)
-    return found
-
-
-def _flat(problem: Problem, found: Descent, given_std: Floats | None) -> Iterator[Place]:
-    """Yield places along the longest directions where the loss is far below what the minimum's curvature says."""
     _, inverse_std = problem.priors()
     matrix = information(found.slopes, found.weighting.root, inverse_std)
+    beside = min(_flat(problem, found, matrix, given_std), key=lambda place: place.deviance, default=None)
+    if beside is None:
+        return found
+    std = np.sqrt(np.diag(pseudo_inverse(matrix)))[: len(problem.sought)]
+    moved = np.abs(beside.point - found.point)[: len(std)]
+    leading = int(np.argmax(moved / np.where(std > 0.0, std, np.inf)))
+    valley = _valley(problem, found, leading, _PACE * float(std[leading]), report, given_std)
+    deepest = min(valley, key=lambda each: each.deviance)
+    other = past_kinks(problem, search(problem, report, given_std, deepest.point), report, given_std)
+    return better(found, other) if other.deviance < found.deviance - _WORTH else found
+
+
+def _valley(
+    problem: Problem, found: Descent, leading: int, pace: float, report: Report | None, given_std: Floats | None
+) -> Iterator[Descent]:
+    """Yield places along a valley to either side of a minimum, a `pace` of the parameter `leading` apart."""
+    yield found
+    low, high = (float(each[leading]) for each in problem.bounds)
+    least = found.deviance
+    for way in (-pace, pace):
+        point = found.point
+        for _ in range(_FARTHEST):
+            point = point.copy()
+            point[leading] += way
+            if not low <= point[leading] <= high or problem.refusals(point):
+                break
+            there = search(problem, report, given_std, point, (leading,), _FOLLOW)
+            if not there.deviance < least + _ABOVE:
+                break
+            least, point = min(least, there.deviance), there.point
+            yield there
+
+
+def _flat(problem: Problem, found: Descent, matrix: Floats, given_std: Floats | None) -> Iterator[Place]:
+    """Yield places along the longest directions where the loss is far below what the minimum's curvature says."""
     for direction in _longest(problem, pseudo_inverse(matrix)):
         for far in (sign * each for each in _REACH for sign in (-1.0, 1.0)):
             place = _adjusted(problem, found, far * direction, matrix @ direction, given_std)

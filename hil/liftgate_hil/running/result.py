@@ -86,7 +86,7 @@ def result_of(
         verdict = INCONCLUSIVE
     return Result(
         verdict=verdict,
-        reason=reason or (given_up if verdict == INCONCLUSIVE else reason_of(verdicts, verdict)),
+        reason=reason or (given_up if verdict == INCONCLUSIVE else "") or reason_of(verdicts, verdict),
         expectations=Verdicts({each.name: each for each in verdicts}),
         maxima=ColumnValues(zip(COLUMNS, high.tolist(), strict=True)),
         minima=ColumnValues(zip(COLUMNS, low.tolist(), strict=True)),

@@ -131,7 +131,7 @@ def test_the_reason_of_an_inconclusive_run_names_what_is_undecided_and_why(tmp_p
         for name, angle in (("a", 200), ("b", 200), ("c", 300), ("d", 10))
     )
     result = lh.run(scenario(tmp_path, text))
-    assert result.verdict == result.ending == "inconclusive"
+    assert (result.verdict, result.ending) == ("inconclusive", "inconclusive")
     assert result.reason == (
         "a, b: its trigger never came: gate_angle_deg > 200; c: its trigger never came: gate_angle_deg > 300"
     )

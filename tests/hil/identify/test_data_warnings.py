@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from liftgate_hil.identify.at_rest import driven_through_gaps, never_driven, offsets_at_rest
+from liftgate_hil.identify.data_warnings import driven_through_gaps, never_driven, offsets_at_rest
 from liftgate_hil.identify.data import Data
 from liftgate_hil.identify.identification import validate
 from liftgate_hil.identify.problem import Problem

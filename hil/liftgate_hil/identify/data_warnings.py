@@ -1,4 +1,4 @@
-"""Warnings on data: a current that is not zero at rest, a motor that is never driven, or through a gap."""
+"""Warnings on data: an offset at rest, a motor that is never driven, in one direction only, or through a gap."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.identify.data import Data, first_sample, is_count, is_driven
+from liftgate_hil.identify.data import Data, applied_voltage, first_sample, is_count, is_driven
 from liftgate_hil.identify.problem import LONGEST_DELAY, Problem
 from liftgate_hil.identify.statistics import mean_std, rounding_step
 from liftgate_hil.measurement.quality import GAP, usual_spacing
@@ -22,6 +22,10 @@ _FEWEST = 10  # samples before the first voltage
 _SURE = 5.0  # standard deviations of a mean
 _LEAST_SHARE = 1e-3  # of the largest current: an offset that is worth a warning
 _EMF_MARGIN = 2.0  # times the current that a motion within the data's error would induce
+_ONE_WAY = 0.05  # share of the largest voltage: less is no drive in the other direction
+_BALANCE = ("spring.", "gate.")  # parameters of what balances the gate
+# Parameters of friction, whose torque has the sign of the motion.
+_FRICTION = ("efficiency", "friction_torque", "friction_force", "load_torque", "static_ratio", "stribeck_speed")
 _STATED = "sensors.current_offset"
 SIDES = ("left", "right")
 
@@ -31,6 +35,22 @@ def never_driven(data: Sequence[Data]) -> list[str]:
     if any(np.any(is_driven(each)) for each in data):
         return []
     return ["no motor is ever driven: the estimates rest on what moves the gate by itself"]
+
+
+def driven_one_way(problem: Problem) -> list[str]:
+    """Return a warning on data of one direction where parameters of balance and of friction are estimated."""
+    names = [each.parameter.name for each in problem.sought]
+    balance = [name for name in names if name.startswith(_BALANCE)]
+    friction = [name for name in names if name.endswith(_FRICTION)]
+    voltages = np.concatenate([applied_voltage(each, problem.vehicle.supply.voltage) for each in problem.data])
+    least = _ONE_WAY * float(np.max(np.abs(voltages), initial=0.0))
+    if not balance or not friction or (np.any(voltages > least) and np.any(voltages < -least)):
+        return []
+    return [
+        f"the gate is driven in one direction only, where {', '.join(balance)} and {', '.join(friction)} are "
+        "alike: only stops and play tell them apart, and they may be off by more than their standard deviations; add a "
+        "measurement of the other direction"
+    ]
 
 
 def driven_through_gaps(data: Sequence[Data]) -> list[str]:
