@@ -24,7 +24,7 @@ MANIFEST, RESULTS, REPORT, BATCHES = "campaign.json", "results.parquet", "report
 AGAINST, DIFFERENCES = "against.parquet", "differences.parquet"  # of another ECU
 WORST_FILE, DATA = "worst.toml", "DATA.md"
 LOCK = ".lock"  # held by the process whose campaign runs in the folder
-FORMAT = 1  # of campaign.json
+FORMAT = 2  # of campaign.json and of the results
 _SHOWN = 12  # characters of a variant's name that tell it from others
 _GROUP = 16_384  # rows of a row group at least
 

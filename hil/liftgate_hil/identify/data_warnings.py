@@ -48,8 +48,8 @@ def driven_one_way(problem: Problem) -> list[str]:
         return []
     return [
         f"the gate is driven in one direction only, where {', '.join(balance)} and {', '.join(friction)} are "
-        "alike: only stops and play tell them apart, and they may be off by more than their standard deviations; add a "
-        "measurement of the other direction"
+        "alike: only stops and play tell them apart, and they may be off by more than their standard deviations; "
+        "add a measurement of the other direction"
     ]
 
 

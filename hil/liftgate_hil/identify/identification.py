@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identify import statistics
-from liftgate_hil.identify.data_warnings import driven_one_way, driven_through_gaps, never_driven, offsets_at_rest
 from liftgate_hil.identify.coarse import coarse_of
 from liftgate_hil.identify.data import applied_voltage
+from liftgate_hil.identify.data_warnings import driven_one_way, driven_through_gaps, never_driven, offsets_at_rest
 from liftgate_hil.identify.delays import at_best_delay
 from liftgate_hil.identify.descent import Descent, Report, place_at
 from liftgate_hil.identify.estimates import estimates_of

@@ -49,7 +49,7 @@ def test_a_manifest_comes_back(folder: Folder) -> None:
     assert not folder.has_campaign
     folder.write_manifest({"identity": "äöü", "numbers": [1, 2.5, None]})
     assert folder.has_campaign
-    assert folder.manifest() == {"format": 1, "identity": "äöü", "numbers": [1, 2.5, None]}
+    assert folder.manifest() == {"format": 2, "identity": "äöü", "numbers": [1, 2.5, None]}
 
 
 def test_a_request_comes_back(folder: Folder) -> None:
@@ -62,19 +62,19 @@ def test_a_number_that_json_has_not_is_never_written(folder: Folder) -> None:
     folder.write_manifest({"one": 1})
     with pytest.raises(ValueError, match="JSON"):
         folder.write_manifest({"one": math.nan})
-    assert folder.manifest() == {"format": 1, "one": 1}
+    assert folder.manifest() == {"format": 2, "one": 1}
 
 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
         (b"", "not JSON: .*; allowed: as a campaign has written it"),
-        (b'{"format": 1,', "not JSON: .*; allowed: as a campaign has written it"),
+        (b'{"format": 2,', "not JSON: .*; allowed: as a campaign has written it"),
         (b"\xff\xfe\x00", "not JSON: .*; allowed: as a campaign has written it"),
-        (b"[]", "format: allowed: 1, of a campaign of this version"),
-        (b"5", "format: allowed: 1, of a campaign of this version"),
-        (b"{}", "format: allowed: 1, of a campaign of this version"),
-        (b'{"format": 2}', "format: allowed: 1, of a campaign of this version"),
+        (b"[]", "format: allowed: 2, of a campaign of this version"),
+        (b"5", "format: allowed: 2, of a campaign of this version"),
+        (b"{}", "format: allowed: 2, of a campaign of this version"),
+        (b'{"format": 3}', "format: allowed: 2, of a campaign of this version"),
     ],
 )
 def test_a_manifest_of_something_else_is_one_clear_message(content: bytes, message: str, folder: Folder) -> None:
@@ -95,7 +95,7 @@ def test_a_folder_without_a_campaign_is_refused(folder: Folder) -> None:
      {"request": {"scenario": "demo", "vary": [], "colour": 5}}],
 )  # fmt: skip
 def test_a_manifest_without_a_request_of_this_version_is_refused(content: object, folder: Folder) -> None:
-    (folder.path / MANIFEST).write_text(json.dumps({"format": 1, **content}))  # type: ignore[dict-item]
+    (folder.path / MANIFEST).write_text(json.dumps({"format": 2, **content}))  # type: ignore[dict-item]
     with pytest.raises(ConfigError, match=r"campaign.json: request: .*; allowed: ") as caught:
         folder.request()
     assert len(caught.value.issues) == 1

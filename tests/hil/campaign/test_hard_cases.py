@@ -65,6 +65,7 @@ def test_a_margin_that_only_one_ecu_has_is_a_difference(tmp_path: Path) -> None:
             "variant": ["a"],
             "rod": [1.0],
             "verdict": ["fail"],
+            "verdict.a": ["fail"],
             "margin.a": pa.array([margin], pa.float64()),
         }
         pq.write_table(pa.table(columns), tmp_path / name)
@@ -75,7 +76,7 @@ def test_a_margin_that_only_one_ecu_has_is_a_difference(tmp_path: Path) -> None:
 def manifest(folder: Folder, **changed: object) -> None:
     found = prepared(Request("demo", ("supply.voltage=9,12",)))
     content = {
-        "format": 1,
+        "format": 2,
         "identity": found.base.identity,
         "request": as_json(found.request),
         "seconds_each": 0.01,
@@ -115,7 +116,7 @@ def test_a_pace_that_is_none_is_refused(changed: dict, tmp_path: Path) -> None:
                  {"scenario": "demo", "vary": [], "settings": 5}],
 )  # fmt: skip
 def test_garbage_in_a_request_is_one_clear_error_on_replay(request_: dict, tmp_path: Path) -> None:
-    (tmp_path / "campaign.json").write_text(json.dumps({"format": 1, "request": request_}))
+    (tmp_path / "campaign.json").write_text(json.dumps({"format": 2, "request": request_}))
     with pytest.raises(ConfigError):
         replayed(tmp_path, "abc")
 

@@ -34,12 +34,13 @@ CALM = settings(deadline=None, derandomize=True, database=None, max_examples=60)
 
 @cache
 def base() -> Base:
-    return prepared(Request("demo", ("supply.voltage=9,12", "gate.gravity_point[0]=0.4,0.5"))).base
+    return prepared(Request("pack/undisturbed", ("supply.voltage=9,12", "gate.gravity_point[0]=0.4,0.5"))).base
 
 
 def row_of(verdict: str = "pass", margin: float = 1.0, error: str = "") -> Row:
     count = len(base().expectations)
-    return Row(verdict, (margin,) * count, Figures(*(float(k) for k in range(len(Figures._fields)))), 0.25, error)
+    figures = Figures(*(float(k) for k in range(len(Figures._fields))))
+    return Row(verdict, (margin,) * count, figures, 0.25, error, (verdict,) * count)
 
 
 def table_with(count: int = 5) -> pa.Table:
@@ -61,6 +62,9 @@ rows = st.builds(
     ),
     numbers,
     st.text(st.characters(exclude_categories=["Cs"])),
+    st.lists(st.sampled_from(VERDICTS), min_size=len(base().expectations), max_size=len(base().expectations)).map(
+        tuple
+    ),
 )
 
 
@@ -73,7 +77,8 @@ def test_rows_come_back_from_their_table_to_the_bit(given_rows: list[Row]) -> No
 
 def test_a_table_has_the_columns_in_their_order() -> None:
     table = table_with()
-    margins = [f"margin.{each}" for each in base().expectations]
+    margins = [f"{prefix}.{each}" for prefix in ("verdict", "margin") for each in base().expectations]
+    assert len(margins) > 2
     assert table.column_names == [
         "variant",
         "supply.voltage",

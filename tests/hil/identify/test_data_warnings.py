@@ -8,8 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from liftgate_hil.identify.data_warnings import driven_through_gaps, never_driven, offsets_at_rest
 from liftgate_hil.identify.data import Data
+from liftgate_hil.identify.data_warnings import driven_through_gaps, never_driven, offsets_at_rest
 from liftgate_hil.identify.identification import validate
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.reporting.findings import validation_warnings, warnings_of
