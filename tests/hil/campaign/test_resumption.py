@@ -155,7 +155,7 @@ def test_a_manifest_of_something_else_is_one_clear_message(content: str, folder:
 
 
 def test_a_manifest_that_says_nothing_is_of_another_campaign(folder: Folder, scenario: Path) -> None:
-    (folder.path / MANIFEST).write_text(json.dumps({"format": 1}))
+    (folder.path / MANIFEST).write_text(json.dumps({"format": 2}))
     message = refusal(folder, campaign_of(scenario))
     assert "scenario" in message
     assert "liftgate-hil" in message
