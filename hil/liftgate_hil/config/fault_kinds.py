@@ -138,12 +138,12 @@ _GROUPS = {
     FaultKind("hall_swapped", "Hall A and B are exchanged: the count runs backwards", _hall("swapped")),
 ),
 "Current and angle readings": (
-    FaultKind("current_offset", "an offset is added to the current reading, after the offsets and gains that "
-              "precede it in the file",
+    FaultKind("current_offset", "an offset is added to the current reading; several offsets and gains "
+              "act in the order in which they are listed",
               _current("offset", ADD, "value"),
               _key("value", Number(-1e3, 1e3, "A"), "offset of the reading")),
-    FaultKind("current_gain", "the current reading is multiplied by a factor, after the offsets and gains that "
-              "precede it in the file",
+    FaultKind("current_gain", "the current reading is multiplied by a factor; several offsets and gains "
+              "act in the order in which they are listed",
               _gain, _key("factor", Number(-100.0, 100.0), "factor on the reading")),
     FaultKind("current_frozen", "the current reading keeps its last value, offsets and gains included",
               _current("frozen", SET)),

@@ -105,8 +105,6 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
             notes.append(
                 f"{len(source.signals)} columns omitted: with --rig the table holds the bus signals instead"
             )
-        if not form.has_frames:
-            notes.append(f"frames omitted: {target.suffix} holds rows only")
         return _Plan(source, table, form.has_frames, marks, tuple(notes))
     if not ((source.signals and form.has_rows) or (has_frames and form.has_frames)):
         able = ", ".join(
@@ -125,15 +123,18 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
 
 
 def _notes_about(source: Recording, target: Path) -> list[str]:
-    """Return the note on provenance that the target cannot hold. Raises ConfigError if it is damaged."""
+    """Return the note on provenance that the target cannot hold whole. Raises ConfigError if it is damaged."""
     try:
         lines_about(source.about)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         text = "its provenance is damaged"
         raise ConfigError(f"{source.path}: cannot be read: {text}") from error
-    if not source.about or FORMATS[target.suffix].holds_about:
+    form = FORMATS[target.suffix]
+    if not source.about or form.holds_about:
         return []
     able = ", ".join(suffix for suffix, each in FORMATS.items() if each.holds_about)
+    if form.has_comments:
+        return [f"provenance shortened: {target.suffix} holds it as comments; allowed, for all of it: {able}"]
     return [f"provenance omitted: {target.suffix} cannot hold it; allowed: {able}"]
 
 
@@ -191,7 +192,7 @@ def _written(
             path.replace(target)
     except RecordingError as error:
         text = str(error).removeprefix("`OUT` ").replace(str(path), str(target))
-        raise RecordingError(text) from error
+        raise RecordingError(f"{text}; no file was written") from error
     finally:
         if path != target:
             with suppress(FileNotFoundError):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import textwrap
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +23,7 @@ SUFFIXES = (".png", ".svg", ".pdf", ".html")
 WIDTH, HEIGHT = 11.0, 2.1  # inch, of a panel
 FONT, SMALL = 10.0, 9.0
 _DPI = 110
-_LINE = 165  # characters of a caption's line at WIDTH
+_LINE = 140  # characters of a caption's line at WIDTH
 
 
 def settings() -> None:
@@ -63,18 +65,25 @@ def legend_above(axis: Axes, handles: list[Any] | None = None, columns: int = 5)
 
 def write_picture(path: Path, figure: Figure, title: str, caption: str) -> None:
     """Write the plot in the format of its suffix, one of SUFFIXES. Raises ConfigError if it cannot be written."""
-    suffix = path.suffix.lower()
     try:
-        if suffix == ".png":
-            path.write_bytes(png(figure, _DPI))
-        elif suffix == ".pdf":
-            path.write_bytes(pdf(figure))
-        elif suffix == ".svg":
-            with style():
-                nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-                figure.savefig(path, format="svg", metadata=nothing, facecolor="white")
-        else:
-            body = figure_html(svg(figure, "picture", title), caption)
-            path.write_text(page(title, "", [body]), encoding="utf-8", newline="\n")
+        path.write_bytes(_drawn_as(path.suffix.lower(), figure, title, caption))
     except OSError as error:
+        with suppress(OSError):
+            if path.stat().st_size == 0:  # opened, and nothing went into it
+                path.unlink()
         raise ConfigError(f"`output` {path}: cannot be written: {error.strerror}") from error
+
+
+def _drawn_as(suffix: str, figure: Figure, title: str, caption: str) -> bytes:
+    """Return the content of a picture's file."""
+    if suffix == ".png":
+        return png(figure, _DPI)
+    if suffix == ".pdf":
+        return pdf(figure)
+    if suffix == ".svg":
+        stream = io.BytesIO()
+        with style():
+            nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+            figure.savefig(stream, format="svg", metadata=nothing, facecolor="white")
+        return stream.getvalue()
+    return page(title, "", [figure_html(svg(figure, "picture", title), caption)]).encode()

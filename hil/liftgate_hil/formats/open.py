@@ -32,6 +32,7 @@ class Format:
     has_rows: bool = False
     has_frames: bool = False
     holds_about: bool = False  # the provenance of the run, in full
+    has_comments: bool = False  # a part of the provenance, as comments
     holds_marks: bool = False  # events with a text
     is_text: bool = False  # written directly: a kill cannot corrupt it, and a pipe can take it
     module: str = ""  # Python module that it needs
@@ -83,7 +84,11 @@ FORMATS: Mapping[str, Format] = {
     ".log": Format(_LOG, _lazily("candump_file", "CandumpWriter"), has_frames=True, is_text=True),
     **{
         suffix: Format(
-            _LOG, _lazily("python_can_file", "PythonCanWriter", suffix), has_frames=True, holds_marks=True
+            _LOG,
+            _lazily("python_can_file", "PythonCanWriter", suffix),
+            has_frames=True,
+            has_comments=suffix != ".blf",
+            holds_marks=True,
         )
         for suffix in (".asc", ".blf", ".trc")
     },

@@ -201,7 +201,7 @@ class Summary:
         if delay.count:
             lines.append(
                 f"command to feedback {in_words(delay)}: on the 10 N/mm rod {force_of(delay.p50_us):.1f} N more "
-                f"pinch force, at most {force_of(delay.max_us):.1f} N"
+                f"pinch force, and {force_of(delay.max_us):.1f} N at the longest delay"
             )
         if self.link.before_start:
             lines.append(

@@ -17,6 +17,7 @@ from liftgate_hil.errors import TransportError, words_of
 from liftgate_hil.transport import multicast
 from liftgate_hil.transport.base import WAIT_S, LinkCounts, age_of, drained
 from liftgate_hil.transport.messages import fields_of, message_of, put
+from liftgate_hil.transport.socketcan import check_kernel
 
 if TYPE_CHECKING:
     import can
@@ -59,6 +60,8 @@ class CanTransport:
     def _open(self) -> can.BusABC:
         """Return an open bus, and set `_recv`, which receives its messages."""
         said: list[str] = []
+        if self._interface == "socketcan":
+            check_kernel(self.name)
         try:
             if self._echoes is not None:
                 multicast.check_route(self.name)

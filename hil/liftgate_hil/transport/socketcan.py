@@ -132,6 +132,21 @@ class LinkEvents:
         return False
 
 
+def check_kernel(name: str) -> None:
+    """Raise TransportError where Python or the kernel has no SocketCAN, whatever the interface's name."""
+    text = f"socketcan:{name}: cannot be opened"
+    if not hasattr(socket, "AF_CAN"):
+        raise TransportError(f"{text}: Python has no AF_CAN here")
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError as error:
+        if error.errno == errno.EAFNOSUPPORT:
+            raise TransportError(
+                f"{text}: this kernel has no SocketCAN; allowed: a kernel with the module can, or another bus: "
+                "liftgate-hil doctor says which"
+            ) from error
+
+
 class SocketCan:
     """A Line over a SocketCAN interface. Raises TransportError if the interface cannot be opened."""
 
@@ -142,8 +157,7 @@ class SocketCan:
         self._losses = 0
         self._bus_offs = 0
         self._before_start = 0
-        if not hasattr(socket, "AF_CAN"):
-            raise TransportError(f"socketcan:{name}: cannot be opened: Python has no AF_CAN here")
+        check_kernel(name)
         try:
             if interface_state(name) == ABSENT:
                 raise OSError(errno.ENODEV, "no such interface")

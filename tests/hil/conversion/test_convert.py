@@ -503,5 +503,5 @@ def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
     assert done.returncode == 1
     begin, _, end = done.stderr.partition(" recording ended at ")
     assert begin == f"liftgate-hil: {tmp_path / 'out.parquet'}:"
-    assert re.fullmatch(r"\d+\.\d+ s: File too large\n", end)
+    assert re.fullmatch(r"\d+\.\d+ s: File too large; no file was written\n", end)
     assert list(tmp_path.iterdir()) == [path]

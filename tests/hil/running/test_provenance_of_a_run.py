@@ -143,6 +143,14 @@ def test_converting_keeps_it_or_tells_that_it_is_left_out(tmp_path: Path) -> Non
         path = tmp_path / f"next{suffix}"
         assert open_recording(path).about == about
         assert not [note for note in done.notes if "provenance" in note]
+    run(tmp_path, ".log", ".mf4")
+    for suffix, what in ((".asc", "shortened"), (".trc", "shortened"), (".blf", "omitted")):
+        (note,) = (
+            each for each in convert(tmp_path / "run.mf4", tmp_path / f"out{suffix}").notes if "prov" in each
+        )
+        assert note.startswith(f"provenance {what}: {suffix} ")
+        content = (tmp_path / f"out{suffix}").read_bytes()
+        assert (b"liftgate-hil" in content and b"suv" in content) == (what == "shortened")
     done = convert(path, tmp_path / "out.csv")
     assert done.notes == ("provenance omitted: .csv cannot hold it; allowed: .parquet, .mf4, .mcap",)
 

@@ -314,13 +314,14 @@ function drawHistogram(svg, bars) {
     high = bars[bars.length - 1][1],
     most = Math.log1p(Math.max(...bars.map(([, , count]) => count)));
   const x = (value) => 6 + (348 * Math.log(Math.max(value, low) / low)) / Math.log(high / low);
-  for (let decade = 10 ** Math.ceil(Math.log10(low)); decade <= high; decade *= 10) {
-    shape("path", { d: `M${x(decade)} 6V92` }, svg);
-    shape(
-      "text",
-      { x: x(decade), y: 106, "text-anchor": x(decade) > 335 ? "end" : "middle" },
-      svg,
-    ).textContent = text(decade);
+  const first = Math.ceil(Math.log10(low)),
+    every = Math.log10(high / low) > 4.5 ? 2 : 1; // labels of more decades would touch each other
+  for (let power = first; 10 ** power <= high; power += 1) {
+    const at = x(10 ** power);
+    shape("path", { d: `M${at} 6V92` }, svg);
+    if ((power - first) % every) continue;
+    const anchor = at > 335 ? "end" : at < 20 ? "start" : "middle";
+    shape("text", { x: at, y: 106, "text-anchor": anchor }, svg).textContent = text(10 ** power);
   }
   for (const [from, to, count] of bars) {
     if (!count) continue;

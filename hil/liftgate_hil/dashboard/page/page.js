@@ -75,6 +75,7 @@ async function start() {
     : null;
   if (about.geometry.length_m) drawing = new Drawing(find("drawing"), about.geometry, act);
   find("scene").hidden = !drawing;
+  document.querySelector("main").className = drawing || about.kind !== "recording" ? "" : "charts-only";
   find("scene-help").textContent = act
     ? `Drag the green hand to push or pull the gate, and the obstacle into its way; or focus one of them and use the arrow keys. ${SCALE}`
     : SCALE;

@@ -56,9 +56,13 @@ function showHealth(state) {
   if (loop.stimuli_not_made) notes.push("the bench has not made all that it was asked for");
   if (bus.unsent) notes.push(`${numberOf(bus.unsent, "frame")} not sent`);
   if (isSilent(state))
-    notes.push(
+    notes.unshift(
       "no command of the ECU" + (bus.command_age_s === null ? "" : ` for ${bus.command_age_s.toFixed(1)} s`),
     );
+  const force = state.in_force || {},
+    faults = (force.faults || []).length;
+  if (!state.end && faults) notes.unshift(`${numberOf(faults, "injected fault")}`);
+  if (!state.end && force.record) notes.unshift("recording");
   const words = notes.join(", ");
   if (find("health").textContent !== words) find("health").textContent = words;
 }
@@ -148,7 +152,7 @@ function showMessages(messages, now) {
       each.direction,
       each.count,
       each.cycle_ms === null ? "" : `${text(each.cycle_ms, 1)} ms`,
-      ages[k] < 1 ? "" : `${ages[k].toFixed(0)} s ago`,
+      ages[k] < 1 ? "now" : `${ages[k].toFixed(0)} s ago`,
       each.data,
       Object.entries(each.signals)
         .map(([name, value]) => `${name} = ${text(value, 3)}`)
@@ -289,11 +293,12 @@ function showEnd(end) {
     : `The run has ended${code && ` (${code})`}.${about.scenario ? " It had no expectations." : ""}`;
   const reasons = {}; // one that several expectations share is shown once
   for (const each of end.expectations) if (each.reason) (reasons[each.reason] ??= []).push(each.name);
-  find("end-reason").textContent =
+  const reason =
     end.reason ||
     Object.entries(reasons)
-      .map(([reason, names]) => `${names.join(", ")}: ${reason}`)
+      .map(([each, names]) => `${names.join(", ")}: ${each}`)
       .join("; ");
+  find("end-reason").textContent = reason.replaceAll("`", "");
   find("end-next").textContent = about.starts
     ? "Start a scenario to go on."
     : about.ends_with_run

@@ -152,6 +152,7 @@ function makeReplay() {
     ...(contacts.length
       ? ["Contacts:", ...contacts]
       : [about.contacts ? "No contact with an obstacle." : "The recording holds no pinch force."]),
-    ...(marks.length ? ["Marks:", ...marks] : []),
+    ...(marks.length ? [" Marks:", ...marks] : []),
+    ...(about.geometry.length_m ? [] : [" The gate is drawn if --vehicle names its vehicle."]),
   );
 }
