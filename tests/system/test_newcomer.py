@@ -67,7 +67,7 @@ HERE = (
     "tools/ecu/build/ecu-serial",
     "liftgate-hil demo --clock free --ecu tools/ecu",
     "liftgate-hil ecu --bus socketcan:can0",
-    "liftgate-hil --bus virtual:any",
+    "liftgate-hil --clock free --ecu",
     "make -C tools/ecu build/liftgate-ecu.so",
     "liftgate-hil convert run.blf run.mf4",
     "liftgate-hil convert run.blf run.csv",
@@ -507,7 +507,7 @@ def test_an_own_ecu_in_c_closes_the_loop(folder: Path) -> None:
     run(command("make -C tools/ecu build/liftgate-ecu.so"), folder)
     out = run(command("liftgate-hil demo --clock free --ecu tools/ecu"), folder)
     assert "written: demo.log" in out
-    assert "commands accepted 300," in run(command("liftgate-hil --bus virtual:any"), folder)
+    assert "commands accepted 300," in run(command("liftgate-hil --clock free --ecu"), folder)
 
 
 # The plant, and parameters from recordings.

@@ -6,6 +6,7 @@ import argparse
 import errno
 import functools
 import importlib
+import itertools
 import shlex
 import signal
 import sys
@@ -53,10 +54,16 @@ class Parser(argparse.ArgumentParser):
         start, _, unknown = message.partition("unrecognized arguments: ")
         if not start and unknown.startswith("-"):
             flag = unknown.split()[0].partition("=")[0]
-            message += f"; allowed: {allowed_names(flag, self._option_string_actions)}"
+            message += f"; allowed: {allowed_names(flag, self._flags())}"
         if self.on_error is not None:
             self.on_error(message)
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+    def _flags(self) -> list[str]:
+        """Return the flags of the command and of its actions, as `rig check` has them."""
+        nested = [each.choices.values() for each in self._actions if isinstance(each, argparse._SubParsersAction)]
+        parsers = [self, *itertools.chain.from_iterable(nested)]
+        return list(dict.fromkeys(flag for each in parsers for flag in each._option_string_actions))
 
 
 class ShowVersion(argparse.Action):

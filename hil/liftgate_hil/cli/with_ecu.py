@@ -64,6 +64,8 @@ def run_loop(
     from liftgate_hil.running.run import execute
 
     teller = Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}")
+    # On the free clock a loop with its ECU in this process needs no bus.
+    has_wire = has_wire and (options.wire_choice(args).is_given or args.ecu == ON_A_BUS or args.clock != "free")
     job = _job_of(args, exit_codes, has_wire, trace, teller)
     with teller.progress("preparing the run"):
         plan = plan_of(job)

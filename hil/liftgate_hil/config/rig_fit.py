@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from liftgate_hil.codec.bus_config import LONGEST_MS, SignalMapping, cycle_of
 from liftgate_hil.codec.protection import MessageOptions
-from liftgate_hil.config.drafting.candidates import is_protection
+from liftgate_hil.config.drafting.candidates import NOBODY, is_protection
 from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.inject import FAULT
@@ -160,6 +160,7 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
             )
     return [
         *notes,
+        *_sent_by_the_ecu(rig),
         *_coasting_drive(rig, vehicle),
         *_weak_duties(rig),
         *_unprotected(rig),
@@ -182,6 +183,19 @@ def _uneven_cycles(rig: Rig, rate: float) -> Iterator[str]:
             f"{rig.source}: messages.{first}.cycle_ms: {cycle_ns / 1e6:g} is not a whole number of ticks of "
             f"{1e3 / rate:g} ms: the cycle is kept on average, each frame up to a tick late{same}"
         )
+
+
+def _sent_by_the_ecu(rig: Rig) -> Iterator[str]:
+    """Yield a note for each message of the gate that the sender of the command sends by the database."""
+    duties = {wire.message for wire in rig.inputs if wire.quantity.endswith("_duty")}
+    ecus = {each for name in duties for each in rig.messages[name].senders} - NOBODY
+    for name in dict.fromkeys(wire.message for wire in rig.outputs):
+        if shared := sorted(ecus.intersection(rig.messages[name].senders)):
+            wires = [f"outputs.{wire.quantity}" for wire in rig.outputs if wire.message == name]
+            yield (
+                f"{rig.source}: {', '.join(wires)}: {name} is a message of {', '.join(shared)} in the database, "
+                f"which also sends {', '.join(sorted(duties))}: both the ECU and this gate would send it"
+            )
 
 
 def _coasting_drive(rig: Rig, vehicle: Vehicle) -> Iterator[str]:

@@ -64,6 +64,8 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
         (["--bitrate", "-5"], "bitrate"),
         (["--nosuch"], "unrecognized arguments: --nosuch; allowed: "),
         (["--dur", "1"], ", --duration, … ("),
+        (["rig", "check", "liftgate", "--vehicel", "suv"], "--vehicle, "),
+        (["rig", "draft", "their.dbc", "--out", "x"], "--output"),
         (["nosuch"], "nosuch"),
         (["identfy"], "no subcommand 'identfy'; allowed: identify, "),
         (["--vehicle", "nosuch"], "nosuch"),
@@ -89,6 +91,16 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
     assert len(lines) == 1
     assert said in lines[0]
     assert lines[0].startswith("liftgate-hil")
+
+
+def test_the_free_clock_needs_no_bus_for_an_ecu_in_this_process(capsys: pytest.CaptureFixture[str]) -> None:
+    of = ["--clock", "free", "--ecu", "reference", "--duration", "0.05"]
+    assert main(of) == 0
+    told = capsys.readouterr()
+    assert "commands accepted 5," in told.out
+    assert "ignored" not in told.err
+    assert main([*of[2:], "--clock", "lockstep"]) == 2
+    assert "--bus: missing" in capsys.readouterr().err
 
 
 def test_a_recording_of_the_same_name_is_kept_once(tmp_path: Path, capsys: pytest.CaptureFixture[str], bus: str):

@@ -18,14 +18,16 @@ from liftgate_hil.running.setup import rig_from, vehicle_from
 VEHICLES = ("suv", "heavy-suv", "compact")
 
 
-def rig_for(folder: Path, place: str, unit: str, quantity: str, keys: str = "", cycle: float = 10) -> Rig:
+def rig_for(
+    folder: Path, place: str, unit: str, quantity: str, keys: str = "", cycle: float = 10, sender: str = "Gate"
+) -> Rig:
     """One output on a signal."""
     content = f"""VERSION ""
 BS_:
 BU_: ECU Gate
 BO_ 256 Cmd: 8 ECU
  SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
-BO_ 512 Out: 8 Gate
+BO_ 512 Out: 8 {sender}
  SG_ X : {place} "{unit}" ECU
 BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
 BA_DEF_DEF_ "GenMsgCycleTime" 10;
@@ -91,6 +93,18 @@ def test_a_right_drive_without_a_command_is_noted(tmp_path: Path):
     assert "inputs.right_duty is missing: the vehicle has two drives, and the right motor coasts" in note
     assert 'right_duty = "Cmd.Duty"' in note
     assert notes_on_fit(rig, vehicle_from("suv", ["drives=1"], ideal=True), 1000.0) == []
+
+
+def test_a_message_of_the_gate_that_the_ecu_sends_by_the_database_is_noted(tmp_path: Path):
+    rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current", sender="ECU")
+    (note,) = notes_on_fit(rig, suv(), 1000.0)
+    assert note.endswith(
+        "outputs.left_current: Out is a message of ECU in the database, which also sends Cmd: both the ECU and "
+        "this gate would send it"
+    )
+    for sender in ("Gate", "Vector__XXX"):
+        rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current", sender=sender)
+        assert notes_on_fit(rig, suv(), 1000.0) == []
 
 
 def test_a_signal_that_a_stalled_motor_leaves_is_reported(tmp_path: Path):

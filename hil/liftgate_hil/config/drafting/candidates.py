@@ -30,7 +30,7 @@ def _needs(*spelled: str) -> tuple[frozenset[str], ...]:
 
 
 _SENSORS = frozenset({"current", "voltage", "temperature", "hall", "angle"})
-_NOBODY = {"XXX", "Vector__XXX"}  # what databases name an unknown sender
+NOBODY = {"XXX", "Vector__XXX"}  # what databases name an unknown sender
 _NO_LIMIT = frozenset({"limit"})
 _NO_DRIVE = _NO_LIMIT | {"motor", "left", "right"}
 KINDS = (
@@ -166,7 +166,7 @@ def _roles(messages: Mapping[str, Message]) -> Iterator[tuple[Message, str, str]
     send it; messages of all other senders may be outputs.
     """
     commands, sensors = _commands(messages), _sensors(messages)
-    nodes = {sender for message in messages.values() for sender in message.senders} - _NOBODY
+    nodes = {sender for message in messages.values() for sender in message.senders} - NOBODY
     ecus = _senders(messages, commands) & nodes if len(nodes) > 1 else set()
     gates = _senders(messages, sensors) - ecus
     for message in messages.values():
