@@ -240,6 +240,8 @@ VERDICTS = Document(
         "mutation.mutants[].name": "name of the mutant",
         "mutation.mutants[].meaning": "its defect",
         "mutation.mutants[].is_reached": "whether the defect makes a difference to the ECU in any control cycle",
+        "mutation.mutants[].reached_in": "list: scenarios in which it does",
+        "mutation.mutants[].shows_in": "list: those in which it also changes an extreme of a column",
         "mutation.mutants[].killed_by": "expectations that pass with the sound ECU and fail with the mutant",
         "mutation.mutants[].killed_by[].file": "scenario",
         "mutation.mutants[].killed_by[].expectation": "name of its expectation",

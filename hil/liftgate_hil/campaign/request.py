@@ -16,7 +16,7 @@ from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle import read_vehicle
 from liftgate_hil.ecu.find import check_ecu
-from liftgate_hil.ecu.mutants import MUTANTS
+from liftgate_hil.ecu.mutants import ecu_and_mutant
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.expectation import Expectation
@@ -172,19 +172,15 @@ def _job_of(request: Request) -> Job:
 
 
 def ecu_of(name: str, called: str) -> tuple[str, str]:
-    """Return the ECU and the mutant of a name: `mutant:NAME` is one of the reference ECU. Raises ConfigError."""
+    """Return the ECU and the mutant of a name, see `ecu_and_mutant`. Raises ConfigError."""
     if name == ON_A_BUS:
         raise ConfigError(f"`{called}` {name}: allowed: reference, mutant:NAME, a library, MODULE:CLASS")
-    kind, _, mutant = name.partition(":")
-    if kind != "mutant":
-        try:
-            check_ecu(name)
-        except ConfigError as error:
-            raise ConfigError([line.replace("`ecu`", f"`{called}`", 1) for line in error.issues]) from None
-        return name, ""
-    if mutant not in MUTANTS:
-        raise ConfigError(f"`{called}` {name}: allowed: mutant: and one of {', '.join(MUTANTS)}")
-    return REFERENCE, mutant
+    ecu, mutant = ecu_and_mutant(name, called)
+    try:
+        check_ecu(ecu)
+    except ConfigError as error:
+        raise ConfigError([line.replace("`ecu`", f"`{called}`", 1) for line in error.issues]) from None
+    return ecu, mutant
 
 
 def absolute(request: Request) -> Request:

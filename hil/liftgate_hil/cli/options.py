@@ -180,13 +180,16 @@ def add_loop(parser: argparse.ArgumentParser) -> None:
     add_options(parser, "rate", "clock", "duration", "overrun_limit", "wall_timeout", *MACHINE)
 
 
-def add_ecu(parser: argparse.ArgumentParser, default: str, has_bus: bool = True) -> None:
-    """Add the flag for the ECU; with `has_bus` it may also be one on the bus."""
+def add_ecu(
+    parser: argparse.ArgumentParser, default: str, has_bus: bool = True, has_mutants: bool = False
+) -> None:
+    """Add the flag for the ECU; with `has_bus` it may also be one on the bus, with `has_mutants` a mutant."""
     parser.add_argument(
         "--ecu",
         default=default,
-        metavar="reference|LIBRARY|MODULE:CLASS" + ("|bus" if has_bus else ""),
+        metavar="reference|LIBRARY|MODULE:CLASS" + "|mutant:NAME" * has_mutants + "|bus" * has_bus,
         help="what closes the loop: the reference ECU, a C library, a Python class"
+        + (", a mutant of the reference ECU" if has_mutants else "")
         + (", an ECU on the bus" if has_bus else "")
         + f"; default: {default}",
     )

@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help="scenario files, or folders of them; shipped: pack, pack/crank_dip",
     )
-    options.add_ecu(parser, REFERENCE)
+    options.add_ecu(parser, REFERENCE, has_mutants=True)
     options.add_options(parser, "clock", *options.MACHINE, "rate", "wall_timeout", clock="free")
     options.add_bus(parser)
     options.add_vehicle(parser, None, "default: each scenario's, else suv")
@@ -183,6 +183,7 @@ def _mutated(
 
 def _template(args: argparse.Namespace, listener: Listener) -> Job:
     """Return the job from which that of each scenario is made. Raises ConfigError."""
+    from liftgate_hil.ecu.mutants import ecu_and_mutant
     from liftgate_hil.running.job import Job
     from liftgate_hil.running.setup import variant_of
 
@@ -195,9 +196,11 @@ def _template(args: argparse.Namespace, listener: Listener) -> Job:
         raise ConfigError("`mutation_threshold`: allowed with --mutants")
     if args.mutants and (args.ecu != REFERENCE or args.clock != "free"):
         raise ConfigError("`mutants`: allowed with --ecu reference and --clock free")
+    ecu, mutant = ecu_and_mutant(options.ecu_of(args))
     return Job(
         scenario=None,
-        ecu=options.ecu_of(args),
+        ecu=ecu,
+        mutant=mutant,
         parameters=parameters_of(args.set_parameter),
         vehicle=args.vehicle,
         rig=args.rig,

@@ -11,7 +11,9 @@ import numpy as np
 from liftgate_hil.codec import checksum
 from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.calibration import CALIBRATED, Calibration, coded
+from liftgate_hil.ecu.names import REFERENCE as REFERENCE_NAME
 from liftgate_hil.ecu.reference import EcuConfig
+from liftgate_hil.errors import ConfigError
 from liftgate_plant.coding import Coding
 
 if TYPE_CHECKING:
@@ -75,6 +77,19 @@ _MUTANTS = (
 MUTANTS: Mapping[str, Mutant] = {each.name: each for each in _MUTANTS}
 
 NO_ECU = "no ECU"  # in place of a mutant: nothing commands the gate
+
+
+def ecu_and_mutant(name: str, called: str = "ecu") -> tuple[str, str]:
+    """Return the ECU and the mutant of a name: `mutant:NAME` is one of the reference ECU, others have none.
+
+    Raises ConfigError for a mutant that does not exist, of the argument that is `called` so.
+    """
+    kind, _, mutant = name.partition(":")
+    if kind != "mutant":
+        return name, ""
+    if mutant not in MUTANTS:
+        raise ConfigError(f"`{called}` {name}: allowed: mutant: and one of {', '.join(MUTANTS)}")
+    return REFERENCE_NAME, mutant
 
 
 def calibration_of(mutant: Mutant, coding: Coding) -> Calibration:

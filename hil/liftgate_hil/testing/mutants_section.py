@@ -15,9 +15,8 @@ def mutants_section(mutation: MutationResult) -> str:
     matrix = mutation.matrix
     if matrix is None:
         return section("Mutants", *parts)
-    tolerated, unreached = (
-        [(name, MUTANTS[name].meaning) for name in names] for names in (matrix.tolerated, matrix.never_reached)
-    )
+    tolerated = [(name, MUTANTS[name].meaning, matrix.where(name)) for name in matrix.tolerated]
+    unreached = [(name, MUTANTS[name].meaning) for name in matrix.never_reached]
     rows = [
         (each.name, each.meaning, _killers(matrix.kills(each.name)))
         for each in MUTANTS.values()
@@ -30,13 +29,15 @@ def mutants_section(mutation: MutationResult) -> str:
     if tolerated:
         parts += [
             "<p>Survived, reached and tolerated: in a scenario the defect changes the ECU's state or "
-            "command, and no expectation fails. A stricter one would kill them.</p>",
-            table(("mutant", "defect"), tolerated, ("n", "")),
+            "command, and no expectation fails. A stricter one would kill them; where the defect shows in the ECU "
+            "only, gate and motors do the same, and it takes another scenario. "
+            "<code>--ecu mutant:NAME</code> runs a scenario with one of them.</p>",
+            table(("mutant", "defect", "shows in"), tolerated, ("n", "", "name")),
         ]
     if unreached:
         parts += [
             "<p>Survived, never reached: in every control cycle of every scenario these do what the ECU without a "
-            "defect does. It takes another scenario to kill them.</p>",
+            "defect does. It takes another scenario to kill them: the manual's page on the pack has one for each.</p>",
             table(("mutant", "defect"), unreached, ("n", "")),
         ]
     if rows:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from liftgate_hil.running.setup import Setup
 from liftgate_hil.testing.suite import Case, Outcome, run_suite
 
 REACHED, NEVER_REACHED = "reached and tolerated", "never reached"  # why a mutant survives
+INSIDE = "in the ECU only"  # where a mutant that is reached shows if gate and motors do the same
 SOUND = ""  # in place of a mutant's name: the reference ECU itself
 
 
@@ -28,11 +29,15 @@ class Matrix:
     cases: Sequence[Case]
     verdicts: dict[tuple[str, str, str], str] = field(default_factory=dict)  # by mutant, file, expectation
     courses: dict[tuple[str, str], str] = field(default_factory=dict)  # digests of the ECU's, by mutant and file
+    extremes: dict[tuple[str, str], tuple[str, ...]] = field(default_factory=dict)  # of each column, the same
 
     def add(self, mutant: str, outcome: Outcome) -> None:
         """Add the outcome of a scenario with a mutant."""
         result = outcome.result
-        self.courses[mutant, outcome.case.file] = outcome.verdict if result is None else result.ecu_digest
+        here = mutant, outcome.case.file
+        self.courses[here] = outcome.verdict if result is None else result.ecu_digest
+        parts = () if result is None else (result.maxima, result.minima)
+        self.extremes[here] = tuple(repr(each) for part in parts for each in part.values())
         for each in outcome.expectations:
             self.verdicts[mutant, outcome.case.file, each.name] = each.verdict
 
@@ -67,8 +72,26 @@ class Matrix:
 
     def is_reached(self, mutant: str) -> bool:
         """Whether a mutant's defect shows in any scenario: in the ECU's state or command, in any control cycle."""
+        return bool(self.reached_in(mutant))
+
+    def reached_in(self, mutant: str) -> list[str]:
+        """Return the scenarios in which a mutant's defect shows."""
+        return self._other(self.courses, mutant)
+
+    def shows_in(self, mutant: str) -> list[str]:
+        """Return those of `reached_in` in which it also changes the largest or smallest value of a column."""
+        return [file for file in self._other(self.extremes, mutant) if file in self.reached_in(mutant)]
+
+    def where(self, mutant: str) -> str:
+        """Return where the defect of a mutant that survives shows, in words; "": nowhere."""
+        files, outside = self.reached_in(mutant), self.shows_in(mutant)
+        first = (outside or files)[:1]
+        more = f" and {len(files) - 1} more" if len(files) > 1 else ""
+        return f"{first[0]}{more}{'' if outside else ', ' + INSIDE}" if first else ""
+
+    def _other(self, of: Mapping[tuple[str, str], object], mutant: str) -> list[str]:
         files = [case.file for case in self.cases]
-        return any(self.courses.get((mutant, file)) != self.courses.get((SOUND, file)) for file in files)
+        return [file for file in files if of.get((mutant, file)) != of.get((SOUND, file))]
 
     @property
     def tolerated(self) -> list[str]:
@@ -110,6 +133,8 @@ class Matrix:
                     "name": each.name,
                     "meaning": each.meaning,
                     "is_reached": self.is_reached(each.name),
+                    "reached_in": self.reached_in(each.name),
+                    "shows_in": self.shows_in(each.name),
                     "killed_by": _as_dicts(self.kills(each.name)),
                 }
                 for each in MUTANTS.values()
@@ -132,7 +157,8 @@ class Matrix:
         for mutant in MUTANTS.values():
             files = list(dict.fromkeys(file for file, _ in self.kills(mutant.name)))
             more = f" and {len(files) - 3} more" if len(files) > 3 else ""
-            how = REACHED if self.is_reached(mutant.name) else NEVER_REACHED
+            where = self.where(mutant.name)
+            how = f"{REACHED} in {where}" if where else NEVER_REACHED
             by = f"killed by {', '.join(files[:3])}{more}" if files else f"SURVIVED, {how}: {mutant.meaning}"
             yield f"{mutant.name:<{width}}  {by}"
         yield self.summary()

@@ -92,7 +92,7 @@ def test_the_matrix_says_who_finds_what_and_what_proves_nothing(
     by_name = {each["name"]: each["killed_by"] for each in found["mutants"]}
     assert [each["expectation"] for each in by_name["stop_ignored"]] == ["stops"]
     assert by_name["latch_not_released"] == []  # it began at 40 degrees
-    assert "SURVIVED, reached and tolerated: the right drive is not driven" in out
+    assert "s.toml: the right drive is not driven" in out
     reached = {each["name"]: each["is_reached"] for each in found["mutants"]}
     assert reached == {
         "stop_ignored": True,
@@ -111,6 +111,15 @@ def test_the_matrix_says_who_finds_what_and_what_proves_nothing(
     assert "can&#x27;t fail" in html or "can&#39;t fail" in html
 
 
+def test_a_scenario_is_run_with_a_mutant_by_its_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(STOPS)
+    assert main(["test", str(file), "--ecu", "mutant:stop_ignored", "--json", str(tmp_path / "v.json")]) == 1
+    assert "stops: fail" in capsys.readouterr().out
+    assert main(["test", str(file), "--ecu", "mutant:nosuch"]) == 2
+    assert "allowed: mutant: and one of threshold_doubled, " in capsys.readouterr().err
+
+
 def test_a_defect_that_changes_only_what_is_learned_is_reached(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -120,7 +129,7 @@ def test_a_defect_that_changes_only_what_is_learned_is_reached(
     file.write_text(TRAPS)
     assert main(["test", str(file), "--mutants"]) == 0
     out = capsys.readouterr().out
-    assert "SURVIVED, reached and tolerated: the load of a trapped obstacle is learned" in out
+    assert "s.toml, in the ECU only: the load of a trapped obstacle is learned" in out
     assert "SURVIVED, never reached: motors start at any temperature" in out
 
 
