@@ -138,7 +138,9 @@ def _conditioned(
     if vehicle.drives == 1:
         columns = {k: v for k, v in measurement.columns.items() if not k.startswith("right_")}
         measurement = replace(measurement, columns=columns)
-    _raise_if_any(checks.check(measurement, expected_of(vehicle)))
+    # A spike that is dropped later is no value in another unit.
+    kept = quality.report_outliers(measurement, True, expected_of(vehicle)) if args.drop_outliers else measurement
+    _raise_if_any(checks.check(kept, expected_of(vehicle)))
     measurement = condition.cut_time(measurement, args.start, args.end)
     _raise_if_any(checks.check_length(measurement))
     measurement = quality.report_gaps(measurement)

@@ -220,7 +220,7 @@ def _check_motors(issues: ConfigIssues, vehicle: Vehicle) -> None:
             issues.add(
                 key if given[0] == given[1] and limits[0] == limits[1] else f"{side}.{key}",
                 f"{value:g} makes energy with speed_constant = {limit * 2.0 * math.pi:g}; "
-                f"allowed: up to speed_constant/2π = {limit:.4g} N m/A",
+                f"allowed: up to speed_constant/2π = {limit:.4g} N m/A, and {_ROUNDED - 1.0:.0%} for rounding",
             )
 
 

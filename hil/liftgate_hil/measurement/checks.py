@@ -17,6 +17,7 @@ _LEAST_CURRENT = 100.0
 _FASTEST, _SLOWEST = 1e-6, 0.5  # s, median distance of the rows
 _LONGEST_GAP = 60.0  # s, between two rows
 _LONGEST = 86_400.0  # s, of the whole measurement
+_SPIKES = 0.01  # share of values below which those that are too large are no other unit
 _TOLD_DEG = 5.0  # deg, smallest change of the gate angle that is checked
 # Ratio of a speed to the slope of its position, and the unit of the speed that it indicates.
 _SPEED_UNITS: Sequence[tuple[float, str]] = (
@@ -236,6 +237,13 @@ def _too_large(name: str, values: Floats, limit: float, unit: str, rather: str) 
     row = int(np.argmax(size))
     if size[row] <= limit:
         return []
+    beyond = int(np.sum(size > limit))
+    if beyond < _SPIKES * len(size):
+        return [
+            f"{name}: {beyond} of {len(size)} values, the largest {values[row]:.6g} in row {row + 1}, are beyond "
+            f"{limit:.4g} {unit}: are they spikes? `drop_outliers` omits these; allowed: up to {limit:.4g} {unit} "
+            "with this vehicle"
+        ]
     return [
         f"{name}: {values[row]:.6g} in row {row + 1}: is it {rather}? "
         f"allowed: up to {limit:.4g} {unit} with this vehicle"

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from liftgate_hil.errors import number_of
 from liftgate_hil.measurement.checks import Expected
 from liftgate_hil.measurement.condition import noted
 from liftgate_hil.measurement.measurement import OUTPUTS, Floats, Measurement
@@ -61,7 +62,7 @@ def report_gaps(measurement: Measurement) -> Measurement:
         gaps = gaps_in(measurement.times[np.isfinite(values)])
         if gaps.count:
             issue = (
-                f"{gaps.count} gaps, {gaps.missing} samples missing, the longest gap "
+                f"{number_of(gaps.count, 'gap')}, {number_of(gaps.missing, 'sample')} missing, the longest gap "
                 f"{gaps.longest:.4g} s at {gaps.longest_at:.6g} s"
             )
             groups.setdefault(issue, []).append(name)
@@ -157,7 +158,7 @@ def report_outliers(measurement: Measurement, drop: bool, known: Expected | None
         issue = "dropped" if drop else "kept, `drop_outliers` would drop them"
         result = noted(
             result,
-            f"{name}: {len(rows)} outliers, the first {values[first]:.6g} at "
+            f"{name}: {number_of(len(rows), 'outlier')}, the first {values[first]:.6g} at "
             f"{measurement.times[first]:.6g} s; {issue}",
         )
         if drop:

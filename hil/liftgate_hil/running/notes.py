@@ -69,6 +69,16 @@ def without_motion(setup: Setup, result: Result) -> list[str]:
     return [f"{text}; positive opens"]
 
 
+def without_contact(setup: Setup, result: Result) -> list[str]:
+    """Return a note on obstacles of a scenario that the gate never met, in a list."""
+    obstacles = setup.scenario.stimuli.obstacles
+    if not obstacles or result.maxima["pinch_force_n"] != 0.0:
+        return []
+    places = ", ".join(f"{math.degrees(each.obstacle.angle):.4g}°" for each in obstacles)
+    what = "the obstacle" if len(obstacles) == 1 else "an obstacle"
+    return [f"the gate never met {what} ({places}): the pinch force was 0 all the time"]
+
+
 def _span(side: str, low: float, high: float) -> str:
     values = f"{100.0 * low:.3g}" if low == high else f"{100.0 * low:.3g} to {100.0 * high:.3g}"
     return f"{side} duty {values} %"

@@ -26,7 +26,7 @@ from liftgate_hil.running.compilation import reporting_compilation
 from liftgate_hil.running.driver import Driver
 from liftgate_hil.running.episode_driver import EpisodeDriver
 from liftgate_hil.running.execution import Execution
-from liftgate_hil.running.notes import notes_on, too_rare, without_motion
+from liftgate_hil.running.notes import notes_on, too_rare, without_contact, without_motion
 from liftgate_hil.running.result import Result, nothing_of, result_of, silence_of, tolerance_of
 from liftgate_hil.running.signs_of_life import foreign_code
 from liftgate_hil.running.stepping import StepsAgain, relevant_frames
@@ -173,7 +173,7 @@ class _Run:
         unmet = self._plan.expected.not_completed(began_deg)
         notes = [f"{unmet}: the scenario begins there"] if unmet else []
         notes += [*notes_on(setup, adapter), *too_rare(self._plan.rig, adapter)]
-        notes += without_motion(setup, result)
+        notes += [*without_motion(setup, result), *without_contact(setup, result)]
         return replace(result, notes=(*notes, *result.notes)) if notes else result
 
     def _driver_of(self, stack: contextlib.ExitStack) -> Driver:

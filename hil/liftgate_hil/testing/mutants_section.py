@@ -37,7 +37,7 @@ def mutants_section(mutation: MutationResult) -> str:
     if unreached:
         parts += [
             "<p>Survived, never reached: in every control cycle of every scenario these do what the ECU without a "
-            "defect does. It takes another scenario to kill them: the manual's page on the pack has one for each.</p>",
+            "defect does. It takes another scenario: the manual's page on the pack has one for each mutant.</p>",
             table(("mutant", "defect"), unreached, ("n", "")),
         ]
     if rows:

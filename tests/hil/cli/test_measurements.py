@@ -44,7 +44,7 @@ def test_without_flags_a_file_comes_as_it_is(drive: Path) -> None:
     assert len(m.times) == COUNT
     assert m.columns["left_current_a"][1000] == 80.0
     assert [note for note in m.notes if "outlier" in note] == [
-        "left_current_a: 1 outliers, the first 80 at 1 s; kept, `drop_outliers` would drop them"
+        "left_current_a: 1 outlier, the first 80 at 1 s; kept, `drop_outliers` would drop them"
     ]
 
 
@@ -55,6 +55,19 @@ def test_the_flags_cut_in_turn(drive: Path) -> None:
     assert m.times[-1] == pytest.approx(2.9, abs=0.003)
     assert np.nanmax(m.columns["left_current_a"]) < 3.0
     assert len(m.notes) == 3
+
+
+def test_spikes_are_no_other_unit_and_can_be_dropped(drive: Path) -> None:
+    text = drive.read_text().replace(",80,", ",8000,")
+    drive.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        measure(drive)
+    assert caught.value.issues == [
+        f"{drive}: left_current_a: 1 of {COUNT} values, the largest 8000 in row 1001, are beyond 169.5 A: are "
+        "they spikes? `drop_outliers` omits these; allowed: up to 169.5 A with this vehicle"
+    ]
+    (m,) = measure(drive, "--drop-outliers")
+    assert np.nanmax(m.columns["left_current_a"]) < 3.0
 
 
 def test_one_file_each_gives_one_measurement_each(drive: Path) -> None:

@@ -70,7 +70,7 @@ def test_a_count_of_another_sensor_is_found() -> None:
     assert check(m) == []
 
 
-def test_data_warnings_nothing_is_compared() -> None:
+def test_at_rest_nothing_is_compared() -> None:
     noise = np.random.default_rng(0).normal(0.0, 0.01, 2000)
     assert check(measured(left_speed_rps=60.0 * noise, left_position_rev=noise), SUV) == []
 

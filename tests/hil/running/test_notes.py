@@ -68,6 +68,15 @@ def test_a_gate_that_does_not_move_is_told_with_what_was_commanded(
     )
 
 
+@pytest.mark.parametrize(("angle", "is_met"), [(35.0, True), (100.0, False)])
+def test_an_obstacle_that_is_never_met_is_told(tmp_path: Path, angle: float, is_met: bool) -> None:
+    text = f'initial = 40.0\n[[request]]\ntime = 0.0\naction = "close"\n[[obstacle]]\nangle_deg = {angle}\n'
+    path = tmp_path / "s.toml"
+    path.write_text(f"duration = 3.0\n{text}", encoding="utf-8")
+    never = f"the gate never met the obstacle ({angle:g}°): the pinch force was 0 all the time"
+    assert (never in lh.run(path).notes) == (not is_met)
+
+
 def test_a_period_beyond_the_commands_time_out_is_told(tmp_path: Path) -> None:
     slow = Asked(lambda turn: [])
     slow.period_s = 20
@@ -109,5 +118,5 @@ def test_a_parameter_that_no_key_takes_is_named(tmp_path: Path) -> None:
         "[[obstacle]]\nangle_deg = 35\nstiffness = '$rod'\n"
         "[[expect]]\nname = 'x'\nnever = 'gate_angle_deg > $limit'\n"
     )
-    (note,) = notes_of(tmp_path, text, ScriptedEcu(lambda turn: []))
+    (note, *_) = notes_of(tmp_path, text, ScriptedEcu(lambda turn: []))
     assert note == "parameters.free: not used: $free stands nowhere"

@@ -24,6 +24,10 @@ _NOT_IN_STD = (
     "; the standard deviations account for its correlation, not for a bias, nor for noise of a measured voltage: "
     "give the commanded one, or a filtered one"
 )
+_TURNED = (
+    "above the simulation in one measurement and below it in another: no offset of a sensor, but a scale, as of a "
+    "ratio, a lead, an end angle or a clock"
+)
 _STRONG = 0.9  # correlation of two parameters from which on it is reported
 
 
@@ -150,10 +154,12 @@ def _suspects(result: Identification) -> list[str]:
     alike = [each for each in ranked if each.explains > _AS_WELL * ranked[0].explains]
     named = ", ".join(f"{clean(each.name)} {_by(each.change)}" for each in alike[:_MOST])
     more = f" and {len(alike) - _MOST} others" if len(alike) > _MOST else ""
-    either = "one of these" if len(alike) > 1 else "this"
+    either, then = "this one", "if it is uncertain, estimate it, too"
+    if len(alike) > 1:
+        either, then = "one of these", "estimate the one that is uncertain, too"
     return [
         f"of the fixed parameters, {either} would explain {significant(100.0 * ranked[0].explains, 2)} % of the "
-        f"squared errors: {named}{more}; estimate the one that is uncertain, too"
+        f"squared errors: {named}{more}; {then}"
     ]
 
 
@@ -191,14 +197,19 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
     They are on outputs of another scale or with an offset, on those that the model fits worse than their mean
     value does, and on residuals that are not white.
     """
-    found: list[str] = []
+    turned = [name for name in columns_of(result.experiments) if _turns(series_of(result.experiments, name))]
+    found = [f"{clean(name, 60)}: {_TURNED}" for name in turned]
     has_std = isinstance(result, Identification)
     for experiment in result.experiments:
         worse = [_name(each) for each in experiment.series if each.fit_percent < 0.0]
         coloured = [each for each in experiment.series if not each.is_white and not each.excuse]
         name = clean(experiment.name, 60)
         found += [f"{name}: {text}" for text in map(_scaled, experiment.series) if text]
-        found += [f"{name}: {_offset(each)}" for each in experiment.series if has_offset(each)]
+        found += [
+            f"{name}: {_offset(each)}"
+            for each in experiment.series
+            if has_offset(each) and each.output not in turned
+        ]
         if worse:
             found.append(f"{name}: fit below 0 %, worse than the mean value: {', '.join(worse)}")
         if coloured:
@@ -252,6 +263,12 @@ def has_offset(series: Series) -> bool:
         return False
     parts = (part for part in np.array_split(errors, _PARTS) if len(part))
     return all(float(np.mean(part)) / series.mean > _CONSTANT for part in parts)
+
+
+def _turns(several: Sequence[Series]) -> bool:
+    """Whether the mean errors of an output are above the simulation in one experiment, and below it in another."""
+    signs = {math.copysign(1.0, each.mean) for each in several if has_offset(each)}
+    return len(signs) > 1
 
 
 def _offset(series: Series) -> str:

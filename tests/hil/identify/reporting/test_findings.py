@@ -31,6 +31,17 @@ def noise(seed):
     return 0.1 * np.random.default_rng(seed).standard_normal(1000)
 
 
+def test_an_offset_that_turns_with_the_measurement_is_none_of_a_sensor(judged):
+    first = judged.experiments[0]
+    both = [
+        replace(first, name=name, series=(course(noise(1) - noise(1).mean() + offset),))
+        for name, offset in (("open.csv", 0.5), ("close.csv", -0.5))
+    ]
+    warnings = validation_warnings(replace(judged, experiments=tuple(both)))
+    assert [each for each in warnings if each.startswith("left_current_a: above the simulation in one")]
+    assert not [each for each in warnings if "has its sensor an offset" in each]
+
+
 def test_an_offset_is_told_with_its_size_and_sign_by_both_commands(found, judged):
     for offset, said in ((1.0, "1.0 A above"), (-0.25, "0.25 A below")):
         (first, *rest) = judged.experiments
