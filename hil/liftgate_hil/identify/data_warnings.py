@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.identify.data import Data, applied_voltage, first_sample, is_count, is_driven
+from liftgate_hil.identify.initial_condition import motion
 from liftgate_hil.identify.problem import LONGEST_DELAY, Problem
 from liftgate_hil.identify.statistics import mean_std, rounding_step
 from liftgate_hil.measurement.quality import GAP, usual_spacing
@@ -22,6 +23,7 @@ _FEWEST = 10  # samples before the first voltage
 _SURE = 5.0  # standard deviations of a mean
 _LEAST_SHARE = 1e-3  # of the largest current: an offset that is worth a warning
 _EMF_MARGIN = 2.0  # times the current that a motion within the data's error would induce
+_SLOW = 0.2  # share of the largest speed below which a motion at the beginning may be noise
 _ONE_WAY = 0.05  # share of the largest voltage: less is no drive in the other direction
 _BALANCE = ("spring.", "gate.")  # parameters of what balances the gate
 # Parameters of friction, whose torque has the sign of the motion.
@@ -51,6 +53,25 @@ def driven_one_way(problem: Problem) -> list[str]:
         "alike: only stops and play tell them apart, and they may be off by more than their standard deviations; "
         "add a measurement of the other direction"
     ]
+
+
+def begun_in_motion(problem: Problem, point: Floats) -> list[str]:
+    """Return a warning on each measurement that was taken to begin in motion, slowly: noise may look like that.
+
+    `point` (p,) is the end of the search.
+    """
+    found = []
+    for unknown, value in zip(problem.unknowns, point[len(problem.sought) :], strict=True):
+        if unknown.name != "speed" or math.isfinite(unknown.std):
+            continue
+        data = problem.data[unknown.experiment]
+        _, _, largest = motion(data.whole or data)
+        if abs(value) < _SLOW * largest:
+            found.append(
+                f"{data.name}: taken to begin in motion, estimated at {value:.2g} rev/s: if it begins at rest, "
+                "--initial says so (closed, open, or an angle)"
+            )
+    return found
 
 
 def driven_through_gaps(data: Sequence[Data]) -> list[str]:

@@ -13,7 +13,13 @@ from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identify import statistics
 from liftgate_hil.identify.coarse import coarse_of
 from liftgate_hil.identify.data import applied_voltage
-from liftgate_hil.identify.data_warnings import driven_one_way, driven_through_gaps, never_driven, offsets_at_rest
+from liftgate_hil.identify.data_warnings import (
+    begun_in_motion,
+    driven_one_way,
+    driven_through_gaps,
+    never_driven,
+    offsets_at_rest,
+)
 from liftgate_hil.identify.delays import at_best_delay
 from liftgate_hil.identify.descent import Descent, Report, place_at
 from liftgate_hil.identify.estimates import estimates_of
@@ -108,6 +114,7 @@ def identify(
         input_jitter=jitter,
         data_warnings=(
             *never_driven(problem.data),
+            *begun_in_motion(problem, found.point),
             *driven_one_way(problem),
             *driven_through_gaps(problem.data),
             *offsets_at_rest(problem),
@@ -252,7 +259,11 @@ def validate(problem: Problem) -> Validation:
         "",
         tuple(experiments_of(problem, point, None)),
         tuple(states),
-        data_warnings=(*driven_through_gaps(problem.data), *offsets_at_rest(problem)),
+        data_warnings=(
+            *begun_in_motion(problem, point),
+            *driven_through_gaps(problem.data),
+            *offsets_at_rest(problem),
+        ),
     )
 
 

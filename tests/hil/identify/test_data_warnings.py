@@ -114,3 +114,24 @@ def test_a_current_before_the_timestamp_of_a_voltage_may_be_of_the_voltage() -> 
     problem = problem_of(later_driven(offset=0.5, first=0.06))
     assert offsets_at_rest(problem) != []
     assert offsets_at_rest(dataclasses.replace(problem, delay=-0.06)) == []
+
+
+@pytest.mark.parametrize(("begin", "disturbed", "is_told"), [(0, 15, True), (0, 0, False), (100, 0, False)])
+def test_a_slow_motion_at_the_beginning_that_may_be_noise_is_told(
+    begin: int, disturbed: int, is_told: bool
+) -> None:
+    """Not so a true one, of data that are cut out of a motion."""
+    times = np.arange(401) / 200.0
+    volts = np.select([times < 0.2, times < 1.2], [0.0, 12.0], -9.0)
+    data = measured(true_vehicle(), noise=ALL, seed=2, angle_deg=20.0, drive=(times, volts))
+    speed = data.outputs["left_speed_rps"].copy()
+    speed[:disturbed] += 8.0
+    outputs = {**data.outputs, "left_speed_rps": speed}
+    cut = dataclasses.replace(
+        data,
+        times=times[begin:] - times[begin],
+        inputs=data.inputs[begin:],
+        outputs={name: values[begin:] for name, values in outputs.items()},
+    )
+    result = estimated(true_vehicle(), "full", ["motor.resistance"], [cut], None)
+    assert bool([each for each in result.data_warnings if "taken to begin in motion" in each]) == is_told
