@@ -127,13 +127,17 @@ class Constants(NamedTuple):
 
 
 def constants_of(calibration: Calibration, cycle: float) -> Constants:
-    """Return the constants for a control cycle [s]."""
+    """Return the constants for a control cycle [s].
+
+    A cycle longer than the filter's time constant leaves a single sample nearly unfiltered: there it takes two.
+    """
     window = max(1, round(calibration.speed_window / cycle))
+    least = 2 if cycle > calibration.load_filter else 1
     return Constants(
         calibration=calibration,
         cycle=cycle,
         window=min(window, MAX_WINDOW),
-        samples=max(1, round(calibration.detection_time / cycle)),
+        samples=max(least, round(calibration.detection_time / cycle)),
     )
 
 

@@ -403,3 +403,9 @@ def test_a_copied_memory_has_words_of_its_own() -> None:
     other.drives[1].load = 3.0
     assert one.words.tobytes() != other.words.tobytes()
     assert one.drives[1].load == 0.0
+
+
+@pytest.mark.parametrize(("cycle_ms", "samples"), [(1.0, 5), (5.0, 1), (7.5, 2), (10.0, 2), (20.0, 2)])
+def test_no_single_unfiltered_sample_is_an_obstacle(cycle_ms: float, samples: int) -> None:
+    """With currents every 10 ms, and a voltage in steps of 0.1 V, every second closing was broken off by one."""
+    assert constants_of(C, 1e-3 * cycle_ms).samples == samples
