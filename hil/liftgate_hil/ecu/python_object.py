@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +45,8 @@ class PythonEcu(Adapter):
         if isinstance(ecu, type) or not callable(_attribute(ecu, "step")):
             what = f"a class; its object is needed, {ecu.__name__}()" if isinstance(ecu, type) else "no step()"
             raise ConfigError(f"`ecu` {shown(ecu)}: {what}; allowed: an object with step(now_s, frames) -> frames")
+        if inspect.iscoroutinefunction(_attribute(ecu, "step")):
+            raise ConfigError(f"`ecu` {shown(ecu)}: its step is async; allowed: def step(now_s, frames) -> frames")
         self._request: Callable[[str], object] | None = _attribute(ecu, "request")
         period = _attribute(ecu, "period_s")
         seconds = rig.command_cycle_ms() * 1e-3 if period is None else period

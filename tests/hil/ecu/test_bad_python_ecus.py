@@ -162,6 +162,13 @@ class Rude:
         raise RuntimeError("not today")
 
 
+class Waits:
+    """Its step is a coroutine, which nobody awaits."""
+
+    async def step(self, now_s: float, frames: list[can.Message]) -> None:
+        """Do nothing."""
+
+
 @pytest.mark.parametrize(
     ("ecu", "told"),
     [
@@ -181,6 +188,7 @@ class Rude:
         ("broken_ecu:Ecu", "SyntaxError"),
         ("raising_ecu:Ecu", "ZeroDivisionError"),
         ("nowhere/ecu.so", "no such file"),
+        (f"{__name__}:Waits", r"its step is async; allowed: def step\(now_s, frames\)"),
     ],
 )
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
