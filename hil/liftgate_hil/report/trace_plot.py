@@ -48,6 +48,7 @@ _WIDTH, _LEFT, _RIGHT = 880.0, 66.0, 20.0
 _TITLE, _HEIGHT, _BOTTOM = 22.0, 118.0, 36.0
 _COLOURS = 4
 _TICK = 0.011  # s, as the first row of a run is one tick after its start
+_APART = 18.0  # px, from a limit to a value, between which there is room for a label
 _LETTER = 6.0  # px, approximate width of a letter
 
 
@@ -222,8 +223,10 @@ def _margin(margin: Margin, x: Axis, y: Axis) -> list[str]:
     if abs(first - last) > 1.0:
         found.append(f'<path class="margin" d="M{_n(across)} {_n(first)}V{_n(last)}"/>')
         found.append(f'<path class="margin" d="M{_n(across - 4)} {_n(first)}h8"/>')
-    else:
-        middle = last + 16 if last - y.end < 30 else last - 7
+    if abs(first - last) < _APART:  # the label would lie on the limit's line: beyond the value it has room
+        is_below = last > first if abs(first - last) > 1.0 else last - y.end < 30
+        has_room = last + 16 < y.start if is_below else last - 14 > y.end
+        middle = last + 16 if is_below == has_room else last - 7
     if margin.stretch is not None:
         begin, end = (x.at(min(max(each, x.low), x.high)) for each in margin.stretch)
         found.append(f'<path class="margin" d="M{_n(begin)} {_n(first - 4)}v8v-4H{_n(end)}v-4v8"/>')

@@ -50,7 +50,7 @@ def figures_of(drawings: Sequence[str], verdict: Verdict, trace_summary: TraceSu
             notes.append("The whole run: the window never opened.")
         if view is not None and view.ticks > 1:
             each = f"{1e3 * view.bin_s:g} ms"
-            notes.append(f"Smallest and largest value of each {each}; extremes are exact.")
+            notes.append(f"Drawn: the smallest and the largest value of each {each}, so that no peak is lost.")
         if left_out and view is trace_summary.view:
             notes.append(f"{left_out} more signals are not drawn.")
         caption = f"<figcaption>{text(' '.join(notes))}</figcaption>\n" if notes else ""

@@ -66,6 +66,18 @@ def test_a_margin_reaches_from_the_limit_to_the_value() -> None:
     assert re.search(rf"{across:g} {last:g}(?=L|\")", svg)  # on the curve
 
 
+@pytest.mark.parametrize("value", [0.0, 50.0, 96.0, 99.5, 100.0, 100.5, 104.0])
+def test_the_label_of_a_margin_lies_on_no_limit(value: float) -> None:
+    values = np.where(np.arange(201) == 100, value, 0.0)
+    margin = Margin(float(TIMES[100]), 100.0, value, "margin here")
+    svg = drawn(panel(values, Level(100.0, "< 100 N", False), margin=margin))
+    (limit,) = heights(svg, "limit")
+    found = re.search(r'<text x="[\d.]+" y="([\d.]+)"[^>]*>margin here<', svg)
+    assert found is not None
+    baseline = float(found[1])
+    assert not baseline - 9.0 < limit < baseline + 2.0  # letters of 11 px
+
+
 def test_a_gap_and_a_signal_without_a_value_are_shown() -> None:
     values = np.where((np.arange(201) > 50) & (np.arange(201) < 60), np.nan, 1.0)
     svg = drawn(panel(values))
