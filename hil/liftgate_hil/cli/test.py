@@ -308,4 +308,4 @@ def _lines_of(outcome: Outcome, done: int, count: int, args: argparse.Namespace)
     known = _fit_of(outcome.case)  # printed once for all scenarios
     notes = [printable(options.as_flags(each)) for each in outcome.notes if each not in known]
     lines += [f"    note: {each}" for each in notes]
-    return lines
+    return [each.replace("\n", f"\n{' ' * 8}") for each in lines]  # a reason may have several lines
