@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.config.units import spellings
 from liftgate_hil.errors import PlantDivergedError
-from liftgate_hil.identify.data import DRIVEN, Data
+from liftgate_hil.identify.data import DRIVEN, Data, applied_voltage
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.statistics import factor_between, fit_percent
 from liftgate_hil.measurement.units import KNOWN
@@ -21,7 +21,8 @@ Floats = NDArray[np.float64]
 _ALIKE = 0.95  # correlation from which on two courses have the same shape
 _OTHER = 1.5  # ratio of two courses of the same shape that the initial values do not explain
 _NEAR = 0.15  # share by which a factor may differ from that of a unit
-_GOOD = 50.0  # % of fit of every output above which other inputs explain the measurement
+_GOOD, _EACH = 50.0, 33.0  # % of fit, on average and of every output, above which other inputs explain the data
+_NOISE, _BOTH = 0.05, 0.2  # shares of the largest value: of noise about zero, and of values of the other sign
 # Factors of the inputs that are tried, and what they mean.
 _INPUTS = {
     -1.0: "reversed inputs",
@@ -37,7 +38,32 @@ def hints(problem: Problem, point: Floats) -> list[str]:
 
     `point` (p,) is where the search has ended.
     """
-    return _by_other_inputs(problem) or _by_factors(problem, [point, problem.initial])
+    found = _by_other_inputs(problem) or _by_factors(problem, [point, problem.initial])
+    return [*_without_sign(problem), *found]
+
+
+def _without_sign(problem: Problem) -> list[str]:
+    """Return hints on outputs or inputs that are never negative although the others say that they should be."""
+    found = [
+        f"{name} is never negative: does it lack its sign?"
+        for name, measured, simulated in _courses(problem, problem.initial)
+        if _has_both(simulated) and not np.any(measured < -_NOISE * np.max(np.abs(measured)))
+    ]
+    driven = np.concatenate([applied_voltage(each, problem.vehicle.supply.voltage) for each in problem.data])
+    turning = [
+        name
+        for name, measured in zip(problem.outputs, problem.measured.T, strict=True)
+        if name.endswith("_speed_rps") and _has_both(measured[np.isfinite(measured)])
+    ]
+    if turning and not np.any(driven < 0.0):
+        found.append(f"{turning[0]} is negative, and no voltage or duty is: do these lack their sign?")
+    return found
+
+
+def _has_both(values: Floats) -> bool:
+    """Whether values of both signs are of the same order."""
+    least, most = float(np.min(values, initial=0.0)), float(np.max(values, initial=0.0))
+    return bool(min(-least, most) > _BOTH * max(-least, most) > 0.0)
 
 
 def _by_factors(problem: Problem, points: Sequence[Floats]) -> list[str]:
@@ -85,7 +111,7 @@ def _by_other_inputs(problem: Problem) -> list[str]:
         other = replace(problem, data=data, beginnings=())
         after = _fits(other, other.initial)
         fit = _mean(after)
-        if not fit > _mean(before) or min(each for each, _ in after.values()) <= _GOOD:
+        if not fit > max(_mean(before), _GOOD) or min(each for each, _ in after.values()) <= _EACH:
             continue
         turned = [name for name, (_, sign) in after.items() if sign < 0.0]
         also = f" and the sign of {', '.join(turned)} reversed" if turned else ""

@@ -40,3 +40,14 @@ def test_an_offset_is_not_taken_for_a_scale() -> None:
     for change, count in ((data.outputs["gate_angle_deg"] + 60.0, 0), (3.0 * data.outputs["gate_angle_deg"], 1)):
         outputs = {**data.outputs, "gate_angle_deg": change}
         assert len(hints_on(dataclasses.replace(data, outputs=outputs))) == count
+
+
+def test_magnitudes_in_place_of_values_with_a_sign_are_told() -> None:
+    data = measured(true_vehicle(), seed=1)
+    size = {**data.outputs, "left_current_a": np.abs(data.outputs["left_current_a"])}
+    assert "left_current_a is never negative: does it lack its sign?" in hints_on(
+        dataclasses.replace(data, outputs=size)
+    )
+    unsigned = dataclasses.replace(data, inputs=np.abs(data.inputs))
+    assert "left_speed_rps is negative, and no voltage or duty is: do these lack their sign?" in hints_on(unsigned)
+    assert not [each for each in hints_on(data) if "sign" in each]
