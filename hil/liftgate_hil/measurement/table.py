@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from liftgate_hil.config.units import SAME
-from liftgate_hil.errors import ConfigError, printable
+from liftgate_hil.errors import ConfigError, allowed_names, printable
 from liftgate_hil.formats.recording import Recording, Series
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
@@ -20,6 +20,7 @@ SIDES = ("left", "right")
 Kinds = tuple[tuple[str, tuple[str, ...]], ...]
 INPUT_KIND: Kinds = (("input", ("voltage_v", *INPUTS)),)
 _KINDS: Kinds = (*INPUT_KIND, ("output", tuple(OUTPUTS)))
+_SHOWN = 20  # columns of a file that are listed
 # Columns that only a recording of the emulator has; there the voltages follow from duty and supply.
 RECORDED = ("left_coast", "latched")
 RECORDED_NOTE = "a recording of the emulator: each input is taken from the next row"
@@ -84,9 +85,9 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> R
     known = ("time_s", *(name for _, columns in kinds for name in columns))
     mapping = {ours: theirs for ours, theirs in mapping.items() if ours in known}
     names = {ours: theirs.found_in(file.names) or "" for ours, theirs in mapping.items()}
-    there = ", ".join([name for name in file.names if name][:20])
+    there = [name for name in file.names if name]
     issues = [
-        f"{path}: {ours}: no column {mapping[ours].name!r}; allowed: {there}"
+        f"{path}: {ours}: no column {mapping[ours].name!r}; allowed: {allowed_names(mapping[ours].name, there)}"
         for ours, found in names.items()
         if not found
     ]
@@ -108,7 +109,8 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> R
     for what, columns in kinds:
         if not any(column in (*names, *mapping) for column in columns):
             issues.append(
-                f"{path}: no {what} column; allowed: {', '.join(columns)}, others by `map`; the file has {there}"
+                f"{path}: no {what} column; allowed: {', '.join(columns)}, others by `map`; the file has "
+                f"{', '.join(there[:_SHOWN])}{', …' if len(there) > _SHOWN else ''}"
             )
     named = {*names, *mapping}
     if kinds is _KINDS and named.isdisjoint(DRIVES) and not named.isdisjoint(INPUTS):

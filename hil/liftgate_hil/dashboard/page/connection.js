@@ -64,7 +64,8 @@ async function ask(where) {
 
 async function command(content) {
   const reply = await post("/api/command", content, AbortSignal.timeout(REPLY_MS));
-  if (reply) answer(reply.waits || `${text(reply.time_s, 3)} s: ${reply.done}`, false);
+  const silent = content.request && last && isSilent(last) ? ", and no ECU sends commands" : "";
+  if (reply) answer(reply.waits || `${text(reply.time_s, 3)} s: ${reply.done}${silent}`, false);
   return reply;
 }
 
