@@ -100,10 +100,18 @@ def run_loop(
 def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) -> Result:
     """Run the gate with the ECU in a second process on the same bus. Raises LiftgateError.
 
-    The ECU gets its requests by its own clock, so that no precondition is possible.
+    The ECU gets its requests by its own clock, so that no precondition is possible. Its machine code is compiled
+    before, so that the run does not begin without it.
     """
+    from liftgate_hil.ecu.adapter import Adapter
+    from liftgate_hil.ecu.peer import machine_code
     from liftgate_hil.loop.listener import Relay
+    from liftgate_hil.running.compilation import reporting_compilation
     from liftgate_hil.running.run import execute
+    from liftgate_plant.compiler import GivenUpError
+
+    with contextlib.suppress(GivenUpError), reporting_compilation(plan.job.listener, stopped):
+        machine_code(Adapter(plan.rig, plan.setup.vehicle.drives))
 
     relay = Relay(plan.job.listener)  # so that attached clients get the events of the ECU's process, too
     job = replace(plan.job, ecu=ON_A_BUS, ecu_elsewhere=plan.job.ecu, is_isolated=False, listener=relay)

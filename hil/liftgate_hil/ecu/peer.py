@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,16 @@ if TYPE_CHECKING:
     from liftgate_hil.stimuli.moments import Moments
     from liftgate_hil.stimuli.requests import Requests
     from liftgate_hil.transport.base import Transport
+
+
+def machine_code(adapter: Adapter) -> Callable[..., Any]:
+    """Return the code of an ECU's turn, which is compiled here if it is not yet.
+
+    That is before it matters how long the ECU's own code takes.
+    """
+    code: Callable[..., Any] = compiled(turn)
+    code(adapter.node._replace(kind=NO_ECU), adapter.state, empty_frames(0), 0)
+    return code
 
 
 class Peer:
@@ -49,10 +59,7 @@ class Peer:
         self._guard = guard
         self._before_ns = before_ns
         self._commanded: list[tuple[Requests, Moments]] = []
-        self._turn = compiled(turn)
-        # Compiled here, before it matters how long the ECU's own code takes.
-        nobody = adapter.node._replace(kind=NO_ECU)
-        self._turn(nobody, adapter.state, empty_frames(0), 0)
+        self._turn = machine_code(adapter)
 
     def request(self, action: str) -> bool:
         """Request open, close, stop or reset at the next turn; False: the ECU does not accept it."""

@@ -173,7 +173,9 @@ class _Run:
         unmet = self._plan.expected.not_completed(began_deg)
         notes = [f"{unmet}: the scenario begins there"] if unmet else []
         notes += [*notes_on(setup, adapter), *too_rare(self._plan.rig, adapter)]
-        notes += [*without_motion(setup, result), *without_contact(setup, result)]
+        notes += without_motion(setup, result)
+        if self._plan.options.duration is None:  # else the run was shortened on purpose
+            notes += without_contact(setup, result)
         return replace(result, notes=(*notes, *result.notes)) if notes else result
 
     def _driver_of(self, stack: contextlib.ExitStack) -> Driver:

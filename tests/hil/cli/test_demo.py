@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -9,6 +10,7 @@ import re
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -596,3 +598,18 @@ def test_issues_name_flags_as_a_user_types_them(
 
 class NoStep:
     """What is no ECU."""
+
+
+def test_the_code_of_the_ecus_process_is_ready_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    order = []
+
+    @contextlib.contextmanager
+    def process(*_: object) -> Iterator[None]:
+        order.append("process")
+        raise EcuError("no further")
+        yield
+
+    monkeypatch.setattr("liftgate_hil.ecu.peer.machine_code", lambda adapter: order.append("machine code"))
+    monkeypatch.setattr("liftgate_hil.cli.with_ecu._ecu_process", process)
+    assert main(["demo", "--bus", "udp_multicast:239.74.163.9", "--no-record", "--duration", "1"]) == 1
+    assert order == ["machine code", "process"]
