@@ -70,7 +70,8 @@ def fixed_parameters(
         value = value_of(own.vehicle, parameter)
         other = copy.copy(own)
         other.vehicle = with_value(own.vehicle, parameter, value * (1.0 + _STEP))
-        difference: Floats = np.where(there, (other.prediction(point) - predicted) / _STEP, 0.0)
+        with np.errstate(invalid="ignore", over="ignore"):  # predictions may have diverged
+            difference: Floats = np.where(there, (other.prediction(point) - predicted) / _STEP, 0.0)
         return difference
 
     count, result = len(problem.sought), []

@@ -30,7 +30,6 @@ _WORTH = 0.5  # decrease of the deviance that counts
 _BLIND = 1e-9  # share of an unknown's own curvature that is added, so that an undetermined one stays where it is
 _PACE, _FOLLOW = 2.0, 3  # standard deviations of a step along a valley, and steps of the others that follow it
 _FARTHEST = 200  # steps along a valley, at most
-_TRIED = 3  # dents of a valley from which the minimum is searched, the deepest ones
 _ABOVE = 60.0  # deviance above the least so far at which a valley ends
 
 
