@@ -10,7 +10,8 @@ import pytest
 from liftgate_hil.config.parameters import find_parameter, value_of, with_value
 from liftgate_hil.identify.identification import identify
 from liftgate_hil.identify.problem import Problem
-from liftgate_hil.identify.reporting.findings import dependences, warnings_of
+from liftgate_hil.identify.reporting.dependences import dependences
+from liftgate_hil.identify.reporting.findings import warnings_of
 from liftgate_hil.identify.reporting.html import identification_html
 from liftgate_hil.identify.reporting.text import identification_text
 from liftgate_hil.identify.result import FixedParameter, Identification

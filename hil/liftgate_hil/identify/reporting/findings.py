@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from liftgate_hil.identify.result import Estimate, Experiment, FixedParameter, Identification, Series, Validation
+from liftgate_hil.identify.reporting.dependences import amplified, suspects
+from liftgate_hil.identify.result import Experiment, Identification, Series, Validation
 from liftgate_hil.identify.statistics import factor_between, is_nothing, rounding_step
 from liftgate_hil.report.numbers import clean, column_label, significant
 
@@ -29,27 +30,6 @@ _TURNED = (
     "ratio, a lead, an end angle or a clock"
 )
 _STRONG = 0.9  # correlation of two parameters from which on it is reported
-
-
-_LIKELY = 0.5  # share by which a suspected parameter may be wrong, at most
-_EXPLAINS = 0.05  # share of the squared errors that a suspected parameter explains, at least
-_AS_WELL = 0.9  # of what the best one explains: others that explain as much
-_MOST = 4  # fixed parameters that are named
-_SMALL, _SMALL_STD = 0.01, 1.0  # change of an estimate that is not reported: share of it, standard deviations
-_AMPLIFIED, _AMPLIFIED_STD = 0.1, 3.0  # the same above which there is a warning: larger than the assumed error
-
-
-class Dependence(NamedTuple):
-    """Dependence of an estimate on a fixed parameter, such that the residuals don't show a wrong value."""
-
-    estimate: Estimate
-    fixed: FixedParameter
-    shift: float  # of the estimate, in its unit, if the fixed parameter were 10 % larger
-
-    @property
-    def share(self) -> float:
-        """The shift as a share of the estimate."""
-        return self.shift / abs(self.estimate.value)
 
 
 class Whiteness(NamedTuple):
@@ -96,70 +76,9 @@ def warnings_of(result: Identification) -> list[str]:
         *apart,
         *remarks,
         *_one_sided(result),
-        *_amplified(result),
-        *_suspects(result),
+        *amplified(result),
+        *suspects(result),
         *validation_warnings(result),
-    ]
-
-
-def dependences(result: Identification) -> list[Dependence]:
-    """Return on which fixed parameters the estimates depend unseen, the strongest first for each estimate."""
-    found = []
-    for k, each in enumerate(result.parameters):
-        if not each.identifiable or each.value == 0.0:
-            continue
-        least = max(_SMALL * abs(each.value), _SMALL_STD * each.std)
-        own = [Dependence(each, fixed, float(fixed.shifts[k])) for fixed in result.fixed if not fixed.is_seen]
-        found += sorted((one for one in own if abs(one.shift) > least), key=lambda one: -abs(one.shift))[:_MOST]
-    return found
-
-
-def firsts(found: Sequence[Dependence]) -> list[tuple[Dependence, bool]]:
-    """Return each dependence with whether it is the first of its estimate."""
-    earlier = [None, *(each.estimate for each in found)]
-    return [(each, each.estimate is not before) for each, before in zip(found, earlier, strict=False)]
-
-
-def _amplified(result: Identification) -> list[str]:
-    """Return a warning for each estimate that changes by a larger share than a fixed parameter, unseen."""
-    found = []
-    for each in result.parameters:
-        own = [
-            one
-            for one in dependences(result)
-            if one.estimate is each and abs(one.share) > _AMPLIFIED and abs(one.shift) > _AMPLIFIED_STD * each.std
-        ]
-        if own:
-            names = [clean(one.fixed.name) for one in own]
-            others = (
-                f" (as do {', '.join(names[1:])})" if len(own) > 2 else f" ({names[1]} too)" if own[1:] else ""
-            )
-            found.append(
-                f"{clean(each.name)} is only as good as fixed parameters: {names[0]} 10 % larger changes it by "
-                f"{significant(100.0 * own[0].share, 2)} %, {significant(abs(own[0].shift) / each.std, 2)} "
-                f"standard deviations, and the residuals do not show it{others}"
-            )
-    return found
-
-
-def _suspects(result: Identification) -> list[str]:
-    """Return a note on which fixed parameters, of another value, would explain residuals that are not white."""
-    series = [each for one in result.experiments for each in one.series]
-    if all(each.is_white or each.excuse for each in series):
-        return []
-    able = [each for each in result.fixed if each.explains > _EXPLAINS and abs(each.change) < _LIKELY]
-    ranked = sorted(able, key=lambda each: -each.explains)
-    if not ranked:
-        return []
-    alike = [each for each in ranked if each.explains > _AS_WELL * ranked[0].explains]
-    named = ", ".join(f"{clean(each.name)} {_by(each.change)}" for each in alike[:_MOST])
-    more = f" and {len(alike) - _MOST} others" if len(alike) > _MOST else ""
-    either, then = "this one", "if it is uncertain, estimate it, too"
-    if len(alike) > 1:
-        either, then = "one of these", "estimate the one that is uncertain, too"
-    return [
-        f"of the fixed parameters, {either} would explain {significant(100.0 * ranked[0].explains, 2)} % of the "
-        f"squared errors: {named}{more}; {then}"
     ]
 
 
@@ -231,11 +150,6 @@ def _with_phase(series: Series) -> str:
 def _name(series: Series) -> str:
     """Return the name of an output, which may come from a file, shortened if it is long."""
     return clean(series.output, 60)
-
-
-def _by(change: float) -> str:
-    """Return a relative change in words."""
-    return f"{significant(100.0 * abs(change), 2)} % {'larger' if change > 0.0 else 'smaller'}"
 
 
 def _scaled(series: Series) -> str:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from liftgate_hil.identify.reporting import figures, figures_estimates
+from liftgate_hil.identify.reporting.dependences import dependences, firsts
 from liftgate_hil.identify.reporting.findings import (
     EXCUSES,
-    dependences,
-    firsts,
     has_offset,
     strong_correlations,
     validation_warnings,
