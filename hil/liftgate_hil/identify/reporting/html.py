@@ -30,6 +30,10 @@ from liftgate_hil.report.numbers import (
 from liftgate_hil.report.page import alert, bullets, figure, page, section, subheading, table
 from liftgate_hil.report.provenance import Provenance
 
+_FIT = (
+    "Fit: 100 (1 − ‖measured − simulated‖ / ‖measured − its mean‖), the NRMSE; 0 is as good as the mean value. "
+    "Residual: white is noise; white about its mean, noise beside a constant; not white has a pattern."
+)
 _MOST = 8  # experiments with figures of their own, as a page with more is too large to open
 
 
@@ -108,8 +112,8 @@ def _estimates(result: Identification) -> str:
     title = "Estimates relative to their initial values"
     return figure(
         svg(figures_estimates.parameter_figure(result), "estimates", title),
-        f"{title}; bars are two standard deviations to either side, cut off at the edge. "
-        f"Covariance: {result.covariance_kind}. Parameters that start from zero are not shown.",
+        f"{title}; bars are two standard deviations to either side, cut off at the edge; many are narrower than "
+        f"the dot. Covariance: {result.covariance_kind}. Parameters that start from zero are not shown.",
     )
 
 
@@ -188,7 +192,7 @@ def _fits(experiments: Sequence[Experiment], *, before: bool) -> str:
     if before:
         heads.insert(2, "before %")
         classes.insert(2, "r")
-    return table(heads, rows, classes)
+    return table(heads, rows, classes) + (f'<p class="soft">{_FIT}</p>' if rows else "")
 
 
 def _residual(series: Series) -> str:
@@ -225,7 +229,8 @@ def _residuals(experiments: Sequence[Experiment]) -> list[str]:
             figure(
                 tests,
                 "Autocorrelation of the residuals, and their correlation with the voltage; the band holds 99 % "
-                "of the lags of white residuals that don't depend on the input, lags outside it are coloured.",
+                "of the lags of white residuals that don't depend on the input; those outside it, some of them by "
+                "chance, are coloured.",
             ),
         ]
     return parts
