@@ -190,7 +190,7 @@ def test_a_rig_may_speak_otherwise(short: Callable[..., Path], tmp_path: Path) -
 
 def test_the_tester_waits_for_the_scenarios_time(short: Callable[..., Path], tmp_path: Path) -> None:
     path = short()
-    text = 'precondition = ["close"]\n' + path.read_text()
+    text = 'precondition = ["open"]\n' + path.read_text()
     path.write_text(text)
     log = tmp_path / "run.log"
     result = lh.run(path, record=[log, tmp_path / "run.csv"])
