@@ -14,15 +14,16 @@ if TYPE_CHECKING:
 
 AFTER_S = 2.0  # what ends earlier is not shown
 EVERY_S = 0.25  # between two drawings
+PLAIN_S = 30.0  # between two lines where there is no terminal
 _TURN_S = 0.25  # of the thread that draws while nothing is reported
 _ROOMY = 50  # columns from which there is room for a bar beside everything else
 
 
 class Progress:
-    """Progress of one thing; nothing where there is no terminal.
+    """Progress of one thing, on a terminal as a picture, elsewhere as a `plain` line now and then; None: nothing.
 
-    As a context it is drawn a few times a second, also while nothing is reported; else only with its updates. It
-    leaves nothing behind. Its pictures are lost where nobody looks: with `--quiet`, with `--json`, in a file.
+    As a context the picture is drawn a few times a second, also while nothing is reported; else only with its
+    updates, as the lines are. A picture leaves nothing behind.
     """
 
     def __init__(
@@ -33,8 +34,10 @@ class Progress:
         after_s: float | None = None,
         every_s: float | None = None,
         clock: Callable[[], float] = time.monotonic,
+        plain: Callable[[str], None] | None = None,
     ) -> None:
         self._screen = screen
+        self._plain = plain
         self._what = what
         self._done, self._before, self._total = 0.0, 0.0, total  # total 0: nobody knows
         self._text = ""
@@ -43,6 +46,7 @@ class Progress:
         self._every_s = EVERY_S if every_s is None else every_s
         self._began = clock()
         self._next = self._began + (AFTER_S if after_s is None else after_s)
+        self._next_plain = self._began + PLAIN_S
         self._has_ended = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -67,12 +71,23 @@ class Progress:
     def draw(self) -> None:
         """Draw it, if it is time to."""
         now = self._clock()
+        if not self._screen.is_there:
+            self._say_plainly(now)
+            return
         if now < self._next:
             return
         self._next = now + self._every_s
         with self._screen.lock:  # it is not drawn again once it has ended
             if not self._has_ended.is_set():
                 self._screen.show(self, self._picture)
+
+    def _say_plainly(self, now: float) -> None:
+        if self._plain is None or now < self._next_plain or self._has_ended.is_set():
+            return
+        self._next_plain = now + PLAIN_S
+        taken, done, total, _ = self._extent()
+        parts = [duration_of(taken), f"{done / total:.0%}" if total > 0.0 else "", self._text]
+        self._plain(f"{self._what}: {', '.join(filter(None, parts))}")
 
     def close(self) -> None:
         """Take it away."""

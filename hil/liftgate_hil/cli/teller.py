@@ -92,8 +92,9 @@ class Teller(Listener):
             self._screen.say(f"ready after {seconds:.1f} s")
 
     def progress(self, what: str, total: float = 0.0) -> Progress:
-        """Return the progress of something that may take a while, shown on a terminal only."""
-        return Progress(self._screen, what, total, clock=self._clock)
+        """Return the progress of what may take a while: a picture on a terminal, else a line now and then."""
+        plain = None if self._is_quiet or self._is_json else self._screen.say
+        return Progress(self._screen, what, total, clock=self._clock, plain=plain)
 
     @contextmanager
     def aside(self) -> Iterator[None]:

@@ -116,3 +116,21 @@ def test_durations_are_in_words():
     assert [duration_of(each) for each in (0.4, 59.4, 60.0, 3599.0, 3700.0)] == [
         "0 s", "59 s", "1 min 0 s", "59 min 59 s", "1 h 1 min",
     ]  # fmt: skip
+
+
+def test_without_a_terminal_there_is_a_plain_line_every_half_minute():
+    said, clock = [], Clock()
+    progress = Progress(Screen(is_off=True), "identify", clock=clock, plain=said.append)
+    for k in range(70):
+        progress.update(text=f"iteration {k}")
+        clock.now += 1.0
+    progress.update(3, 12, what="plan")
+    progress.close()
+    progress.update()
+    assert said == ["identify: 30 s, iteration 30", "identify: 1 min 0 s, iteration 60"]
+    clock.now += 60.0
+    other = Progress(Screen(is_off=True), "scenarios", 8, clock=clock, plain=said.append)
+    clock.now += 45.0
+    other.update(2)
+    assert said[2:] == ["scenarios: 45 s, 25%"]
+    Progress(Screen(is_off=True), "nothing", clock=clock).update()
