@@ -33,7 +33,7 @@ from liftgate_hil.identify.weighting import errors_of, sampled_rows, weighting_o
 Floats = NDArray[np.float64]
 
 OF_A_RUN = ("sensors.", "supply.", "coding.", "bridge.")  # tables that no simulation of a measurement uses
-LARGER = 0.1  # share by which a fixed parameter is taken to be wrong
+_LARGER = 0.1  # share by which a fixed parameter is taken to be wrong
 _STEP = 1e-4  # of its value, for a slope
 # Of √rows: change of the weighted squared errors up to which 25 autocorrelations do not tell (Ljung-Box).
 _UNSEEN = 1.3
@@ -90,8 +90,8 @@ def fixed_parameters(
                 name=parameter.name,
                 value=value_of(own.vehicle, parameter),
                 unit=parameter.quantity.unit,
-                shifts=LARGER * shift[:count],
-                is_seen=bool(LARGER**2 * curvature > unseen),
+                shifts=_LARGER * shift[:count],
+                is_seen=bool(_LARGER**2 * curvature > unseen),
                 change=gradient / curvature if is_own else math.nan,
                 explains=gradient**2 / curvature / total if is_own and total > 0.0 else 0.0,
             )

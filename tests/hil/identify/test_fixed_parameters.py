@@ -1,4 +1,4 @@
-"""What is said of fixed parameters is what another identification with other values of them finds."""
+"""Fixed parameters: what is reported of them agrees with identifications that use other values of them."""
 
 from __future__ import annotations
 

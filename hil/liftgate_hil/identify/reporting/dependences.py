@@ -49,11 +49,11 @@ def firsts(found: Sequence[Dependence]) -> list[tuple[Dependence, bool]]:
 
 def amplified(result: Identification) -> list[str]:
     """Return a warning for each estimate that changes by a larger share than a fixed parameter, unseen."""
-    found = []
+    found, listed = [], dependences(result)
     for each in result.parameters:
         own = [
             one
-            for one in dependences(result)
+            for one in listed
             if one.estimate is each and abs(one.share) > _AMPLIFIED and abs(one.shift) > _AMPLIFIED_STD * each.std
         ]
         if own:
