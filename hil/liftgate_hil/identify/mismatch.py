@@ -22,6 +22,7 @@ _ALIKE = 0.95  # correlation from which on two courses have the same shape
 _OTHER = 1.5  # ratio of two courses of the same shape that the initial values do not explain
 _NEAR = 0.15  # share by which a factor may differ from that of a unit
 _GOOD, _EACH = 50.0, 33.0  # % of fit, on average and of every output, above which other inputs explain the data
+_BETTER = 1.0  # % of fit by which other inputs are better, at least: inputs of zero are as good, but for rounding
 _NOISE, _BOTH = 0.05, 0.2  # shares of the largest value: of noise about zero, and of values of the other sign
 # Factors of the inputs that are tried, and what they mean.
 _INPUTS = {
@@ -111,7 +112,7 @@ def _by_other_inputs(problem: Problem) -> list[str]:
         other = replace(problem, data=data, beginnings=())
         after = _fits(other, other.initial)
         fit = _mean(after)
-        if not fit > max(_mean(before), _GOOD) or min(each for each, _ in after.values()) <= _EACH:
+        if not fit > max(_mean(before) + _BETTER, _GOOD) or min(each for each, _ in after.values()) <= _EACH:
             continue
         turned = [name for name, (_, sign) in after.items() if sign < 0.0]
         also = f" and the sign of {', '.join(turned)} reversed" if turned else ""
