@@ -205,13 +205,16 @@ def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | 
     coarse, kept = few
     std = None if given_std is None else given_std[kept]
     _check_excited(coarse)
-    rough = past_dents(coarse, _best(coarse, _search(coarse, report, std), report, std), report, std)
+    first = _best(coarse, _search(coarse, report, std), report, std)
+    rough = past_dents(coarse, first, report, std)
     problem.evaluations += coarse.evaluations
     found = search(problem, report, given_std, rough.point)
     is_lost = is_far_off(problem, found.errors, _NEAR_PERCENT)
     if is_lost and not is_far_off(coarse, rough.errors, _NEAR_PERCENT):
         found = _search(problem, report, given_std)
-    return past_dents(problem, _best(problem, found, report, given_std), report, given_std)
+    found = _best(problem, found, report, given_std)
+    # All rows have more dents than few, and a valley in the same place.
+    return found if rough is first else past_dents(problem, found, report, given_std)
 
 
 def _best(problem: Problem, found: Descent, report: Report | None, given_std: Floats | None) -> Descent:
