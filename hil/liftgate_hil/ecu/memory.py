@@ -23,6 +23,7 @@ EVENTS = 64  # events kept in the ring
 CODES = 32  # codes of events, at most
 
 _FACTOR = np.uint64(6364136223846793005)  # odd, from Knuth's MMIX generator
+_MASK = np.uint64(2**64 - 1)
 
 DRIVE = np.dtype(
     [
@@ -44,7 +45,7 @@ DRIVE = np.dtype(
         ("taken", "f8"),  # s, when the last sample was made; NaN: no sample yet
         ("due", "f8"),  # cycles for which there is no count in the history yet
         ("held", "i8"),  # counts in the history
-        ("history", "f8", (MAX_WINDOW + 1,)),  # counts of the last cycles
+        ("history", "f8", (MAX_WINDOW + 1,)),  # counts of the last cycles; the last field, see `note_course`
     ]
 )
 GUARD = np.dtype(
@@ -91,6 +92,8 @@ CONTROL = np.dtype(
         ("noted", "i8"),  # of these, events that the trouble codes' statuses contain
     ]
 )
+_CONTROL_WORDS, _DRIVE_WORDS = CONTROL.itemsize // 8, DRIVE.itemsize // 8
+_HISTORY = DRIVE.itemsize // 8 - (MAX_WINDOW + 1)  # words of a drive before its history
 EVENT = np.dtype(
     [
         ("time", "f8"),
@@ -146,7 +149,7 @@ def new_memory(drives: int, shares_clock: bool = True) -> Memory:
 
     With `shares_clock` its clock is the gate's; otherwise it begins when the gate is first heard.
     """
-    ends = np.cumsum([CONTROL.itemsize // 8, drives * DRIVE.itemsize // 8, INPUT_COUNT])
+    ends = np.cumsum([_CONTROL_WORDS, drives * _DRIVE_WORDS, INPUT_COUNT])
     words = np.zeros(ends[-1], dtype=np.uint64)
     control = words[: ends[0]].view(CONTROL).view(np.recarray)
     control.state, control.request = UNKNOWN, NO_REQUEST
@@ -183,8 +186,19 @@ def memory_copied(memory: Memory) -> Memory:
 def note_course(memory: Memory) -> None:
     """Add a control cycle to the checksums of the course.
 
-    They tell two ECUs apart that differed in any cycle, in state or command, although they may be equal again.
+    They tell two ECUs apart that differed in any cycle, in state or command, although they may be equal again. The
+    histories are left out, as each of their values follows from counts that were noted.
     """
-    course = memory.course
-    course *= _FACTOR  # modulo 2^64
-    course += memory.words
+    end = len(memory.words)
+    add_words(memory, 0, _CONTROL_WORDS)
+    for begin in range(_CONTROL_WORDS, end - INPUT_COUNT, _DRIVE_WORDS):
+        add_words(memory, begin, begin + _HISTORY)
+    add_words(memory, end - INPUT_COUNT, end)
+
+
+@compilable
+def add_words(memory: Memory, begin: int, end: int) -> None:
+    """Add words from `begin` to `end` to their checksums, modulo 2^64."""
+    course, words = memory.course, memory.words
+    for i in range(begin, end):
+        course[i] = np.uint64((int(course[i]) * int(_FACTOR) + int(words[i])) & int(_MASK))
