@@ -175,6 +175,7 @@ def test_a_recording_is_started_marked_and_stopped(page: Any, folder: Path) -> N
     name.send_keys("browser.mf4")
     click(page, "#record-button")
     until(page, lambda _: text_of(page, "#record-button") == "Stop browser.mf4")
+    until(page, lambda _: "recording" in text_of(page, "#health"))
     found(page, "#mark-text").send_keys("a squeak")
     click(page, "#mark button")
     until(page, lambda _: "mark a squeak" in text_of(page, "#answer"))

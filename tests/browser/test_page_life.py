@@ -162,6 +162,20 @@ def test_a_bus_log_shows_what_it_holds_and_says_what_it_lacks(browser: Any, tmp_
         assert errors_in(browser) == []
 
 
+def test_a_recording_without_a_vehicle_has_charts_over_the_whole_width(browser: Any, tmp_path: Path) -> None:
+    rows = "".join(f"{0.01 * k!r},{k % 7}\n" for k in range(200))
+    (tmp_path / "run.csv").write_text(f"time_s,left_current_a\n{rows}", encoding="utf-8")
+    arguments = ("dashboard", "--recording", "run.csv", "--listen", "127.0.0.1:0")
+    widths = "return ['#charts', 'main'].map((each) => document.querySelector(each).clientWidth)"
+    with process(*arguments, folder=tmp_path) as child:
+        opened(browser, address_in(child), ("recording",))
+        assert not found(browser, "#scene").is_displayed()
+        assert "The gate is drawn if --vehicle names its vehicle." in text_of(browser, "#contacts")
+        charts, whole = browser.execute_script(widths)
+        assert charts > 0.9 * whole
+        assert errors_in(browser) == []
+
+
 def test_scenarios_are_chosen_started_and_stopped(browser: Any, tmp_path: Path) -> None:
     from selenium.webdriver.support.ui import Select
 

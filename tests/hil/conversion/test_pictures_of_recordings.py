@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -49,6 +51,18 @@ def test_columns_that_go_together_are_in_one_panel(tmp_path: Path) -> None:
     assert current.get_ylabel() == "current [A]"
     assert [each.get_text() for each in current.get_legend().get_texts()] == ["left", "right", "sensed left"]
     assert count.get_xlabel() == "time [s]"
+
+
+def test_an_input_is_held_from_its_sample_to_the_next_and_an_output_is_not(tmp_path: Path) -> None:
+    run = open_table(table(tmp_path / "a.csv", ROWS, "time_s,left_duty,left_current_a\n"))
+    names = ["left_duty", "left_current_a"]
+    columns = columns_in(run, names, Window())
+    units = {name: run.signals[name].unit for name in names}
+    figure = picture.run_picture("a.csv", columns, [[name] for name in names], units)
+    assert [axis.lines[0].get_drawstyle() for axis in figure.axes] == ["steps-post", "default"]
+    both = picture.two_pictures(("a", "b"), (columns, columns), names, units)
+    drawn = [axis.lines[0].get_drawstyle() for axis in both.axes[::2]]
+    assert drawn == ["steps-post", "default"]
 
 
 def test_without_columns_it_shows_what_matters_or_the_first_ones(tmp_path: Path) -> None:
@@ -134,6 +148,24 @@ def test_a_picture_is_written_in_the_format_of_its_suffix(
     other = tmp_path / f"both{suffix}"
     assert main(["compare", str(path), str(path), "--output", str(other)]) == 0
     assert other.stat().st_size > 5000
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf", ".html"])
+def test_a_full_disk_leaves_no_empty_picture(tmp_path: Path, suffix: str) -> None:
+    """In a process of its own, whose files may hold nothing."""
+    path, target = table(tmp_path / "a.csv", RUN, HEAD), tmp_path / f"out{suffix}"
+    code = (
+        "import resource, sys\n"
+        "from liftgate_hil.cli.main import main\n"
+        "from liftgate_hil.report import drawing\n"
+        "with drawing.style(): pass\n"  # the drawing's own files are written before
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
+        f"sys.exit(main(['plot', {str(path)!r}, '--output', {str(target)!r}]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == f"liftgate-hil: --output {target}: cannot be written: File too large\n"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_without_output_it_stands_beside_the_recording(tmp_path: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import math
+import socket
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +26,7 @@ from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.can_arguments import WireChoice, bus_arguments, parse_bus
 from liftgate_hil.transport.can_bus import CAPACITY, CanTransport
 from liftgate_hil.transport.messages import message_of
+from liftgate_hil.transport.socketcan import SocketCan
 
 # --bus.
 
@@ -97,6 +100,18 @@ def test_a_bus_that_cannot_be_opened_is_reported_on_one_line(monkeypatch: pytest
     monkeypatch.setattr(can, "Bus", broken)
     with pytest.raises(TransportError, match=r"^pcan:x: cannot be opened: no device$"):
         CanTransport({"interface": "pcan", "channel": "x"})
+
+
+def test_a_kernel_without_socketcan_is_named_and_not_the_interface(monkeypatch: pytest.MonkeyPatch):
+    def refused(*family: Any) -> None:
+        raise OSError(errno.EAFNOSUPPORT, "Address family not supported by protocol")
+
+    monkeypatch.setattr(socket, "socket", refused)
+    told = r"^socketcan:vcan0: cannot be opened: this kernel has no SocketCAN; allowed: .*liftgate-hil doctor"
+    with pytest.raises(TransportError, match=told):
+        CanTransport({"interface": "socketcan", "channel": "vcan0"})
+    with pytest.raises(TransportError, match=told):
+        SocketCan("vcan0")
 
 
 def test_what_a_driver_logs_is_part_of_the_message_and_not_on_stderr(
