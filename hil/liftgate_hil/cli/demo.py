@@ -20,7 +20,7 @@ from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import run_loop
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, number_of
 from liftgate_hil.judging.verdict import FAIL, INCONCLUSIVE
 
 if TYPE_CHECKING:
@@ -241,7 +241,7 @@ def failures(shown: Result, event: PinchEvent | None, tells: bool) -> list[str]:
         angle = columns["gate_angle_deg"][-1]
         found.append(f"the gate did not close and latch at the end (it stands at {angle:.1f} deg)")
     if summary.command_timeouts:
-        found.append(f"{summary.command_timeouts} command time-outs: the ECU was too late")
+        found.append(f"{number_of(summary.command_timeouts, 'command time-out')}: the ECU was too late")
     if not found and shown.verdict == FAIL:
         found.append(shown.reason)
     return found
@@ -266,7 +266,7 @@ def busy_with(shown: Result, is_ours: bool) -> str:
     if late:
         return late
     timeouts = shown.summary.command_timeouts
-    return f"the ECU's commands were late {timeouts} times" if timeouts else ""
+    return number_of(timeouts, "command time-out") if timeouts else ""
 
 
 def _standstill(shown: Result) -> list[str]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.identify.data import Data, applied_voltage, first_sample, is_count, is_driven
+from liftgate_hil.identify.data import Data, all_applied_voltages, first_sample, is_count, is_driven
 from liftgate_hil.identify.initial_condition import motion
 from liftgate_hil.identify.problem import LONGEST_DELAY, Problem
 from liftgate_hil.identify.statistics import mean_std, rounding_step
@@ -44,7 +44,7 @@ def driven_one_way(problem: Problem) -> list[str]:
     names = [each.parameter.name for each in problem.sought]
     balance = [name for name in names if name.startswith(_BALANCE)]
     friction = [name for name in names if name.endswith(_FRICTION)]
-    voltages = np.concatenate([applied_voltage(each, problem.vehicle.supply.voltage) for each in problem.data])
+    voltages = all_applied_voltages(problem.data, problem.vehicle.supply.voltage)
     least = _ONE_WAY * float(np.max(np.abs(voltages), initial=0.0))
     if not balance or not friction or (np.any(voltages > least) and np.any(voltages < -least)):
         return []

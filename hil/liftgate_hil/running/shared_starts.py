@@ -69,8 +69,9 @@ class SharedStarts:
 
 def reference_copied(node: NodeState) -> NodeState:
     """Return a state of the reference ECU with arrays of its own; the port, which it does not use, is shared."""
-    reference = copied(node.reference)
-    return node._replace(reference=reference._replace(memory=memory_copied(node.reference.memory)))
+    reference = node.reference
+    own = (memory_copied(each) if each is reference.memory else copied(each) for each in reference)
+    return node._replace(reference=type(reference)._make(own))
 
 
 def _key_of(plan: Plan) -> tuple[Any, ...]:
