@@ -32,7 +32,6 @@ from liftgate_hil.identify.weighting import errors_of, sampled_rows, weighting_o
 
 Floats = NDArray[np.float64]
 
-OF_A_RUN = ("sensors.", "supply.", "coding.", "bridge.")  # tables that no simulation of a measurement uses
 _LARGER = 0.1  # share by which a fixed parameter is taken to be wrong
 _STEP = 1e-4  # of its value, for a slope
 # Of √rows: change of the weighted squared errors up to which 25 autocorrelations do not tell (Ljung-Box).
@@ -106,8 +105,6 @@ def _candidates(problem: Problem) -> Iterator[FreeParameter]:
     whole = set()
     for each in all_parameters(vehicle.drives):
         is_sided = each.name.startswith(tuple(f"{side}." for side in SIDES))
-        if each.name.startswith(OF_A_RUN) or each.name.partition(".")[2].startswith(OF_A_RUN):
-            continue
         if any(_overlap(each, other) for other in sought) or value_of(vehicle, each) == 0.0:
             continue
         if each.quantity.unit == "°C":  # no share of it means anything

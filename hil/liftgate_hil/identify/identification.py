@@ -23,7 +23,7 @@ from liftgate_hil.identify.data_warnings import (
 from liftgate_hil.identify.delays import at_best_delay
 from liftgate_hil.identify.descent import Descent, Report, place_at
 from liftgate_hil.identify.estimates import estimates_of
-from liftgate_hil.identify.fixed_parameters import OF_A_RUN, fixed_parameters
+from liftgate_hil.identify.fixed_parameters import fixed_parameters
 from liftgate_hil.identify.jitter import jitter_of
 from liftgate_hil.identify.mismatch import hints
 from liftgate_hil.identify.multiple_shooting import in_segments, is_far_off
@@ -42,6 +42,7 @@ from liftgate_plant.vehicle import plant_of
 Floats = NDArray[np.float64]
 
 _FAR_PERCENT = 0.0  # fit of the initial vehicle below which multiple shooting comes first
+_OF_A_RUN = ("sensors.", "supply.", "coding.", "bridge.")  # tables on which few measurements depend
 _NEAR_PERCENT = 80.0  # fit that a good search reaches
 _NOWHERE_PERCENT = -1.0  # fit of an output below which a model contradicts the data
 _HARDLY_PERCENT = 20.0  # the same, where the residual is not noise
@@ -324,10 +325,10 @@ def _check_excited(problem: Problem) -> None:
     there = np.isfinite(problem.measured)[:, :, None]
     if not np.any(there & np.isfinite(slopes) & (slopes != 0.0)):
         text = "no measured output depends on the estimated parameters: the input does not excite them"
-        idle = [each.parameter.name for each in problem.sought if each.parameter.name.startswith(OF_A_RUN)]
+        idle = [each.parameter.name for each in problem.sought if each.parameter.name.startswith(_OF_A_RUN)]
         if idle:
             text += (
-                f", or, as with {', '.join(idle)}, they act in a run and not on a measurement; allowed: offset "
+                f", or, as with {', '.join(idle)}, they act in a run and not on this measurement; allowed: offset "
                 "and scale of a column in a map"
             )
         raise NothingToTellError(text)

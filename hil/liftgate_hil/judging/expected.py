@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,13 @@ if TYPE_CHECKING:
 _NEAR_DEG = 2.0  # from the end of its travel, where a motion counts as complete: a gate sags below its open stop
 
 
+class PreconditionEnd(NamedTuple):
+    """Last motion of a precondition, `open` or `close`, and the gate angle [deg] at which it ends."""
+
+    action: str
+    angle_deg: float
+
+
 @dataclass(frozen=True)
 class Expected:
     """Expectations with their conditions, checked against a rig's database and a gate's drives."""
@@ -53,19 +60,19 @@ class Expected:
     diagnostics: Diagnostics | None = None  # how the ECU is asked for trouble codes
     faults: tuple[TimedFault, ...] = ()  # of the scenario
     begins: tuple[tuple[str, Instant], ...] = ()  # what each of its stimuli is, and when it begins
-    completed: tuple[str, float] | None = None  # last motion of the precondition, and the angle [deg] at its end
+    precondition_end: PreconditionEnd | None = None
 
     def not_completed(self, angle_deg: float) -> str:
-        """Return that the gate was not where the precondition ends when the scenario began; "": it was.
+        """Return why the precondition was not completed; "": it was.
 
-        `angle_deg` is where it was; NaN: unknown.
+        `angle_deg` is where the gate was when the scenario began; NaN: unknown, taken as completed.
         """
-        if self.completed is None:
+        end = self.precondition_end
+        if end is None or not abs(angle_deg - end.angle_deg) > _NEAR_DEG:
             return ""
-        action, end = self.completed
-        if not abs(angle_deg - end) > _NEAR_DEG:
-            return ""
-        return f"precondition: {action}: the gate came to rest at {angle_deg:.1f}°, not at {end:.1f}°"
+        return (
+            f"precondition: {end.action}: the gate came to rest at {angle_deg:.1f}°, not at {end.angle_deg:.1f}°"
+        )
 
     def margin_unit(self, place: int) -> str:
         """Return the unit of an expectation's margin; "": none, or comparisons in several units decide it."""
@@ -90,15 +97,15 @@ def expected_of(
     diagnostics: Diagnostics | None = None,
     faults: Sequence[TimedFault] = (),
     begins: Iterable[tuple[str, Instant]] = (),
-    completed: tuple[str, float] | None = None,
+    precondition_end: PreconditionEnd | None = None,
 ) -> Expected:
     """Return expectations with their conditions parsed, and checked against a database and a gate.
 
     `parameters` are those of the scenario, `messages` the database's by name, `drives` is the gate's number of
     drives, `source` the file that issues name. `awaited` are conditions that stimuli wait for, as expectations: if
     one never comes, nothing passes. `diagnostics` is how the ECU is asked for trouble codes; None: it cannot be.
-    `faults` are the scenario's, `begins` what each stimulus is and when it begins, `completed` is the last motion
-    of the precondition with the angle [deg] at which it ends. Raises ConfigError with all issues.
+    `faults` are the scenario's, `begins` what each stimulus is and when it begins, `precondition_end` is where
+    its precondition ends. Raises ConfigError with all issues.
     """
     expectations = [*expectations, *awaited]
     issues = ConfigIssues(source)
@@ -137,7 +144,9 @@ def expected_of(
     issues.raise_if_any()
     found = tuple(expectations), tuple(conditions), opener_of
     asked = diagnostics if codes else None
-    return Expected(*found, signals, messages, len(awaited), codes, asked, tuple(faults), tuple(begins), completed)
+    return Expected(
+        *found, signals, messages, len(awaited), codes, asked, tuple(faults), tuple(begins), precondition_end
+    )
 
 
 def codes_of(

@@ -27,7 +27,7 @@ from liftgate_plant.compiler import compiled
 
 _NO_MARKS = np.zeros(0, dtype=np.int64)
 _TIME = COLUMN_PLACE["time_s"]
-_FIRST_S = 0.1  # latest time of a first row that still shows where a scenario begins
+_FIRST_S = 0.1  # time before which a row still shows where a scenario begins
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Judge:
         self._timeliness = None if tolerance is None else Timeliness(tolerance, 1.0 / rate)
         self.end = end
         self._last = -math.inf
-        self._began_deg = math.nan  # gate angle in the first row
+        self._began_deg = math.nan  # gate angle in the first row that has one
         self._not_made = 0.0  # stimuli that could not be applied, at the last row
         self._frames = no_logged()
         self._marks = _NO_MARKS
@@ -95,8 +95,8 @@ class Judge:
             frames = frames[np.argsort(frames["time_ns"], kind="stable")]
         if self._timeliness is not None:
             self._timeliness.take(rows)
-        if math.isinf(self._last) and rows[0, _TIME] < _FIRST_S:
-            self._began_deg = float(rows[0, COLUMN_PLACE["gate_angle_deg"]])
+        if self._last < _FIRST_S and math.isnan(self._began_deg):
+            self._began_deg = _first_angle(rows)
         last, inside = float(rows[-1, _TIME]), len(rows)
         if last > self.end + SLACK:
             inside = int(np.searchsorted(rows[:, _TIME], self.end + SLACK, side="right"))
@@ -332,10 +332,15 @@ class Judge:
         return failure_of(self.expected.expectations[place], self.expected.conditions[place], progress, last)
 
     def notes(self) -> list[str]:
-        """Return notes on stimuli that may explain verdicts: those never made, and faults in force too briefly."""
+        """Return notes that may explain verdicts.
+
+        They are on a precondition not completed, on stimuli never made, and on faults in force too briefly.
+        """
         came = self._came()
+        unmet = self.expected.not_completed(self._began_deg)
         briefly = brief_faults(self.expected.faults, came, self._last, self._tables.step)
-        return [*briefly, *never_made(self.expected.begins, came, self._last)]
+        began = [f"{unmet}: the scenario begins there"] if unmet else []
+        return [*began, *briefly, *never_made(self.expected.begins, came, self._last)]
 
     def condition_times(self) -> dict[str, float]:
         """Return when each condition with which a stimulus begins first came true [s], by its text."""
@@ -349,6 +354,13 @@ class Judge:
             for place, each in enumerate(self.expected.expectations)
             if place >= first and self._progress(place).is_decided
         }
+
+
+def _first_angle(rows: NDArray[np.float64]) -> float:
+    """Return the first gate angle [deg] of the rows before `_FIRST_S`; NaN: none has one."""
+    angles = rows[rows[:, _TIME] < _FIRST_S, COLUMN_PLACE["gate_angle_deg"]]
+    known = angles[np.isfinite(angles)]
+    return float(known[0]) if len(known) else math.nan
 
 
 def _with_reason(verdict: Verdict, more: str) -> Verdict:

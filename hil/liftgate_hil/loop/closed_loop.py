@@ -162,10 +162,9 @@ class Episode:
 
 
 class Extremes:
-    """A sink that keeps the first row, each column's extremes, and the time of the largest pinch force."""
+    """A sink that keeps each column's extremes, and the time of the largest pinch force."""
 
     def __init__(self) -> None:
-        self.first: NDArray[np.float64] | None = None
         self.high: NDArray[np.float64] | None = None
         self.low: NDArray[np.float64] | None = None
         self.pinch_time = np.nan  # s; NaN: nothing was pinched
@@ -174,8 +173,6 @@ class Extremes:
         """Update the extremes with rows (n, ROW_WIDTH)."""
         if not len(rows):
             return
-        if self.first is None:
-            self.first = rows[0].copy()
         high, low = rows.max(axis=0), rows.min(axis=0)
         force = COLUMN_PLACE["pinch_force_n"]
         if high[force] > (0.0 if self.high is None else self.high[force]):

@@ -19,7 +19,7 @@ from liftgate_hil.ecu.find import check_ecu
 from liftgate_hil.ecu.identity import identity_of
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.judging.expected import Expected, expected_of
+from liftgate_hil.judging.expected import Expected, PreconditionEnd, expected_of
 from liftgate_hil.judging.stimulus_times import TimedFault
 from liftgate_hil.loop.tick import LoopConfig
 from liftgate_hil.running.job import Job
@@ -200,15 +200,15 @@ def expected_in(setup: Setup, rig: Rig) -> Expected:
         rig.diagnostics,
         _timed_faults(scenario.faults, rig),
         begins(scenario),
-        _completed(setup),
+        _precondition_end(setup),
     )
 
 
-def _completed(setup: Setup) -> tuple[str, float] | None:
-    """Return the last motion of a precondition with the angle [deg] at which it ends; None: there is none."""
+def _precondition_end(setup: Setup) -> PreconditionEnd | None:
+    """Return where a precondition ends; None: there is no motion in it."""
     ends = {"open": math.degrees(setup.vehicle.gate.open_angle), "close": 0.0}
     action = next(reversed(setup.scenario.precondition), "")
-    return (action, ends[action]) if action in ends else None
+    return PreconditionEnd(action, ends[action]) if action in ends else None
 
 
 def _timed_faults(faults: Sequence[Fault], rig: Rig) -> list[TimedFault]:

@@ -30,7 +30,6 @@ from liftgate_hil.running.notes import notes_on, too_rare, without_contact, with
 from liftgate_hil.running.result import Result, nothing_of, result_of, silence_of, tolerance_of
 from liftgate_hil.running.signs_of_life import foreign_code
 from liftgate_hil.running.stepping import StepsAgain, relevant_frames
-from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_plant.compiler import GivenUpError
 
 if TYPE_CHECKING:
@@ -168,11 +167,7 @@ class _Run:
         """Return the result with notes on the run before those of its judge."""
         execution = self._execution
         setup, adapter = self._plan.setup, execution.adapter
-        first = next(each.first for each in execution.sinks if isinstance(each, Extremes))
-        began_deg = math.nan if first is None else float(first[COLUMN_PLACE["gate_angle_deg"]])
-        unmet = self._plan.expected.not_completed(began_deg)
-        notes = [f"{unmet}: the scenario begins there"] if unmet else []
-        notes += [*notes_on(setup, adapter), *too_rare(self._plan.rig, adapter)]
+        notes = [*notes_on(setup, adapter), *too_rare(self._plan.rig, adapter)]
         notes += without_motion(setup, result)
         if self._plan.options.duration is None:  # else the run was shortened on purpose
             notes += without_contact(setup, result)

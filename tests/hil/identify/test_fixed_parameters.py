@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from liftgate_hil.identify.reporting.findings import warnings_of
 from liftgate_hil.identify.reporting.html import identification_html
 from liftgate_hil.identify.reporting.text import identification_text
 from liftgate_hil.identify.result import FixedParameter, Identification
+from liftgate_plant.rows import AT
 from liftgate_plant.vehicle import Vehicle
 from tests.hil.identify.simulated import measured, sought, there_and_back, true_vehicle
 
@@ -101,3 +103,18 @@ def test_one_drive_that_is_estimated_leaves_the_other_fixed() -> None:
     assert "left.motor.resistance" not in names
     assert "right.motor.resistance" in names
     assert not [each for each in names if each.startswith(("sensors.", "supply.", "left.sensors."))]
+
+
+def test_the_supply_voltage_is_a_fixed_parameter_of_duties_and_not_of_voltages() -> None:
+    vehicle = true_vehicle()
+    names, voltages = ["motor.resistance"], measured(true_vehicle(), "full", NOISE, 1, drive=OPENING)
+    inputs = voltages.inputs.copy()
+    inputs[:, AT.left_duty] = inputs[:, AT.left_voltage_v] / vehicle.supply.voltage
+    inputs[:, AT.left_voltage_v] = 0.0
+    duties = dataclasses.replace(voltages, inputs=inputs)
+    shifts = []
+    for data in (voltages, duties):
+        result = identify(Problem(vehicle, "full", sought(names, vehicle), [data], list(data.outputs), 20.0))
+        shifts.append([each.shifts[0] for each in result.fixed if each.name == "supply.voltage"])
+    assert shifts[0] == []
+    assert shifts[1][0] > 0.01 * vehicle.left.motor.resistance  # at stall it would be 10 %

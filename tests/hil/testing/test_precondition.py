@@ -115,7 +115,8 @@ class Idle:
 
 def test_what_passes_after_a_precondition_that_was_not_completed_is_inconclusive(tmp_path: Path) -> None:
     text = 'precondition = ["open"]\n' + OPEN + "[[expect]]\nname = 'soft'\nalways = 'pinch_force_n < 150'\n"
-    result = lh.run(scenario(tmp_path, text), ecu=Idle())
+    file = scenario(tmp_path, text)
+    result = lh.run(file, ecu=Idle(), record=tmp_path / "run.csv")
     unmet = "precondition: open: the gate came to rest at 0.0°, not at 80.0°"
     assert {name: each.verdict for name, each in result.expectations.items()} == {
         "opens": "fail",  # which may be for the same reason: it is noted
@@ -123,6 +124,7 @@ def test_what_passes_after_a_precondition_that_was_not_completed_is_inconclusive
     }
     assert result.expectations["soft"].reason == unmet
     assert f"{unmet}: the scenario begins there" in result.notes
+    assert lh.judge([tmp_path / "run.csv"], file) == dict(result.expectations)
 
 
 def test_the_reason_of_an_inconclusive_run_names_what_is_undecided_and_why(tmp_path: Path) -> None:
