@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.calibration import CALIBRATED, Calibration
 from liftgate_hil.ecu.events import Event, events_since
+from liftgate_hil.ecu.memory import command_course, note_course
 from liftgate_hil.ecu.needs import check_rig
 from liftgate_hil.ecu.node import NO_ECU, PORT, REFERENCE, Node, NodeState
 from liftgate_hil.ecu.reference import ecu_config, last_frames, new_ecu
@@ -76,6 +77,10 @@ class Adapter:
         """Return a digest of all that the ECU has in its memory; "": unknown, as of a foreign ECU."""
         return ""
 
+    def command_digest(self) -> str:
+        """Return a digest of all its commands so far; "": unknown."""
+        return ""
+
     def last_frames(self) -> Frames | None:
         """Return the frames that the ECU sends when it is switched off; None: it sends none."""
         return None
@@ -117,6 +122,7 @@ class ReferenceEcu(Adapter):
     def reset(self) -> None:
         """Reset the ECU; reported events and, as in non-volatile memory, trouble codes are kept."""
         before = self.state.reference.memory
+        note_course(before, True)  # also of what is lost
         super().reset()
         after = self.state.reference.memory
         after.events[:] = before.events
@@ -129,6 +135,10 @@ class ReferenceEcu(Adapter):
     def digest(self) -> str:
         """Return a digest of the ECU's memory: state, learned loads, timers, events, trouble codes and course."""
         return hashlib.sha256(b"".join(each.tobytes() for each in self.state.reference.memory)).hexdigest()
+
+    def command_digest(self) -> str:
+        """Return a digest of the command in all control cycles."""
+        return hashlib.sha256(command_course(self.state.reference.memory).tobytes()).hexdigest()
 
     def last_frames(self) -> Frames | None:
         """Return the ECU's command frames with the motors off."""

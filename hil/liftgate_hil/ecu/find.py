@@ -60,6 +60,8 @@ def check_ecu(ecu: Any) -> None:
     elif _CLASS.fullmatch(name) and not _names_file(name):
         top = re.split("[.:]", name, maxsplit=1)[0]
         if not _is_module(top):
+            if top == "mutant":
+                raise ConfigError(f"`ecu` {name}: a mutant runs in `test` and `campaign`; allowed: {_ALLOWED}")
             raise ConfigError(f"`ecu` {name}: no module {top} in {Path.cwd()}, nor installed")
     else:
         raise ConfigError(f"`ecu` {name}: {_advice(name)}allowed: {_ALLOWED}")

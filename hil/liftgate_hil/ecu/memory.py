@@ -12,6 +12,8 @@ from liftgate_hil.ecu.status import new_statuses
 from liftgate_hil.signals import INPUT_COUNT
 from liftgate_plant.compiler import compilable
 
+Words = NDArray[np.uint64]
+
 # States of the gate.
 UNKNOWN, CLOSED, OPENING, OPEN, CLOSING, STOPPED, REVERSING = range(7)
 
@@ -58,7 +60,7 @@ GUARD = np.dtype(
         ("suspect", "i8"),  # cycles in a row with more load than expected
         ("reference", "f8", (BINS,)),  # A, learned; NaN: not yet
         ("total", "f8", (BINS,)),  # A, sum of this run's loads
-        ("samples", "i8", (BINS,)),  # number of these loads
+        ("samples", "i8", (BINS,)),  # number of these loads; the bins come last, see `note_course`
     ]
 )
 CONTROL = np.dtype(
@@ -92,8 +94,7 @@ CONTROL = np.dtype(
         ("noted", "i8"),  # of these, events that the trouble codes' statuses contain
     ]
 )
-_CONTROL_WORDS, _DRIVE_WORDS = CONTROL.itemsize // 8, DRIVE.itemsize // 8
-_HISTORY = DRIVE.itemsize // 8 - (MAX_WINDOW + 1)  # words of a drive before its history
+_CONTROL, _DRIVE, _GUARD = (each.itemsize // 8 for each in (CONTROL, DRIVE, GUARD))  # words of each
 EVENT = np.dtype(
     [
         ("time", "f8"),
@@ -113,11 +114,10 @@ class Memory(NamedTuple):
     control: Any  # (1,) CONTROL
     drives: Any  # (drives,) DRIVE
     command: NDArray[np.float64]  # (INPUT_COUNT,) values of all inputs, for the command being encoded
-    words: NDArray[np.uint64]  # these three, word by word
-    course: NDArray[np.uint64]  # checksum of each word over all control cycles, see `note_course`
     guards: Any  # (2,) GUARD: opening, closing
     events: Any  # (EVENTS,) EVENT, a ring
     statuses: NDArray[np.int64]  # (CODES,) status of each event's trouble code, see `status.py`
+    course: Words  # checksums over all control cycles, those of the command first, see `note_course`
 
 
 class Constants(NamedTuple):
@@ -149,56 +149,52 @@ def new_memory(drives: int, shares_clock: bool = True) -> Memory:
 
     With `shares_clock` its clock is the gate's; otherwise it begins when the gate is first heard.
     """
-    ends = np.cumsum([_CONTROL_WORDS, drives * _DRIVE_WORDS, INPUT_COUNT])
-    words = np.zeros(ends[-1], dtype=np.uint64)
-    control = words[: ends[0]].view(CONTROL).view(np.recarray)
+    control = np.zeros(1, dtype=CONTROL).view(np.recarray)
     control.state, control.request = UNKNOWN, NO_REQUEST
     control.began_ns = 0 if shares_clock else -1
     control.free = control.travel = control.before = np.nan
     guards = np.zeros(2, dtype=GUARD).view(np.recarray)
     guards.offset = np.nan
     guards["reference"][:] = np.nan
-    each = words[ends[0] : ends[1]].view(DRIVE).view(np.recarray)
+    each = np.zeros(drives, dtype=DRIVE).view(np.recarray)
     each.taken = np.nan
-    command = words[ends[1] :].view(np.float64)
-    command[:] = np.nan
     return Memory(
         control=control,
         drives=each,
-        command=command,
-        words=words,
-        course=np.zeros_like(words),
+        command=np.full(INPUT_COUNT, np.nan),
         guards=guards,
         events=np.zeros(EVENTS, dtype=EVENT).view(np.recarray),
         statuses=new_statuses(CODES),
+        course=np.zeros(INPUT_COUNT + _CONTROL + drives * _DRIVE + 2 * _GUARD, dtype=np.uint64),
     )
 
 
-def memory_copied(memory: Memory) -> Memory:
-    """Return a copy of the records, whose `words` are those of the copy."""
-    copy = new_memory(len(memory.drives))
-    for own, given in zip(copy, memory, strict=True):
-        own[...] = given
-    return copy
-
-
 @compilable
-def note_course(memory: Memory) -> None:
-    """Add a control cycle to the checksums of the course.
+def note_course(memory: Memory, has_turned: bool) -> None:
+    """Add a control cycle to the checksums of the course; `has_turned`: another state was entered in it.
 
-    They tell two ECUs apart that differed in any cycle, in state or command, although they may be equal again. The
-    histories are left out, as each of their values follows from counts that were noted.
+    They tell two ECUs apart that differed in any cycle, in command or state, although they may be equal again. The
+    histories are left out, as each of their values follows from counts that were noted; what the guards collect
+    over a motion is noted when it ends.
     """
-    end = len(memory.words)
-    add_words(memory, 0, _CONTROL_WORDS)
-    for begin in range(_CONTROL_WORDS, end - INPUT_COUNT, _DRIVE_WORDS):
-        add_words(memory, begin, begin + _HISTORY)
-    add_words(memory, end - INPUT_COUNT, end)
+    at = add_words(memory.course, 0, memory.command.view(np.uint64), 0, INPUT_COUNT)
+    at = add_words(memory.course, at, memory.control.view(np.uint64), 0, _CONTROL)
+    drives, guards = memory.drives.view(np.uint64), memory.guards.view(np.uint64)
+    for k in range(len(memory.drives)):
+        at = add_words(memory.course, at, drives, k * _DRIVE, _DRIVE - (MAX_WINDOW + 1))
+    count = _GUARD if has_turned else _GUARD - 3 * BINS
+    for k in range(2):
+        add_words(memory.course, at + k * _GUARD, guards, k * _GUARD, count)
+
+
+def command_course(memory: Memory) -> Words:
+    """Return the part of the course (INPUT_COUNT,) that is of the command."""
+    return memory.course[:INPUT_COUNT]
 
 
 @compilable
-def add_words(memory: Memory, begin: int, end: int) -> None:
-    """Add words from `begin` to `end` to their checksums, modulo 2^64."""
-    course, words = memory.course, memory.words
-    for i in range(begin, end):
-        course[i] = np.uint64((int(course[i]) * int(_FACTOR) + int(words[i])) & int(_MASK))
+def add_words(course: Words, at: int, words: Words, begin: int, count: int) -> int:
+    """Add words to the checksums from `at` on, modulo 2^64; return where the next ones are."""
+    for i in range(count):
+        course[at + i] = np.uint64((int(course[at + i]) * int(_FACTOR) + int(words[begin + i])) & int(_MASK))
+    return at + count

@@ -314,7 +314,7 @@ def controlled(config: EcuConfig, state: EcuState, now_ns: int) -> Frames:
         else:
             command = update(config.constants, state.memory, now, feedback)
     set_command(config, state.memory, command)
-    note_course(state.memory)
+    note_course(state.memory, control.state != before)
     ends = is_moving(before) and control.state != before
     if now_ns < control.command_ns and not ends:
         return config.nothing

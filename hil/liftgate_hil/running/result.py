@@ -45,6 +45,7 @@ class Result:
     condition_times: Mapping[str, float] = field(default_factory=dict)  # s, of those with which stimuli begin
     notes: tuple[str, ...] = ()  # observations that may explain the verdict
     ecu_digest: str = ""  # of the ECU's memory at the end, and of its course; "": unknown
+    command_digest: str = ""  # of the ECU's commands in all control cycles; "": unknown
     is_given_up: bool = False  # the bench has ended the run early
     late: str = ""  # when the bench was too late, or what it has not done; "": neither is known
 
@@ -92,6 +93,7 @@ def result_of(
         minima=ColumnValues(zip(COLUMNS, low.tolist(), strict=True)),
         events=adapter.events(),
         ecu_digest=adapter.digest(),
+        command_digest=adapter.command_digest(),
         summary=replace(summary, ecu_dropped_frames=adapter.dropped()),
         recording=tuple(map(Path, summary.recordings)),
         pinch_time_s=extremes.pinch_time,

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.ecu.memory import memory_copied
 from liftgate_hil.ecu.node import REFERENCE
 from liftgate_hil.loop.tick import copied
 
@@ -69,9 +68,7 @@ class SharedStarts:
 
 def reference_copied(node: NodeState) -> NodeState:
     """Return a state of the reference ECU with arrays of its own; the port, which it does not use, is shared."""
-    reference = node.reference
-    own = (memory_copied(each) if each is reference.memory else copied(each) for each in reference)
-    return node._replace(reference=type(reference)._make(own))
+    return node._replace(reference=copied(node.reference))
 
 
 def _key_of(plan: Plan) -> tuple[Any, ...]:

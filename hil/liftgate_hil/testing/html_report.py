@@ -151,8 +151,9 @@ def _summary(outcomes: Sequence[Outcome]) -> str:
 
 
 def _ecu_name(outcome: Outcome) -> str:
-    ecu = outcome.case.job.ecu
-    return ecu if isinstance(ecu, str) else type(ecu).__name__
+    job = outcome.case.job
+    name = job.ecu if isinstance(job.ecu, str) else type(job.ecu).__name__
+    return f"{name}, mutant {job.mutant}" if job.mutant else name
 
 
 def _each(values: Iterable[str], most: int = 5) -> str:

@@ -155,9 +155,8 @@ def properties_of(outcome: Outcome) -> list[tuple[str, str]]:
     else:
         identity = outcome.case.plan.ecu_identity
         entries += [("ecu", str(identity["kind"]))]
-        entries += [
-            (f"ecu.{name}", str(identity[name])) for name in ("path", "class", "sha256") if name in identity
-        ]
+        known = [name for name in ("path", "class", "sha256", "mutant") if name in identity]
+        entries += [(f"ecu.{name}", str(identity[name])) for name in known]
     entries += [("requirement", each) for each in setup.scenario.requirement]
     return entries + [(f"parameter.{name}", f"{value:g}") for name, value in setup.scenario.parameters.items()]
 

@@ -32,7 +32,7 @@ def mutants_section(mutation: MutationResult) -> str:
             "command, and no expectation fails. A stricter one would kill them; where the defect shows in the ECU "
             "only, gate and motors do the same, and it takes another scenario. "
             "<code>--ecu mutant:NAME</code> runs a scenario with one of them.</p>",
-            table(("mutant", "defect", "shows in"), tolerated, ("n", "", "name")),
+            table(("mutant", "defect", "differs in"), tolerated, ("n", "", "name")),
         ]
     if unreached:
         parts += [

@@ -29,15 +29,14 @@ class Matrix:
     cases: Sequence[Case]
     verdicts: dict[tuple[str, str, str], str] = field(default_factory=dict)  # by mutant, file, expectation
     courses: dict[tuple[str, str], str] = field(default_factory=dict)  # digests of the ECU's, by mutant and file
-    extremes: dict[tuple[str, str], tuple[str, ...]] = field(default_factory=dict)  # of each column, the same
+    commands: dict[tuple[str, str], str] = field(default_factory=dict)  # the same of its commands
 
     def add(self, mutant: str, outcome: Outcome) -> None:
         """Add the outcome of a scenario with a mutant."""
         result = outcome.result
         here = mutant, outcome.case.file
         self.courses[here] = outcome.verdict if result is None else result.ecu_digest
-        parts = () if result is None else (result.maxima, result.minima)
-        self.extremes[here] = tuple(repr(each) for part in parts for each in part.values())
+        self.commands[here] = outcome.verdict if result is None else result.command_digest
         for each in outcome.expectations:
             self.verdicts[mutant, outcome.case.file, each.name] = each.verdict
 
@@ -78,16 +77,19 @@ class Matrix:
         """Return the scenarios in which a mutant's defect shows."""
         return self._other(self.courses, mutant)
 
-    def shows_in(self, mutant: str) -> list[str]:
-        """Return those of `reached_in` in which it also changes the largest or smallest value of a column."""
-        return [file for file in self._other(self.extremes, mutant) if file in self.reached_in(mutant)]
+    def propagated_in(self, mutant: str) -> list[str]:
+        """Return those of `reached_in` in which it also changes a command, and so gate and motors."""
+        return self._other(self.commands, mutant)
 
-    def where(self, mutant: str) -> str:
-        """Return where the defect of a mutant that survives shows, in words; "": nowhere."""
-        files, outside = self.reached_in(mutant), self.shows_in(mutant)
-        first = (outside or files)[:1]
-        more = f" and {len(files) - 1} more" if len(files) > 1 else ""
-        return f"{first[0]}{more}{'' if outside else ', ' + INSIDE}" if first else ""
+    def where(self, mutant: str, most: int | None = None) -> str:
+        """Return where the defect of a mutant that survives shows, in words; "": nowhere.
+
+        At `most` so many scenarios are named, those first in which it changes a command.
+        """
+        outside = self.propagated_in(mutant)
+        files = [*outside, *(file for file in self.reached_in(mutant) if file not in outside)]
+        more = f" and {len(files) - most} more" if most is not None and len(files) > most else ""
+        return f"{', '.join(files[:most])}{more}{'' if outside else ', ' + INSIDE}" if files else ""
 
     def _other(self, of: Mapping[tuple[str, str], object], mutant: str) -> list[str]:
         files = [case.file for case in self.cases]
@@ -134,7 +136,7 @@ class Matrix:
                     "meaning": each.meaning,
                     "is_reached": self.is_reached(each.name),
                     "reached_in": self.reached_in(each.name),
-                    "shows_in": self.shows_in(each.name),
+                    "propagated_in": self.propagated_in(each.name),
                     "killed_by": _as_dicts(self.kills(each.name)),
                 }
                 for each in MUTANTS.values()
@@ -157,7 +159,7 @@ class Matrix:
         for mutant in MUTANTS.values():
             files = list(dict.fromkeys(file for file, _ in self.kills(mutant.name)))
             more = f" and {len(files) - 3} more" if len(files) > 3 else ""
-            where = self.where(mutant.name)
+            where = self.where(mutant.name, 3)
             how = f"{REACHED} in {where}" if where else NEVER_REACHED
             by = f"killed by {', '.join(files[:3])}{more}" if files else f"SURVIVED, {how}: {mutant.meaning}"
             yield f"{mutant.name:<{width}}  {by}"

@@ -59,7 +59,8 @@ def _scenario(outcome: Outcome) -> dict[str, Any]:
 def _ecu(outcome: Outcome) -> dict[str, str | None]:
     identity = outcome.case.plan.ecu_identity
     name = next((str(identity[each]) for each in ("class", "path", "version") if each in identity), "")
-    return {"kind": identity["kind"], "name": name, "sha256": identity.get("sha256")}
+    others = {key: identity.get(key) for key in ("sha256", "mutant")}
+    return {"kind": identity["kind"], "name": name, **others}
 
 
 def _recordings(outcome: Outcome) -> list[str]:

@@ -381,42 +381,48 @@ def test_the_last_events_are_kept_however_many_there_were() -> None:
     assert events_since(controller.memory, 98) == told[-1:]
 
 
+def records_of(own: Memory) -> dict[str, Any]:
+    """Return what a memory has in a control cycle, word by word, without what is noted elsewhere."""
+    names = ("command", "control", "drives", "guards")
+    return {name: getattr(own, name).view(np.uint64).reshape(-1) for name in names}
+
+
 def test_two_courses_that_differed_for_one_cycle_in_one_value_are_told_apart() -> None:
-    histories = new_memory(2)
-    histories.drives.history[...] = 1.0
-    for place in np.flatnonzero(histories.words == new_memory(2).words):  # all but the counts of a history
-        same, other = new_memory(2), new_memory(2)
-        for cycle in range(12):
-            for each in (same, other):
-                each.control[0].now = cycle * CYCLE
-            before = other.words[place]
-            if cycle == 7:
-                other.words[place] ^= np.uint64(1)
-            memory.note_course(same)
-            memory.note_course(other)
-            other.words[place] = before
-            assert np.array_equal(same.course, other.course) == (cycle < 7)
-        assert same.words.tobytes() == other.words.tobytes()
+    left_out = new_memory(2)
+    left_out.drives.history[...] = left_out.guards.reference[...] = 1.0
+    left_out.guards.total[...], left_out.guards.samples[...] = 1.0, 1
+    for name, words in records_of(new_memory(2)).items():
+        for place in np.flatnonzero(records_of(left_out)[name] == words):
+            same, other = new_memory(2), new_memory(2)
+            for cycle in range(12):
+                before = records_of(other)[name][place]
+                if cycle == 7:
+                    records_of(other)[name][place] ^= np.uint64(1)
+                memory.note_course(same, False)
+                memory.note_course(other, False)
+                records_of(other)[name][place] = before
+                assert np.array_equal(same.course, other.course) == (cycle < 7)
+
+
+def test_what_a_guard_has_collected_is_in_the_course_when_a_motion_ends() -> None:
+    same, other = new_memory(2), new_memory(2)
+    other.guards.total[1, 99] = 1.0
+    for has_turned in (False, True):
+        memory.note_course(same, has_turned)
+        memory.note_course(other, has_turned)
+        assert np.array_equal(same.course, other.course) != has_turned
 
 
 def test_the_course_is_the_same_in_machine_code() -> None:
     ours, plain = new_memory(2), new_memory(2)
     random = np.random.default_rng(1)
-    for _ in range(20):
-        ours.words[:] = plain.words[:] = random.integers(0, 2**64, len(ours.words), dtype=np.uint64)
-        compiled(memory.note_course)(ours)
-        memory.note_course(plain)
+    for k in range(20):
+        for name, words in records_of(ours).items():
+            words[:] = random.integers(0, 2**64, len(words), dtype=np.uint64)
+            records_of(plain)[name][:] = words
+        compiled(memory.note_course)(ours, k % 3 == 0)
+        memory.note_course(plain, k % 3 == 0)
     assert np.array_equal(ours.course, plain.course)
-
-
-def test_a_copied_memory_has_words_of_its_own() -> None:
-    one = new_memory(2)
-    one.control[0].now, one.guards[0].offset, one.statuses[3] = 4.0, 2.5, 7
-    other = memory.memory_copied(one)
-    assert [each.tobytes() for each in one] == [each.tobytes() for each in other]
-    other.drives[1].load = 3.0
-    assert one.words.tobytes() != other.words.tobytes()
-    assert one.drives[1].load == 0.0
 
 
 @pytest.mark.parametrize(("cycle_ms", "samples"), [(1.0, 5), (5.0, 1), (7.5, 2), (10.0, 2), (20.0, 2)])

@@ -114,19 +114,29 @@ def test_the_matrix_says_who_finds_what_and_what_proves_nothing(
 def test_a_scenario_is_run_with_a_mutant_by_its_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "s.toml"
     file.write_text(STOPS)
-    assert main(["test", str(file), "--ecu", "mutant:stop_ignored", "--json", str(tmp_path / "v.json")]) == 1
+    reports = [str(tmp_path / name) for name in ("v.json", "v.xml", "v.html")]
+    flags = ["--json", reports[0], "--junit", reports[1], "--html", reports[2]]
+    assert main(["test", str(file), "--ecu", "mutant:stop_ignored", *flags]) == 1
     assert "stops: fail" in capsys.readouterr().out
+    (ecu,) = [each["ecu"] for each in json.loads(Path(reports[0]).read_text())["scenarios"]]
+    assert (ecu["kind"], ecu["mutant"]) == ("reference", "stop_ignored")
+    assert '<property name="ecu.mutant" value="stop_ignored" />' in Path(reports[1]).read_text()
+    assert "reference, mutant stop_ignored" in Path(reports[2]).read_text()
     assert main(["test", str(file), "--ecu", "mutant:nosuch"]) == 2
     assert "allowed: mutant: and one of threshold_doubled, " in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("more", ["", '[[request]]\ntime = 14.0\naction = "reset"\n'])
 def test_a_defect_that_changes_only_what_is_learned_is_reached(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    more: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The load of the trapped rod is learned; it would matter in the next motion, which does not come."""
+    """The load of the trapped rod is learned; it would matter in the next motion, which does not come.
+
+    After a reset, nothing is left of it in the memory.
+    """
     choose(monkeypatch, "learns_disturbed", "heat_ignored")
     file = tmp_path / "s.toml"
-    file.write_text(TRAPS)
+    file.write_text(TRAPS + more)
     assert main(["test", str(file), "--mutants"]) == 0
     out = capsys.readouterr().out
     assert "s.toml, in the ECU only: the load of a trapped obstacle is learned" in out
