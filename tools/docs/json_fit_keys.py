@@ -116,7 +116,8 @@ IDENTIFY = Document(
         "fixed_parameters.NAME": "fixed parameter",
         "fixed_parameters.NAME.value": "its value",
         "fixed_parameters.NAME.unit": "unit of the value",
-        "fixed_parameters.NAME.shifts": "change of each estimate if the value were 10 % larger",
+        "fixed_parameters.NAME.shifts": "change of each estimate if the value were 10 % larger, by linear theory; "
+        "where `is_seen`, it holds for small changes only",
         "fixed_parameters.NAME.shifts.NAME": "change in the estimate's unit",
         "fixed_parameters.NAME.is_seen": "whether the residuals would then show it",
         "fixed_parameters.NAME.change": "relative change of the value with the best fit; null: estimates take up "

@@ -7,7 +7,7 @@ that is resumed asks for the same variants again and finds them in the store.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -16,10 +16,12 @@ from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.campaign import Campaign, batches_of
 from liftgate_hil.campaign.design import shares_of
 from liftgate_hil.campaign.distributions import Floats
+from liftgate_hil.campaign.probability.population import FAILED
 from liftgate_hil.campaign.probability.subset_simulation import Estimate, subset_simulation
-from liftgate_hil.campaign.results import MARGIN, numbers_in
+from liftgate_hil.campaign.results import JUDGED, MARGIN, numbers_in
 from liftgate_hil.campaign.search.worst_search import SearchEnd, worst_search
 from liftgate_hil.campaign.space import Space
+from liftgate_hil.judging.verdict import FAIL
 
 Ending = TypeVar("Ending")
 
@@ -36,13 +38,14 @@ class Evaluated(NamedTuple):
     values: tuple[float, ...]
     margin: float
     number: int  # evaluations up to this one
+    fails: bool  # as a comparison of states may with a margin of 0
 
 
 class Evaluations:
     """Margins of an expectation at points, each variant evaluated once."""
 
     def __init__(self, campaign: Campaign, expectation: str) -> None:
-        self._campaign, self._column = campaign, f"{MARGIN}{expectation}"
+        self._campaign, self._expectation = campaign, expectation
         self._known: dict[str, float] = {}
         self.history: list[Evaluated] = []
 
@@ -51,7 +54,10 @@ class Evaluations:
         return self._campaign.base
 
     def margins(self, values: Floats) -> Floats:
-        """Return the margins (n,) of variants with values (n, d); NaN: none. Raises as `Campaign.evaluate`."""
+        """Return the margins (n,) of variants with values (n, d); NaN: none. Raises as `Campaign.evaluate`.
+
+        One of 0 that fails is the largest negative number.
+        """
         names = [self._base.variant(each) for each in values.tolist()]
         first = {name: place for place, name in reversed(list(enumerate(names))) if name not in self._known}
         new = values[sorted(first.values())]
@@ -60,14 +66,15 @@ class Evaluations:
             batches = batches_of(self._base, new, size)
             self._campaign.asked += batches
             self._campaign.evaluate(batches)
-            found = [numbers_in(each, self._column) for each in self._campaign.tables(batches)]
-            self._note(new, np.concatenate(found))
+            for table, part in zip(self._campaign.tables(batches), batches, strict=True):
+                failed = [each == FAIL for each in table[f"{JUDGED}{self._expectation}"].to_pylist()]
+                self._note(part.values, numbers_in(table, f"{MARGIN}{self._expectation}"), failed)
         return np.array([self._known[name] for name in names])
 
-    def _note(self, values: Floats, margins: Floats) -> None:
-        for row, margin in zip(values.tolist(), margins.tolist(), strict=True):
-            self._known[self._base.variant(row)] = margin
-            self.history.append(Evaluated(tuple(row), margin, len(self.history) + 1))
+    def _note(self, values: Floats, margins: Floats, failed: Sequence[bool]) -> None:
+        for row, margin, fails in zip(values.tolist(), margins.tolist(), failed, strict=True):
+            self._known[self._base.variant(row)] = min(margin, FAILED) if fails else margin
+            self.history.append(Evaluated(tuple(row), margin, len(self.history) + 1, fails))
 
 
 def drive(
@@ -119,7 +126,7 @@ class Probability(NamedTuple):
 def estimate_probability(
     campaign: Campaign, space: Space, expectation: str, budget: int, seed: int
 ) -> Probability:
-    """Estimate the probability of a negative margin, with a tenth of the budget for its separate pockets."""
+    """Estimate the probability of a failure, with a tenth of the budget for its separate pockets."""
     evaluations = Evaluations(campaign, expectation)
     campaign.progress.count = budget
     searching = int(SEARCH_SHARE * budget)

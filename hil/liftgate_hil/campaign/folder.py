@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.request import Request
 from liftgate_hil.campaign.results import VARIANT, description_of
-from liftgate_hil.campaign.store import StoreError, write_whole
+from liftgate_hil.campaign.store import StoreError
 from liftgate_hil.errors import ConfigError, words_of
+from liftgate_hil.report.files import write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -126,7 +126,7 @@ def description_of(base: Base) -> Mapping[str, str]:
     varied = {each.name: f"varied: {each.kind}" for each in base.targets}
     judged = {f"{JUDGED}{name}": f"verdict on the expectation {name!r}" for name in base.expectations}
     margins = {
-        f"{MARGIN}{name}": f"margin of the expectation {name!r}, negative: it failed; null: it has none"
+        f"{MARGIN}{name}": f"margin of the expectation {name!r}, 0 or negative where it failed; null: it has none"
         for name in base.expectations
     }
     return {

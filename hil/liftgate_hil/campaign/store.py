@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import io
-import os
 import uuid
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.errors import ConfigError, LiftgateError, words_of
+from liftgate_hil.report.files import name_beside, write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -42,25 +42,6 @@ def unpacked(content: bytes) -> pa.Table | None:
         return pq.read_table(io.BytesIO(content), page_checksum_verification=True)
     except Exception:  # whatever a damaged file makes of the reader
         return None
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file beside its place and rename it: it is there whole, or as it was before. Raises OSError."""
-    beside = path.with_name(_beside(path.name))
-    try:
-        with beside.open("wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())  # else a power cut may leave a renamed file that is empty
-        beside.replace(path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            beside.unlink()
-        raise
-
-
-def _beside(name: str) -> str:
-    return f".{name}.{uuid.uuid4().hex}"
 
 
 class Store:
@@ -160,7 +141,7 @@ class Store:
         """Write a file beside its place, and rename it. Raises StoreError."""
         try:
             if self._is_remote:
-                (fs, path), beside = self._remote(), _beside(name)
+                (fs, path), beside = self._remote(), name_beside(name)
                 fs.pipe_file(f"{path}/{beside}", content)
                 fs.mv(f"{path}/{beside}", f"{path}/{name}")
             else:

@@ -46,5 +46,5 @@ def say(text: str) -> None:
     """Print a line to stderr, and ignore a failure."""
     try:
         put_line(text, sys.stderr)
-    except OSError:
+    except (OSError, AttributeError, ValueError):  # closed before the start, or since
         abandon(sys.stderr)

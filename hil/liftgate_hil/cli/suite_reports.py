@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from liftgate_hil.cli import streams
 from liftgate_hil.cli.options import as_flags
 from liftgate_hil.errors import ConfigError, number_of
+from liftgate_hil.report.files import write_whole
 from liftgate_hil.report.page import GENERATOR
 
 if TYPE_CHECKING:
@@ -192,7 +193,7 @@ def _write(target: str, content: bytes) -> None:
         out.raise_if_lost()
         return
     try:
-        Path(target).write_bytes(content)
+        write_whole(Path(target), content)
     except OSError as error:
         raise ConfigError(f"{target}: cannot be written: {error.strerror}") from error
 

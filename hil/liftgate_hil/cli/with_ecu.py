@@ -223,6 +223,12 @@ def _ecu_process(args: argparse.Namespace, vehicle: Vehicle, teller: Listener) -
         child.kill()
 
 
+def _begin_child() -> None:
+    """Prepare a child, which a Ctrl-C to all processes of a terminal must not end while Python starts in it."""
+    dies_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 class EcuProcess:
     """Process of an ECU on the bus; a thread reads its stderr all the time, so that the pipe never fills up.
 
@@ -239,7 +245,7 @@ class EcuProcess:
             text=True,
             errors="replace",
             # The ECU must end if this process is killed; a thread that runs here already, of the page, only waits.
-            preexec_fn=dies_with_parent,  # noqa: PLW1509
+            preexec_fn=_begin_child,  # noqa: PLW1509
         )
         self._teller = teller
         self._is_ours = is_ours
@@ -279,7 +285,8 @@ class EcuProcess:
         self.kill()
         code = self._process.returncode
         self._reader.join(_LEAVE_S)  # a process that it has started may hold the pipe
-        if code and (has_ended or code not in (-signal.SIGTERM, -signal.SIGKILL)):
+        expected = (-signal.SIGTERM, -signal.SIGKILL, *(() if is_early else (-signal.SIGINT, 128 + signal.SIGINT)))
+        if code and (code not in expected or (has_ended and is_early)):
             text = "; ".join(self._errors or self._others)[-300:] or f"exit code {code}"
             kind = ConfigError if code == _USAGE else EcuError
             raise kind(f"the ECU's process: {text}")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import io
 import textwrap
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.drawing import pdf, png, style, svg
+from liftgate_hil.report.files import write_whole
 from liftgate_hil.report.numbers import clean
 from liftgate_hil.report.page import figure as figure_html
 from liftgate_hil.report.page import page
@@ -66,11 +66,8 @@ def legend_above(axis: Axes, handles: list[Any] | None = None, columns: int = 5)
 def write_picture(path: Path, figure: Figure, title: str, caption: str) -> None:
     """Write the plot in the format of its suffix, one of SUFFIXES. Raises ConfigError if it cannot be written."""
     try:
-        path.write_bytes(_drawn_as(path.suffix.lower(), figure, title, caption))
+        write_whole(path, _drawn_as(path.suffix.lower(), figure, title, caption))
     except OSError as error:
-        with suppress(OSError):
-            if path.stat().st_size == 0:  # opened, and nothing went into it
-                path.unlink()
         raise ConfigError(f"`output` {path}: cannot be written: {error.strerror}") from error
 
 

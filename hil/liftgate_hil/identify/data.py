@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -127,8 +127,3 @@ def applied_voltage(data: Data, supply: float) -> Floats:
     driven += np.nan_to_num(rows[:, AT.left_duty]) * source
     voltage: Floats = np.where(np.nan_to_num(rows[:, AT.left_coast]) > 0.0, 0.0, driven)
     return voltage
-
-
-def all_applied_voltages(measurements: Sequence[Data], supply: float) -> Floats:
-    """Return what `applied_voltage` does of each measurement, one after the other."""
-    return np.concatenate([applied_voltage(each, supply) for each in measurements])

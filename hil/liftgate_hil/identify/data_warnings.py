@@ -8,10 +8,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.identify.data import Data, all_applied_voltages, first_sample, is_count, is_driven
+from liftgate_hil.identify.data import Data, first_sample, is_count, is_driven
 from liftgate_hil.identify.initial_condition import motion
 from liftgate_hil.identify.problem import LONGEST_DELAY, Problem
 from liftgate_hil.identify.statistics import mean_std, rounding_step
+from liftgate_hil.identify.trajectory import OUTPUTS
 from liftgate_hil.measurement.quality import GAP, usual_spacing
 from liftgate_plant import gate
 from liftgate_plant.vehicle import Vehicle, plant_of
@@ -24,7 +25,8 @@ _SURE = 5.0  # standard deviations of a mean
 _LEAST_SHARE = 1e-3  # of the largest current: an offset that is worth a warning
 _EMF_MARGIN = 2.0  # times the current that a motion within the data's error would induce
 _SLOW = 0.2  # share of the largest speed below which a motion at the beginning may be noise
-_ONE_WAY = 0.05  # share of the largest voltage: less is no drive in the other direction
+_ONE_WAY = 0.05  # share of the largest speed: less is no motion in the other direction, as when it springs back
+_SPEED = OUTPUTS.index("left_speed_rps")
 _BALANCE = ("spring.", "gate.")  # parameters of what balances the gate
 # Parameters of friction, whose torque has the sign of the motion.
 _FRICTION = ("efficiency", "friction_torque", "friction_force", "load_torque", "static_ratio", "stribeck_speed")
@@ -39,19 +41,24 @@ def never_driven(data: Sequence[Data]) -> list[str]:
     return ["no motor is ever driven: the estimates rest on what moves the gate by itself"]
 
 
-def driven_one_way(problem: Problem) -> list[str]:
-    """Return a warning on data of one direction where parameters of balance and of friction are estimated."""
+def moves_one_way(problem: Problem, point: Floats) -> list[str]:
+    """Return a warning on data of one direction where parameters of balance and of friction are estimated.
+
+    `point` (p,) is the end of the search, whose simulation shows the motion.
+    """
     names = [each.parameter.name for each in problem.sought]
     balance = [name for name in names if name.startswith(_BALANCE)]
     friction = [name for name in names if name.endswith(_FRICTION)]
-    voltages = all_applied_voltages(problem.data, problem.vehicle.supply.voltage)
-    least = _ONE_WAY * float(np.max(np.abs(voltages), initial=0.0))
-    if not balance or not friction or (np.any(voltages > least) and np.any(voltages < -least)):
+    if not balance or not friction:
+        return []
+    speeds = np.concatenate([problem.states(point, k)[:, _SPEED] for k in range(len(problem.data))])
+    least = _ONE_WAY * float(np.max(np.abs(speeds), initial=0.0))
+    if np.any(speeds > least) == np.any(speeds < -least):  # both directions, or no motion at all
         return []
     return [
-        f"the gate is driven in one direction only, where {', '.join(balance)} and {', '.join(friction)} are "
-        "alike: only stops and play tell them apart, and they may be off by more than their standard deviations; "
-        "add a measurement of the other direction"
+        f"the gate moves in one direction only, in which {', '.join(balance)} and {', '.join(friction)} have "
+        "nearly the same effect: only end stops and backlash separate them, and they may be off by more than "
+        "their standard deviations; add a measurement of the other direction"
     ]
 
 

@@ -90,7 +90,7 @@ def fixed_parameters(
                 value=value_of(own.vehicle, parameter),
                 unit=parameter.quantity.unit,
                 shifts=_LARGER * shift[:count],
-                is_seen=bool(_LARGER**2 * curvature > unseen),
+                is_seen=is_own and _LARGER**2 * curvature > unseen,
                 change=gradient / curvature if is_own else math.nan,
                 explains=gradient**2 / curvature / total if is_own and total > 0.0 else 0.0,
             )

@@ -15,8 +15,8 @@ from liftgate_hil.identify.coarse import coarse_of
 from liftgate_hil.identify.data import applied_voltage
 from liftgate_hil.identify.data_warnings import (
     begun_in_motion,
-    driven_one_way,
     driven_through_gaps,
+    moves_one_way,
     never_driven,
     offsets_at_rest,
 )
@@ -116,7 +116,7 @@ def identify(
         data_warnings=(
             *never_driven(problem.data),
             *begun_in_motion(problem, found.point),
-            *driven_one_way(problem),
+            *moves_one_way(problem, found.point),
             *driven_through_gaps(problem.data),
             *offsets_at_rest(problem),
         ),

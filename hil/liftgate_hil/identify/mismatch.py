@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.config.units import spellings
 from liftgate_hil.errors import PlantDivergedError
-from liftgate_hil.identify.data import DRIVEN, Data, all_applied_voltages
+from liftgate_hil.identify.data import DRIVEN, Data, applied_voltage
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.statistics import factor_between, fit_percent
 from liftgate_hil.measurement.units import KNOWN
@@ -50,7 +50,7 @@ def _without_sign(problem: Problem) -> list[str]:
         for name, measured, simulated in _courses(problem, problem.initial)
         if _has_both(simulated) and not np.any(measured < -_NOISE * np.max(np.abs(measured)))
     ]
-    driven = all_applied_voltages(problem.data, problem.vehicle.supply.voltage)
+    driven = np.concatenate([applied_voltage(each, problem.vehicle.supply.voltage) for each in problem.data])
     turning = [
         name
         for name, measured in zip(problem.outputs, problem.measured.T, strict=True)

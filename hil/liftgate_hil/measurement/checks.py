@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from liftgate_hil.errors import number_of
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 
 MIN_ROWS = 20
@@ -17,7 +18,7 @@ _LEAST_CURRENT = 100.0
 _FASTEST, _SLOWEST = 1e-6, 0.5  # s, median distance of the rows
 _LONGEST_GAP = 60.0  # s, between two rows
 _LONGEST = 86_400.0  # s, of the whole measurement
-_SPIKES = 0.01  # share of values below which those that are too large are no other unit
+SPIKE = 5  # samples that a spike lasts at most; quality.outliers finds it
 _TOLD_DEG = 5.0  # deg, smallest change of the gate angle that is checked
 # Ratio of a speed to the slope of its position, and the unit of the speed that it indicates.
 _SPEED_UNITS: Sequence[tuple[float, str]] = (
@@ -237,12 +238,12 @@ def _too_large(name: str, values: Floats, limit: float, unit: str, rather: str) 
     row = int(np.argmax(size))
     if size[row] <= limit:
         return []
-    beyond = int(np.sum(size > limit))
-    if beyond < _SPIKES * len(size):
+    edges = np.flatnonzero(np.diff(size > limit, prepend=False, append=False))
+    if name in OUTPUTS and np.max(edges[1::2] - edges[::2]) <= SPIKE:  # only of outputs outliers are omitted
         return [
-            f"{name}: {beyond} of {len(size)} values, the largest {values[row]:.6g} in row {row + 1}, are beyond "
-            f"{limit:.4g} {unit}: are they spikes? `drop_outliers` omits these; allowed: up to {limit:.4g} {unit} "
-            "with this vehicle"
+            f"{name}: {number_of(len(edges) // 2, 'spike')} beyond {limit:.4g} {unit}, the largest "
+            f"{values[row]:.6g} in row {row + 1}; allowed: up to {limit:.4g} {unit} with this vehicle, or "
+            "`drop_outliers`"
         ]
     return [
         f"{name}: {values[row]:.6g} in row {row + 1}: is it {rather}? "

@@ -11,12 +11,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from liftgate_hil.errors import number_of
-from liftgate_hil.measurement.checks import Expected
+from liftgate_hil.measurement.checks import SPIKE, Expected
 from liftgate_hil.measurement.condition import noted
 from liftgate_hil.measurement.measurement import OUTPUTS, Floats, Measurement
 
 GAP = 1.5  # times the usual distance of samples, above which a distance is a gap
-HALF_WINDOW = 5  # samples
+HALF_WINDOW = SPIKE  # samples
 _SIGMA = 1.4826  # standard deviation / median absolute deviation of a normal distribution
 
 

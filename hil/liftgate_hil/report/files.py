@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import uuid
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from liftgate_hil.errors import ConfigError
 
+_LONGEST = 200  # characters of a name that a temporary one holds: file systems allow 255 bytes
 # Suffixes of files that a report may replace.
 _KINDS = {"--html": (".html", ".htm"), "--save-vehicle": (".toml",), "--result": (".json",)}
 
@@ -64,6 +67,33 @@ def check_target(path: str, flag: str) -> None:
 def write_report(path: str, flag: str, text: str) -> None:
     """Write a text file; raise ConfigError where that fails."""
     try:
-        Path(path).write_text(text, encoding="utf-8", newline="\n")
+        write_whole(Path(path), text.encode())
     except OSError as error:
         raise ConfigError(f"{flag} {path}: cannot be written: {error.strerror}") from error
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file beside its place and rename it: it is there whole, or as it was before. Raises OSError.
+
+    What is no regular file, as a pipe, or stands in a folder that may not be written to, is written to directly.
+    """
+    place = Path(os.path.realpath(path))  # of a link, what it leads to
+    if place.exists() and not (place.is_file() and os.access(place.parent, os.W_OK)):
+        place.write_bytes(content)
+        return
+    beside = place.with_name(name_beside(place.name))
+    try:
+        with beside.open("wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())  # else a power cut may leave a renamed file that is empty
+        beside.replace(place)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            beside.unlink()
+        raise
+
+
+def name_beside(name: str) -> str:
+    """Return the name of a temporary file for the content of another one."""
+    return f".{name[:_LONGEST]}.{uuid.uuid4().hex}"

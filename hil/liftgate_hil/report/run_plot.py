@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.report.drawing import DRIVES, FINAL, GRID, INITIAL, INK, MARK, line, new_figure, png, style
+from liftgate_hil.report.files import write_whole
 from liftgate_hil.report.pinch import LIMITS, Limit, PinchEvent
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def hall_speed(times: Floats, counts: Floats) -> Floats:
 
 def plot_run(path: Path, picture: RunPicture) -> None:
     """Draw a run into a PNG file. Raises OSError."""
-    path.write_bytes(png(run_figure(picture), _DPI))
+    write_whole(path, png(run_figure(picture), _DPI))
 
 
 def run_figure(picture: RunPicture) -> Figure:

@@ -169,7 +169,8 @@ class _Run:
         setup, adapter = self._plan.setup, execution.adapter
         notes = [*notes_on(setup, adapter), *too_rare(self._plan.rig, adapter)]
         notes += without_motion(setup, result)
-        if self._plan.options.duration is None:  # else the run was shortened on purpose
+        whole, step = setup.scenario.duration, 1.0 / self._plan.options.rate
+        if whole is None or result.summary.model_time_s > whole - 1.5 * step:  # not of a part
             notes += without_contact(setup, result)
         return replace(result, notes=(*notes, *result.notes)) if notes else result
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from liftgate_hil.ecu.mutants import MUTANTS, NO_ECU
-from liftgate_hil.judging.verdict import ERROR, FAIL, PASS
+from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.plan import Plan
 from liftgate_hil.running.setup import Setup
@@ -107,13 +107,16 @@ class Matrix:
 
     @property
     def prove_nothing(self) -> list[tuple[str, str]]:
-        """Expectations that hold with every mutant, and with no ECU at all, as pairs of file and name."""
-        everybody = (*MUTANTS, NO_ECU)
+        """Expectations that no mutant fails, and that hold with no ECU at all, as pairs of file and name.
+
+        With a mutant that does not complete the precondition they are inconclusive.
+        """
         return [
             (case.file, name)
             for case in self.cases
             for name in self.expectations(case)
-            if all(self.verdicts.get((each, case.file, name)) == PASS for each in everybody)
+            if self.verdicts.get((NO_ECU, case.file, name)) == PASS
+            and all(self.verdicts.get((each, case.file, name)) in (PASS, INCONCLUSIVE) for each in MUTANTS)
         ]
 
     @property

@@ -255,6 +255,18 @@ def test_a_probability_has_its_interval_and_its_report(scenario: str) -> None:
     assert "Probability of failure" in Path("campaign/report.html").read_text()
 
 
+def test_a_comparison_of_states_that_fails_with_a_margin_of_0_is_a_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    never = "[[expect]]\nname = 'unlatched'\nnever = 'latched == 1'\n"
+    slope = '[parameters]\nr = 0\n[set]\n"environment.road_slope_deg" = "$r"\n'
+    Path("s.toml").write_text(f"duration = 0.2\n{slope}{never}")
+    flags = ["--vary", "r~uniform(0,2)", "--evaluations", "1200", "--quiet"]
+    assert main(["campaign", "s.toml", *flags, "--probability", "unlatched"]) in (0, 1)
+    assert manifest_in("campaign")["analysis"]["probability"] == pytest.approx(1.0)
+
+
 def test_two_ecus_are_compared_variant_by_variant(scenario: str) -> None:
     flags = ["--vary", "angle=60,75", "--jobs", "1", "--quiet", "--duration", "3"]
     assert main(["campaign", scenario, *flags, "--against", "mutant:closing_unwatched"]) == 0

@@ -15,6 +15,7 @@ from liftgate_hil.cli import main as main_module
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
 COMMAND = [sys.executable, "-m", "liftgate_hil"]
 RUN = ("run", "--bus", "virtual:streams", "--clock", "free", "--duration", "0.1")
+WRONG = ("test", "no_such.toml")
 COMMANDS = {
     "version": ("--version",),
     "help": ("--help",),
@@ -27,7 +28,7 @@ COMMANDS = {
 
 def shell(folder: Path, name: str, redirected: str) -> tuple[int, str, str]:
     done = subprocess.run(
-        ["bash", "-c", f'"$@" {redirected}', "bash", *COMMAND, *COMMANDS[name]],
+        ["bash", "-c", f'"$@" {redirected}', "bash", *COMMAND, *COMMANDS.get(name, WRONG)],
         cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert "Traceback" not in done.stderr, done.stderr
@@ -51,6 +52,11 @@ def test_a_closed_stdout_is_no_error_but_where_it_is_the_result(name: str, tmp_p
         assert said == "liftgate-hil: --output -: stdout is closed; allowed: a file\n"
     else:
         assert code == 0
+
+
+def test_a_closed_stderr_leaves_the_exit_code(tmp_path: Path) -> None:
+    assert shell(tmp_path, "wrong", "2>&-")[0] == 2
+    assert shell(tmp_path, "run", "2>&-")[0] == 0
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -151,21 +151,23 @@ def test_a_picture_is_written_in_the_format_of_its_suffix(
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf", ".html"])
-def test_a_full_disk_leaves_no_empty_picture(tmp_path: Path, suffix: str) -> None:
-    """In a process of its own, whose files may hold nothing."""
+def test_a_full_disk_leaves_the_picture_that_was_there(tmp_path: Path, suffix: str) -> None:
+    """In a process of its own, whose files may hold 4 kB."""
     path, target = table(tmp_path / "a.csv", RUN, HEAD), tmp_path / f"out{suffix}"
+    target.write_bytes(b"before")
     code = (
         "import resource, sys\n"
         "from liftgate_hil.cli.main import main\n"
         "from liftgate_hil.report import drawing\n"
-        "with drawing.style(): pass\n"  # the drawing's own files are written before
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
+        "drawing.style().__enter__()\n"  # the drawing's own files are written before
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
         f"sys.exit(main(['plot', {str(path)!r}, '--output', {str(target)!r}]))\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr == f"liftgate-hil: --output {target}: cannot be written: File too large\n"
-    assert list(tmp_path.iterdir()) == [path]
+    assert sorted(tmp_path.iterdir()) == [path, target]
+    assert target.read_bytes() == b"before"
 
 
 def test_without_output_it_stands_beside_the_recording(tmp_path: Path) -> None:

@@ -85,9 +85,9 @@ def test_an_estimate_that_rests_on_a_fixed_parameter_is_warned_of_and_listed() -
     result = found(vehicle, vehicle, ["motor.resistance", "motor.load_torque"], there_and_back())
     listed = [(each.estimate.name, each.fixed.name) for each in dependences(result)]
     assert listed[0] == ("motor.load_torque", "spindle.efficiency")
-    warning = next(each for each in warnings_of(result) if "only as good as fixed parameters" in each)
+    warning = next(each for each in warnings_of(result) if "depends on parameters that are held fixed" in each)
     assert warning.startswith(
-        "motor.load_torque is only as good as fixed parameters: spindle.efficiency 10 % larger"
+        "motor.load_torque depends on parameters that are held fixed: spindle.efficiency 10 % larger"
     )
     for page in (identification_text(result), identification_html(result)):
         assert "fixed parameter" in page

@@ -54,7 +54,7 @@ def test_a_valley_of_many_minima_is_walked_to_the_deepest_and_told() -> None:
     result = estimated(vehicle, "full", list(truth), [data], 0.0)
     assert np.max(np.abs(scores(result, truth))) < 4.0
     (warning,) = [each for each in result.data_warnings if "one direction only" in each]
-    assert "spring.preload, spring.stiffness and gear.friction_torque are alike" in warning
+    assert "in which spring.preload, spring.stiffness and gear.friction_torque have nearly the same" in warning
 
 
 def test_data_of_both_directions_are_not_warned_of() -> None:

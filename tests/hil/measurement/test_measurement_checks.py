@@ -9,6 +9,7 @@ import pytest
 
 from liftgate_hil.measurement.checks import Expected, check
 from liftgate_hil.measurement.measurement import Floats, Measurement
+from liftgate_hil.measurement.quality import report_outliers
 
 TIMES = np.arange(2000) * 0.001
 SPEED = 40.0 * np.sin(3.0 * TIMES)
@@ -101,3 +102,21 @@ def test_what_conditioning_must_not_leave_is_a_fault() -> None:
         "m.csv: time_s: row 101; allowed: finite and rising",
         "m.csv: left_voltage_v: nan in row 10; allowed: -1000 to 1000",
     ]
+
+
+def test_a_few_samples_that_are_too_large_are_spikes_and_more_are_another_unit() -> None:
+    """What is told to be omitted with `drop_outliers` is what that omits."""
+    amperes = 5.0 + np.random.default_rng(0).normal(0.0, 0.1, 2000)
+    for rows, is_spike in ((slice(700, 705), True), (slice(700, 706), False)):
+        values = amperes.copy()
+        values[rows] = -8000.0
+        (said,) = check(measured(left_current_a=values), SUV)
+        assert (
+            said.startswith("m.csv: left_current_a: 1 spike beyond 170 A, the largest -8000 in row 701")
+            == is_spike
+        )
+        kept = report_outliers(measured(left_current_a=values), True, SUV)
+        assert (check(kept, SUV) == []) == is_spike
+    volts = np.full(2000, 6.0)
+    volts[700] = 900.0  # an input, of which none is omitted
+    assert "drop_outliers" not in check(measured(left_voltage_v=volts), SUV)[0]

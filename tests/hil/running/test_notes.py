@@ -99,7 +99,7 @@ def test_an_ecu_that_takes_requests_or_gets_none_needs_no_note(tmp_path: Path) -
 
 @pytest.mark.parametrize(("action", "end"), [("open", "80.0"), ("close", "0.0")])
 def test_a_precondition_that_leaves_the_gate_on_its_way_is_told(tmp_path: Path, action: str, end: str) -> None:
-    text = f'initial = 40.0\nprecondition = ["{action}"]\n'
+    text = f'initial = 40.0\nprecondition = ["{action}"]\n[[expect]]\nname = "x"\nalways = "latched == 0"\n'
     (note,) = notes_of(tmp_path, text, Asked(lambda turn: []))
     assert note.startswith(f"precondition: {action}: the gate came to rest at ")
     assert f"°, not at {end}°" in note

@@ -126,6 +126,17 @@ def test_a_scenario_is_run_with_a_mutant_by_its_name(tmp_path: Path, capsys: pyt
     assert "allowed: mutant: and one of threshold_doubled, " in capsys.readouterr().err
 
 
+def test_what_proves_nothing_is_found_after_a_precondition_that_mutants_do_not_complete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    choose(monkeypatch, "latch_not_released")
+    file = tmp_path / "s.toml"
+    never = "[[expect]]\nname = 'idle'\nnever = 'pinch_force_n > 1'\n"
+    file.write_text(f"duration = 1.0\nprecondition = ['open']\n{never}")
+    assert main(["test", str(file), "--mutants"]) == 0
+    assert "s.toml: idle" in capsys.readouterr().out.partition("proves nothing")[2]
+
+
 @pytest.mark.parametrize("more", ["", '[[request]]\ntime = 14.0\naction = "reset"\n'])
 def test_a_defect_that_changes_only_what_is_learned_is_reached(
     more: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -26,8 +26,8 @@ def least_of(history: Sequence[Evaluated]) -> Evaluated | None:
 
 
 def first_failure(history: Sequence[Evaluated]) -> int | None:
-    """Return the number of evaluations up to the first negative margin; None: there is none."""
-    return next((each.number for each in history if each.margin < 0.0), None)
+    """Return the number of evaluations up to the first failure; None: there is none."""
+    return next((each.number for each in history if each.fails), None)
 
 
 def worst_as_dict(
@@ -47,7 +47,7 @@ def worst_as_dict(
         "evaluations": found.end.evaluations,
         "found_after": None if best is None else best.number,
         "first_failure_after": first_failure(found.search),
-        "failures": sum(each.margin < 0.0 for each in found.search),
+        "failures": sum(each.fails for each in found.search),
         "stopped": found.end.reason,
         "evidence": found.end.evidence,
         "restarts": found.end.restarts,
@@ -61,7 +61,7 @@ def _random_as_dict(history: Sequence[Evaluated]) -> dict[str, Any]:
         "evaluations": len(history),
         "margin": None if best is None else best.margin,
         "first_failure_after": first_failure(history),
-        "failures": sum(each.margin < 0.0 for each in history),
+        "failures": sum(each.fails for each in history),
     }
 
 
@@ -70,10 +70,9 @@ def worst_section(found: Worst, expectation: str, names: Sequence[str], line: st
     best = least_of(found.everything)
     if best is None:
         return section("Search for the worst", "<p>No variant has a margin.</p>")
-    fails = best.margin < 0.0
     story = (
         f"The smallest margin of “{expectation}” is {with_unit(significant(best.margin, 4), unit)}"
-        f"{': it fails' if fails else ''}, after {best.number} evaluations."
+        f"{': it fails' if best.fails else ''}, after {best.number} evaluations."
     )
     values = [(name, significant(value, 6)) for name, value in zip(names, best.values, strict=True)]
     rows = [_row("search", found.search), _row("random draws", found.random)]
@@ -95,7 +94,7 @@ def _row(name: str, history: Sequence[Evaluated]) -> tuple[str, ...]:
         name,
         f"{len(history):,}",
         significant(math.nan if best is None else best.margin, 4),
-        f"{sum(each.margin < 0.0 for each in history):,}",
+        f"{sum(each.fails for each in history):,}",
         "—" if first is None else f"{first:,}",
     )
 

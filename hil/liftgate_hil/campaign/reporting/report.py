@@ -120,7 +120,7 @@ def interval(failed: int, count: int) -> str:
     if not count:
         return "unknown"
     low, high = clopper_pearson(failed, count)
-    return f"{100.0 * low:.2g} to {100.0 * high:.2g} %"
+    return f"{significant(100.0 * low, 2)} to {significant(100.0 * high, 2)} %"
 
 
 def _story(summary: Summary) -> str:

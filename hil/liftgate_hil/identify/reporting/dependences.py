@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from liftgate_hil.errors import number_of
 from liftgate_hil.identify.result import Estimate, FixedParameter, Identification
 from liftgate_hil.report.numbers import clean, significant
 
@@ -13,7 +14,8 @@ _EXPLAINS = 0.05  # share of the squared errors that a suspected parameter expla
 _AS_WELL = 0.9  # of what the best one explains: others that explain as much
 _MOST = 4  # fixed parameters that are named
 _SMALL, _SMALL_STD = 0.01, 1.0  # change of an estimate that is not reported: share of it, standard deviations
-_AMPLIFIED, _AMPLIFIED_STD = 0.1, 3.0  # the same above which there is a warning: larger than the assumed error
+# The same above which there is a warning: more than the assumed error, which the other factor of a product takes.
+_AMPLIFIED, _AMPLIFIED_STD = 0.12, 3.0
 
 
 class Dependence(NamedTuple):
@@ -58,13 +60,11 @@ def amplified(result: Identification) -> list[str]:
         ]
         if own:
             names = [clean(one.fixed.name) for one in own]
-            others = (
-                f" (as do {', '.join(names[1:])})" if len(own) > 2 else f" ({names[1]} too)" if own[1:] else ""
-            )
+            others = f"; the same holds for {', '.join(names[1:])}" if names[1:] else ""
             found.append(
-                f"{clean(each.name)} is only as good as fixed parameters: {names[0]} 10 % larger changes it by "
-                f"{significant(100.0 * own[0].share, 2)} %, {significant(abs(own[0].shift) / each.std, 2)} "
-                f"standard deviations, and the residuals do not show it{others}"
+                f"{clean(each.name)} depends on parameters that are held fixed: {names[0]} 10 % larger changes it "
+                f"by {significant(100.0 * own[0].share, 2)} % ({significant(abs(own[0].shift) / each.std, 2)} "
+                f"standard deviations) with no visible effect on the residuals{others}"
             )
     return found
 
@@ -80,7 +80,7 @@ def suspects(result: Identification) -> list[str]:
         return []
     alike = [each for each in ranked if each.explains > _AS_WELL * ranked[0].explains]
     named = ", ".join(f"{clean(each.name)} {_by(each.change)}" for each in alike[:_MOST])
-    more = f" and {len(alike) - _MOST} others" if len(alike) > _MOST else ""
+    more = f" and {number_of(len(alike) - _MOST, 'more parameter')}" if len(alike) > _MOST else ""
     either, then = "this one", "if it is uncertain, estimate it, too"
     if len(alike) > 1:
         either, then = "one of these", "estimate the one that is uncertain, too"
