@@ -42,7 +42,7 @@ class Ecu:
 
     def request(self, action: str) -> None:
         """The driver's button: open, close or stop."""
-        self._go({"open": "open", "close": "close", "stop": "coast"}[action])
+        self._go({"open": "open", "close": "close", "stop": "brake"}[action])
 
     def step(self, now_s: float, frames: Sequence[can.Message]) -> list[can.Message]:
         """What it sends, after all frames since the last call."""
@@ -68,7 +68,8 @@ class Ecu:
         elif self._is_reversing and self._now - self._since > REVERSAL:
             self._go("brake")
         elif left["HallSpeed"] == right["HallSpeed"] == 0:
-            self._go("coast")  # at an end stop
+            # At an end stop. Without current an open gate would sink a little.
+            self._go("brake" if self._direction == "open" else "coast")
 
     def _go(self, direction: str) -> None:
         self._direction, self._since, self._is_reversing = direction, self._now, False

@@ -265,7 +265,7 @@ def frames_for_tick(config: LoopConfig, state: LoopState, params: RunParams, sha
         restamp(stimuli.bus_faults, given.count, room.given_stamps, pace.due_ns)
     if pace.left == 0:
         pace.due_ns = clock_ns(_MONOTONIC, room)
-    longest = longest_wait(given, room.given_stamps, pace.due_ns)
+    longest = longest_wait(given, room.given_stamps, pace.due_ns, pace.start_ns)
     pace.waited_ns = max(longest, control.turn_late_ns, control.line_late_ns)
     control.line_late_ns = 0
     return given
@@ -281,7 +281,8 @@ def note_given(
         previous_ns, now_ns = pace.due_ns - config.step_ns, before.tick * config.step_ns
         backdate(config.inputs, after.reception, given, room.given_stamps, previous_ns, now_ns)
     if after.counts.accepted > before.counts.accepted and pace.command_ns == 0:
-        pace.command_ns = first_arrival(given, room.given_stamps, command)
+        arrival = first_arrival(given, room.given_stamps, command)
+        pace.command_ns = max(arrival, pace.start_ns) if arrival > 0 else 0
 
 
 @compilable
