@@ -166,6 +166,9 @@ RUN = Document(
         "maxima.COLUMN": "in the unit of the [signal](signals.md); null: unknown",
         "minima": "smallest value of each column of recordings",
         "minima.COLUMN": "in the unit of the [signal](signals.md); null: unknown",
+        "verdict": "`pass`, `fail`, `error` or `inconclusive`: the worst of the expectations; "
+        "the exit code of `run` reports on the bench alone",
+        "expectations.NAME": "verdict on each expectation of the scenario",
         "notes": "what may explain the run, as texts, such as requests that the ECU does not take",
         "link": "errors of the link, see Link",
         "provenance": "see Provenance",

@@ -16,6 +16,7 @@ from liftgate_hil.cli.exit_codes import RUN_EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import run_loop
 from liftgate_hil.ecu.names import ON_A_BUS
+from liftgate_hil.errors import printable
 from liftgate_hil.judging.verdict import ERROR
 
 if TYPE_CHECKING:
@@ -63,7 +64,13 @@ def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **mor
     if args.json:
         print(json.dumps({**_content(args, result, stopped), **more}, allow_nan=False))
     elif not args.quiet:
-        print("\n".join(result.summary.lines()))
+        print("\n".join([*result.summary.lines(), *_verdicts(result)]))
+
+
+def _verdicts(result: Result) -> list[str]:
+    """Return the verdicts of the scenario's expectations in a line, in a list; empty: there are none."""
+    found = [f"{name}: {each.verdict}" for name, each in result.expectations.items()]
+    return [printable(f"expectations: {', '.join(found)}")] if found else []
 
 
 def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> dict[str, Any]:
@@ -75,6 +82,8 @@ def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> 
         "stop_reason": stopped.name or "duration",
         "maxima": _known(result.maxima),
         "minima": _known(result.minima),
+        "verdict": result.verdict,
+        "expectations": {name: each.verdict for name, each in result.expectations.items()},
         "notes": list(result.notes),
         "provenance": provenance_of(args.command_line, result.sources).as_dict(),
     }

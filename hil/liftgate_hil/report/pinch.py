@@ -37,13 +37,13 @@ BORROWED = (
 )
 # Explanation of the limits, by their force [N].
 ORIGINS: Mapping[float, str] = {
-    100.0: "borrowed from UN R21 (1.5 and 5.8), which covers windows, roof panels and partitions: gaps of 4 to "
+    100.0: "UN R21 (1.5 and 5.8), which covers windows, roof panels and partitions: gaps of 4 to "
     '200 mm, reversal before 100 N at every closing attempt. FMVSS 118 "does not apply to power-operated '
     'liftgates" (NHTSA interpretation, 2001)',
-    150.0: "borrowed from EN 12453, building doors: the force that may remain after a peak of at most 0.75 s",
-    400.0: "borrowed from EN 12453, building doors: the peak, for at most 0.75 s, then 150 N",
+    150.0: "EN 12453, building doors: the force that may remain after a peak of at most 0.75 s",
+    400.0: "EN 12453, building doors: the peak, for at most 0.75 s, then 150 N",
 }
-OWN_LIMIT = "set by the scenario, not by a rule known here (UN R21: 100 N; EN 12453: 400 and 150 N)"
+OWN_LIMIT = "no rule known here: the scenario's own (UN R21: 100 N; EN 12453: 400 and 150 N)"
 _MOVES = 0.5  # deg/s, speed from which on the gate moves back
 _STOPS = 0.1  # of its highest speed back, below which it coasts to a stop, or creeps on by its springs
 

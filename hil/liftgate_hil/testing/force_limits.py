@@ -28,8 +28,9 @@ def limits_section(outcomes: Sequence[Outcome]) -> str:
         return ""
     return section(
         "Force limits",
-        f"<p>{text(BORROWED)}</p>",
-        table(("limit", "source", "judged by it"), rows, ("n", "", "name")),
+        f"<p>{text(BORROWED)} An expectation on the force alone judges neither how long it lasts nor another "
+        "limit of the same rule.</p>",
+        table(("limit", "the same figure in", "compared with it by"), rows, ("n", "", "name")),
     )
 
 

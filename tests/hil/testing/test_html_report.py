@@ -121,7 +121,7 @@ def test_requirements_lead_to_scenarios_and_expectations(page: Any) -> None:
 
 def test_limits_say_that_they_are_borrowed(page: Any, tmp_path: Path) -> None:
     part = page.text[page.text.index("Force limits") : page.text.index("Scenarios")]
-    assert "borrowed from UN R21" in part
+    assert "UN R21 (1.5 and 5.8)" in part
     assert "FMVSS 118" in part
     assert "closing.toml: soft" in part
     assert "reverses" not in part  # that force is a trigger
@@ -130,8 +130,8 @@ def test_limits_say_that_they_are_borrowed(page: Any, tmp_path: Path) -> None:
     other += '[[expect]]\nname = "held"\nnever = "pinch_force_n < -7"\n'
     (outcome,) = outcomes_of(tmp_path, other=other)
     told = Page(html_of([outcome])).text
-    assert "77 N set by the scenario" in told
-    assert not re.search(r"\b[67] N set by the scenario", told)  # a force that shall be exceeded is no limit
+    assert "77 N no rule known here" in told
+    assert not re.search(r"\b[67] N no rule known here", told)  # a force that shall be exceeded is no limit
     (outcome,) = outcomes_of(tmp_path, rests=RESTS)
     assert "Force limits" not in Page(html_of([outcome])).text
 
@@ -140,7 +140,7 @@ def test_a_limit_on_the_time_above_is_the_vehicle_s(tmp_path: Path) -> None:
     timed = '[set]\n"gate.pinch_limit" = 150\n' + RESTS.split("\n", 1)[1]
     timed = "duration = 0.2\n" + timed.replace("gate_angle_deg < 1", "pinch_over_limit_s < 0.75")
     told = Page(html_of(outcomes_of(tmp_path, timed=timed))).text
-    assert "150 N borrowed from EN 12453" in told
+    assert "150 N EN 12453, building doors" in told
     assert "timed.toml: rests (time over it)" in told
 
 

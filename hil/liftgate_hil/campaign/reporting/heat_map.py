@@ -11,7 +11,7 @@ import numpy as np
 from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.report.page import text
 
-_COLUMNS, _ROWS = 14, 10  # classes of a continuous value, at most
+_COLUMNS, _ROWS = 10, 10  # classes of a continuous value, at most
 
 STYLE = """
 table.heat { border-spacing: 2px; border-collapse: separate; margin: .3rem 0; }
