@@ -49,6 +49,7 @@ def test_a_fault_is_injected_shown_and_cleared(page: Any, address: str) -> None:
     click(page, "#fault button")
     until(page, lambda _: "fault kind spring_weak" in text_of(page, "#answer"))
     until(page, lambda _: "Spring weak right factor 0.5" in text_of(page, "#fault-on"))
+    until(page, lambda _: text_of(page, "#health").startswith("1 injected fault"))
     force = client.ask("/api/state")[1]["in_force"]
     assert force["faults"] == [{"kind": "spring_weak", "where": "right", "factor": 0.5}]
     click(page, "#fault-on button")

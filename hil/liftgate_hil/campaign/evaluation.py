@@ -49,7 +49,7 @@ class Row(NamedTuple):
     figures: Figures
     wall_s: float
     error: str  # why there is no result; "": there is one
-    verdicts: tuple[str, ...] = ()  # on each expectation
+    verdicts: tuple[str, ...]  # on each expectation
 
 
 def error_row(base: Base, error: str, wall_s: float = math.nan) -> Row:

@@ -86,7 +86,9 @@ class Folder:
         except (ValueError, RecursionError) as error:
             raise ConfigError(f"{path}: not JSON: {error}; allowed: as a campaign has written it") from error
         if not isinstance(found, dict) or found.get("format") != FORMAT:
-            raise ConfigError(f"{path}: format: allowed: {FORMAT}, of a campaign of this version")
+            raise ConfigError(
+                f"{path}: format: made by another version; allowed: {FORMAT}, or the campaign in a new folder"
+            )
         return found
 
     def request(self) -> Request:

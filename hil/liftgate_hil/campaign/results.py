@@ -60,9 +60,7 @@ def table_of(base: Base, values: Floats, rows: Sequence[Row]) -> pa.Table:
     found |= {each.name: _numbers(values[:, k]) for k, each in enumerate(base.targets)}
     found[VERDICT] = pa.array([each.verdict for each in rows], pa.string())
     for k, name in enumerate(base.expectations):
-        found[f"{JUDGED}{name}"] = pa.array(
-            [each.verdicts[k] if each.verdicts else None for each in rows], pa.string()
-        )
+        found[f"{JUDGED}{name}"] = pa.array([each.verdicts[k] for each in rows], pa.string())
     found |= {f"{MARGIN}{name}": _numbers(margins[:, k]) for k, name in enumerate(base.expectations)}
     found |= {name: _numbers(figures[:, k]) for k, name in enumerate(Figures._fields)}
     found[WALL] = _numbers(np.array([each.wall_s for each in rows], dtype=np.float64))

@@ -8,8 +8,8 @@ address with the token. Runs until it is stopped; a run that has ended is follow
   liftgate-hil --bus socketcan:vcan0 --dashboard      both in one
 
 Scripts ask the same server: GET /api/state, GET /api/about (what can be commanded, with ranges), POST
-/api/command, WS /api/stream, each with ?token=…. The token is another one each time, or LIFTGATE_HIL_TOKEN of the
-environment.
+/api/command, WS /api/stream, each with ?token=…. Each start has a new token, unless LIFTGATE_HIL_TOKEN is set
+in the environment.
 """
 
 from __future__ import annotations
@@ -158,6 +158,6 @@ def _chosen() -> int:
         which = ", ".join(map(str, found))
         raise ConfigError(f"`attach` missing: several runs are active; allowed: one of {which}")
     raise ConfigError(
-        "`attach` missing: no run of yours is active on this machine; allowed: while an emulator of yours runs "
-        "(liftgate-hil --bus …), or with `recording`"
+        "no emulator of yours is running on this machine; allowed: beside a running one (liftgate-hil --bus …), "
+        "or with `recording` FILE or `scenarios` FOLDER"
     )

@@ -111,7 +111,8 @@ def _error_code(argv: Sequence[str] | None) -> int:
 def _command(argv: Sequence[str] | None) -> int:
     """Parse the command line, run the subcommand and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    name = arguments.pop(0) if arguments and arguments[0] in COMMANDS else "run"
+    is_named = bool(arguments) and arguments[0] in COMMANDS
+    name = arguments.pop(0) if is_named else "run"
     module = importlib.import_module(f"liftgate_hil.cli.{name}")
     parser = Parser(
         prog="liftgate-hil" if name == "run" else f"liftgate-hil {name}",
@@ -124,6 +125,8 @@ def _command(argv: Sequence[str] | None) -> int:
     if name in _JUDGING:
         parser.on_error = functools.partial(_report_flags, arguments)
     if name == "run" and arguments and not arguments[0].startswith("-"):
+        if is_named:
+            parser.error(f"no argument {arguments[0]!r}; allowed: flags, as --scenario {arguments[0]}")
         parser.error(f"no subcommand {arguments[0]!r}; allowed: {allowed_names(arguments[0], COMMANDS)}")
     args = parser.parse_args(arguments)
     args.owns_process = argv is None

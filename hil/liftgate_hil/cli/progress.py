@@ -20,7 +20,7 @@ _ROOMY = 50  # columns from which there is room for a bar beside everything else
 
 
 class Progress:
-    """Progress of one thing, on a terminal as a picture, elsewhere as a `plain` line now and then; None: nothing.
+    """Progress of one task: a live display on a terminal, else a line every PLAIN_S, if there is `plain`.
 
     As a context the picture is drawn a few times a second, also while nothing is reported; else only with its
     updates, as the lines are. A picture leaves nothing behind.
@@ -86,6 +86,8 @@ class Progress:
             return
         self._next_plain = now + PLAIN_S
         taken, done, total, _ = self._extent()
+        if done >= total > 0.0:  # its result comes next
+            return
         parts = [duration_of(taken), f"{done / total:.0%}" if total > 0.0 else "", self._text]
         self._plain(f"{self._what}: {', '.join(filter(None, parts))}")
 

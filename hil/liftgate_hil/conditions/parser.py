@@ -43,7 +43,14 @@ _KEPT = 4096  # parsed conditions that are cached
 _BUS_SIGNAL = re.compile(r"[^\W\d]\w*\.[^\W\d]\w*")
 _PARAMETER = re.compile(r"\$(\w+)")
 _COMPARISONS = {"<": LT, "<=": LE, ">": GT, ">=": GE, "==": EQ, "!=": NE}
-_OF_OTHERS = {"=": "==", "&": "and", "|": "or", "!": "not"}  # signs of other languages, and ours
+_OF_OTHERS = {
+    "=>": ">=",
+    "=<": "<=",
+    "=": "==",
+    "&": "and",
+    "|": "or",
+    "!": "not",
+}  # signs of other languages, and ours
 _SUMS, _PRODUCTS = {"+": ADD, "-": SUB}, {"*": MUL, "/": DIV}
 _TOKEN = re.compile(
     r"""\s*(?:
@@ -143,9 +150,9 @@ class _Parser:
             found = _TOKEN.match(text, place)
             if found is None or found.lastgroup is None:
                 place += len(text[place:]) - len(text[place:].lstrip())
-                ours = next((each for sign, each in _OF_OTHERS.items() if text.startswith(sign, place)), "")
-                if ours:
-                    raise ValueError(f"{text[place]!r} at character {place + 1}; allowed: {ours}")
+                theirs = next((sign for sign in _OF_OTHERS if text.startswith(sign, place)), "")
+                if theirs:
+                    raise ValueError(f"{theirs!r} at character {place + 1}; allowed: {_OF_OTHERS[theirs]}")
                 raise ValueError(
                     f"{text[place]!r} at character {place + 1}; allowed: columns, Message.Signal, numbers, $name, "
                     "< <= > >= == != + - * / abs() and or not ( )"

@@ -192,7 +192,7 @@ def _written(
             path.replace(target)
     except RecordingError as error:
         text = str(error).removeprefix("`OUT` ").replace(str(path), str(target))
-        raise RecordingError(f"{text}; no file was written") from error
+        raise RecordingError(text if path == target else f"{text}; no file was written") from error
     finally:
         if path != target:
             with suppress(FileNotFoundError):

@@ -15,7 +15,7 @@ from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.calibration import CALIBRATED, coded
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
-from liftgate_hil.errors import ConfigError, EcuError, place_of, text_of
+from liftgate_hil.errors import ConfigError, EcuError, place_of, shown, text_of
 from liftgate_plant.coding import UNCODED, Coding
 
 if TYPE_CHECKING:
@@ -46,7 +46,11 @@ def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, codi
     if is_library(name):
         return LibraryEcu(Path(name), rig, drives, shares_clock)
     another = functools.partial(_instance_of, name)
-    return PythonEcu(another(), rig, drives, shares_clock, another)
+    found = another()
+    try:
+        return PythonEcu(found, rig, drives, shares_clock, another)
+    except ConfigError as error:
+        raise ConfigError([line.replace(shown(found), name) for line in error.issues]) from error
 
 
 def check_ecu(ecu: Any) -> None:
@@ -61,7 +65,9 @@ def check_ecu(ecu: Any) -> None:
         top = re.split("[.:]", name, maxsplit=1)[0]
         if not _is_module(top):
             if top == "mutant":
-                raise ConfigError(f"`ecu` {name}: a mutant runs in `test` and `campaign`; allowed: {_ALLOWED}")
+                raise ConfigError(
+                    f"`ecu` {name}: a mutant is run by liftgate-hil test and campaign; allowed: {_ALLOWED}"
+                )
             raise ConfigError(f"`ecu` {name}: no module {top} in {Path.cwd()}, nor installed")
     else:
         raise ConfigError(f"`ecu` {name}: {_advice(name)}allowed: {_ALLOWED}")
@@ -97,6 +103,8 @@ def _advice(name: str) -> str:
         where = "" if is_below else f", with PYTHONPATH={shlex.quote(str(path.parent))}"
         name = attribute if attribute.isidentifier() else "CLASS"
         return f"a Python file; name its module and class: {module}:{name}{where}; "
+    if Path(*name.split(".")).with_suffix(".py").is_file():
+        return f"a module; name its class, too: {name}:CLASS; "
     if path.is_file():
         return "neither a shared library (.so) nor a Python class; a program of its own is reached by a bus; "
     from difflib import get_close_matches  # imported only where used, since the import takes time

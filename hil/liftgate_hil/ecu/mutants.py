@@ -13,7 +13,7 @@ from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.calibration import CALIBRATED, Calibration, coded
 from liftgate_hil.ecu.names import REFERENCE as REFERENCE_NAME
 from liftgate_hil.ecu.reference import EcuConfig
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, allowed_names
 from liftgate_plant.coding import Coding
 
 if TYPE_CHECKING:
@@ -44,7 +44,9 @@ _MUTANTS = (
            {"reference_time": 0.015}),
     Mutant("inertia_uncompensated", "the current that accelerates the drives counts as load", {"inertia": 0.0}),
     Mutant("reversal_too_short", "it reverses by 2 % of the travel", {"reverse_distance": 0.02}),
-    Mutant("closing_too_fast", "it closes twice as fast", factors={"closing_speed": 2.0, "closing_start": 2.0}),
+    Mutant("closing_too_fast", "the closing speed asked for is twice as high", factors={
+        "closing_speed": 2.0, "closing_start": 2.0,
+    }),
     Mutant("stall_unseen", "stalled drives are still driven", {"stall_time": _NEVER, "seal_stall_time": _NEVER}),
     Mutant("latch_not_released", "the latch is not released", {"latch_pulse": 0.0}),
     Mutant("end_missed", "the open end is assumed 400 counts too far", {"end_margin": -400.0}),
@@ -88,7 +90,7 @@ def ecu_and_mutant(name: str, called: str = "ecu") -> tuple[str, str]:
     if kind != "mutant":
         return name, ""
     if mutant not in MUTANTS:
-        raise ConfigError(f"`{called}` {name}: allowed: mutant: and one of {', '.join(MUTANTS)}")
+        raise ConfigError(f"`{called}` {name}: allowed: mutant: and one of {allowed_names(mutant, MUTANTS)}")
     return REFERENCE_NAME, mutant
 
 

@@ -27,10 +27,7 @@ if TYPE_CHECKING:
 
 
 def machine_code(adapter: Adapter) -> Callable[..., Any]:
-    """Return the code of an ECU's turn, which is compiled here if it is not yet.
-
-    That is before it matters how long the ECU's own code takes.
-    """
+    """Return the machine code of an ECU's turn, compiled here, so that this does not count as the ECU's time."""
     code: Callable[..., Any] = compiled(turn)
     code(adapter.node._replace(kind=NO_ECU), adapter.state, empty_frames(0), 0)
     return code

@@ -75,8 +75,8 @@ def begun_in_motion(problem: Problem, point: Floats) -> list[str]:
         _, _, largest = motion(data.whole or data)
         if abs(value) < _SLOW * largest:
             found.append(
-                f"{data.name}: taken to begin in motion, estimated at {value:.2g} rev/s: if it begins at rest, "
-                "--initial says so (closed, open, or an angle)"
+                f"{data.name}: the initial speed was estimated as {value:.2g} rev/s: if the gate was at rest at "
+                "the first sample, give `initial` (closed, open, or an angle)"
             )
     return found
 

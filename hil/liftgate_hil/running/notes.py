@@ -75,8 +75,8 @@ def without_contact(setup: Setup, result: Result) -> list[str]:
     if not obstacles or result.maxima["pinch_force_n"] != 0.0:
         return []
     places = ", ".join(f"{math.degrees(each.obstacle.angle):.4g}°" for each in obstacles)
-    what = "the obstacle" if len(obstacles) == 1 else "an obstacle"
-    return [f"the gate never met {what} ({places}): the pinch force was 0 all the time"]
+    what = "never met the obstacle" if len(obstacles) == 1 else "met none of the obstacles"
+    return [f"the gate {what} ({places}): the pinch force was 0 all the time"]
 
 
 def _span(side: str, low: float, high: float) -> str:

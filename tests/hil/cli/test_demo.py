@@ -578,10 +578,7 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(capsys: pytest.CaptureF
         (["--record", "."], "--record .: is a folder; allowed: a file of .csv, .parquet"),
         (["--set", "gate.hinge=3"], "3 is not a point; allowed: [x, y], each of -10 to 10 m"),
         (["--rig", "their.dbc"], "their.dbc: a database, not a rig; allowed: a rig in TOML ("),
-        (
-            ["--ecu", f"{__name__}:NoStep"],
-            f"--ecu an object of {__name__}.NoStep: no step(); allowed: an object with step(",
-        ),
+        (["--ecu", f"{__name__}:NoStep"], f"--ecu {__name__}:NoStep: no step(); allowed: an object with step("),
     ],
 )
 def test_issues_name_flags_as_a_user_types_them(

@@ -46,6 +46,7 @@ def test_units_of_products(text: str, unit: str) -> None:
         ("gate_angle_deg > 3 AND time_s > 1", "AND at character 20; allowed: and, or, or the end"),
         ("gate_angle_deg > p", "p: no such column; allowed: $p, the parameter"),
         ("gate_angle_deg = 3", "'=' at character 16; allowed: =="),
+        ("gate_angle_deg => 3", "'=>' at character 16; allowed: >="),
         ("time_s > 1 && time_s < 2", "'&' at character 12; allowed: and"),
         ("time_s > 1 || time_s < 2", "'|' at character 12; allowed: or"),
         ("!(time_s > 1)", "'!' at character 1; allowed: not"),

@@ -331,7 +331,7 @@ def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (("--attach", "1"), "--attach 1: no run of yours; allowed: the process of a run"),
-        ((), "--attach missing: no run of yours is active on this machine"),
+        ((), "no emulator of yours is running on this machine"),
         (("--attach", "x"), "--attach: 'x'; allowed: a whole number from 1 to"),
         (("--recording", "no.csv"), "no.csv"),
         (("--recording", "no.csv", "--attach", "1"), "not allowed with"),

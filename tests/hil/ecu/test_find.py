@@ -40,6 +40,8 @@ from liftgate_hil.running.setup import rig_from
             "program",
             "neither a shared library (.so) nor a Python class; a program of its own is reached by a bus; ",
         ),
+        ("module_here", "a module; name its class, too: module_here:CLASS; allowed: "),
+        ("mutant:no_such", "a mutant is run by liftgate-hil test and campaign; allowed: "),
         ("Referense", "did you mean reference? allowed: "),
         ("my_ecu", "allowed: reference, the path of a shared library, MODULE:CLASS, or bus"),
         ("nowhere.so", "no such file"),
@@ -51,6 +53,7 @@ def test_a_name_that_names_no_ecu_is_told_with_what_it_may_have_meant(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("program").touch()
+    Path("module_here.py").touch()
     with pytest.raises(ConfigError) as failure:
         check_ecu(name)
     (issue,) = failure.value.issues

@@ -134,4 +134,4 @@ def test_a_slow_motion_at_the_beginning_that_may_be_noise_is_told(
         outputs={name: values[begin:] for name, values in outputs.items()},
     )
     result = estimated(true_vehicle(), "full", ["motor.resistance"], [cut], None)
-    assert bool([each for each in result.data_warnings if "taken to begin in motion" in each]) == is_told
+    assert bool([each for each in result.data_warnings if "the initial speed was estimated" in each]) == is_told

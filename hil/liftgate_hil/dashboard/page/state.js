@@ -291,14 +291,7 @@ function showEnd(end) {
   find("end-verdict").textContent = isJudged
     ? `The run has ended: ${end.verdict}${code && ` (${code})`}`
     : `The run has ended${code && ` (${code})`}.${about.scenario ? " It had no expectations." : ""}`;
-  const reasons = {}; // one that several expectations share is shown once
-  for (const each of end.expectations) if (each.reason) (reasons[each.reason] ??= []).push(each.name);
-  const reason =
-    end.reason ||
-    Object.entries(reasons)
-      .map(([each, names]) => `${names.join(", ")}: ${each}`)
-      .join("; ");
-  find("end-reason").textContent = reason.replaceAll("`", "");
+  find("end-reason").textContent = (end.reason || "").replaceAll("`", "");
   find("end-next").textContent = about.starts
     ? "Start a scenario to go on."
     : about.ends_with_run
