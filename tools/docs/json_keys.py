@@ -168,7 +168,8 @@ RUN = Document(
         "minima.COLUMN": "in the unit of the [signal](signals.md); null: unknown",
         "verdict": "`pass`, `fail`, `error` or `inconclusive`: the worst of the expectations; "
         "the exit code of `run` reports on the bench alone",
-        "expectations.NAME": "verdict on each expectation of the scenario",
+        "expectations": "verdicts on the scenario's expectations; empty: it has none",
+        "expectations.NAME": "`pass`, `fail`, `error` or `inconclusive`",
         "notes": "what may explain the run, as texts, such as requests that the ECU does not take",
         "link": "errors of the link, see Link",
         "provenance": "see Provenance",

@@ -116,7 +116,7 @@ def _table(base: Base, size: int) -> Any:
     figures = generator.random((size, len(Found._fields)))
     margins = generator.random((size, len(base.expectations)))
     rows = [
-        Row("pass", tuple(own), Found(*each), float(each[0]), "")
+        Row("pass", tuple(own), Found(*each), float(each[0]), "", ("pass",) * len(own))
         for own, each in zip(margins.tolist(), figures.tolist(), strict=True)
     ]
     return table_of(base, values, rows)

@@ -43,14 +43,8 @@ _KEPT = 4096  # parsed conditions that are cached
 _BUS_SIGNAL = re.compile(r"[^\W\d]\w*\.[^\W\d]\w*")
 _PARAMETER = re.compile(r"\$(\w+)")
 _COMPARISONS = {"<": LT, "<=": LE, ">": GT, ">=": GE, "==": EQ, "!=": NE}
-_OF_OTHERS = {
-    "=>": ">=",
-    "=<": "<=",
-    "=": "==",
-    "&": "and",
-    "|": "or",
-    "!": "not",
-}  # signs of other languages, and ours
+# Signs of other languages, and ours.
+_OF_OTHERS = {"=>": ">=", "=<": "<=", "=": "==", "&": "and", "|": "or", "!": "not"}
 _SUMS, _PRODUCTS = {"+": ADD, "-": SUB}, {"*": MUL, "/": DIV}
 _TOKEN = re.compile(
     r"""\s*(?:

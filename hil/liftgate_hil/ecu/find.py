@@ -103,7 +103,7 @@ def _advice(name: str) -> str:
         where = "" if is_below else f", with PYTHONPATH={shlex.quote(str(path.parent))}"
         name = attribute if attribute.isidentifier() else "CLASS"
         return f"a Python file; name its module and class: {module}:{name}{where}; "
-    if Path(*name.split(".")).with_suffix(".py").is_file():
+    if all(map(str.isidentifier, name.split("."))) and Path(*name.split(".")).with_suffix(".py").is_file():
         return f"a module; name its class, too: {name}:CLASS; "
     if path.is_file():
         return "neither a shared library (.so) nor a Python class; a program of its own is reached by a bus; "

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from liftgate_hil.errors import ConfigError
 
-_LONGEST = 200  # characters of a name that a temporary one holds: file systems allow 255 bytes
+_LONGEST = 200  # bytes of a name that a temporary one holds: file systems allow 255
 # Suffixes of files that a report may replace.
 _KINDS = {"--html": (".html", ".htm"), "--save-vehicle": (".toml",), "--result": (".json",)}
 
@@ -84,6 +84,8 @@ def write_whole(path: Path, content: bytes) -> None:
     beside = place.with_name(name_beside(place.name))
     try:
         with beside.open("wb") as stream:
+            if place.exists():
+                os.fchmod(stream.fileno(), place.stat().st_mode)
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())  # else a power cut may leave a renamed file that is empty
@@ -96,4 +98,5 @@ def write_whole(path: Path, content: bytes) -> None:
 
 def name_beside(name: str) -> str:
     """Return the name of a temporary file for the content of another one."""
-    return f".{name[:_LONGEST]}.{uuid.uuid4().hex}"
+    begin = os.fsencode(name)[:_LONGEST].decode(errors="ignore")
+    return f".{begin}.{uuid.uuid4().hex}"

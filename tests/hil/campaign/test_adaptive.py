@@ -70,7 +70,11 @@ class Formula:
             if stopped():
                 return
             margins = self.margin(batch.values)
-            rows = [Row("pass", (9.0, float(each)), NO_FIGURES, 0.0, "") for each in margins]
+            own = [("pass", "fail" if each < 0.0 else "pass") for each in margins]
+            rows = [
+                Row("pass", (9.0, float(each)), NO_FIGURES, 0.0, "", verdicts)
+                for each, verdicts in zip(margins, own, strict=True)
+            ]
             self.evaluated += map(tuple, batch.values.tolist())
             store.put(batch.name, table_of(self.base, batch.values, rows))
             told(len(rows))

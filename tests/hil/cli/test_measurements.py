@@ -63,8 +63,8 @@ def test_spikes_are_no_other_unit_and_can_be_dropped(drive: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         measure(drive)
     assert caught.value.issues == [
-        f"{drive}: left_current_a: 1 of {COUNT} values, the largest 8000 in row 1001, are beyond 169.5 A: are "
-        "they spikes? `drop_outliers` omits these; allowed: up to 169.5 A with this vehicle"
+        f"{drive}: left_current_a: 1 spike beyond 169.5 A, the largest 8000 in row 1001; allowed: up to 169.5 A "
+        "with this vehicle, or `drop_outliers`"
     ]
     (m,) = measure(drive, "--drop-outliers")
     assert np.nanmax(m.columns["left_current_a"]) < 3.0

@@ -1,0 +1,45 @@
+"""Files of reports and pictures: whole, or as they were before."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+import pytest
+
+from liftgate_hil.report.files import write_whole
+
+
+def test_a_file_is_replaced_with_its_permissions(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_bytes(b"before")
+    path.chmod(0o600)
+    write_whole(path, b"after")
+    assert (path.read_bytes(), path.stat().st_mode & 0o777) == (b"after", 0o600)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_stays_and_what_it_leads_to_is_written(tmp_path: Path) -> None:
+    path, link = tmp_path / "report.html", tmp_path / "latest.html"
+    link.symlink_to(path.name)
+    write_whole(link, b"content")
+    assert link.is_symlink()
+    assert path.read_bytes() == b"content"
+
+
+@pytest.mark.parametrize("name", ["ä" * 127, "x" * 255])
+def test_a_name_may_be_as_long_as_the_file_system_allows(tmp_path: Path, name: str) -> None:
+    write_whole(tmp_path / name, b"content")
+    assert [each.name for each in tmp_path.iterdir()] == [name]
+
+
+def test_a_pipe_is_written_to(tmp_path: Path) -> None:
+    path, read = tmp_path / "pipe", []
+    os.mkfifo(path)
+    reader = threading.Thread(target=lambda: read.append(path.read_bytes()))
+    reader.start()
+    write_whole(path, b"content")
+    reader.join(60.0)
+    assert read == [b"content"]
+    assert path.is_fifo()
