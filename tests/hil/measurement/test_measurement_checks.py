@@ -105,7 +105,7 @@ def test_what_conditioning_must_not_leave_is_a_fault() -> None:
 
 
 def test_a_few_samples_that_are_too_large_are_spikes_and_more_are_another_unit() -> None:
-    """What is told to be omitted with `drop_outliers` is what that omits."""
+    """The message offers `drop_outliers` for exactly those samples that the outlier filter removes."""
     amperes = 5.0 + np.random.default_rng(0).normal(0.0, 0.1, 2000)
     for rows, is_spike in ((slice(700, 705), True), (slice(700, 706), False)):
         values = amperes.copy()

@@ -127,6 +127,15 @@ def test_what_passes_after_a_precondition_that_was_not_completed_is_inconclusive
     assert lh.judge([tmp_path / "run.csv"], file) == dict(result.expectations)
 
 
+def test_a_recording_shows_that_the_precondition_was_not_completed(tmp_path: Path) -> None:
+    """No condition names the gate's angle, which tells it."""
+    expected = "[[expect]]\nname = 'soft'\nalways = 'pinch_force_n < 150'\n"
+    file = scenario(tmp_path, f'precondition = ["open"]\n{expected}', 0.5)
+    result = lh.run(file, ecu=Idle(), record=tmp_path / "run.csv")
+    assert result.expectations["soft"].verdict == "inconclusive"
+    assert lh.judge([tmp_path / "run.csv"], file) == dict(result.expectations)
+
+
 def test_the_reason_of_an_inconclusive_run_names_what_is_undecided_and_why(tmp_path: Path) -> None:
     text = OPENS + "".join(
         f"[[expect]]\nname = '{name}'\nalways = 'pinch_force_n < 150'\nafter = 'gate_angle_deg > {angle}'\n"
