@@ -15,7 +15,7 @@ from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.calibration import CALIBRATED, coded
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
-from liftgate_hil.errors import ConfigError, EcuError, place_of, shown, text_of
+from liftgate_hil.errors import ConfigError, EcuError, place_of, text_of
 from liftgate_plant.coding import UNCODED, Coding
 
 if TYPE_CHECKING:
@@ -46,11 +46,7 @@ def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, codi
     if is_library(name):
         return LibraryEcu(Path(name), rig, drives, shares_clock)
     another = functools.partial(_instance_of, name)
-    found = another()
-    try:
-        return PythonEcu(found, rig, drives, shares_clock, another)
-    except ConfigError as error:
-        raise ConfigError([line.replace(shown(found), name) for line in error.issues]) from error
+    return PythonEcu(another(), rig, drives, shares_clock, another, name)
 
 
 def check_ecu(ecu: Any) -> None:

@@ -27,31 +27,38 @@ class PythonEcu(Adapter):
 
     `step` is called every `period_s` (the object's own attribute, else the rig's command cycle) with all frames
     since the last call. `another` makes a new object for an ECU reset; without it the object's own `reset()` is
-    called, where it has one. Raises ConfigError.
+    called, where it has one. Messages call the ECU `name`; without it they show the object. Raises ConfigError.
     """
 
     kind = PORT
 
     def __init__(
-        self, ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, another: Callable[[], Any] | None = None
+        self,
+        ecu: Any,
+        rig: Rig,
+        drives: int,
+        shares_clock: bool = True,
+        another: Callable[[], Any] | None = None,
+        name: str = "",
     ) -> None:
         from liftgate_hil.transport.messages import message_of_fields
 
         super().__init__(rig, drives, shares_clock)
         self._ecu = ecu
+        self._name = name
         self._error: BaseException | None = None
         self._reason = ""
         self._message_of = message_of_fields
-        if isinstance(ecu, type) or not callable(_attribute(ecu, "step")):
+        if isinstance(ecu, type) or not callable(self._attribute("step")):
             what = f"a class; its object is needed, {ecu.__name__}()" if isinstance(ecu, type) else "no step()"
-            raise ConfigError(f"`ecu` {shown(ecu)}: {what}; allowed: an object with step(now_s, frames) -> frames")
-        if inspect.iscoroutinefunction(_attribute(ecu, "step")):
-            raise ConfigError(f"`ecu` {shown(ecu)}: its step is async; allowed: def step(now_s, frames) -> frames")
-        self._request: Callable[[str], object] | None = _attribute(ecu, "request")
-        period = _attribute(ecu, "period_s")
+            raise self._refusal(f"{what}; allowed: an object with step(now_s, frames) -> frames")
+        if inspect.iscoroutinefunction(self._attribute("step")):
+            raise self._refusal("its step is async; allowed: def step(now_s, frames) -> frames")
+        self._request: Callable[[str], object] | None = self._attribute("request")
+        period = self._attribute("period_s")
         seconds = rig.command_cycle_ms() * 1e-3 if period is None else period
         if not isinstance(seconds, int | float) or not 1e-6 <= seconds <= 60.0:
-            raise ConfigError(f"`ecu` {shown(ecu)}: period_s {shown(period)}; allowed: 1e-6 to 60 s")
+            raise self._refusal(f"period_s {shown(period)}; allowed: 1e-6 to 60 s")
         self._another = another
         self._callbacks = INT_OF_STEP(self._on_step), INT_OF_LONG_INT(self._on_request)
         step, request = (wire.address_of(each) for each in self._callbacks)
@@ -60,15 +67,15 @@ class PythonEcu(Adapter):
 
     def takes(self, action: str) -> bool:
         """Whether the ECU accepts a request; a reset requires `another` or the object's own `reset()`."""
-        can_reset = self._another is not None or callable(_attribute(self._ecu, "reset"))
+        can_reset = self._another is not None or callable(self._attribute("reset"))
         return can_reset if action == "reset" else super().takes(action)
 
     def reset(self) -> None:
         """Make a new object, or call the object's own `reset()`. Raises EcuError."""
-        own = _attribute(self._ecu, "reset")
+        own = self._attribute("reset")
         if not self.takes("reset"):
             raise EcuError(
-                f"the ECU {shown(self._ecu)} cannot be reset; allowed: MODULE:CLASS, or an object with reset()"
+                f"the ECU {self._called()} cannot be reset; allowed: MODULE:CLASS, or an object with reset()"
             )
         try:
             with FOREIGN:
@@ -82,7 +89,7 @@ class PythonEcu(Adapter):
             raise EcuError(
                 f"the ECU's reset: {type(error).__name__}: {text_of(error)}{place_of(error)}"
             ) from error
-        self._request = _attribute(self._ecu, "request")
+        self._request = self._attribute("request")
         head = self.state.port.head[0]
         head.waiting = head.next_ns = 0
 
@@ -108,6 +115,21 @@ class PythonEcu(Adapter):
         """Release the ECU object, whose finalizer may run code."""
         with FOREIGN:
             self._ecu = self._another = self._request = None
+
+    def _called(self) -> str:
+        return self._name or shown(self._ecu)
+
+    def _refusal(self, text: str) -> ConfigError:
+        return ConfigError(f"`ecu` {self._called()}: {text}")
+
+    def _attribute(self, attribute: str) -> Any:
+        """Return an attribute of the ECU; None: it has none. Raises ConfigError where reading it fails."""
+        try:
+            with FOREIGN:
+                return getattr(self._ecu, attribute, None)
+        except Exception as error:  # a property may raise anything
+            text = f"{type(error).__name__}: {text_of(error)}{place_of(error)}"
+            raise self._refusal(f"{attribute}: {text}; allowed: attributes that can be read") from error
 
     def _on_request(self, instance: int, action: int) -> int:
         try:
@@ -156,13 +178,3 @@ class PythonEcu(Adapter):
             outbox["format"][place] = flags
             outbox["payload"][place, : len(data)] = np.frombuffer(data, dtype=np.uint8)
         return len(answer)
-
-
-def _attribute(ecu: Any, name: str) -> Any:
-    """Return an attribute of an ECU; None: it has none. Raises ConfigError where reading it fails."""
-    try:
-        with FOREIGN:
-            return getattr(ecu, name, None)
-    except Exception as error:  # a property may raise anything
-        text = f"{type(error).__name__}: {text_of(error)}{place_of(error)}"
-        raise ConfigError(f"`ecu` {shown(ecu)}: {name}: {text}; allowed: attributes that can be read") from error

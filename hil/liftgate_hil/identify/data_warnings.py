@@ -41,17 +41,17 @@ def never_driven(data: Sequence[Data]) -> list[str]:
     return ["no motor is ever driven: the estimates rest on what moves the gate by itself"]
 
 
-def moves_one_way(problem: Problem, point: Floats) -> list[str]:
+def moves_one_way(problem: Problem, states: Sequence[Floats]) -> list[str]:
     """Return a warning on data of one direction where parameters of balance and of friction are estimated.
 
-    `point` (p,) is the end of the search, whose simulation shows the motion.
+    `states` are the simulated outputs (rows, 7) of each measurement at the end of the search.
     """
     names = [each.parameter.name for each in problem.sought]
     balance = [name for name in names if name.startswith(_BALANCE)]
     friction = [name for name in names if name.endswith(_FRICTION)]
     if not balance or not friction:
         return []
-    speeds = np.concatenate([problem.states(point, k)[:, _SPEED] for k in range(len(problem.data))])
+    speeds = np.concatenate([each[:, _SPEED] for each in states])
     least = _ONE_WAY * float(np.max(np.abs(speeds), initial=0.0))
     if np.any(speeds > least) == np.any(speeds < -least):  # both directions, or no motion at all
         return []

@@ -82,19 +82,20 @@ def identify(
     history = found.history if is_first else (initial, *found.history)
     estimates = estimates_of(problem, found.point, covariance, known)
     count = len(problem.sought)
-    parameters, states = estimates[:count], estimates[count:]
+    parameters, initial_states = estimates[:count], estimates[count:]
     if not any(each.identifiable for each in parameters):
         raise NothingToTellError("; ".join(f"{each.name}: {each.remark}" for each in parameters))
     figures = _criteria(problem, found)
     names = [each.name for each in parameters]
     groups = [[k for k in group if k < count] for group in known.apart]
     is_free = np.array([not each.is_at_bound for each in estimates])
+    states = _states_at(problem, found.point)
     return Identification(
         model=problem.model,
         vehicle="",
         outputs=tuple(problem.outputs),
         parameters=tuple(parameters),
-        initial_states=tuple(states),
+        initial_states=tuple(initial_states),
         covariance=covariance[:count, :count],
         correlation=statistics.correlation_of(covariance[:count, :count]),
         noise_variance=found.weighting.covariance,
@@ -116,12 +117,12 @@ def identify(
         data_warnings=(
             *never_driven(problem.data),
             *begun_in_motion(problem, found.point),
-            *moves_one_way(problem, found.point),
+            *moves_one_way(problem, states),
             *driven_through_gaps(problem.data),
             *offsets_at_rest(problem),
         ),
         history=np.array(history),
-        experiments=tuple(experiments_of(problem, found.point, problem.initial)),
+        experiments=tuple(experiments_of(problem, found.point, states, problem.initial)),
         profiles=tuple(
             profile(problem, found, k, estimates[k], given_std, _widening(known.covariance, covariance, k))
             for k in map(names.index, profiles)
@@ -202,20 +203,23 @@ def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | 
     if few is None:
         _check_excited(problem)
         found = _best(problem, _search(problem, report, given_std), report, given_std)
-        return past_dents(problem, found, report, given_std)
+        return past_dents(problem, found, report, given_std) or found
     coarse, kept = few
     std = None if given_std is None else given_std[kept]
     _check_excited(coarse)
     first = _best(coarse, _search(coarse, report, std), report, std)
-    rough = past_dents(coarse, first, report, std)
+    deeper = past_dents(coarse, first, report, std)
+    rough = deeper or first
     problem.evaluations += coarse.evaluations
     found = search(problem, report, given_std, rough.point)
     is_lost = is_far_off(problem, found.errors, _NEAR_PERCENT)
     if is_lost and not is_far_off(coarse, rough.errors, _NEAR_PERCENT):
         found = _search(problem, report, given_std)
     found = _best(problem, found, report, given_std)
+    if deeper is None:
+        return found
     # All rows have more dents than few, and a valley in the same place.
-    return found if rough is first else past_dents(problem, found, report, given_std)
+    return past_dents(problem, found, report, given_std) or found
 
 
 def _best(problem: Problem, found: Descent, report: Report | None, given_std: Floats | None) -> Descent:
@@ -261,7 +265,7 @@ def validate(problem: Problem) -> Validation:
     return Validation(
         problem.model,
         "",
-        tuple(experiments_of(problem, point, None)),
+        tuple(experiments_of(problem, point, _states_at(problem, point))),
         tuple(states),
         data_warnings=(
             *begun_in_motion(problem, point),
@@ -334,12 +338,21 @@ def _check_excited(problem: Problem) -> None:
         raise NothingToTellError(text)
 
 
-def experiments_of(problem: Problem, point: Floats, before: Floats | None) -> list[Experiment]:
-    """Return measured and simulated outputs of each experiment, at a point of the search and an earlier one."""
+def _states_at(problem: Problem, point: Floats) -> list[Floats]:
+    """Return the simulated outputs (rows, 7) of each experiment at a point (p,) of the search."""
+    return [problem.states(point, number) for number in range(len(problem.data))]
+
+
+def experiments_of(
+    problem: Problem, point: Floats, simulated_states: Sequence[Floats], before: Floats | None = None
+) -> list[Experiment]:
+    """Return measured and simulated outputs of each experiment, at a point of the search and at one before.
+
+    `simulated_states` are the outputs (rows, 7) of each at `point`.
+    """
     plant = plant_of(problem.vehicle_at(point))
     experiments = []
-    for number, data in enumerate(problem.data):
-        states = problem.states(point, number)
+    for number, (data, states) in enumerate(zip(problem.data, simulated_states, strict=True)):
         _check_sound(data.times, states, data.name)
         earlier = None if before is None else problem.states(before, number)
         voltage = applied_voltage(data, problem.vehicle.supply.voltage)

@@ -35,22 +35,22 @@ _ABOVE = 60.0  # deviance above the least so far at which a valley ends
 
 def past_dents(
     problem: Problem, found: Descent, report: Report | None = None, given_std: Floats | None = None
-) -> Descent:
-    """Return the search's end, or a deeper minimum that lies along one of the longest directions of the loss."""
+) -> Descent | None:
+    """Return a deeper minimum than the search's end, along one of the longest directions; None: not found."""
     if problem.model != "full" or not problem.sought:
-        return found
+        return None
     _, inverse_std = problem.priors()
     matrix = information(found.slopes, found.weighting.root, inverse_std)
     beside = min(_flat(problem, found, matrix, given_std), key=lambda place: place.deviance, default=None)
     if beside is None:
-        return found
+        return None
     std = np.sqrt(np.diag(pseudo_inverse(matrix)))[: len(problem.sought)]
     moved = np.abs(beside.point - found.point)[: len(std)]
     leading = int(np.argmax(moved / np.where(std > 0.0, std, np.inf)))
     valley = _valley(problem, found, leading, _PACE * float(std[leading]), report, given_std)
     deepest = min(valley, key=lambda each: each.deviance)
     other = past_kinks(problem, search(problem, report, given_std, deepest.point), report, given_std)
-    return better(found, other) if other.deviance < found.deviance - _WORTH else found
+    return better(found, other) if other.deviance < found.deviance - _WORTH else None
 
 
 def _valley(
