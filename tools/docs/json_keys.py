@@ -167,9 +167,8 @@ RUN = Document(
         "minima": "smallest value of each column of recordings",
         "minima.COLUMN": "in the unit of the [signal](signals.md); null: unknown",
         "verdict": "`pass`, `fail`, `error` or `inconclusive`: the worst of the expectations; "
-        "the exit code of `run` reports on the bench alone",
-        "expectations": "verdicts on the scenario's expectations; empty: it has none",
-        "expectations.NAME": "`pass`, `fail`, `error` or `inconclusive`",
+        "null: there are none. The exit code of `run` reports on the bench alone",
+        "expectations": "verdicts on the scenario's expectations, see Expectation",
         "notes": "what may explain the run, as texts, such as requests that the ECU does not take",
         "link": "errors of the link, see Link",
         "provenance": "see Provenance",
@@ -190,7 +189,7 @@ RUN = Document(
         "pinch.limits[].margin_n": "limit minus largest force [N]",
         "pinch.limits[].over_s": "longest time above the limit without interruption [s]",
     },
-    {"link": LINK, "provenance": PROVENANCE},
+    {"link": LINK, "expectations[]": EXPECTATION, "provenance": PROVENANCE},
 )
 
 VERDICTS = Document(
@@ -250,7 +249,7 @@ VERDICTS = Document(
         "mutation.mutants[].killed_by": "expectations that pass with the sound ECU and fail with the mutant",
         "mutation.mutants[].killed_by[].file": "scenario",
         "mutation.mutants[].killed_by[].expectation": "name of its expectation",
-        "mutation.prove_nothing": "expectations that hold with every mutant, and with no ECU at all",
+        "mutation.prove_nothing": "expectations that no mutant fails, and that hold with no ECU",
         "mutation.prove_nothing[].file": "scenario",
         "mutation.prove_nothing[].expectation": "name of its expectation",
         "mutation.not_counted": "expectations that the sound ECU itself does not pass: they can kill no mutant",

@@ -65,7 +65,7 @@ def pack_page(outcomes: Sequence[Outcome], matrix: Matrix, seconds: float, jobs:
         table(("mutant", "defect", "found by"), found),
         "\n".join(["Expectations that hold with every mutant, and with no ECU at all:", "", *idle])
         if idle
-        else "No expectation holds with every mutant and with no ECU at all.",
+        else "There is no expectation that no mutant fails and that holds with no ECU.",
     )
     return made.replace(MADE, MADE.replace("make docs", "make pack"), 1)
 

@@ -16,7 +16,7 @@ from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.campaign import Campaign, batches_of
 from liftgate_hil.campaign.design import shares_of
 from liftgate_hil.campaign.distributions import Floats
-from liftgate_hil.campaign.probability.population import FAILED
+from liftgate_hil.campaign.probability.population import LARGEST_FAILING
 from liftgate_hil.campaign.probability.subset_simulation import Estimate, subset_simulation
 from liftgate_hil.campaign.results import JUDGED, MARGIN, numbers_in
 from liftgate_hil.campaign.search.worst_search import SearchEnd, worst_search
@@ -38,7 +38,7 @@ class Evaluated(NamedTuple):
     values: tuple[float, ...]
     margin: float
     number: int  # evaluations up to this one
-    fails: bool  # as a comparison of states may with a margin of 0
+    fails: bool  # its verdict; a comparison of states may fail with a margin of 0
 
 
 class Evaluations:
@@ -56,7 +56,8 @@ class Evaluations:
     def margins(self, values: Floats) -> Floats:
         """Return the margins (n,) of variants with values (n, d); NaN: none. Raises as `Campaign.evaluate`.
 
-        One of 0 that fails is the largest negative number.
+        A failure with a margin of 0 is given as the largest negative number, as a negative margin is a failure for
+        the algorithms.
         """
         names = [self._base.variant(each) for each in values.tolist()]
         first = {name: place for place, name in reversed(list(enumerate(names))) if name not in self._known}
@@ -73,7 +74,7 @@ class Evaluations:
 
     def _note(self, values: Floats, margins: Floats, failed: Sequence[bool]) -> None:
         for row, margin, fails in zip(values.tolist(), margins.tolist(), failed, strict=True):
-            self._known[self._base.variant(row)] = min(margin, FAILED) if fails else margin
+            self._known[self._base.variant(row)] = min(margin, LARGEST_FAILING) if fails else margin
             self.history.append(Evaluated(tuple(row), margin, len(self.history) + 1, fails))
 
 
@@ -138,9 +139,8 @@ def estimate_probability(
         return space.values(share_below(normal))
 
     drive(worst_search(_levels_within(space), searching, seed), noted, evaluations)
-    known = {found.values: found.margin for found in evaluations.history}
     normal = np.concatenate(asked)
-    margins = np.array([known[tuple(each)] for each in space.values(share_below(normal)).tolist()])
+    margins = evaluations.margins(space.values(share_below(normal)))
     pockets = pockets_of(normal[margins < 0.0])
     steps = subset_simulation(len(space.targets), seed, pockets, budget - searching)
     estimate = drive(steps, lambda points: space.values(share_below(points)), evaluations)

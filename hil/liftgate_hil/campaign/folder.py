@@ -87,7 +87,7 @@ class Folder:
             raise ConfigError(f"{path}: not JSON: {error}; allowed: as a campaign has written it") from error
         if not isinstance(found, dict) or found.get("format") != FORMAT:
             raise ConfigError(
-                f"{path}: format: made by another version; allowed: {FORMAT}, or the campaign in a new folder"
+                f"{path}: format: not of this version; allowed: {FORMAT}; run the campaign again in a new folder"
             )
         return found
 

@@ -275,5 +275,5 @@ def _standstill(shown: Result) -> list[str]:
     if angles.max() - angles.min() >= _MOVED_DEG:
         return []
     if accepted:
-        return [f"{accepted} commands were accepted, and none of them moved a drive"]
+        return [f"{number_of(accepted, 'command')} accepted, and no drive moved"]
     return [shown.summary.silence_reported()]

@@ -126,7 +126,9 @@ def _command(argv: Sequence[str] | None) -> int:
         parser.on_error = functools.partial(_report_flags, arguments)
     if name == "run" and arguments and not arguments[0].startswith("-"):
         if is_named:
-            parser.error(f"no argument {arguments[0]!r}; allowed: flags, as --scenario {arguments[0]}")
+            parser.error(
+                f"unexpected argument {arguments[0]!r}; allowed: flags, for example --scenario {arguments[0]}"
+            )
         parser.error(f"no subcommand {arguments[0]!r}; allowed: {allowed_names(arguments[0], COMMANDS)}")
     args = parser.parse_args(arguments)
     args.owns_process = argv is None

@@ -15,7 +15,7 @@ from liftgate_hil.cli.options import bounded, whole
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
-    from liftgate_hil.measurement.checks import Expected
+    from liftgate_hil.measurement.known_vehicle import KnownVehicle
     from liftgate_hil.measurement.measurement import Measurement
     from liftgate_plant.vehicle import Vehicle
 
@@ -138,13 +138,13 @@ def _conditioned(
     if vehicle.drives == 1:
         columns = {k: v for k, v in measurement.columns.items() if not k.startswith("right_")}
         measurement = replace(measurement, columns=columns)
-    # A spike that is dropped later is no value in another unit.
-    kept = quality.report_outliers(measurement, True, expected_of(vehicle)) if args.drop_outliers else measurement
-    _raise_if_any(checks.check(kept, expected_of(vehicle)))
+    # An outlier that is dropped later is no value in another unit.
+    kept = quality.report_outliers(measurement, True, known_of(vehicle)) if args.drop_outliers else measurement
+    _raise_if_any(checks.check(kept, known_of(vehicle)))
     measurement = condition.cut_time(measurement, args.start, args.end)
     _raise_if_any(checks.check_length(measurement))
     measurement = quality.report_gaps(measurement)
-    measurement = quality.report_outliers(measurement, args.drop_outliers, expected_of(vehicle))
+    measurement = quality.report_outliers(measurement, args.drop_outliers, known_of(vehicle))
     if cut is not None:
         low, high = cut
         measurement = condition.cut_angle(
@@ -154,11 +154,11 @@ def _conditioned(
     return measurement
 
 
-def expected_of(vehicle: Vehicle) -> Expected:
-    """Return values that a measurement on this vehicle must be close to."""
-    from liftgate_hil.measurement.checks import Expected
+def known_of(vehicle: Vehicle) -> KnownVehicle:
+    """Return the properties of a vehicle that its measurements are checked against."""
+    from liftgate_hil.measurement.known_vehicle import KnownVehicle
 
-    return Expected(
+    return KnownVehicle(
         supply_voltage=vehicle.supply.voltage,
         stall_current=vehicle.supply.voltage / vehicle.left.motor.resistance,
         hall_counts=vehicle.sensors.hall_counts,

@@ -68,22 +68,25 @@ def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **mor
 
 
 def _verdicts(result: Result) -> list[str]:
-    """Return the verdicts of the scenario's expectations in a line, in a list; empty: there are none."""
-    found = [f"{name}: {each.verdict}" for name, each in result.expectations.items()]
-    return [printable(f"expectations: {', '.join(found)}")] if found else []
+    """Return the verdicts on the scenario's expectations, as lines; empty: there are none."""
+    from liftgate_hil.testing.reports import line_of
+
+    found = [f"  {printable(name)}: {line_of(each)}" for name, each in result.expectations.items()]
+    return ["expectations:", *found] if found else []
 
 
 def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> dict[str, Any]:
     """Return the summary for JSON; its keys are public, and an unknown number is None."""
     from liftgate_hil.report.provenance import provenance_of
+    from liftgate_hil.testing.reports import expectation_json
 
     return {
         **result.summary.as_dict(),
         "stop_reason": stopped.name or "duration",
         "maxima": _known(result.maxima),
         "minima": _known(result.minima),
-        "verdict": result.verdict,
-        "expectations": {name: each.verdict for name, each in result.expectations.items()},
+        "verdict": result.verdict if result.expectations else None,
+        "expectations": [expectation_json(each) for each in result.expectations.values()],
         "notes": list(result.notes),
         "provenance": provenance_of(args.command_line, result.sources).as_dict(),
     }

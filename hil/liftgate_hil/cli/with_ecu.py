@@ -119,7 +119,7 @@ def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) ->
     with _ecu_process(args, plan.setup.vehicle, job.listener) as child:
         result = execute(plan, lambda: stopped() or child.has_ended())
         try:
-            child.end(is_early=not stopped(), has_taken_part=bool(result.summary.received.accepted))
+            child.end(was_stopped=stopped(), has_taken_part=bool(result.summary.received.accepted))
         except EcuError as error:
             reason = "; ".join(filter(None, (str(error), result.reason if result.verdict == ERROR else "")))
             return replace(result, verdict=ERROR, reason=reason, events=child.events)
@@ -275,8 +275,8 @@ class EcuProcess:
         """Whether the process has ended by itself."""
         return self._process.poll() is not None
 
-    def end(self, is_early: bool, has_taken_part: bool) -> None:
-        """End the process.
+    def end(self, was_stopped: bool, has_taken_part: bool) -> None:
+        """End the process of a run, which a signal may have stopped.
 
         Raises ConfigError or EcuError where it had failed or fails now, had ended too early, or is ours and has
         not taken part in a run that was not stopped.
@@ -285,14 +285,16 @@ class EcuProcess:
         self.kill()
         code = self._process.returncode
         self._reader.join(_LEAVE_S)  # a process that it has started may hold the pipe
-        expected = (-signal.SIGTERM, -signal.SIGKILL, *(() if is_early else (-signal.SIGINT, 128 + signal.SIGINT)))
-        if code and (code not in expected or (has_ended and is_early)):
+        usual = {-signal.SIGTERM, -signal.SIGKILL}
+        if was_stopped:
+            usual |= {-signal.SIGINT, 128 + signal.SIGINT}
+        if code and (code not in usual or (has_ended and not was_stopped)):
             text = "; ".join(self._errors or self._others)[-300:] or f"exit code {code}"
             kind = ConfigError if code == _USAGE else EcuError
             raise kind(f"the ECU's process: {text}")
-        if has_ended and is_early:
+        if has_ended and not was_stopped:
             raise EcuError("the ECU's process ended before the run")
-        if not (self.events or has_taken_part) and self._is_ours and is_early:
+        if not (self.events or has_taken_part) and self._is_ours and not was_stopped:
             text = "; ".join(self._others)[-300:] or "it printed nothing"
             raise EcuError(f"the ECU's process did not take part: {text}")
 

@@ -78,7 +78,7 @@ class Adapter:
         return ""
 
     def command_digest(self) -> str:
-        """Return a digest of all its commands so far; "": unknown."""
+        """Return a digest of all commands so far; "": unknown."""
         return ""
 
     def last_frames(self) -> Frames | None:
@@ -122,7 +122,7 @@ class ReferenceEcu(Adapter):
     def reset(self) -> None:
         """Reset the ECU; reported events and, as in non-volatile memory, trouble codes are kept."""
         before = self.state.reference.memory
-        note_course(before, True)  # also of what is lost
+        note_course(before, True)  # the reset clears learned loads that are not in the course yet
         super().reset()
         after = self.state.reference.memory
         after.events[:] = before.events

@@ -170,21 +170,21 @@ def new_memory(drives: int, shares_clock: bool = True) -> Memory:
 
 
 @compilable
-def note_course(memory: Memory, has_turned: bool) -> None:
-    """Add a control cycle to the checksums of the course; `has_turned`: another state was entered in it.
+def note_course(memory: Memory, has_changed_state: bool) -> None:
+    """Add a control cycle to the checksums of the course; `has_changed_state`: another state was entered in it.
 
     They tell two ECUs apart that differed in any cycle, in command or state, although they may be equal again. The
     histories are left out, as each of their values follows from counts that were noted; what the guards collect
     over a motion is noted when it ends.
     """
-    at = add_words(memory.course, 0, memory.command.view(np.uint64), 0, INPUT_COUNT)
-    at = add_words(memory.course, at, memory.control.view(np.uint64), 0, _CONTROL)
+    at = _add_words(memory.course, 0, memory.command.view(np.uint64), 0, INPUT_COUNT)
+    at = _add_words(memory.course, at, memory.control.view(np.uint64), 0, _CONTROL)
     drives, guards = memory.drives.view(np.uint64), memory.guards.view(np.uint64)
     for k in range(len(memory.drives)):
-        at = add_words(memory.course, at, drives, k * _DRIVE, _DRIVE - (MAX_WINDOW + 1))
-    count = _GUARD if has_turned else _GUARD - 3 * BINS
+        at = _add_words(memory.course, at, drives, k * _DRIVE, _DRIVE - (MAX_WINDOW + 1))
+    count = _GUARD if has_changed_state else _GUARD - 3 * BINS
     for k in range(2):
-        add_words(memory.course, at + k * _GUARD, guards, k * _GUARD, count)
+        _add_words(memory.course, at + k * _GUARD, guards, k * _GUARD, count)
 
 
 def command_course(memory: Memory) -> Words:
@@ -193,7 +193,7 @@ def command_course(memory: Memory) -> Words:
 
 
 @compilable
-def add_words(course: Words, at: int, words: Words, begin: int, count: int) -> int:
+def _add_words(course: Words, at: int, words: Words, begin: int, count: int) -> int:
     """Add words to the checksums from `at` on, modulo 2^64; return where the next ones are."""
     for i in range(count):
         course[at + i] = np.uint64((int(course[at + i]) * int(_FACTOR) + int(words[begin + i])) & int(_MASK))

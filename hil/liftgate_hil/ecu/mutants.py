@@ -44,7 +44,7 @@ _MUTANTS = (
            {"reference_time": 0.015}),
     Mutant("inertia_uncompensated", "the current that accelerates the drives counts as load", {"inertia": 0.0}),
     Mutant("reversal_too_short", "it reverses by 2 % of the travel", {"reverse_distance": 0.02}),
-    Mutant("closing_too_fast", "the closing speed asked for is twice as high", factors={
+    Mutant("closing_too_fast", "the closing speed setpoint is doubled", factors={
         "closing_speed": 2.0, "closing_start": 2.0,
     }),
     Mutant("stall_unseen", "stalled drives are still driven", {"stall_time": _NEVER, "seal_stall_time": _NEVER}),

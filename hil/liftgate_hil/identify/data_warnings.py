@@ -1,4 +1,4 @@
-"""Warnings on data: an offset at rest, a motor that is never driven, in one direction only, or through a gap."""
+"""Warnings on data: an offset at rest, no motor driven, motion in one direction only, a long gap."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LEAST_SHARE = 1e-3  # of the largest current: an offset that is worth a warning
 _EMF_MARGIN = 2.0  # times the current that a motion within the data's error would induce
 _SLOW = 0.2  # share of the largest speed below which a motion at the beginning may be noise
 _ONE_WAY = 0.05  # share of the largest speed: less is no motion in the other direction, as when it springs back
-_SPEED = OUTPUTS.index("left_speed_rps")
+_LEFT_SPEED = OUTPUTS.index("left_speed_rps")
 _BALANCE = ("spring.", "gate.")  # parameters of what balances the gate
 # Parameters of friction, whose torque has the sign of the motion.
 _FRICTION = ("efficiency", "friction_torque", "friction_force", "load_torque", "static_ratio", "stribeck_speed")
@@ -51,7 +51,7 @@ def moves_one_way(problem: Problem, states: Sequence[Floats]) -> list[str]:
     friction = [name for name in names if name.endswith(_FRICTION)]
     if not balance or not friction:
         return []
-    speeds = np.concatenate([each[:, _SPEED] for each in states])
+    speeds = np.concatenate([each[:, _LEFT_SPEED] for each in states])
     least = _ONE_WAY * float(np.max(np.abs(speeds), initial=0.0))
     if np.any(speeds > least) == np.any(speeds < -least):  # both directions, or no motion at all
         return []

@@ -218,7 +218,7 @@ def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | 
     found = _best(problem, found, report, given_std)
     if deeper is None:
         return found
-    # All rows have more dents than few, and a valley in the same place.
+    # All rows have the same valley as few, and more local minima.
     return past_dents(problem, found, report, given_std) or found
 
 

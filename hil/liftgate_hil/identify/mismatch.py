@@ -46,7 +46,7 @@ def hints(problem: Problem, point: Floats) -> list[str]:
 def _without_sign(problem: Problem) -> list[str]:
     """Return hints on outputs or inputs that are never negative although the others say that they should be."""
     found = [
-        f"{name} has no negative values: was its magnitude recorded?"
+        f"{name} has no negative values: was only its magnitude recorded?"
         for name, measured, simulated in _courses(problem, problem.initial)
         if _has_both(simulated) and not np.any(measured < -_NOISE * np.max(np.abs(measured)))
     ]
@@ -58,7 +58,7 @@ def _without_sign(problem: Problem) -> list[str]:
     ]
     if turning and not np.any(driven < 0.0):
         found.append(
-            f"{turning[0]} has negative values, and no voltage or duty has: were their magnitudes recorded?"
+            f"{turning[0]} has negative values, and no voltage or duty has: were only their magnitudes recorded?"
         )
     return found
 

@@ -40,7 +40,7 @@ _NEAR_DEG = 2.0  # from the end of its travel, where a motion counts as complete
 
 
 class PreconditionEnd(NamedTuple):
-    """Last motion of a precondition, `open` or `close`, and the gate angle [deg] at which it ends."""
+    """Last request of a precondition, `open` or `close`, and the gate angle [deg] at which it ends."""
 
     action: str
     angle_deg: float

@@ -27,7 +27,7 @@ from liftgate_plant.compiler import compiled
 
 _NO_MARKS = np.zeros(0, dtype=np.int64)
 _TIME = COLUMN_PLACE["time_s"]
-_FIRST_S = 0.1  # time before which a row still shows where a scenario begins
+_FIRST_S = 0.1  # s, before which a row shows where a scenario begins: a gate of 20 deg/s has moved by 2 deg
 
 
 @dataclass(frozen=True)
@@ -334,13 +334,22 @@ class Judge:
     def notes(self) -> list[str]:
         """Return notes that may explain verdicts.
 
-        They are on a precondition not completed, on stimuli never made, and on faults in force too briefly.
+        They name a precondition that was not completed, or may not have been, stimuli that were never made, and
+        faults that were in force too briefly.
         """
         came = self._came()
-        unmet = self.expected.not_completed(self._began_deg)
         briefly = brief_faults(self.expected.faults, came, self._last, self._tables.step)
-        began = [f"{unmet}: the scenario begins there"] if unmet else []
-        return [*began, *briefly, *never_made(self.expected.begins, came, self._last)]
+        return [*self._begin_notes(), *briefly, *never_made(self.expected.begins, came, self._last)]
+
+    def _begin_notes(self) -> list[str]:
+        """Return a note, if there is any, on where the gate was when the scenario began."""
+        end = self.expected.precondition_end
+        if end is not None and math.isnan(self._began_deg):
+            return [
+                f"precondition: {end.action}: no gate angle before {_FIRST_S:g} s says whether it was completed"
+            ]
+        unmet = self.expected.not_completed(self._began_deg)
+        return [f"{unmet}: the scenario begins there"] if unmet else []
 
     def condition_times(self) -> dict[str, float]:
         """Return when each condition with which a stimulus begins first came true [s], by its text."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
 from liftgate_hil.errors import number_of
+from liftgate_hil.measurement.known_vehicle import KnownVehicle
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
+from liftgate_hil.measurement.quality import find_outliers
 
 MIN_ROWS = 20
 _MAX_CURRENT = 1000.0  # A
@@ -18,7 +19,6 @@ _LEAST_CURRENT = 100.0
 _FASTEST, _SLOWEST = 1e-6, 0.5  # s, median distance of the rows
 _LONGEST_GAP = 60.0  # s, between two rows
 _LONGEST = 86_400.0  # s, of the whole measurement
-SPIKE = 5  # samples that a spike lasts at most; quality.outliers finds it
 _TOLD_DEG = 5.0  # deg, smallest change of the gate angle that is checked
 # Ratio of a speed to the slope of its position, and the unit of the speed that it indicates.
 _SPEED_UNITS: Sequence[tuple[float, str]] = (
@@ -29,19 +29,9 @@ _SPEED_UNITS: Sequence[tuple[float, str]] = (
 )
 
 
-@dataclass(frozen=True)
-class Expected:
-    """Known properties of the vehicle; None: unknown."""
-
-    supply_voltage: float | None = None  # V
-    stall_current: float | None = None  # A, supply voltage / winding resistance
-    hall_counts: float | None = None  # 1/rev
-    angle_of_position: Callable[[float], float] | None = None  # angle [deg] at a position [rev]
-
-
-def check(measurement: Measurement, expected: Expected | None = None) -> list[str]:
+def check(measurement: Measurement, vehicle: KnownVehicle | None = None) -> list[str]:
     """Return all issues of a measurement, one line each."""
-    known = expected or Expected()
+    known = vehicle or KnownVehicle()
     issues = _soundness(measurement)
     if not issues:
         issues += _raster(measurement)
@@ -128,7 +118,7 @@ def slope_ratio(times: Floats, position: Floats, speed: Floats) -> float:
     return float(a @ a) / float(a @ b)
 
 
-def _position_and_speed(measurement: Measurement, side: str, known: Expected) -> list[str]:
+def _position_and_speed(measurement: Measurement, side: str, known: KnownVehicle) -> list[str]:
     columns = measurement.columns
     speed = columns.get(f"{side}_speed_rps")
     position, name = columns.get(f"{side}_position_rev"), f"{side}_position_rev"
@@ -155,7 +145,7 @@ def _position_and_speed(measurement: Measurement, side: str, known: Expected) ->
     return [f"{text}; allowed: 0.8 to 1.25"]
 
 
-def _count_and_position(measurement: Measurement, side: str, known: Expected) -> list[str]:
+def _count_and_position(measurement: Measurement, side: str, known: KnownVehicle) -> list[str]:
     count = measurement.columns.get(f"{side}_hall_count")
     position = measurement.columns.get(f"{side}_position_rev")
     if count is None or position is None or known.hall_counts is None:
@@ -172,7 +162,7 @@ def _count_and_position(measurement: Measurement, side: str, known: Expected) ->
     ]
 
 
-def _angle_and_position(measurement: Measurement, side: str, known: Expected) -> list[str]:
+def _angle_and_position(measurement: Measurement, side: str, known: KnownVehicle) -> list[str]:
     """Return an issue if the angle changes much more or less than the position: its unit or sign is wrong."""
     angle = measurement.columns.get("gate_angle_deg")
     position = _position(measurement, side, known)
@@ -198,7 +188,7 @@ def _angle_and_position(measurement: Measurement, side: str, known: Expected) ->
     return [f"{text}; allowed: 0.3 to 3 times that"]
 
 
-def _position(measurement: Measurement, side: str, known: Expected) -> Floats | None:
+def _position(measurement: Measurement, side: str, known: KnownVehicle) -> Floats | None:
     count = measurement.columns.get(f"{side}_hall_count")
     if count is not None and known.hall_counts and f"{side}_position_rev" not in measurement.columns:
         return count / known.hall_counts
@@ -210,42 +200,40 @@ def _near(values: Floats, row: np.intp) -> Floats:
     return window[np.isfinite(window)]
 
 
-def _current(measurement: Measurement, side: str, known: Expected) -> list[str]:
-    values = measurement.columns.get(f"{side}_current_a")
-    if values is None:
-        return []
+def _current(measurement: Measurement, side: str, known: KnownVehicle) -> list[str]:
     limit = _MAX_CURRENT
     if known.stall_current is not None:
         limit = min(limit, max(10.0 * known.stall_current, _LEAST_CURRENT))
-    return _too_large(f"{side}_current_a", values, limit, "A", "mA")
+    return _too_large(measurement, f"{side}_current_a", known, limit, ("A", "mA"))
 
 
-def _voltage(measurement: Measurement, side: str, known: Expected) -> list[str]:
+def _voltage(measurement: Measurement, side: str, known: KnownVehicle) -> list[str]:
     if known.supply_voltage is None:
         return []
     issues = []
     names = [f"{side}_voltage_v"] + (["supply_voltage_v"] if side == "left" else [])
     for name in names:
-        values = measurement.columns.get(name)
-        if values is not None:
-            limit = 5.0 * max(known.supply_voltage, 1.0)
-            issues += _too_large(name, values, limit, "V", "mV")
+        limit = 5.0 * max(known.supply_voltage, 1.0)
+        issues += _too_large(measurement, name, known, limit, ("V", "mV"))
     return issues
 
 
-def _too_large(name: str, values: Floats, limit: float, unit: str, rather: str) -> list[str]:
+def _too_large(
+    measurement: Measurement, name: str, known: KnownVehicle, limit: float, units: tuple[str, str]
+) -> list[str]:
+    """Return an issue of a column with values above a limit: outliers, or all in a smaller one of two units."""
+    values = measurement.columns.get(name)
+    if values is None:
+        return []
     size = np.where(np.isfinite(values), np.abs(values), 0.0)
-    row = int(np.argmax(size))
+    row, unit = int(np.argmax(size)), units[0]
     if size[row] <= limit:
         return []
-    edges = np.flatnonzero(np.diff(size > limit, prepend=False, append=False))
-    if name in OUTPUTS and np.max(edges[1::2] - edges[::2]) <= SPIKE:  # only of outputs outliers are omitted
+    allowed = f"allowed: up to {limit:.4g} {unit} with this vehicle"
+    beyond = np.flatnonzero(size > limit)
+    if np.all(np.isin(beyond, find_outliers(measurement, known).get(name, []))):
         return [
-            f"{name}: {number_of(len(edges) // 2, 'spike')} beyond {limit:.4g} {unit}, the largest "
-            f"{values[row]:.6g} in row {row + 1}; allowed: up to {limit:.4g} {unit} with this vehicle, or "
-            "`drop_outliers`"
+            f"{name}: {number_of(len(beyond), 'outlier')} beyond {limit:.4g} {unit}, the largest "
+            f"{values[row]:.6g} in row {row + 1}; {allowed}, or `drop_outliers`"
         ]
-    return [
-        f"{name}: {values[row]:.6g} in row {row + 1}: is it {rather}? "
-        f"allowed: up to {limit:.4g} {unit} with this vehicle"
-    ]
+    return [f"{name}: {values[row]:.6g} in row {row + 1}: is it {units[1]}? {allowed}"]

@@ -11,12 +11,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from liftgate_hil.errors import number_of
-from liftgate_hil.measurement.checks import SPIKE, Expected
 from liftgate_hil.measurement.condition import noted
+from liftgate_hil.measurement.known_vehicle import KnownVehicle
 from liftgate_hil.measurement.measurement import OUTPUTS, Floats, Measurement
 
 GAP = 1.5  # times the usual distance of samples, above which a distance is a gap
-HALF_WINDOW = SPIKE  # samples
+HALF_WINDOW = 5  # samples
 _SIGMA = 1.4826  # standard deviation / median absolute deviation of a normal distribution
 
 
@@ -118,7 +118,7 @@ def extremes(values: Floats, width: int) -> tuple[Floats, Floats]:
     return low, high
 
 
-def explained(measurement: Measurement, side: str, values: Floats, known: Expected) -> Floats:
+def explained(measurement: Measurement, side: str, values: Floats, known: KnownVehicle) -> Floats:
     """Return by how much [A] a motor current may jump in each row, given the changes of its voltage nearby.
 
     Without this every change of the duty would look like an outlier.
@@ -136,7 +136,7 @@ def explained(measurement: Measurement, side: str, values: Floats, known: Expect
     return result
 
 
-def find_outliers(measurement: Measurement, known: Expected) -> Mapping[str, NDArray[np.int64]]:
+def find_outliers(measurement: Measurement, known: KnownVehicle) -> Mapping[str, NDArray[np.int64]]:
     """Return the rows of outliers, by output column that has any."""
     found = {}
     for name, values in measurement.columns.items():
@@ -147,9 +147,9 @@ def find_outliers(measurement: Measurement, known: Expected) -> Mapping[str, NDA
     return {name: rows for name, rows in found.items() if len(rows)}
 
 
-def report_outliers(measurement: Measurement, drop: bool, known: Expected | None = None) -> Measurement:
+def report_outliers(measurement: Measurement, drop: bool, known: KnownVehicle | None = None) -> Measurement:
     """Return the measurement with a note on each column with outliers; `drop` makes these NaN."""
-    found = find_outliers(measurement, known or Expected())
+    found = find_outliers(measurement, known or KnownVehicle())
     columns = dict(measurement.columns)
     result = measurement
     for name, rows in found.items():

@@ -43,7 +43,7 @@ ORIGINS: Mapping[float, str] = {
     150.0: "EN 12453, building doors: the force that may remain after a peak of at most 0.75 s",
     400.0: "EN 12453, building doors: the peak, for at most 0.75 s, then 150 N",
 }
-OWN_LIMIT = "no rule known here: the scenario's own (UN R21: 100 N; EN 12453: 400 and 150 N)"
+OWN_LIMIT = "none of the rules listed here (UN R21: 100 N; EN 12453: 400 and 150 N)"
 _MOVES = 0.5  # deg/s, speed from which on the gate moves back
 _STOPS = 0.1  # of its highest speed back, below which it coasts to a stop, or creeps on by its springs
 

@@ -205,7 +205,7 @@ def expected_in(setup: Setup, rig: Rig) -> Expected:
 
 
 def _precondition_end(setup: Setup) -> PreconditionEnd | None:
-    """Return where a precondition ends; None: there is no motion in it."""
+    """Return where a precondition ends; None: its last request is no motion to an end of the travel."""
     ends = {"open": math.degrees(setup.vehicle.gate.open_angle), "close": 0.0}
     action = next(reversed(setup.scenario.precondition), "")
     return PreconditionEnd(action, ends[action]) if action in ends else None

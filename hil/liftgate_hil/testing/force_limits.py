@@ -1,4 +1,4 @@
-"""Force limits that a suite was judged by, and where they are from."""
+"""Force limits in the expectations of a suite, and the rules that have the same value."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def limits_section(outcomes: Sequence[Outcome]) -> str:
         return ""
     return section(
         "Force limits",
-        f"<p>{text(BORROWED)} An expectation on the force alone judges neither how long it lasts nor another "
-        "limit of the same rule.</p>",
-        table(("limit", "the same figure in", "compared with it by"), rows, ("n", "", "name")),
+        f"<p>{text(BORROWED)} An expectation on the force alone checks neither how long it lasts nor the other "
+        "limits of that rule.</p>",
+        table(("limit", "value also found in", "used by"), rows, ("n", "", "name")),
     )
 
 

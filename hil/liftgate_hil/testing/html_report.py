@@ -152,7 +152,7 @@ def _summary(outcomes: Sequence[Outcome]) -> str:
 
 def _ecu_name(outcome: Outcome) -> str:
     job = outcome.case.job
-    name = job.ecu if isinstance(job.ecu, str) else type(job.ecu).__name__
+    name = str(job.ecu) if isinstance(job.ecu, str | Path) else type(job.ecu).__name__
     return f"{name}, mutant {job.mutant}" if job.mutant else name
 
 

@@ -43,7 +43,7 @@ def mutants_section(mutation: MutationResult) -> str:
     if rows:
         parts += ["<p>Killed:</p>", table(("mutant", "defect", "killed by"), rows, ("n", "", ""))]
     for story, expectations in (
-        ("Expectations that hold with every mutant, and with no ECU at all, prove nothing:", matrix.prove_nothing),
+        ("Expectations that no mutant fails, and that hold with no ECU, prove nothing:", matrix.prove_nothing),
         ("Expectations that the ECU without a defect does not pass can kill no mutant:", matrix.not_counted),
     ):
         items = "".join(f"<li>{text(file)}: {text(name)}</li>" for file, name in expectations)

@@ -28,8 +28,8 @@ class Matrix:
 
     cases: Sequence[Case]
     verdicts: dict[tuple[str, str, str], str] = field(default_factory=dict)  # by mutant, file, expectation
-    courses: dict[tuple[str, str], str] = field(default_factory=dict)  # digests of the ECU's, by mutant and file
-    commands: dict[tuple[str, str], str] = field(default_factory=dict)  # the same of its commands
+    courses: dict[tuple[str, str], str] = field(default_factory=dict)  # digest, by mutant and file
+    commands: dict[tuple[str, str], str] = field(default_factory=dict)  # digest, by mutant and file
 
     def add(self, mutant: str, outcome: Outcome) -> None:
         """Add the outcome of a scenario with a mutant."""
@@ -84,7 +84,7 @@ class Matrix:
     def where(self, mutant: str, most: int | None = None) -> str:
         """Return where the defect of a mutant that survives shows, in words; "": nowhere.
 
-        At `most` so many scenarios are named, those first in which it changes a command.
+        At most `most` scenarios are named (None: all), first those in which it changes a command.
         """
         outside = self.propagated_in(mutant)
         files = [*outside, *(file for file in self.reached_in(mutant) if file not in outside)]
@@ -109,7 +109,7 @@ class Matrix:
     def prove_nothing(self) -> list[tuple[str, str]]:
         """Expectations that no mutant fails, and that hold with no ECU at all, as pairs of file and name.
 
-        With a mutant that does not complete the precondition they are inconclusive.
+        A mutant may leave them inconclusive, for example where it does not complete the precondition.
         """
         return [
             (case.file, name)
@@ -168,7 +168,7 @@ class Matrix:
             yield f"{mutant.name:<{width}}  {by}"
         yield self.summary()
         for file, name in self.prove_nothing:
-            yield f"proves nothing: {file}: {name} (holds with every mutant, and with no ECU)"
+            yield f"proves nothing: {file}: {name} (no mutant fails it, and it holds with no ECU)"
         for file, name in self.not_counted:
             yield f"can kill no mutant: {file}: {name} (does not pass with the ECU without a defect)"
 

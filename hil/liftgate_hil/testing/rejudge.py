@@ -92,7 +92,7 @@ class Expectations:
         """Request of what to read from recordings."""
         columns = {name for each in self.expected.conditions for name in each.names(COLUMN)}
         if self.expected.precondition_end is not None:
-            columns.add("gate_angle_deg")  # which shows whether the precondition was completed
+            columns.add("gate_angle_deg")  # shows whether the precondition was completed
         signals = self.expected.signals
         found = frozenset(columns), signals, self.rig, self.mapping
         is_off = any(each.kind == "bus_off" for each in self.setup.scenario.faults)

@@ -14,7 +14,7 @@ _NO_BITRATE = ("socketcan", "virtual", "udp_multicast")
 _MISSING = (
     "`bus`: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or python-can's own "
     "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL; or `serial` PORT; "
-    "virtual:any where an `ecu` in this process is the only other node, and none is needed with `clock` free"
+    "with the `ecu` in this process also virtual:any, or, with `clock` free, no bus at all"
 )
 
 

@@ -60,6 +60,7 @@ class Formula:
     base: Base
     margin: Margin
     workers: int = 1
+    fails: Callable[[float], bool] = lambda margin: False  # besides those with a negative margin
     evaluated: list[tuple[float, ...]] = field(default_factory=list)
 
     def run(
@@ -70,7 +71,7 @@ class Formula:
             if stopped():
                 return
             margins = self.margin(batch.values)
-            own = [("pass", "fail" if each < 0.0 else "pass") for each in margins]
+            own = [("pass", "fail" if each < 0.0 or self.fails(each) else "pass") for each in margins]
             rows = [
                 Row("pass", (9.0, float(each)), NO_FIGURES, 0.0, "", verdicts)
                 for each, verdicts in zip(margins, own, strict=True)
@@ -272,6 +273,15 @@ def test_the_probability_of_two_pockets_is_in_its_interval(made: Callable) -> No
     assert len(executor.evaluated) <= BUDGET
     assert found.searched == int(SEARCH_SHARE * BUDGET)
     assert campaign.progress.count == BUDGET
+
+
+def test_failures_with_a_margin_of_0_have_pockets_too(made: Callable) -> None:
+    campaign, executor, space = made(lambda values: np.maximum(two_pockets(values), 0.0), *NORMAL)
+    executor.fails = lambda margin: margin == 0.0
+    found = estimate_probability(campaign, space, "soft", BUDGET, 1)
+    assert (found.pockets[:, 0] > 3.2).any()
+    assert (found.pockets[:, 1] < -3.4).any()
+    assert found.estimate.low <= chance(float(ndtr(-3.2)), float(ndtr(-3.4))) <= found.estimate.high
 
 
 def test_the_probability_follows_the_distributions_of_the_values(made: Callable) -> None:

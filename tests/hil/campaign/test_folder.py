@@ -71,10 +71,10 @@ def test_a_number_that_json_has_not_is_never_written(folder: Folder) -> None:
         (b"", "not JSON: .*; allowed: as a campaign has written it"),
         (b'{"format": 2,', "not JSON: .*; allowed: as a campaign has written it"),
         (b"\xff\xfe\x00", "not JSON: .*; allowed: as a campaign has written it"),
-        (b"[]", "format: made by another version; allowed: 2, or the campaign"),
-        (b"5", "format: made by another version; allowed: 2, or the campaign"),
-        (b"{}", "format: made by another version; allowed: 2, or the campaign"),
-        (b'{"format": 3}', "format: made by another version; allowed: 2, or the campaign"),
+        (b"[]", "format: not of this version; allowed: 2; run the campaign again"),
+        (b"5", "format: not of this version; allowed: 2; run the campaign again"),
+        (b"{}", "format: not of this version; allowed: 2; run the campaign again"),
+        (b'{"format": 3}', "format: not of this version; allowed: 2; run the campaign again"),
     ],
 )
 def test_a_manifest_of_something_else_is_one_clear_message(content: bytes, message: str, folder: Folder) -> None:

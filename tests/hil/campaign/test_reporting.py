@@ -296,10 +296,11 @@ def test_one_varied_value_has_no_heat_map(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("failed", "count"), [(0, 10), (3, 10), (10, 10), (1, 5000)])
 def test_the_interval_of_a_share_is_that_of_clopper_and_pearson(failed: int, count: int) -> None:
     expected = stats.binomtest(failed, count).proportion_ci(method="exact")
-    low, _, high = interval(failed, count).removesuffix(" %").partition(" to ")
+    shown = interval(failed, count).removesuffix(" %")
+    low, _, high = shown.partition(" to ")
     assert float(low) == pytest.approx(100.0 * expected.low, rel=0.05)
     assert float(high) == pytest.approx(100.0 * expected.high, rel=0.05)
-    assert "e" not in high
+    assert "e" not in shown
 
 
 def test_the_interval_of_no_variants_is_unknown() -> None:
@@ -386,6 +387,7 @@ HISTORY = [
     Evaluated((2.0,), NAN, 2, False),
     Evaluated((3.0,), -1.5, 3, True),
     Evaluated((4.0,), -0.5, 4, True),
+    Evaluated((5.0,), 0.0, 5, True),
 ]
 
 
@@ -395,9 +397,9 @@ def end_of(budget: int) -> SearchEnd:
 
 
 def test_a_search_tells_its_smallest_margin_and_its_first_failure() -> None:
-    found = adaptive_sections.worst_as_dict(Worst(end_of(4), HISTORY, HISTORY[:2]), "soft", "abc", ["rod"])
+    found = adaptive_sections.worst_as_dict(Worst(end_of(5), HISTORY, HISTORY[:2]), "soft", "abc", ["rod"])
     assert (found["margin"], found["values"], found["found_after"]) == (-1.5, {"rod": 3.0}, 3)
-    assert (found["first_failure_after"], found["failures"]) == (3, 2)
+    assert (found["first_failure_after"], found["failures"]) == (3, 3)
     assert found["random"] == {"evaluations": 2, "margin": 4.0, "first_failure_after": None, "failures": 0}
 
 

@@ -228,6 +228,29 @@ def test_the_summary_is_json_and_nothing_else(capsys: pytest.CaptureFixture[str]
     assert summary["frames_sent"] == 6 * 50 + 2 * 25 + 2 + 2 + 10
 
 
+def test_a_run_shows_the_verdicts_on_its_expectations(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    scenario = tmp_path / "s.toml"
+    first, second = "name = 'a: b'\nalways = 'gate_angle_deg < 5'", "name = 'c'\nnever = 'latched == 1'"
+    scenario.write_text(f"duration = 0.2\n[[expect]]\n{first}\n[[expect]]\n{second}\n")
+    flags = ["run", "--ecu", "reference", "--clock", "free", "--scenario", str(scenario)]
+    assert call(*flags) == 0  # of the bench alone
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-3] == "expectations:"
+    assert lines[-2].startswith("  a: b: pass, margin 5 deg")
+    assert lines[-1].startswith("  c: fail")
+    assert call(*flags, "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["verdict"], [each["verdict"] for each in found["expectations"]]) == ("fail", ["pass", "fail"])
+
+
+def test_a_run_without_expectations_has_no_verdict(capsys: pytest.CaptureFixture[str]):
+    assert call("run", "--ecu", "reference", "--clock", "free", "--duration", "0.1") == 0
+    assert "expectations" not in capsys.readouterr().out
+    assert call("run", "--ecu", "reference", "--clock", "free", "--duration", "0.1", "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["verdict"], found["expectations"]) == (None, [])
+
+
 def test_quiet_says_nothing(capsys: pytest.CaptureFixture[str], bus: str):
     assert call("--bus", bus, "--clock", "free", "--duration", "0.01", "--quiet") == 0
     assert capsys.readouterr() == ("", "")

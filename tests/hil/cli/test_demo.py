@@ -211,7 +211,7 @@ def test_all_failures_are_reported_at_once() -> None:
     ("received", "cause"),
     [
         ({}, "no command arrived: the ECU sent nothing"),
-        ({"accepted": 5}, "5 commands were accepted, and none of them moved a drive"),
+        ({"accepted": 5}, "5 commands accepted, and no drive moved"),
         ({"checksum": 4, "foreign": 3}, "no command was accepted, 4 were rejected"),
         ({"foreign": 3}, "no command was accepted, 3 frames have identifiers that the rig does not receive"),
     ],
@@ -557,7 +557,7 @@ def test_an_ecus_process_that_fails_when_it_is_stopped_has_failed() -> None:
     with pytest.raises(
         EcuError, match=r"^the ECU's process: the ECU at 1\.000 s: no response \(ecu\.py, line 4\)$"
     ):
-        child.end(is_early=False, has_taken_part=True)
+        child.end(was_stopped=True, has_taken_part=True)
 
 
 def test_an_ecus_process_may_tell_more_than_a_pipe_holds(capsys: pytest.CaptureFixture[str]) -> None:

@@ -57,13 +57,13 @@ def test_the_flags_cut_in_turn(drive: Path) -> None:
     assert len(m.notes) == 3
 
 
-def test_spikes_are_no_other_unit_and_can_be_dropped(drive: Path) -> None:
+def test_outliers_are_no_other_unit_and_can_be_dropped(drive: Path) -> None:
     text = drive.read_text().replace(",80,", ",8000,")
     drive.write_text(text)
     with pytest.raises(ConfigError) as caught:
         measure(drive)
     assert caught.value.issues == [
-        f"{drive}: left_current_a: 1 spike beyond 169.5 A, the largest 8000 in row 1001; allowed: up to 169.5 A "
+        f"{drive}: left_current_a: 1 outlier beyond 169.5 A, the largest 8000 in row 1001; allowed: up to 169.5 A "
         "with this vehicle, or `drop_outliers`"
     ]
     (m,) = measure(drive, "--drop-outliers")

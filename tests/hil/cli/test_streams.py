@@ -28,7 +28,7 @@ COMMANDS = {
 
 def shell(folder: Path, name: str, redirected: str) -> tuple[int, str, str]:
     done = subprocess.run(
-        ["bash", "-c", f'"$@" {redirected}', "bash", *COMMAND, *COMMANDS.get(name, WRONG)],
+        ["bash", "-c", f'"$@" {redirected}', "bash", *COMMAND, *(WRONG if name == "wrong" else COMMANDS[name])],
         cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert "Traceback" not in done.stderr, done.stderr

@@ -382,7 +382,7 @@ def test_the_last_events_are_kept_however_many_there_were() -> None:
 
 
 def records_of(own: Memory) -> dict[str, Any]:
-    """Return what a memory has in a control cycle, word by word, without what is noted elsewhere."""
+    """Return what a memory has in a control cycle, word by word, without events, statuses and the course."""
     names = ("command", "control", "drives", "guards")
     return {name: getattr(own, name).view(np.uint64).reshape(-1) for name in names}
 
@@ -407,10 +407,10 @@ def test_two_courses_that_differed_for_one_cycle_in_one_value_are_told_apart() -
 def test_what_a_guard_has_collected_is_in_the_course_when_a_motion_ends() -> None:
     same, other = new_memory(2), new_memory(2)
     other.guards.total[1, 99] = 1.0
-    for has_turned in (False, True):
-        memory.note_course(same, has_turned)
-        memory.note_course(other, has_turned)
-        assert np.array_equal(same.course, other.course) != has_turned
+    for has_changed_state in (False, True):
+        memory.note_course(same, has_changed_state)
+        memory.note_course(other, has_changed_state)
+        assert np.array_equal(same.course, other.course) != has_changed_state
 
 
 def test_the_course_is_the_same_in_machine_code() -> None:

@@ -45,12 +45,12 @@ def test_an_offset_is_not_taken_for_a_scale() -> None:
 def test_magnitudes_in_place_of_values_with_a_sign_are_told() -> None:
     data = measured(true_vehicle(), seed=1)
     size = {**data.outputs, "left_current_a": np.abs(data.outputs["left_current_a"])}
-    assert "left_current_a has no negative values: was its magnitude recorded?" in hints_on(
+    assert "left_current_a has no negative values: was only its magnitude recorded?" in hints_on(
         dataclasses.replace(data, outputs=size)
     )
     unsigned = dataclasses.replace(data, inputs=np.abs(data.inputs))
     assert (
-        "left_speed_rps has negative values, and no voltage or duty has: were their magnitudes recorded?"
+        "left_speed_rps has negative values, and no voltage or duty has: were only their magnitudes recorded?"
         in hints_on(unsigned)
     )
     assert not [each for each in hints_on(data) if "magnitude" in each]

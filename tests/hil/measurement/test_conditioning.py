@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.identify.data import Data, rows_of
 from liftgate_hil.identify.raster import thinned
-from liftgate_hil.measurement.checks import Expected
 from liftgate_hil.measurement.condition import cut_angle, cut_time
+from liftgate_hil.measurement.known_vehicle import KnownVehicle
 from liftgate_hil.measurement.measurement import Floats, Measurement
 from liftgate_hil.measurement.quality import gaps_in, outliers, report_gaps, report_outliers
 
@@ -230,7 +230,7 @@ def test_a_jump_of_the_current_after_one_of_the_duty_is_no_outlier() -> None:
     current = 0.2 + np.random.default_rng(0).normal(0.0, 0.01, 400)
     current[[200, 300]] += 0.03 * 17.0
     m = measured(times, left_duty=duty, left_current_a=current)
-    known = Expected(supply_voltage=12.0, stall_current=17.0)
+    known = KnownVehicle(supply_voltage=12.0, stall_current=17.0)
     kept = report_outliers(m, True, known).columns["left_current_a"]
     assert np.flatnonzero(np.isnan(kept)).tolist() == [300]
 

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
-from liftgate_hil.measurement.checks import Expected, check
+from liftgate_hil.errors import number_of
+from liftgate_hil.measurement.checks import check
+from liftgate_hil.measurement.known_vehicle import KnownVehicle
 from liftgate_hil.measurement.measurement import Floats, Measurement
 from liftgate_hil.measurement.quality import report_outliers
 
 TIMES = np.arange(2000) * 0.001
 SPEED = 40.0 * np.sin(3.0 * TIMES)
 POSITION = 40.0 / 3.0 * (1.0 - np.cos(3.0 * TIMES))
-SUV = Expected(supply_voltage=12.0, stall_current=17.0, hall_counts=4.0)
+SUV = KnownVehicle(supply_voltage=12.0, stall_current=17.0, hall_counts=4.0)
 
 
 def measured(**columns: Floats) -> Measurement:
@@ -104,19 +107,24 @@ def test_what_conditioning_must_not_leave_is_a_fault() -> None:
     ]
 
 
-def test_a_few_samples_that_are_too_large_are_spikes_and_more_are_another_unit() -> None:
-    """The message offers `drop_outliers` for exactly those samples that the outlier filter removes."""
-    amperes = 5.0 + np.random.default_rng(0).normal(0.0, 0.1, 2000)
-    for rows, is_spike in ((slice(700, 705), True), (slice(700, 706), False)):
-        values = amperes.copy()
-        values[rows] = -8000.0
-        (said,) = check(measured(left_current_a=values), SUV)
-        assert (
-            said.startswith("m.csv: left_current_a: 1 spike beyond 170 A, the largest -8000 in row 701")
-            == is_spike
-        )
-        kept = report_outliers(measured(left_current_a=values), True, SUV)
-        assert (check(kept, SUV) == []) == is_spike
+@pytest.mark.parametrize(
+    ("rows", "is_dropped"),
+    [([700, 701, 702, 703, 704], True), (range(700, 706), False), ([4], False), ([5], True), ([1995], False)],
+)
+def test_what_is_too_large_is_an_outlier_where_the_filter_drops_it_else_another_unit(
+    rows: Sequence[int], is_dropped: bool
+) -> None:
+    values = 5.0 + np.random.default_rng(0).normal(0.0, 0.1, 2000)
+    values[rows] = -8000.0
+    (said,) = check(measured(left_current_a=values), SUV)
+    begin = f"m.csv: left_current_a: {number_of(len(rows), 'outlier')} beyond 170 A, the largest -8000 in row"
+    assert said.startswith(begin) == ("drop_outliers" in said) == is_dropped
+    assert ("is it mA?" in said) != is_dropped
+    kept = report_outliers(measured(left_current_a=values), True, SUV)
+    assert (check(kept, SUV) == []) == is_dropped
+
+
+def test_no_outlier_of_an_input_is_dropped() -> None:
     volts = np.full(2000, 6.0)
-    volts[700] = 900.0  # an input, of which none is omitted
+    volts[700] = 900.0
     assert "drop_outliers" not in check(measured(left_voltage_v=volts), SUV)[0]

@@ -9,6 +9,7 @@ import pytest
 
 import liftgate_hil as lh
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.testing.rejudge import expectations_of, judged
 
 LEARNED = 'precondition = ["open", "close"]\n'
 OPENS = '[[request]]\ntime = 0.5\naction = "open"\n'
@@ -134,6 +135,21 @@ def test_a_recording_shows_that_the_precondition_was_not_completed(tmp_path: Pat
     result = lh.run(file, ecu=Idle(), record=tmp_path / "run.csv")
     assert result.expectations["soft"].verdict == "inconclusive"
     assert lh.judge([tmp_path / "run.csv"], file) == dict(result.expectations)
+
+
+def test_without_the_gate_angle_it_is_open_whether_the_precondition_was_completed(tmp_path: Path) -> None:
+    expected = "[[expect]]\nname = 'soft'\nalways = 'pinch_force_n < 150'\n"
+    file = scenario(tmp_path, f'precondition = ["open"]\n{expected}', 0.5)
+    lh.run(file, record=tmp_path / "run.csv")
+    rows = [line.split(",") for line in (tmp_path / "run.csv").read_text().splitlines()]
+    angle = rows[0].index("gate_angle_deg")
+    kept = [[cell for place, cell in enumerate(row) if place != angle] for row in rows]
+    (tmp_path / "part.csv").write_text("\n".join(map(",".join, kept)) + "\n")
+    about = expectations_of(file)
+    assert judged([tmp_path / "run.csv"], about).fault_notes == ()
+    part = judged([tmp_path / "part.csv"], about)
+    assert part.verdicts["soft"].verdict == "pass"
+    assert part.fault_notes == ("precondition: open: no gate angle before 0.1 s says whether it was completed",)
 
 
 def test_the_reason_of_an_inconclusive_run_names_what_is_undecided_and_why(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ SHARE = (
     0.1  # of a population that the next level keeps (Au and Beck); 0.2 takes more evaluations for the same spread
 )
 _PLATEAU = 0.5  # share of a population above which a level would be no progress, but a plateau of the margin
-FAILED = -sys.float_info.min  # the largest margin that fails
+LARGEST_FAILING = -sys.float_info.min  # the largest margin that fails
 _ACCEPTANCE = 0.44  # share of accepted moves to aim at (Papaioannou et al.)
 _FIRST_LENGTH = 0.6  # of a move, in standard deviations (the same); adapted from there
 _LEAST_LENGTH = 0.02  # where nothing is accepted, for example on a thin plateau: moves must not come to rest
@@ -103,7 +103,7 @@ def populate(run: Run, rng: np.random.Generator) -> Generator[Floats, Floats, Po
     if share > 0.0:
         variance += _relative_variance(failed, state.parents)
         size = min(run.failures, len(end.points) + left)
-        end = yield from _moved(run, end, FAILED, size, rng)
+        end = yield from _moved(run, end, LARGEST_FAILING, size, rng)
     return Population(tuple(levels), reached, reached * share, variance, ancestors, end.points, end.parents)
 
 

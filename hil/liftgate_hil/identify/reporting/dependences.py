@@ -14,7 +14,8 @@ _EXPLAINS = 0.05  # share of the squared errors that a suspected parameter expla
 _AS_WELL = 0.9  # of what the best one explains: others that explain as much
 _MOST = 4  # fixed parameters that are named
 _SMALL, _SMALL_STD = 0.01, 1.0  # change of an estimate that is not reported: share of it, standard deviations
-# The same above which there is a warning: more than the assumed error, which the other factor of a product takes.
+# The same above which there is a warning. Of a product of which one factor is 10 % off, the other one changes by
+# 1/0.9 - 1 = 11 % at most: that is no amplification.
 _AMPLIFIED, _AMPLIFIED_STD = 0.12, 3.0
 
 
@@ -50,7 +51,7 @@ def firsts(found: Sequence[Dependence]) -> list[tuple[Dependence, bool]]:
 
 
 def amplified(result: Identification) -> list[str]:
-    """Return a warning for each estimate that changes by a larger share than a fixed parameter, unseen."""
+    """Return a warning for each estimate that an unseen error of 10 % of a fixed parameter changes by more."""
     found, listed = [], dependences(result)
     for each in result.parameters:
         own = [

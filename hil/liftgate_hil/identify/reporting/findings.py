@@ -26,8 +26,8 @@ _NOT_IN_STD = (
     "give the commanded one, or a filtered one"
 )
 _TURNED = (
-    "above the simulation in one measurement and below it in another, so it is no sensor offset: check scales, "
-    "as a ratio, a lead, an end angle or a clock"
+    "above the simulation in one measurement and below it in another, so it is no sensor offset: check scale "
+    "factors: gear ratio, spindle lead, end angle, clock"
 )
 _STRONG = 0.9  # correlation of two parameters from which on it is reported
 

@@ -144,8 +144,7 @@ def _dependences(result: Identification) -> str:
         return ""
     heads = ("estimate", "fixed parameter", "its value", "", "change %", "in std")
     return (
-        "<p>Change of an estimate if a parameter that is not estimated were 10 % larger. The residuals would not "
-        "show it.</p>"
+        "<p>Change of the estimates if a fixed parameter were 10 % larger (not visible in the residuals).</p>"
     ) + table(heads, rows, ("name", "name", "r", "n", "r", "r"))
 
 

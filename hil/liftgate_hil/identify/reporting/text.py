@@ -38,7 +38,7 @@ def identification_text(result: Identification) -> str:
         _titled("Attention", _bullets(warnings_of(result))),
         _titled("Parameters", _parameters(result.parameters)),
         _titled("Strongly correlated", _pairs(result)),
-        _titled("Sensitivity to fixed parameters (+10 %) that the residuals do not show", _dependences(result)),
+        _titled("If a fixed parameter were 10 % larger (not visible in the residuals)", _dependences(result)),
         _titled("Initial states", _states(result.initial_states)),
         _titled("95 % intervals by profile likelihood", _profiles(result)),
         _titled("Noise variance (NoiseVar)", _noise(result)),
