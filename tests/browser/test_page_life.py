@@ -47,7 +47,7 @@ def test_the_end_shows_the_verdict_and_the_next_run_is_picked_up(browser: Any, t
             first.terminate()
             assert first.wait(30) == 0
             until(browser, lambda _: text_of(browser, "#phase") == "ended")
-            assert text_of(browser, "#end-verdict") == "The run has ended (exit code 0)."
+            assert text_of(browser, "#end-verdict") == "The run has ended."
             assert not found(browser, "#clear").is_enabled()
             with process(*run, folder=tmp_path) as second:
                 until(browser, lambda _: "· s · next" in browser.title)

@@ -99,7 +99,7 @@ def hot_ticks(
         if turns(stimuli, now) or is_new:
             gate, is_new = in_force(config, stimuli.faults.row), False
         frames = received(stimuli, config.inputs, frames, state.tick * config.step_ns, config.seed)
-        waited = longest_wait(frames, room.stamps, clock_ns(1, room), 0)
+        waited = longest_wait(frames, room.stamps, clock_ns(1, room))
         now_ns = state.tick * config.step_ns
         dropped = float(shared.control[0].dropped + shared.control[0].stale)
         bench = Bench(0.0, dropped, 1e-9 * waited, not_made(stimuli))

@@ -40,6 +40,11 @@ class Design:
         self._slow = [each for each in grids if each.target.kind in _SLOW]
         self._fast = [each for each in grids if each.target.kind not in _SLOW]
 
+    @property
+    def is_sampled(self) -> bool:
+        """Whether any value is drawn from a distribution."""
+        return bool(self._samples)
+
     @staticmethod
     def _sampled(factors: list[Any], samples: int, method: str, seed: int) -> dict[str, Floats]:
         space = Space(tuple(factors))

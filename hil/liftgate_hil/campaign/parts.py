@@ -10,7 +10,7 @@ from liftgate_hil.campaign.file import CampaignFile, Part
 from liftgate_hil.campaign.folder import REPORT, Folder
 from liftgate_hil.campaign.reporting.combined import PartResult, combined_report
 from liftgate_hil.campaign.request import prepared
-from liftgate_hil.campaign.run import NOBODY, Outcome, Places, Watcher, run_campaign, units_of
+from liftgate_hil.campaign.run import NOBODY, Outcome, Places, Watcher, choice_of, run_campaign, units_of
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.provenance import Provenance
 
@@ -65,6 +65,7 @@ def _result_of(found: PartOutcome) -> PartResult:
         str(outcome.folder.path),
         outcome.prepared.plan.setup.scenario.description,
         outcome.is_complete,
+        choice_of(outcome.prepared),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ from liftgate_hil.campaign.campaign import Campaign, Progress, StoppedError
 from liftgate_hil.campaign.executors.executor import Executor
 from liftgate_hil.campaign.executors.local import local_executor
 from liftgate_hil.campaign.folder import BATCHES, DATA, REPORT, RESULTS, Folder, data_text
-from liftgate_hil.campaign.reporting.report import incomplete, report
+from liftgate_hil.campaign.reporting.report import Choice, incomplete, report
 from liftgate_hil.campaign.reporting.summary import Summary, summary_of
 from liftgate_hil.campaign.request import Prepared, Request, absolute, prepared
 from liftgate_hil.campaign.results import VERDICT
@@ -193,10 +193,18 @@ def _report(outcome: Outcome, provenance: Provenance) -> None:
     assert outcome.summary is not None
     title = f"Campaign: {Path(found.request.scenario).stem}"
     sections: Sequence[str] = [incomplete(outcome.is_complete), *outcome.analysis.sections]
-    is_chosen = found.design is None
-    html = report(title, outcome.summary, units_of(found), str(folder.path), provenance, sections, is_chosen)
+    origin = replace(provenance, sources=found.plan.sources)
+    units, choice, ecu = units_of(found), choice_of(found), found.request.ecu
+    html = report(title, outcome.summary, units, str(folder.path), origin, sections, choice, ecu)
     folder.write(REPORT, html.encode())
     folder.write(DATA, data_text(found.base, outcome.counts).encode())
+
+
+def choice_of(found: Prepared) -> Choice:
+    """Return how the variants were chosen."""
+    if found.design is None:
+        return "search"
+    return "sample" if found.design.is_sampled else "grid"
 
 
 def units_of(found: Prepared) -> dict[str, str]:

@@ -283,8 +283,8 @@ def _deliver(args: argparse.Namespace, teller: Teller, origin: Provenance, resul
         kept = [each.name for each in result.parameters if not each.identifiable and not each.is_held]
         if kept:
             teller.say(
-                f"{args.save_vehicle}: {', '.join(kept)} have their initial values, as they are not identifiable: "
-                "this vehicle is not quite the one that was fitted; `validate` shows its fit"
+                f"{args.save_vehicle}: what is not identifiable has its initial value: {', '.join(kept)}. So this "
+                "vehicle is not quite the one that was fitted; liftgate-hil validate shows its fit"
             )
 
     more = [save] if args.save_vehicle else []

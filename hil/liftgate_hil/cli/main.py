@@ -82,6 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     streams.prepare()
     try:
         if argv is None:  # the program owns this process
+            streams.hold_descriptors()
             signal.signal(signal.SIGINT, stopping.interrupt)
         code = _command(argv)
         fault = streams.written()

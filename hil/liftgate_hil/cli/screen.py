@@ -129,7 +129,7 @@ class Screen:
 
 def _size() -> os.terminal_size:
     """Return columns and rows of the terminal."""
-    with contextlib.suppress(OSError, ValueError):
+    with contextlib.suppress(OSError, ValueError, AttributeError):  # closed, or None
         size = os.get_terminal_size(sys.stderr.fileno())
         return os.terminal_size(each or usual for each, usual in zip(size, _USUAL, strict=True))
     return _USUAL

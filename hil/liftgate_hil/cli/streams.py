@@ -16,6 +16,15 @@ def prepare() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+def hold_descriptors() -> None:
+    """Open /dev/null where stdin, stdout or stderr is closed: another file would get its number."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest free number is this one
+
+
 def written() -> str:
     """Flush stdout; return the reason where that fails, else ""."""
     stdout: Any = sys.stdout  # None where it is closed

@@ -150,7 +150,7 @@ def _counter_columns(
     if values > MOST_VALUES:
         issues.add(
             key,
-            f"{options.counter} takes {values} values; allowed: up to 2^48, with a `highest` of up to "
+            f"{options.counter} takes {values} values; allowed: up to 2^48, with a value of highest up to "
             f"{counting.lowest + MOST_VALUES - 1}",
         )
         return {"counter": add_place(place), **BY_ONE.columns(1)}

@@ -138,5 +138,5 @@ def _press(
         found = value_in(f"{key}.", given.signal, given.rest, tables, taken, issues)
         rest = value if found is None else found
     if rest == value and issues.count == before:
-        issues.add(f"{key}.rest", f"{rest:g}, the same as `value`; allowed: another value")
+        issues.add(f"{key}.rest", f"{rest:g}, the same as value; allowed: another value")
     return Press(given.signal, value, rest, given.hold_s)

@@ -99,7 +99,7 @@ def counter_table(issues: ConfigIssues, key: str, given: Table, message: Message
     if highest > top:
         issues.add(f"{key}.highest", f"{highest}; {name} has {bits} bits; allowed: up to {top}")
     elif lowest >= highest:
-        issues.add(f"{key}.lowest", f"{lowest}; allowed: 0 to {highest - 1}, below `highest`")
+        issues.add(f"{key}.lowest", f"{lowest}; allowed: 0 to {highest - 1}, below highest")
     start = lowest if counter.start is None else counter.start
     if issues.count == before and not lowest <= start <= highest:
         issues.add(f"{key}.start", f"{start}; allowed: {lowest} to {highest}")

@@ -249,7 +249,7 @@ def _other_counters(rig: Rig) -> Iterator[str]:
         if signal.maximum is not None and 0 < signal.maximum < highest:
             yield (
                 f"{rig.source}: messages.{name}.counter: {options.counter} goes to {highest}, in the database to "
-                f"{signal.maximum:g}: is `highest` {signal.maximum:g}?"
+                f"{signal.maximum:g}: is highest = {signal.maximum:g}?"
             )
 
 

@@ -25,6 +25,7 @@ NO_TOML = (
         (".csv", ".parquet", ".mf4", ".mcap", ".log", ".blf", ".asc", ".trc"),
         "judge, plot, convert and replay take recordings",
     ),
+    ("Python code", (".py",), "pytest runs tests in Python"),
 )
 _MOST_KEYS = 20  # unknown keys that are reported one by one
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""

@@ -44,7 +44,8 @@ class Starter:
         self._thread = ThreadPoolExecutor(1)
         self.thread_id = self._thread.submit(threading.get_native_id).result()
         if not folder.is_dir():
-            raise ConfigError(f"`scenarios` {folder}: no such folder; allowed: a folder with scenario files")
+            what = "no folder" if folder.exists() else "no such folder"
+            raise ConfigError(f"`scenarios` {folder}: {what}; allowed: a folder with scenario files")
 
     def scenarios(self) -> list[str]:
         """Return the names of the scenario files in the folder and below."""
@@ -83,7 +84,7 @@ class Starter:
         if self._is_closed:
             raise ConfigError(f"scenario {show(name)[:80]}: the page ends; allowed: on another one")
         if self.running is not None:
-            raise ConfigError(f"scenario {show(name)[:80]}: {self._name} runs; allowed: after it was stopped")
+            raise ConfigError(f"scenario {show(name)[:80]}: {self._name} is running; allowed: stop that first")
         if name not in self.scenarios():
             allowed = ", ".join(self.scenarios()) or "a file in the folder, which has none"
             raise ConfigError(f"scenario {show(name)[:80]}: no such file in {self._folder}; allowed: {allowed}")

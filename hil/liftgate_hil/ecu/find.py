@@ -60,7 +60,7 @@ def check_ecu(ecu: Any) -> None:
     elif _CLASS.fullmatch(name) and not _names_file(name):
         top = re.split("[.:]", name, maxsplit=1)[0]
         if not _is_module(top):
-            if top == "mutant":
+            if name.startswith("mutant:"):
                 raise ConfigError(
                     f"`ecu` {name}: a mutant is run by liftgate-hil test and campaign; allowed: {_ALLOWED}"
                 )

@@ -120,7 +120,7 @@ def _question(data: Data, stated: float) -> str:
     """Return the end of a warning: what may be the cause, and what to do."""
     if data.through_sensors:
         return f", and {_STATED} in the vehicle file is {stated:g} A: is it right?"
-    return ": has its sensor an offset? an `offset` with the other sign in a map file corrects it"
+    return ": has its sensor an offset? an offset with the other sign in a map file corrects it"
 
 
 def _offset(vehicle: Vehicle, data: Data, side: str, stated: float, delay: float) -> float:

@@ -277,7 +277,8 @@ def _midway(
     if not moves and _is_stalled(vehicle, data):
         raise ValueError(
             "begins with drives stalled under voltage, so that their friction force is unknown; allowed: `from` "
-            "before they stop, or after the voltage is off"
+            "before they stop, or after the voltage is off; `initial` where it begins at rest at a known angle; a "
+            "resistance nearer to the motor's"
         )
     speed = _first_speed(plant, data) if moves else 0.0
     known = first_sample(data.outputs.get("gate_angle_deg")) if angle_deg is None else angle_deg

@@ -93,10 +93,7 @@ class Problem:
                 raise ValueError(
                     f"{len(angles)} angles for {len(self.data)} experiments; allowed: one per experiment"
                 )
-            self.beginnings = [
-                beginning_of(self.vehicle, data, number, angle, full)
-                for number, (data, angle) in enumerate(zip(self.data, angles, strict=True))
-            ]
+            self.beginnings = [self._beginning(number, angle, full) for number, angle in enumerate(angles)]
         self.unknowns = [each for begin in self.beginnings for each in begin.unknowns]
         if self.is_delay_sought:
             self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-LONGEST_DELAY, high=LONGEST_DELAY))
@@ -104,6 +101,13 @@ class Problem:
         for column, name in enumerate(self.outputs):
             if name.endswith("_position_rev"):
                 self._compare_edges(column)
+
+    def _beginning(self, number: int, angle: float | None, full: bool) -> InitialCondition:
+        """Return the initial condition of an experiment. Raises ValueError with its name."""
+        try:
+            return beginning_of(self.vehicle, self.data[number], number, angle, full)
+        except ValueError as error:
+            raise ValueError(f"{self.data[number].name}: {error}") from error
 
     def on(self, data: Sequence[Data], **changes: Any) -> Problem:
         """Return the same problem for other data; `changes` are fields that go with them."""

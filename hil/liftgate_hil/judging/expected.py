@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Message
 
 
+FIRST_S = 0.1  # s, before which a row shows where a scenario begins: a gate of 20 deg/s has moved by 2 deg
 _NEAR_DEG = 2.0  # from the end of its travel, where a motion counts as complete: a gate sags below its open stop
 
 
@@ -73,6 +74,14 @@ class Expected:
         return (
             f"precondition: {end.action}: the gate came to rest at {angle_deg:.1f}°, not at {end.angle_deg:.1f}°"
         )
+
+    def notes_on_begin(self, angle_deg: float) -> list[str]:
+        """Return a note where the precondition was not completed, or may not have been; `angle_deg` as above."""
+        if self.precondition_end is not None and math.isnan(angle_deg):
+            action = self.precondition_end.action
+            return [f"precondition: {action}: no gate angle before {FIRST_S:g} s says whether it was completed"]
+        unmet = self.not_completed(angle_deg)
+        return [f"{unmet}: the scenario begins there"] if unmet else []
 
     def margin_unit(self, place: int) -> str:
         """Return the unit of an expectation's margin; "": none, or comparisons in several units decide it."""

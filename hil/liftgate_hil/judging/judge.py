@@ -15,7 +15,7 @@ from liftgate_hil.conditions.evaluator import Work
 from liftgate_hil.diagnostics.answers import Answers
 from liftgate_hil.judging.comparisons import comparisons_of
 from liftgate_hil.judging.expectation import Expectation
-from liftgate_hil.judging.expected import Expected, tables_of
+from liftgate_hil.judging.expected import FIRST_S, Expected, tables_of
 from liftgate_hil.judging.failure import failure_of, shown_time
 from liftgate_hil.judging.stepped_again import LONGEST, StepAgain, stepped_again
 from liftgate_hil.judging.stimulus_times import brief_faults, never_made
@@ -27,7 +27,6 @@ from liftgate_plant.compiler import compiled
 
 _NO_MARKS = np.zeros(0, dtype=np.int64)
 _TIME = COLUMN_PLACE["time_s"]
-_FIRST_S = 0.1  # s, before which a row shows where a scenario begins: a gate of 20 deg/s has moved by 2 deg
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ class Judge:
             frames = frames[np.argsort(frames["time_ns"], kind="stable")]
         if self._timeliness is not None:
             self._timeliness.take(rows)
-        if self._last < _FIRST_S and math.isnan(self._began_deg):
+        if self._last < FIRST_S and math.isnan(self._began_deg):
             self._began_deg = _first_angle(rows)
         last, inside = float(rows[-1, _TIME]), len(rows)
         if last > self.end + SLACK:
@@ -339,17 +338,8 @@ class Judge:
         """
         came = self._came()
         briefly = brief_faults(self.expected.faults, came, self._last, self._tables.step)
-        return [*self._begin_notes(), *briefly, *never_made(self.expected.begins, came, self._last)]
-
-    def _begin_notes(self) -> list[str]:
-        """Return a note, if there is any, on where the gate was when the scenario began."""
-        end = self.expected.precondition_end
-        if end is not None and math.isnan(self._began_deg):
-            return [
-                f"precondition: {end.action}: no gate angle before {_FIRST_S:g} s says whether it was completed"
-            ]
-        unmet = self.expected.not_completed(self._began_deg)
-        return [f"{unmet}: the scenario begins there"] if unmet else []
+        began = self.expected.notes_on_begin(self._began_deg)
+        return [*began, *briefly, *never_made(self.expected.begins, came, self._last)]
 
     def condition_times(self) -> dict[str, float]:
         """Return when each condition with which a stimulus begins first came true [s], by its text."""
@@ -366,8 +356,8 @@ class Judge:
 
 
 def _first_angle(rows: NDArray[np.float64]) -> float:
-    """Return the first gate angle [deg] of the rows before `_FIRST_S`; NaN: none has one."""
-    angles = rows[rows[:, _TIME] < _FIRST_S, COLUMN_PLACE["gate_angle_deg"]]
+    """Return the first gate angle [deg] of the rows before `FIRST_S`; NaN: none has one."""
+    angles = rows[rows[:, _TIME] < FIRST_S, COLUMN_PLACE["gate_angle_deg"]]
     known = angles[np.isfinite(angles)]
     return float(known[0]) if len(known) else math.nan
 

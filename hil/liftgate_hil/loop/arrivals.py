@@ -42,9 +42,9 @@ def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) ->
 
 
 @compilable
-def longest_wait(frames: Frames, stamps: NDArray[np.int64], now_ns: int, start_ns: int) -> int:
-    """Return the longest time that one of the frames has waited [ns] since the run began at `start_ns`."""
+def longest_wait(frames: Frames, stamps: NDArray[np.int64], now_ns: int) -> int:
+    """Return the longest time that one of the frames has waited [ns]."""
     longest = 0
     for i in range(frames.count):
-        longest = max(longest, now_ns - max(stamps[i], start_ns))
+        longest = max(longest, now_ns - stamps[i])
     return longest

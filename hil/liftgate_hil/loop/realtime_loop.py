@@ -210,18 +210,20 @@ def arrived_by(room: Room, first: int, count: int, time_ns: int) -> int:
 def handed_out(bus: BusConfig, shared: Shared, room: Room, first: int, last: int, time_ns: int) -> Frames:
     """Return the frames of `room` from `first` to before `last`, for a tick at a time on the monotonic clock.
 
-    Their arrivals go to `room.given_stamps`; stale frames are left out and counted.
+    Their arrivals go to `room.given_stamps`, time 0 for those that came before; stale frames are left out and
+    counted.
     """
-    count, given = 0, room.given
+    count, given, start_ns = 0, room.given, room.pace[0].start_ns
     for i in range(first, last):
-        if is_stale(bus, room.identifiers[i], time_ns - room.stamps[i]):
+        came_ns = max(room.stamps[i], start_ns)
+        if is_stale(bus, room.identifiers[i], time_ns - came_ns):
             shared.control[0].stale += 1
             continue
         length = room.lengths[i]
         given.identifiers[count], given.lengths[count] = room.identifiers[i], length
         for k in range(length):
             given.data[count, k] = room.data[i, k]
-        room.given_stamps[count] = room.stamps[i]
+        room.given_stamps[count] = came_ns
         count += 1
     return Frames(count, given.identifiers, given.lengths, given.data)
 
@@ -265,7 +267,7 @@ def frames_for_tick(config: LoopConfig, state: LoopState, params: RunParams, sha
         restamp(stimuli.bus_faults, given.count, room.given_stamps, pace.due_ns)
     if pace.left == 0:
         pace.due_ns = clock_ns(_MONOTONIC, room)
-    longest = longest_wait(given, room.given_stamps, pace.due_ns, pace.start_ns)
+    longest = longest_wait(given, room.given_stamps, pace.due_ns)
     pace.waited_ns = max(longest, control.turn_late_ns, control.line_late_ns)
     control.line_late_ns = 0
     return given
@@ -281,8 +283,7 @@ def note_given(
         previous_ns, now_ns = pace.due_ns - config.step_ns, before.tick * config.step_ns
         backdate(config.inputs, after.reception, given, room.given_stamps, previous_ns, now_ns)
     if after.counts.accepted > before.counts.accepted and pace.command_ns == 0:
-        arrival = first_arrival(given, room.given_stamps, command)
-        pace.command_ns = max(arrival, pace.start_ns) if arrival > 0 else 0
+        pace.command_ns = first_arrival(given, room.given_stamps, command)
 
 
 @compilable

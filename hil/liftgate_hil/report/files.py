@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import uuid
 from collections.abc import Mapping, Sequence
@@ -11,6 +12,8 @@ from pathlib import Path
 from liftgate_hil.errors import ConfigError
 
 _LONGEST = 200  # bytes of a name that a temporary one holds: file systems allow 255
+# Errors of replacing a file that may be written to: a folder without permission, or sticky; read-only, or mounted.
+_NOT_REPLACED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.EBUSY)
 # Suffixes of files that a report may replace.
 _KINDS = {"--html": (".html", ".htm"), "--save-vehicle": (".toml",), "--result": (".json",)}
 
@@ -75,17 +78,30 @@ def write_report(path: str, flag: str, text: str) -> None:
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file beside its place and rename it: it is there whole, or as it was before. Raises OSError.
 
-    What is no regular file, as a pipe, or stands in a folder that may not be written to, is written to directly.
+    What is no regular file, as a pipe, or cannot be replaced, for want of permission, is written to directly.
     """
-    place = Path(os.path.realpath(path))  # of a link, what it leads to
-    if place.exists() and not (place.is_file() and os.access(place.parent, os.W_OK)):
-        place.write_bytes(content)
+    if path.exists() and not path.is_file():
+        path.write_bytes(content)
         return
+    place = Path(os.path.realpath(path))  # of a link, what it leads to
+    try:
+        _replace(place, content)
+    except OSError as error:
+        if error.errno not in _NOT_REPLACED or not place.exists():
+            raise
+        place.write_bytes(content)
+
+
+def _replace(place: Path, content: bytes) -> None:
+    """Replace a file, or make it, with the owner and the permissions that it had. Raises OSError."""
     beside = place.with_name(name_beside(place.name))
     try:
         with beside.open("wb") as stream:
             if place.exists():
-                os.fchmod(stream.fileno(), place.stat().st_mode)
+                before, own = place.stat(), os.fstat(stream.fileno())
+                if (before.st_uid, before.st_gid) != (own.st_uid, own.st_gid):
+                    os.fchown(stream.fileno(), before.st_uid, before.st_gid)
+                os.fchmod(stream.fileno(), before.st_mode)
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())  # else a power cut may leave a renamed file that is empty

@@ -72,12 +72,12 @@ def _sinks_of(plan: Plan, others: Sequence[Sink]) -> list[Sink]:
 
 
 def judge_of(plan: Plan, work: Work | None = None) -> Judge | None:
-    """Return the judge of the run; None: the scenario has no expectations.
+    """Return the judge of the run; None: there is nothing to judge, expectations or a precondition.
 
     Judges that judge one after the other may share their `work` memory.
     """
     scenario, options = plan.setup.scenario, plan.options
-    if not scenario.expectations:
+    if not scenario.expectations and plan.expected.precondition_end is None:
         return None
     end = math.inf if plan.duration is None else plan.duration
     if options.clock == "free":

@@ -263,17 +263,17 @@ def test_an_incomplete_campaign_is_told(tmp_path: Path) -> None:
 def test_a_report_says_how_to_run_the_worst_variant_again(tmp_path: Path) -> None:
     summary = many(tmp_path)
     line = f"liftgate-hil campaign 'out/a & b' --replay {summary.worst[0].variant[:12]} --record worst.mf4"
-    assert line in Page(worst(summary, "out/a & b")).text
+    assert line in Page(worst(summary, {}, "out/a & b")).text
 
 
 @pytest.mark.parametrize("is_whole", [True, False])
 def test_an_empty_cell_of_a_heat_map_is_explained(tmp_path: Path, is_whole: bool) -> None:
     x = {"a": np.array([0.0, 0.0, 1.0, 1.0]), "b": np.array([0.0, 1.0, 0.0, 1.0])}
-    force = np.array([10.0, 20.0, 30.0, 40.0 if is_whole else np.nan])
+    force = np.array([10.0, 20.0, 30.0, 40.0 if is_whole else 0.0])
     summary = summary_of(write(tmp_path / "r", ["pass"] * 4, x, {}, force=force), list(x), [])
     html = heat_section(summary, {})
     assert "Largest pinch force" in html
-    assert (" ·: no variant, or none that was decided." in html) != is_whole
+    assert (" ·: no variant, or nothing was pinched." in html) != is_whole
 
 
 def test_heat_maps_are_over_the_two_values_that_matter_most(tmp_path: Path) -> None:
@@ -448,7 +448,7 @@ def test_expectations_without_a_margin_are_counted_by_their_verdicts(tmp_path: P
     assert found.driver == "margin.state"
     only = summary_of(path, ["rod"], ["code"])
     assert only.driver == "peak_pinch_force_n"  # nothing else tells one failure from another
-    assert worst(only, "folder").count("force [N]") == 1
+    assert worst(only, {}, "folder").count("force [N]") == 1
 
 
 def test_variants_that_differ_in_a_trouble_code_only_are_different(tmp_path: Path) -> None:

@@ -566,7 +566,7 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(capsys: pytest.CaptureF
     until = time.monotonic() + 60.0
     while not child.has_ended() and time.monotonic() < until:
         time.sleep(0.01)
-    child.end(False, has_taken_part=True)
+    child.end(was_stopped=True, has_taken_part=True)
     assert [(event.time, event.text) for event in child.events] == [(1.25, "opening")]
     assert capsys.readouterr().err == "x" * 1_000_000 + "\necu   1.250 s  opening\n"
 

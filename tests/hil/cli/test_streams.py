@@ -103,3 +103,18 @@ def test_a_verdict_that_cannot_be_written_is_an_error_and_no_fail(
         cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr.splitlines()[-1]) == (2, said)
+
+
+@pytest.mark.parametrize("redirected", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_foreign_ecu_runs_with_closed_streams(tmp_path: Path, redirected: str) -> None:
+    (tmp_path / "idle_ecu.py").write_text("class Ecu:\n    def step(self, now, frames):\n        return []\n")
+    (tmp_path / "s.toml").write_text('duration = 0.1\n[[expect]]\nname = "x"\nalways = "gate_angle_deg < 90"\n')
+    flags = ("--ecu", "idle_ecu:Ecu", "--results", "results")
+    done = subprocess.run(
+        ["bash", "-c", f'"$@" {redirected}', "bash", *COMMAND, "test", "s.toml", *flags],
+        cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert {"junit.xml", "report.html", "verdicts.json", "s.csv"} <= {
+        each.name for each in (tmp_path / "results").iterdir()
+    }

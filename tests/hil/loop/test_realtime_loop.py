@@ -365,14 +365,16 @@ def test_a_time_out_begins_when_a_command_came_not_when_it_was_picked_up(
     assert driven.tolist() == list(range(100, 100 + timeout_ms - waited_ms))
 
 
+@pytest.mark.parametrize("age_ms", [20, 150])  # 150 ms: longer than the command's time-out
 def test_a_command_from_before_the_run_has_waited_since_the_run_began(
-    rehearse: Callable[..., Rehearsal], rig: Rig
+    rehearse: Callable[..., Rehearsal], rig: Rig, age_ms: int
 ):
     """The ECU sends before the loop's thread has begun, which may take longer than a tolerance."""
     play = rehearse()
-    play.at = lambda waking: play.give(opening(rig, 0), age=20 * MS) if waking == 0 else None
+    play.at = lambda waking: play.give(opening(rig, 0), age=age_ms * MS) if waking == 0 else None
     state, _ = play.run(10)
     assert state.counts.accepted == 1
+    assert play.shared.control[0].stale == 0
     assert play.column("command_delay_s")[0] == pytest.approx(0.001)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import threading
 from pathlib import Path
@@ -43,3 +44,39 @@ def test_a_pipe_is_written_to(tmp_path: Path) -> None:
     reader.join(60.0)
     assert read == [b"content"]
     assert path.is_fifo()
+
+
+def test_a_pipe_by_the_name_of_its_descriptor_is_written_to() -> None:
+    read, write = os.pipe()
+    write_whole(Path(f"/dev/fd/{write}"), b"content")
+    os.close(write)
+    with os.fdopen(read, "rb") as stream:
+        assert stream.read() == b"content"
+
+
+@pytest.mark.parametrize("number", [errno.EBUSY, errno.EPERM, errno.EACCES, errno.EROFS])
+def test_a_file_that_cannot_be_replaced_is_written_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    path = tmp_path / "mounted.xml"
+    path.write_bytes(b"before, and longer")
+    monkeypatch.setattr(Path, "replace", refuse)
+    write_whole(path, b"after")
+    assert path.read_bytes() == b"after"
+    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(OSError, match=os.strerror(number)):
+        write_whole(tmp_path / "new.xml", b"content")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
+def test_a_file_keeps_its_owner(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_bytes(b"before")
+    os.chown(path, 65534, 65534)
+    path.chmod(0o600)
+    write_whole(path, b"after")
+    assert (path.stat().st_uid, path.stat().st_gid, path.stat().st_mode & 0o777) == (65534, 65534, 0o600)

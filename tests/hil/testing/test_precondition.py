@@ -137,6 +137,15 @@ def test_a_recording_shows_that_the_precondition_was_not_completed(tmp_path: Pat
     assert lh.judge([tmp_path / "run.csv"], file) == dict(result.expectations)
 
 
+@pytest.mark.parametrize("clock", ["free", "realtime"])
+def test_without_expectations_it_is_noted_that_the_precondition_was_not_completed(
+    tmp_path: Path, clock: str
+) -> None:
+    result = lh.run(scenario(tmp_path, 'precondition = ["open"]\n', 0.2), ecu=Idle(), clock=clock)
+    assert (result.verdict, result.expectations) == ("pass", {})
+    assert any(each.endswith("not at 80.0°: the scenario begins there") for each in result.notes)
+
+
 def test_without_the_gate_angle_it_is_open_whether_the_precondition_was_completed(tmp_path: Path) -> None:
     expected = "[[expect]]\nname = 'soft'\nalways = 'pinch_force_n < 150'\n"
     file = scenario(tmp_path, f'precondition = ["open"]\n{expected}', 0.5)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from liftgate_hil.campaign.reporting import report as single
+from liftgate_hil.campaign.reporting.report import Choice
 from liftgate_hil.campaign.reporting.summary import Summary
 from liftgate_hil.report.page import page, pairs, section, table, text
 from liftgate_hil.report.provenance import Provenance
@@ -24,6 +25,7 @@ class PartResult(NamedTuple):
     folder: str
     description: str
     is_complete: bool
+    choice: Choice = "sample"
 
 
 def combined_report(
@@ -51,7 +53,7 @@ def _first(part: PartResult) -> str:
     return section(
         part.title,
         single.lead(summary),
-        single.tiles(summary),
+        single.tiles(summary, part.choice),
         by_value(summary, part.units) if single.has_forces(summary) else "",
         single.heat_section(summary, part.units, has_margin=False) if single.has_forces(summary) else "",
     )
@@ -63,9 +65,9 @@ def _evidence(part: PartResult, number: int) -> str:
     return "\n".join(
         [
             section(f"{name}: expectations", single.requirements(summary)),
-            section(f"{name}: what drives it", *single.drivers(summary)),
+            section(f"{name}: what drives it", *single.drivers(summary, part.choice)),
             section(f"{name}: distributions", *single.distributions(summary, f"part{number}-")),
-            section(f"{name}: worst variants", single.worst(summary, part.folder)),
+            section(f"{name}: worst variants", single.worst(summary, part.units, part.folder)),
         ]
     )
 

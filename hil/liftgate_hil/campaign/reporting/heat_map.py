@@ -11,13 +11,14 @@ import numpy as np
 from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.report.page import text
 
-_COLUMNS, _ROWS = 10, 10  # classes of a continuous value, at most
+_CLASSES = 10  # of a continuous value, at most: more columns are wider than a printed page
 
 STYLE = """
 table.heat { border-spacing: 2px; border-collapse: separate; margin: .3rem 0; }
 table.heat th { border: 0; font-weight: 400; color: var(--soft); padding: 0 .3rem; text-align: right;
   white-space: nowrap; }
 table.heat thead th { text-align: center; }
+table.heat th.corner { max-width: 9rem; white-space: normal; overflow-wrap: anywhere; text-align: right; }
 table.heat td { border: 0; padding: .22rem .3rem; text-align: center; min-width: 2.1rem; border-radius: .2rem;
   color: #1c2126; }
 table.heat td.none { color: var(--soft); }
@@ -36,8 +37,8 @@ class Cells(NamedTuple):
 
 def cells_of(across: Floats, down: Floats, results: Floats, is_low_worst: bool) -> Cells:
     """Return the worst result (n,) in each cell over two varied values (n,)."""
-    columns, column_of = _classes(across, _COLUMNS)
-    rows, row_of = _classes(down, _ROWS)
+    columns, column_of = _classes(across, _CLASSES)
+    rows, row_of = _classes(down, _CLASSES)
     sign = -1.0 if is_low_worst else 1.0
     worst = np.full((len(rows), len(columns)), -np.inf)
     known = np.isfinite(results)
@@ -52,7 +53,8 @@ def _classes(values: Floats, most: int) -> tuple[tuple[str, ...], np.ndarray]:
     edges = np.linspace(distinct[0], distinct[-1], most + 1)
     if _is_logarithmic(values):
         edges = np.geomspace(distinct[0], distinct[-1], most + 1)
-    names = tuple(f"{0.5 * (low + high):.3g}" for low, high in pairwise(edges.tolist()))
+    middles = (float(f"{0.5 * (low + high):.3g}") for low, high in pairwise(edges.tolist()))
+    names = tuple(f"{each:.12g}" for each in middles)
     return names, np.clip(np.searchsorted(edges, values, side="right") - 1, 0, most - 1)
 
 
@@ -76,7 +78,7 @@ def heat_map(cells: Cells, across: str, down: str, good: float, bad: float, digi
         body.append(f"<tr><th>{text(name)}</th>{inside}</tr>")
     return (
         '<div class="wide"><table class="heat"><thead>'
-        f"<tr><th>{text(down)} ↓ &nbsp; {text(across)} →</th>{head}</tr>"
+        f'<tr><th class="corner">{text(down)} ↓ &nbsp; {text(across)} →</th>{head}</tr>'
         f"</thead><tbody>{''.join(body)}</tbody></table></div>"
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from liftgate_hil.campaign.reporting.sensitivity import Index, rest_of
 from liftgate_hil.campaign.reporting.summary import FORCE, Summary
 from liftgate_hil.campaign.results import MARGIN
 from liftgate_hil.campaign.share import clopper_pearson
+from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import with_unit
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
 from liftgate_hil.report.numbers import axis_label, significant
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 _FEW = 8  # values of a varied name that a sentence or a table lists
 _TELLING = 0.1  # share of the variance from which a value is worth a sentence
+Choice = Literal["sample", "grid", "search"]  # how the variants of a campaign were chosen
 LIMIT = 100.0  # N, at which the force's heat map is red: UN R21 5.8, borrowed
 
 STYLE = (
@@ -55,22 +57,25 @@ def report(
     folder: str,
     provenance: Provenance,
     more: Sequence[str] = (),
-    is_chosen: bool = False,
+    choice: Choice = "sample",
+    ecu: str = REFERENCE,
 ) -> str:
     """Return the page; `units` are those of varied names, `more` are further sections.
 
-    `is_chosen`: a search or an estimate of a probability chose the variants, they are no random sample.
+    `choice` is how the variants were chosen: only of a random sample a share is a probability. `ecu` names the
+    ECU.
     """
+    made_by = f"liftgate-hil {provenance.versions['liftgate-hil']}, {provenance.date}"
     return page(
         title,
-        f"{summary.count:,} variants, liftgate-hil {provenance.versions['liftgate-hil']}, {provenance.date}",
+        f"{summary.count:,} variants, ECU {ecu}, {made_by}",
         [
-            _first_screen(summary, units, is_chosen),
+            _first_screen(summary, units, choice),
             *more,
             section("Expectations", requirements(summary)),
-            section("What drives it", *drivers(summary, is_chosen)),
+            section("What drives it", *drivers(summary, choice)),
             section("Distributions", *distributions(summary)),
-            section("Worst variants", worst(summary, folder)),
+            section("Worst variants", worst(summary, units, folder)),
             section(
                 "Errors", table(("error", "variants"), [(e, str(n)) for e, n in summary.errors], ("name", "r"))
             ),
@@ -80,8 +85,8 @@ def report(
     )
 
 
-def _first_screen(summary: Summary, units: Mapping[str, str], is_chosen: bool) -> str:
-    return lead(summary) + tiles(summary, is_chosen) + heat_section(summary, units)
+def _first_screen(summary: Summary, units: Mapping[str, str], choice: Choice) -> str:
+    return lead(summary) + tiles(summary, choice) + heat_section(summary, units)
 
 
 def lead(summary: Summary) -> str:
@@ -94,16 +99,20 @@ def has_forces(summary: Summary) -> bool:
     return bool(np.nanmax(summary.force, initial=0.0) > 0.0)
 
 
-def tiles(summary: Summary, is_chosen: bool = False) -> str:
-    """Return the most important numbers; `is_chosen` as for `report`."""
+def tiles(summary: Summary, choice: Choice = "sample") -> str:
+    """Return the most important numbers; `choice` as for `report`."""
     total, failed = summary.count, summary.counts.get("fail", 0)
     wrong = summary.counts.get("error", 0)
     decided = total - wrong - summary.counts.get("inconclusive", 0)
     share = f"{100.0 * failed / decided:.3g} %" if decided else "—"
-    bound = "as the search chose them: no probability" if is_chosen else f"95 %: {interval(failed, decided)}"
+    means = {
+        "sample": f"95 % interval {interval(failed, decided)}",
+        "grid": "of all combinations: no probability",
+        "search": "as the search chose them: no probability",
+    }
     parts = [
         tile(f"{total:,}", "variants evaluated"),
-        tile(share, f"of the decided fail ({failed:,}; {bound})", "bad" if failed else "fine"),
+        tile(share, f"fail: {failed:,} of {decided:,} decided ({means[choice]})", "bad" if failed else "fine"),
     ]
     if has_forces(summary):
         force = summary.force[np.isfinite(summary.force)]
@@ -162,12 +171,13 @@ def heat_section(summary: Summary, units: Mapping[str, str], has_margin: bool = 
     across, down = sorted(names, key=lambda name: -len(np.unique(summary.values[name])))
     parts = []
     if np.nanmax(summary.force, initial=0.0) > 0.0:
-        cells = cells_of(summary.values[across], summary.values[down], summary.force, is_low_worst=False)
+        pinched = np.where(summary.force > 0.0, summary.force, np.nan)
+        cells = cells_of(summary.values[across], summary.values[down], pinched, is_low_worst=False)
         drawn = heat_map(cells, _label(across, units), _label(down, units), 0.5 * LIMIT, LIMIT)
         parts.append(
             f"<h3>Largest pinch force [N]</h3>{drawn}"
             f'<p class="key">The worst of all other varied values in each cell; framed: over {LIMIT:.0f} N '
-            f"(borrowed from {text(ORIGINS[LIMIT])}).{_empty(cells)}</p>"
+            f"(borrowed from {text(ORIGINS[LIMIT])}).{_empty(cells, 'nothing was pinched')}</p>"
         )
     if summary.driver != FORCE and has_margin:
         cells = cells_of(summary.values[across], summary.values[down], summary.result, is_low_worst=True)
@@ -178,13 +188,13 @@ def heat_section(summary: Summary, units: Mapping[str, str], has_margin: bool = 
         name = summary.driver.removeprefix(MARGIN)
         parts.append(
             f"<h3>Smallest margin of “{text(name)}”</h3>{drawn}"
-            f'<p class="key">Framed: it fails there.{_empty(cells)}</p>'
+            f'<p class="key">Framed: it fails there.{_empty(cells, "none that was decided")}</p>'
         )
     return "".join(parts)
 
 
-def _empty(cells: Cells) -> str:
-    return " ·: no variant, or none that was decided." if np.isnan(cells.worst).any() else ""
+def _empty(cells: Cells, why: str) -> str:
+    return f" ·: no variant, or {why}." if np.isnan(cells.worst).any() else ""
 
 
 def _digits(values: Floats) -> int:
@@ -215,8 +225,8 @@ def requirements(summary: Summary) -> str:
     return table(heads, rows, ("name", "r", "r", "r", "r", "")) + note
 
 
-def drivers(summary: Summary, is_chosen: bool = False) -> list[str]:
-    """Return the tables of first-order indices; `is_chosen` as for `report`."""
+def drivers(summary: Summary, choice: Choice = "sample") -> list[str]:
+    """Return the tables of first-order indices; `choice` as for `report`."""
     parts: list[str] = []
     for column, indices in ((summary.driver, summary.indices), (FORCE, summary.force_indices)):
         if not indices or (column == FORCE and parts and summary.driver == FORCE):
@@ -235,7 +245,7 @@ def drivers(summary: Summary, is_chosen: bool = False) -> list[str]:
             '<p class="soft">First-order Sobol indices of these variants: the share of variance that a value '
             "explains alone.</p>"
         )
-        if is_chosen:
+        if choice == "search":
             parts.append('<p class="soft">A search chose these variants, so the worst ones have more weight.</p>')
     return parts
 
@@ -283,13 +293,16 @@ def _histogram(values: Floats, label: str, line: float) -> Figure:
         axis.axvline(line, color=INITIAL, linewidth=1.4)
         axis.set_xlabel(label)
         axis.set_ylabel("variants", color=INK)
+        axis.locator_params(axis="y", integer=True)
     return drawn
 
 
-def worst(summary: Summary, folder: str) -> str:
+def worst(summary: Summary, units: Mapping[str, str], folder: str) -> str:
     """Return the table of the worst variants, with the command that runs one again."""
     has_margin = summary.driver != FORCE
-    heads = ("variant", *summary.values, "verdict", *(["margin"] if has_margin else []), "force [N]")
+    unit = next((each.unit for each in summary.expectations if f"{MARGIN}{each.name}" == summary.driver), "")
+    margin = [_label("margin", {"margin": unit})] if has_margin else []
+    heads = ("variant", *(_label(each, units) for each in summary.values), "verdict", *margin, "force [N]")
     rows = [
         (
             Markup(f"<code>{text(each.variant[:12])}</code>"),

@@ -23,7 +23,9 @@ function makeStart() {
     answer("starting …", false);
     if (await post("/api/run", { scenario: find("start-name").value })) answer("", false);
   });
-  find("stop-run").onclick = () => post("/api/run", { scenario: null });
+  find("stop-run").onclick = async () => {
+    if (await post("/api/run", { scenario: null })) answer("", false);
+  };
 }
 
 function makeTitle() {

@@ -228,7 +228,7 @@ function recordedCommand(truth) {
   for (const side of ["left", "right"]) {
     const duty = truth[`${side}_duty`];
     if (typeof duty === "number") found[`${side}_duty`] = { value: 100 * duty, unit: "%" };
-    if (truth[`${side}_coast`] === 1) found[`${side}_duty`] = { value: "coast", unit: "" };
+    if (truth[`${side}_coast`] === 1) found[`${side}_direction`] = { value: "coast", unit: "" };
   }
   return found;
 }
@@ -284,7 +284,7 @@ function showEnd(end) {
   hasEnded = true;
   find("commands").disabled = true;
   const isJudged = end.expectations.length > 0 || end.verdict !== "pass",
-    code = end.exit_code === null ? "" : `exit code ${end.exit_code}`;
+    code = end.exit_code ? `exit code ${end.exit_code}` : "";
   showPhase("ended", isJudged ? end.verdict : "");
   find("end").hidden = false;
   find("end").className = isJudged ? end.verdict : "";
