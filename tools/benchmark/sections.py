@@ -150,7 +150,8 @@ def page_section(effort: Effort = WHOLE) -> list[str]:
             never reads; {rounds} pairs of {seconds:g} s. The clients run while no other program does and off the
             CPU of the loop, as if they were on another machine; the page's server belongs to the bench and gives
             way as always. The ratio is the median of the pairs' own, with its interval; p is that of Wilcoxon's
-            signed-rank test on the pairs, two-sided: a small one would say that clients change the lateness."""
+            signed-rank test on the pairs, for missed ticks that of the sign test, both two-sided: a small one
+            would say that clients change the lateness."""
         ),
         "",
         *page_clients.table(page_clients.measure(rounds, seconds)),

@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--probability", metavar="NAME", help="estimate the probability that this expectation fails"
     )
-    options.add_ecu(parser, REFERENCE, has_bus=False)
+    options.add_ecu(parser, REFERENCE, has_bus=False, has_mutants=True)
     parser.add_argument(
         "--against", metavar="ECU", help="another ECU, or a mutant of the reference ECU, for the same variants"
     )

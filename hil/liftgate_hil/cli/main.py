@@ -63,7 +63,8 @@ class Parser(argparse.ArgumentParser):
         """Return the flags of the command and of its actions, as `rig check` has them."""
         nested = [each.choices.values() for each in self._actions if isinstance(each, argparse._SubParsersAction)]
         parsers = [self, *itertools.chain.from_iterable(nested)]
-        return list(dict.fromkeys(flag for each in parsers for flag in each._option_string_actions))
+        found = itertools.chain.from_iterable(each._option_string_actions.items() for each in parsers)
+        return list(dict.fromkeys(flag for flag, action in found if action.help != argparse.SUPPRESS))
 
 
 class ShowVersion(argparse.Action):

@@ -35,6 +35,8 @@ def column_label(column: str) -> tuple[str, str]:
         return clean(words.replace("_", " "), 40), _UNITS[suffix]
     if column.endswith("_hall_count"):
         return clean(column.removesuffix("_hall_count")) + " Hall count", "counts"
+    if column.endswith("_duty"):
+        return clean(column.replace("_", " "), 40), ""
     return clean(column, 40), ""
 
 

@@ -26,7 +26,7 @@ th, td { padding: .25rem .7rem .25rem 0; text-align: left; vertical-align: top; 
 th { font-weight: 600; border-bottom: 1px solid var(--measured); }
 td { border-bottom: 1px solid var(--grid); } .r { text-align: right; white-space: nowrap; }
 td.name { overflow-wrap: anywhere; min-width: 9rem; }
-td.n { white-space: nowrap; } td.soft:last-child { min-width: 14rem; }
+td.n { white-space: nowrap; } td.soft:last-child { min-width: 11rem; }
 table.pairs td { overflow-wrap: anywhere; }
 table.pairs td:first-child { white-space: nowrap; color: var(--soft); }
 figure { margin: .8rem 0 1.4rem; } figure.small { max-width: 36rem; }

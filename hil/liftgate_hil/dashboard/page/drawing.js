@@ -194,7 +194,7 @@ class Drawing {
       "aria-valuemin": 0,
       "aria-valuemax": open,
     });
-    this.rodText = shape("text", {}, this.svg);
+    this.rodText = shape("text", { "dominant-baseline": "hanging" }, this.svg);
     this.grip = slider({
       class: "grip",
       id: "grip",
@@ -333,9 +333,11 @@ class Drawing {
     this.rodText.textContent =
       this.rodInForce || this.rod.classList.contains("held")
         ? `obstacle ${angle.toFixed(1)}°`
-        : "obstacle: drag it";
+        : this.isGiven
+          ? "another one: drag it"
+          : "obstacle: drag it";
     this.rodText.setAttribute("x", within(x - 40, 2, WIDTH - 110));
-    this.rodText.setAttribute("y", y + ROD_M * this.scale + 13);
+    this.rodText.setAttribute("y", y + ROD_M * this.scale + 5);
   }
 
   // The arrow of a force, from a point in the drawing along a direction; the list beside says how large it is.
@@ -418,14 +420,20 @@ class Drawing {
     this.showLatch(values);
     const rod = acting.obstacle;
     this.showForces(values, rod || obstacle);
-    const [x, y] = rod && !obstacle ? this.at(this.onGate(rod.distance, -ROD_M, rod.angle_deg)) : [];
-    this.given.replaceChildren(
-      ...(x === undefined ? [] : [shape("circle", { class: "given", cx: x, cy: y, r: ROD_M * this.scale })]),
-    );
+    this.isGiven = Boolean(rod && !obstacle); // by the scenario
+    this.given.replaceChildren(...(this.isGiven ? this.givenRod(rod) : []));
     this.label("angle", `gate ${this.angle.toFixed(1)}°`);
     this.label("slope", this.slope ? `slope of the road ${this.slope.toFixed(1)}°` : "");
     if (this.act) this.showHandles(obstacle, values.hand_force_n || 0);
     return true;
+  }
+
+  givenRod(rod) {
+    const [x, y] = this.at(this.onGate(rod.distance, -ROD_M, rod.angle_deg)),
+      radius = ROD_M * this.scale,
+      words = shape("text", { class: "given", x: x - radius - 5, y: y + 4, "text-anchor": "end" });
+    words.textContent = `obstacle ${rod.angle_deg.toFixed(1)}°`;
+    return [shape("circle", { class: "given", cx: x, cy: y, r: radius }), words];
   }
 
   label(name, text) {

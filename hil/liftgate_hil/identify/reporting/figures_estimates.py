@@ -28,13 +28,14 @@ if TYPE_CHECKING:
 
 LIMIT_95 = 3.84  # 95 % limit of the deviance for one parameter
 _ACROSS = 3
+_LEAST_SIDE = 4.8  # inches: less has no room for names
 
 
 def correlation_figure(result: Identification) -> Figure:
     """Draw the correlation matrix of the parameters, with their names at its sides."""
     names = [clean(each.name, 28) for each in result.parameters]
     count = len(names)
-    side = min(2.4 + 0.62 * count, WIDTH)
+    side = min(max(2.4 + 0.62 * count, _LEAST_SIDE), WIDTH)
     with style():
         figure = new_figure(side * 0.74, side)
         axis = figure.subplots()
