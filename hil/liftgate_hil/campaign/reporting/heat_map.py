@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -78,9 +79,14 @@ def heat_map(cells: Cells, across: str, down: str, good: float, bad: float, digi
         body.append(f"<tr><th>{text(name)}</th>{inside}</tr>")
     return (
         '<div class="wide"><table class="heat"><thead>'
-        f'<tr><th class="corner">{text(down)} ↓ &nbsp; {text(across)} →</th>{head}</tr>'
+        f'<tr><th class="corner">{_breakable(down)} ↓ &nbsp; {_breakable(across)} →</th>{head}</tr>'
         f"</thead><tbody>{''.join(body)}</tbody></table></div>"
     )
+
+
+def _breakable(label: str) -> str:
+    """Return a label as HTML whose lines may break within a key."""
+    return re.sub(r"([._])", r"\1<wbr>", text(label))
 
 
 def _cell(value: float, good: float, bad: float, digits: int) -> str:

@@ -431,8 +431,8 @@ class Drawing {
   givenRod(rod) {
     const [x, y] = this.at(this.onGate(rod.distance, -ROD_M, rod.angle_deg)),
       radius = ROD_M * this.scale,
-      words = shape("text", { class: "given", x: x - radius - 5, y: y + 4, "text-anchor": "end" });
-    words.textContent = `obstacle ${rod.angle_deg.toFixed(1)}°`;
+      words = shape("text", { x: x - radius - 5, y: y + 4, "text-anchor": "end" });
+    words.textContent = "obstacle";
     return [shape("circle", { class: "given", cx: x, cy: y, r: radius }), words];
   }
 
