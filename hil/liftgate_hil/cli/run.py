@@ -69,10 +69,12 @@ def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **mor
 
 def _verdicts(result: Result) -> list[str]:
     """Return the verdicts on the scenario's expectations, as lines; empty: there are none."""
+    if not result.expectations:
+        return []
     from liftgate_hil.testing.reports import line_of
 
     found = [f"  {printable(name)}: {line_of(each)}" for name, each in result.expectations.items()]
-    return ["expectations:", *found] if found else []
+    return ["expectations:", *found]
 
 
 def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> dict[str, Any]:

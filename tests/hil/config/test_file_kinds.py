@@ -56,8 +56,8 @@ def test_one_known_key_is_enough_to_report_the_others(tmp_path: Path):
         load_scenario(path)
 
 
-def test_the_suffixes_of_what_is_no_toml_are_those_of_databases_and_recordings():
-    assert [{*suffixes} for _, suffixes, _ in NO_TOML] == [{*KINDS}, {*RECORDED}]
+def test_the_suffixes_of_what_is_no_toml_are_those_of_databases_recordings_and_python():
+    assert [{*suffixes} for _, suffixes, _ in NO_TOML] == [{*KINDS}, {*RECORDED}, {".py"}]
 
 
 @pytest.mark.parametrize(
@@ -65,6 +65,7 @@ def test_the_suffixes_of_what_is_no_toml_are_those_of_databases_and_recordings()
     [
         ("car.dbc", "a CAN database; allowed: a TOML file; a rig file names the database"),
         ("run.MF4", "a recording; allowed: a TOML file; judge, plot, convert and replay take recordings"),
+        ("test_gate.py", "Python code; allowed: a TOML file; pytest runs tests in Python"),
     ],
 )
 def test_what_is_no_toml_by_its_suffix_is_told_as_what_it_is(tmp_path: Path, name: str, said: str):

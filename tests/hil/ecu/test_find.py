@@ -82,3 +82,15 @@ def test_a_library_that_exists_and_a_module_in_the_working_directory_are_fine(
     Path("own_ecu.py").touch()
     for name in ("reference", "bus", Path("ecu.so.1"), "own_ecu:Ecu", "json:loads", object()):
         check_ecu(name)
+
+
+def test_messages_name_a_class_as_it_was_given_however_its_object_shows_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "named_ecu.py").write_text("class Ecu:\n    def __repr__(self):\n        return 'step'\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(ConfigError) as caught:
+        adapter_for("named_ecu:Ecu", rig_from("liftgate"), 2)
+    assert caught.value.issues == [
+        "`ecu` named_ecu:Ecu: no step(); allowed: an object with step(now_s, frames) -> frames"
+    ]

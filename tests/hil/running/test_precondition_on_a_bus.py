@@ -263,7 +263,7 @@ def test_what_a_rig_s_check_says_of_it(tmp_path: Path) -> None:
 WRONG_RIGS = [
     ("[reset]\n", "reset: neither signal, uds nor command"),
     ('[reset]\nsignal = "Body.Nope"\nvalue = 1\n', "reset.signal: 'Body.Nope': no such signal"),
-    ('[reset]\nsignal = "Body.Ignition"\nvalue = "on"\n', "reset.rest: 1, the same as `value`"),
+    ('[reset]\nsignal = "Body.Ignition"\nvalue = "on"\n', "reset.rest: 1, the same as value"),
     ('[reset]\nsignal = "Body.Ignition"\n', "reset.value: None"),
     ('[reset]\ncommand = ["x"]\nready = "gate_angle_deg >"\n', "reset.ready: "),
     ('[reset]\ncommand = ["x"]\ntimeout_s = 0\n', "reset.timeout_s: 0 is out of range"),
