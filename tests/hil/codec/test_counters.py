@@ -138,7 +138,7 @@ def test_products_of_machine_code_are_those_of_python():
         (4, {"step": True}, "counter.step: True; allowed: -15 to -1, 1 to 15"),
         (1, {"step": 0.5}, "counter.step: 0.5; allowed: -1 or 1"),
         (4, {"highest": 16}, "counter.highest: 16; Counter has 4 bits; allowed: up to 15"),
-        (4, {"lowest": 7, "highest": 7}, "counter.lowest: 7; allowed: 0 to 6, below `highest`"),
+        (4, {"lowest": 7, "highest": 7}, "counter.lowest: 7; allowed: 0 to 6, below highest"),
         (4, {"lowest": 1, "start": 0}, "counter.start: 0; allowed: 1 to 15"),
         (4, {"start": -1}, "counter.start: -1; allowed: a whole number from 0 to 2^width - 1"),
         (4, {"signal": "No"}, "counter.signal: 'No'; allowed: one of Counter, Value"),
