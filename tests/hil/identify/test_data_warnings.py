@@ -17,7 +17,7 @@ from tests.hil.identify.simulated import estimated, measured, sought, true_vehic
 
 ALL = {"left_current_a": 0.05, "left_speed_rps": 0.5, "left_position_rev": 0.1, "gate_angle_deg": 0.1}
 CURRENT = {"left_current_a": 0.05}
-OFFSET = "an `offset` with the other sign in a map file corrects it"
+OFFSET = "an offset with the other sign in a map file corrects it"
 SAID = f"A while the motor stands without voltage: has its sensor an offset? {OFFSET}"
 
 
