@@ -116,7 +116,7 @@ def problem_of(
             refused_by=issues_with,
         )
     except ValueError as error:
-        raise ConfigError(f"{', '.join(args.files)}: {error}") from error
+        raise ConfigError(str(error)) from error
     notes = [f"{args.vehicle}: {each}" for each in notes_on_vehicle(vehicle)]
     notes += [f"{args.vehicle}: with {setting}" for setting in args.settings]
     if not is_the_law(vehicle):

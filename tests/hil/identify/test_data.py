@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from liftgate_hil.identify import rigid
 from liftgate_hil.identify.data import Data, applied_voltage, first_sample, rows_of
 from liftgate_hil.identify.initial_condition import beginning_of, begins_at_rest
+from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.raster import thinned
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant import gate
@@ -185,6 +186,13 @@ def test_a_motion_without_a_place_is_refused() -> None:
     data = later(measured(suv(), "full", SPEED, 1, 20.0), 0.5)
     with pytest.raises(ValueError, match=r"begins in motion.*allowed"):
         beginning_of(suv(), data, 0, None, True)
+
+
+def test_the_measurement_without_an_initial_condition_is_named() -> None:
+    good = measured(suv(), "full", SPEED, 1, 0.0, name="good.csv")
+    late = later(measured(suv(), "full", SPEED, 1, 20.0, name="late.csv"), 0.5)
+    with pytest.raises(ValueError, match=r"^late\.csv: begins in motion"):
+        Problem(suv(), "full", [], [good, late], list(SPEED), None)
 
 
 def test_a_drive_that_nothing_is_specified_for_is_driven_like_the_other() -> None:
