@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 from liftgate_hil.config.files import is_there, issue_with
@@ -56,6 +57,17 @@ def _listed(kind: str) -> str:
     return ", ".join([*names, *(f"{name}/NAME" for name in _SETS if (folder / name).is_dir())])
 
 
+def _near(path: Path) -> str:
+    """Return which file beside a path that does not exist may have been meant, as the begin of a sentence."""
+    from difflib import get_close_matches  # imported only where used, since the import takes time
+
+    beside: list[str] = []
+    with contextlib.suppress(OSError, ValueError):  # no such folder
+        beside = [each.name for each in path.parent.iterdir() if each.suffix == path.suffix]
+    near = get_close_matches(path.name, filter(str.isprintable, beside), 1, cutoff=0.8)
+    return f"did you mean {path.parent / near[0]}? " if near else ""
+
+
 def find_config(kind: str, name: str, called: str = "") -> Path:
     """Return the file for a `vehicle`, `rig` or `scenario` value: a shipped name or a path.
 
@@ -72,7 +84,10 @@ def find_config(kind: str, name: str, called: str = "") -> Path:
     issue = issue_with(path)
     if issue and not is_there(path):
         shipped = f"a shipped name ({_listed(kind)})"
-        issue = f"neither a file nor {shipped}" if is_name else f"{issue}; allowed: a file, or {shipped}"
+        if is_name:
+            issue = f"neither a file nor {shipped}"
+        else:
+            issue = f"{issue}; {_near(path)}allowed: a file, or {shipped}"
     if issue:
         raise ConfigError(f"{called} {shortened(name)}: {issue}")
     return path

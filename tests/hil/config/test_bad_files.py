@@ -84,6 +84,19 @@ def test_a_name_of_no_file_is_reported_as_such(tmp_path: Path, name: str):
     assert "no such file" in issue or "neither a file nor a shipped name" in issue
 
 
+def test_a_file_of_nearly_the_same_name_is_proposed(tmp_path: Path):
+    (tmp_path / "test_reverses.toml").touch()
+    for name in ("test_closes.toml", "test_reverses.csv"):
+        (tmp_path / name).touch()
+    with pytest.raises(ConfigError) as caught:
+        find_config("scenarios", str(tmp_path / "test_reverse.toml"))
+    proposed = tmp_path / "test_reverses.toml"
+    assert f"no such file; did you mean {proposed}? allowed: a file, or" in str(caught.value)
+    with pytest.raises(ConfigError) as caught:
+        find_config("scenarios", str(tmp_path / "else" / "test_reverse.toml"))
+    assert "no such file; allowed: a file, or" in str(caught.value)
+
+
 def test_a_folder_that_may_not_be_read_is_no_missing_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def denied(*_: object, **__: object) -> os.stat_result:
         raise PermissionError(13, "Permission denied")
