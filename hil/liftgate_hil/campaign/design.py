@@ -42,8 +42,10 @@ class Design:
 
     @property
     def is_sampled(self) -> bool:
-        """Whether any value is drawn from a distribution."""
-        return bool(self._samples)
+        """Whether the points are a random sample: of distributions, or of seeds and drawn cars alone."""
+        grids = [*self._slow, *self._fast]
+        is_random = bool(grids) and all(each.target.kind in (SEED_OF_RUN, DRAW) for each in grids)
+        return bool(self._samples) or is_random
 
     @staticmethod
     def _sampled(factors: list[Any], samples: int, method: str, seed: int) -> dict[str, Floats]:

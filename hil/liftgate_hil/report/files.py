@@ -12,8 +12,9 @@ from pathlib import Path
 from liftgate_hil.errors import ConfigError
 
 _LONGEST = 200  # bytes of a name that a temporary one holds: file systems allow 255
-# Errors of replacing a file that may be written to: a folder without permission, or sticky; read-only, or mounted.
-_NOT_REPLACED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.EBUSY)
+# Errors of replacing a file that may be written to: a folder without permission, or sticky; read-only, or mounted;
+# an owner that a container does not know.
+_NOT_REPLACED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.EBUSY, errno.EINVAL)
 # Suffixes of files that a report may replace.
 _KINDS = {"--html": (".html", ".htm"), "--save-vehicle": (".toml",), "--result": (".json",)}
 
@@ -78,12 +79,13 @@ def write_report(path: str, flag: str, text: str) -> None:
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file beside its place and rename it: it is there whole, or as it was before. Raises OSError.
 
-    What is no regular file, as a pipe, or cannot be replaced, for want of permission, is written to directly.
+    What is no regular file with a name, as a pipe, or cannot be replaced, for want of permission, is written to
+    directly.
     """
-    if path.exists() and not path.is_file():
+    place = Path(os.path.realpath(path))  # of a link, what it leads to
+    if path.exists() and not (path.is_file() and place.exists() and path.samefile(place)):
         path.write_bytes(content)
         return
-    place = Path(os.path.realpath(path))  # of a link, what it leads to
     try:
         _replace(place, content)
     except OSError as error:

@@ -50,6 +50,22 @@ def test_all_combinations_are_there_exactly_once() -> None:
     assert sorted(map(tuple, whole(made).tolist())) == sorted(expected)
 
 
+@pytest.mark.parametrize(
+    ("vary", "samples", "is_sampled"),
+    [
+        (["rod=1,2", "seed=1,2"], 0, False),
+        (["rod~uniform(1,2)", "angle=1,2"], 3, True),
+        (["draw=1:20:20"], 0, True),
+        (["seed=1,2", "draw=1,2"], 0, True),
+        ([], 0, False),
+    ],
+)
+def test_seeds_and_drawn_cars_alone_are_a_sample_as_distributions_are(
+    vary: list[str], samples: int, is_sampled: bool
+) -> None:
+    assert design(*vary, samples=samples).is_sampled == is_sampled
+
+
 def test_what_a_precondition_depends_on_changes_slowest() -> None:
     made = design("rod=1,2,3", "supply.voltage=9,12", "angle=10,20", "seed=4,7", "draw=1,2", "gate.mass=30,31")
     slow = whole(made)[:, [1, 3, 4, 5]]

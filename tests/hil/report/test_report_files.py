@@ -54,7 +54,15 @@ def test_a_pipe_by_the_name_of_its_descriptor_is_written_to() -> None:
         assert stream.read() == b"content"
 
 
-@pytest.mark.parametrize("number", [errno.EBUSY, errno.EPERM, errno.EACCES, errno.EROFS])
+def test_a_file_without_a_name_is_written_to(tmp_path: Path) -> None:
+    with (tmp_path / "gone").open("w+b") as stream:
+        (tmp_path / "gone").unlink()
+        write_whole(Path(f"/dev/fd/{stream.fileno()}"), b"content")
+        assert stream.read() == b"content"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [errno.EBUSY, errno.EPERM, errno.EACCES, errno.EROFS, errno.EINVAL])
 def test_a_file_that_cannot_be_replaced_is_written_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:

@@ -177,7 +177,7 @@ def heat_section(summary: Summary, units: Mapping[str, str], has_margin: bool = 
         parts.append(
             f"<h3>Largest pinch force [N]</h3>{drawn}"
             f'<p class="key">The worst of all other varied values in each cell; framed: over {LIMIT:.0f} N '
-            f"(borrowed from {text(ORIGINS[LIMIT])}).{_empty(cells, 'nothing was pinched')}</p>"
+            f"(borrowed from {text(ORIGINS[LIMIT])}).{_empty(cells, 'nothing was pinched or known')}</p>"
         )
     if summary.driver != FORCE and has_margin:
         cells = cells_of(summary.values[across], summary.values[down], summary.result, is_low_worst=True)
