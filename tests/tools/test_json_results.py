@@ -173,7 +173,7 @@ def test_the_keys_of_a_campaign() -> None:
 
 
 def test_every_verdict_has_the_same_keys() -> None:
-    from liftgate_hil.testing.reports import expectation_json
+    from liftgate_hil.judging.shown_verdict import expectation_json
     from tools.docs.json_keys import EXPECTATION
 
     assert [*expectation_json(Verdict("a", "pass"))] == [*EXPECTATION.keys]

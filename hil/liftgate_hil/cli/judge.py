@@ -144,7 +144,7 @@ def _tell(notes: Sequence[str]) -> None:
 
 def _lines_of(outcome: Outcome, is_named: bool, args: argparse.Namespace) -> list[str]:
     """Return what is printed of the verdicts of a run."""
-    from liftgate_hil.testing.reports import line_of
+    from liftgate_hil.judging.shown_verdict import line_of
 
     if args.json == "-":
         return []

@@ -138,13 +138,14 @@ def _conditioned(
     if vehicle.drives == 1:
         columns = {k: v for k, v in measurement.columns.items() if not k.startswith("right_")}
         measurement = replace(measurement, columns=columns)
+    known = known_of(vehicle)
     # An outlier that is dropped later is no value in another unit.
-    kept = quality.report_outliers(measurement, True, known_of(vehicle)) if args.drop_outliers else measurement
-    _raise_if_any(checks.check(kept, known_of(vehicle)))
+    kept = quality.report_outliers(measurement, True, known) if args.drop_outliers else measurement
+    _raise_if_any(checks.check(kept, known))
     measurement = condition.cut_time(measurement, args.start, args.end)
     _raise_if_any(checks.check_length(measurement))
     measurement = quality.report_gaps(measurement)
-    measurement = quality.report_outliers(measurement, args.drop_outliers, known_of(vehicle))
+    measurement = quality.report_outliers(measurement, args.drop_outliers, known)
     if cut is not None:
         low, high = cut
         measurement = condition.cut_angle(

@@ -69,18 +69,16 @@ def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **mor
 
 def _verdicts(result: Result) -> list[str]:
     """Return the verdicts on the scenario's expectations, as lines; empty: there are none."""
-    if not result.expectations:
-        return []
-    from liftgate_hil.testing.reports import line_of
+    from liftgate_hil.judging.shown_verdict import line_of
 
     found = [f"  {printable(name)}: {line_of(each)}" for name, each in result.expectations.items()]
-    return ["expectations:", *found]
+    return ["expectations:", *found] if found else []
 
 
 def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> dict[str, Any]:
     """Return the summary for JSON; its keys are public, and an unknown number is None."""
+    from liftgate_hil.judging.shown_verdict import expectation_json
     from liftgate_hil.report.provenance import provenance_of
-    from liftgate_hil.testing.reports import expectation_json
 
     return {
         **result.summary.as_dict(),

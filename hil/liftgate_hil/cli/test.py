@@ -291,7 +291,7 @@ def _deleted(outcome: Outcome) -> Outcome:
 
 def _lines_of(outcome: Outcome, done: int, count: int, args: argparse.Namespace) -> list[str]:
     """Return what is printed of a scenario: its verdict, its expectations and notes."""
-    from liftgate_hil.testing.reports import line_of
+    from liftgate_hil.judging.shown_verdict import line_of
 
     if args.json == "-" or (args.quiet and outcome.verdict == "pass"):
         return []

@@ -16,9 +16,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from liftgate_hil.config.shipped import data_root
+from liftgate_hil.judging.shown_verdict import line_of
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
 from liftgate_hil.testing.mutation import MutationResult
-from liftgate_hil.testing.reports import line_of
 from liftgate_hil.testing.suite import Outcome, subject_of
 
 _NOT_IN_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

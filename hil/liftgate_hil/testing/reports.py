@@ -1,13 +1,12 @@
-"""Outcomes of a suite as JSON, and a verdict on one line; for JUnit XML see `junit`."""
+"""Outcomes of a suite as JSON; for JUnit XML see `junit`."""
 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from liftgate_hil.judging.verdict import FAIL, Verdict
+from liftgate_hil.judging.shown_verdict import expectation_json
 from liftgate_hil.testing.suite import Outcome, counts_of, verdict_of
 
 
@@ -65,41 +64,3 @@ def _ecu(outcome: Outcome) -> dict[str, str | None]:
 
 def _recordings(outcome: Outcome) -> list[str]:
     return [] if outcome.result is None else [str(path) for path in outcome.result.recording]
-
-
-def expectation_json(verdict: Verdict) -> dict[str, Any]:
-    """Return a verdict for JSON; what is not a finite number is null."""
-
-    def known(value: float | None) -> float | None:
-        return value if value is not None and math.isfinite(value) else None
-
-    return {
-        "name": verdict.name,
-        "verdict": verdict.verdict,
-        "margin": known(verdict.margin),
-        "margin_unit": verdict.margin_unit,
-        "time_s": known(verdict.time_s),
-        "reason": verdict.reason,
-        "uncertainty": known(verdict.uncertainty),
-        "method": verdict.method or None,
-        "window_s": list(verdict.window_s) if verdict.window_s is not None else None,
-        "margin_time_s": known(verdict.margin_time_s),
-        "decided_by": verdict.decided_by,
-    }
-
-
-def line_of(verdict: Verdict) -> str:
-    """Return an expectation's verdict as one line; for a failure with a reason, the reason states the times."""
-    parts = [verdict.verdict]
-    if verdict.has_margin:
-        unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""
-        doubt = f" ± {verdict.uncertainty:.2g}" if verdict.uncertainty else ""
-        parts.append(f"margin {verdict.margin:.4g}{doubt}{unit}")
-    has_times = verdict.time_s is not None and not (verdict.verdict == FAIL and verdict.reason)
-    if has_times and (not verdict.has_margin or verdict.margin_time_s in (None, verdict.time_s)):
-        parts.append(f"at {verdict.time_s:.3f} s")
-    elif has_times:
-        parts[-1] += f" at {verdict.margin_time_s:.3f} s"
-        parts.append(f"fulfilled at {verdict.time_s:.3f} s")
-    line = ", ".join(parts)
-    return f"{line}: {verdict.reason}" if verdict.reason else line

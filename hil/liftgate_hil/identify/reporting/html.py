@@ -143,9 +143,8 @@ def _dependences(result: Identification) -> str:
     if not rows:
         return ""
     heads = ("estimate", "fixed parameter", "its value", "", "change %", "in std")
-    return (
-        "<p>Change of the estimates if a fixed parameter were 10 % larger (not visible in the residuals).</p>"
-    ) + table(heads, rows, ("name", "name", "r", "n", "r", "r"))
+    lead = "<p>Change of the estimates if a fixed parameter were 10 % larger (not visible in the residuals).</p>"
+    return lead + table(heads, rows, ("name", "name", "r", "n", "r", "r"))
 
 
 def _profiles(result: Identification) -> str:
