@@ -1,6 +1,7 @@
 # make demo: the closed loop on a virtual bus.  make test: what CI runs, on all CPUs (JOBS=1: one after the other), and
 # in parallel the tests on a real vcan0 if a machine with one is available (VCAN=required: else it fails; BESIDE=: without).
 # make study: measurements that take minutes, shown in docs/ instead of judged with each change.  make coverage: lines that tests miss.
+# make test-pythons: every Python that pyproject.toml names and this machine has, each with a cold cache.
 # make test-package: sdist and wheel, built, installed into an empty environment and used outside the checkout.
 # make test-vcan: the tests on a vcan0 alone; VCAN=optional skips them if no machine with a vcan0 is available.
 PYTHON ?= python3
@@ -22,7 +23,7 @@ MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 # Some machines set it: there each of the tests' thousands of processes would compile our sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: campaign demo docs manual test last-bits test-package test-browser test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile scheduling campaign-study study coverage clean
+.PHONY: campaign demo docs manual test last-bits test-package test-pythons test-browser test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile scheduling campaign-study study coverage clean
 
 setup: $(VENV)/.ready
 
@@ -65,6 +66,9 @@ coverage: setup
 last-bits: setup
 	LAST_BITS=$(or $(SEED),1) $(BIN)/python -m pytest -n $(JOBS) --dist worksteal tests/plant tests/reference \
 	    tests/hil/identify tests/tools/test_identification_tools.py
+
+test-pythons: setup
+	$(BIN)/python -m tools.pythons
 
 test-package: setup
 	$(BIN)/python -m tools.check_package

@@ -1,15 +1,32 @@
 """Make a virtual environment: `python3 tools/make_venv.py FOLDER`.
 
+A Python with which the project was not tried is refused (`requires-python` of pyproject.toml).
+
 Debian and Ubuntu ship Python without `ensurepip` unless python3-venv is installed. If it is missing, the package
 is installed where that is possible; elsewhere the program ends with a message that names the package.
 """
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import venv
 from pathlib import Path
+
+PROJECT = Path(__file__).resolve().parent.parent / "pyproject.toml"
+
+
+def check_version(version: tuple) -> None:
+    """Exit with a message where the project was not tried with a version (major, minor) of Python."""
+    text = PROJECT.read_text(encoding="utf-8")
+    lowest, end = re.search(r'^requires-python = ">=3\.(\d+),<3\.(\d+)"$', text, re.MULTILINE).groups()
+    if not (3, int(lowest)) <= version < (3, int(end)):
+        sys.stderr.write(
+            f"make_venv: {sys.executable} is Python {version[0]}.{version[1]}; "
+            f"allowed: 3.{lowest} to 3.{int(end) - 1} (make setup PYTHON=python3.{int(end) - 1})\n"
+        )
+        sys.exit(2)
 
 
 def has_ensurepip() -> bool:
@@ -35,6 +52,7 @@ def install_venv_package() -> None:
 
 def main() -> None:
     """Make the virtual environment in the folder that the command line names."""
+    check_version(sys.version_info[:2])
     if not has_ensurepip():
         install_venv_package()
     # The folder is cleared: one that is left from an interrupted try would lack pip.

@@ -4,7 +4,12 @@ import gc
 import os
 import sys
 
+_OLDEST = (3, 11)  # Python; as requires-python of pyproject.toml
 _OBJECTS = 200_000  # allocations before Python searches for cycles; a start makes half as many, without garbage
+
+if sys.version_info < _OLDEST:
+    sys.stderr.write(f"liftgate-hil: Python {sys.version.split()[0]} is too old; allowed: 3.11 or later\n")
+    sys.exit(2)
 
 if __name__ == "__main__" and not sys.flags.safe_path:
     # `-m` puts the working directory first: a file there that is called numpy.py would be run. For the same reason

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from llvmlite.binding import ObjectFileRef
 from numpy.typing import NDArray
 
 from liftgate_plant import compiler
@@ -20,6 +22,7 @@ from liftgate_plant.compiler import (
     Watcher,
     building,
     child,
+    compilable,
     compiled,
     enabled,
     obtaining,
@@ -397,24 +400,77 @@ def test_who_waits_for_another_process_can_give_up(impatient: None, cache: Path)
             obtaining.machine_code_of(double, (Number("f"),))
 
 
-def test_giving_up_ends_the_process_that_compiles():
-    started: list[subprocess.Popen[bytes]] = []
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
+    """The compiler's processes."""
+    found: list[subprocess.Popen[bytes]] = []
 
     class Noted(subprocess.Popen[bytes]):
         def __init__(self, *arguments: Any, **more: Any) -> None:
             super().__init__(*arguments, **more)
-            started.append(self)
+            found.append(self)
 
+    monkeypatch.setattr(subprocess, "Popen", Noted)
+    return found
+
+
+def test_giving_up_ends_the_process_that_compiles(
+    started: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
+):
     def give_up() -> None:
         raise KeyboardInterrupt
 
     request = child.Request(double, (Number("f"),), building.key_of(double))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(subprocess, "Popen", Noted)
-        patch.setattr(child, "_LOOK_S", 0.001)
-        with pytest.raises(KeyboardInterrupt):
-            child.compile_apart(request, give_up)
+    monkeypatch.setattr(child, "_LOOK_S", 0.001)
+    with pytest.raises(KeyboardInterrupt):
+        child.compile_apart(request, give_up)
     assert [each.returncode for each in started] == [-9]
+
+
+@compilable
+def halved(x: float) -> float:
+    return 0.5 * x
+
+
+def one_more(x: float) -> float:
+    return halved(x) + 1.0
+
+
+def one_less(x: float) -> float:
+    return halved(x) - 1.0
+
+
+def text_sections(code: bytes) -> list[bytes]:
+    return [each.data() for each in ObjectFileRef.from_data(code).sections() if each.is_text()]
+
+
+def test_entry_points_that_share_a_process_get_the_same_machine_code(started: list[subprocess.Popen[bytes]]):
+    requests = [child.Request(each, (Number("f"),), building.key_of(each)) for each in (one_more, one_less)]
+    alone = [child.compile_apart(each, lambda: None) for each in requests]
+    assert [each.returncode for each in started] == [-9, -9]
+    started.clear()
+    with child.sharing():
+        shared = [child.compile_apart(each, lambda: None) for each in requests]
+        (process,) = started
+        assert process.poll() is None
+        os.kill(process.pid, signal.SIGKILL)  # between two requests, as with the thread that had it started
+        process.wait()
+        assert child.compile_apart(requests[0], lambda: None) == shared[0]
+    assert len(started) == 2
+    assert [each.returncode for each in started] == [-9, -9]
+    assert [text_sections(each.code) for each in alone] == [text_sections(each.code) for each in shared]
+
+
+def test_a_process_that_is_killed_while_it_compiles_is_reported(monkeypatch: pytest.MonkeyPatch):
+    def kill() -> None:
+        assert child._Shared.compiler is not None
+        child._Shared.compiler._process.kill()
+
+    monkeypatch.setattr(child, "_LOOK_S", 0.001)
+    request = child.Request(double, (Number("f"),), building.key_of(double))
+    with pytest.raises(child.CompileError, match=r"ended from outside \(signal 9\)"):
+        child.compile_apart(request, kill)
+    assert child._Shared.compiler is None
 
 
 def test_the_other_process_gives_nothing_where_its_sources_are_others():

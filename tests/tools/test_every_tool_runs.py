@@ -47,6 +47,7 @@ ELSEWHERE = {
     "tools.vcan.probe": "make test-vcan",
     "tools.check_package": "make test-package",
     "tools.make_venv": "make setup",
+    "tools.pythons": ".ci/run",
 }
 
 

@@ -28,16 +28,15 @@ def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     from liftgate_hil.cli.stopping import StopSignals
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.loop.realtime_loop import run_realtime
-    from liftgate_hil.running.compilation import reporting_compilation
+    from liftgate_hil.running.compilation import ENTRY_POINTS, function_of, reporting_compilation
     from liftgate_plant import compiler
 
     stopped, teller = StopSignals(), Teller(args.quiet)
     if not compiler.enabled():
         raise LiftgateError("the compiler is switched off (LIFTGATE_COMPILE=0); allowed: LIFTGATE_COMPILE not set")
     try:
-        with reporting_compilation(teller, stopped):
-            for use in (_loops, _offline, _measurements, _replay):
+        with reporting_compilation(teller, stopped), compiler.sharing():
+            for use in (_loops, _offline, _measurements, _recordings, _replay):
                 use(teller, stopped)
     except compiler.GivenUpError:
         return stopped.exit_code
@@ -46,12 +45,20 @@ def run(args: argparse.Namespace) -> int:
     if stopped():
         return stopped.exit_code
     files = list(compiler.cache_folder().rglob("*.code"))
-    if not compiler.is_cached(run_realtime):  # files of other versions may be there
-        raise LiftgateError("the machine code could not be saved; see the message above")
+    for name, entry in ENTRY_POINTS.items():
+        if not compiler.is_cached(function_of(name)):  # files of other versions may be there
+            raise LiftgateError(f"machine code of the {entry.called} could not be saved; see the message above")
     if not args.quiet:
         size = sum(file.stat().st_size for file in files) / 1e6
         print(f"{compiler.cache_folder()}: {len(files)} files, {size:.1f} MB", file=sys.stdout)
     return 0
+
+
+_SCENARIO = """\
+[[expect]]
+name = "begins"
+always = "time_s >= 0"
+"""
 
 
 class _Compiling(Listener):
@@ -64,17 +71,19 @@ class _Compiling(Listener):
 
 
 def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
-    """Compile the loops of a run: each clock, with an ECU in the process and a triggered recording."""
+    """Compile the loops of a run: each clock, with an ECU in the process, a judge and a triggered recording."""
     from liftgate_hil.running.job import Job
     from liftgate_hil.running.options import CLOCKS, RunOptions
     from liftgate_hil.running.plan import plan_of
     from liftgate_hil.running.run import execute
 
     with tempfile.TemporaryDirectory() as folder:
+        scenario = Path(folder) / "scenario.toml"
+        scenario.write_text(_SCENARIO, encoding="utf-8")
         for clock in CLOCKS:
             records, when = (Path(folder) / "run.csv",), ("time_s > 0",)
             options = RunOptions(clock=clock, duration=0.001, record=records, record_when=when)
-            job = Job(scenario=None, ecu="reference", options=options, listener=_Compiling(teller))
+            job = Job(scenario=str(scenario), ecu="reference", options=options, listener=_Compiling(teller))
             result = execute(plan_of(job), stopped)
             if result.verdict == ERROR:
                 raise LiftgateError(result.reason)
@@ -113,6 +122,15 @@ def _measurements(teller: Listener, stopped: Callable[[], bool]) -> None:
     layout = rig_of(None, setup_of(None).scenario).output_config(sending=False)
     events_in(layout, empty_frames(0), np.zeros(0, dtype=np.int64), len(BUS_OUTPUTS))
     measure_wakeups(1_000_000, 1)
+
+
+def _recordings(teller: Listener, stopped: Callable[[], bool]) -> None:
+    """Compile the writing of MCAP."""
+    import numpy as np
+
+    from liftgate_hil.formats.mcap_text import RowMessages, Topic
+
+    RowMessages([Topic(0, ("time_s",), (0,), (False,))]).block(np.zeros((1, 1)), np.zeros(1, dtype=np.int64), 0)
 
 
 def _replay(teller: Listener, stopped: Callable[[], bool]) -> None:

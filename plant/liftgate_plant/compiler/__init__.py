@@ -8,9 +8,9 @@ holds no interpreter lock, together with all compilable functions it calls.
     obtaining   machine code from the disk, or compiled and stored there    │
     building    keys and files of machine code, compilation in this process ├ without numba
     storage, child, kinds, packing, loading                                 ┘
-    making, linking, extensions, compile_patches     numba, in a process of its own
+    making, linking, extensions     numba, in a process of its own
 
-What these four use of numba's inside, and with which versions that was tried, stands in docs/compiler.md.
+What these three use of numba's inside, and with which versions that was tried, stands in docs/compiler.md.
 
 `LIFTGATE_COMPILE=0` in the environment switches the compiler off: `compiled` then returns its argument.
 
@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from liftgate_plant.compiler import building, obtaining, packing, storage
+from liftgate_plant.compiler.building import CompileError
 from liftgate_plant.compiler.calls import (
     INT_OF_LONG_INT,
     INT_OF_STEP,
@@ -34,7 +35,7 @@ from liftgate_plant.compiler.calls import (
     call_step,
     last_error,
 )
-from liftgate_plant.compiler.child import CompileError
+from liftgate_plant.compiler.child import sharing
 from liftgate_plant.compiler.durations import expected_s
 from liftgate_plant.compiler.durations import note as note_duration
 from liftgate_plant.compiler.kinds import Kind, kind_of
@@ -47,7 +48,7 @@ __all__ = [
     "INT_OF_LONG_INT", "INT_OF_STEP", "CompileError", "GivenUpError", "System", "Watcher",
     "all_finite", "cache_folder", "call_long_int", "call_step", "compilable", "compiled", "enabled",
     "expected_s", "fill", "is_cached", "last_error", "note_duration", "outlined", "overlay",
-    "picked", "processor", "put_text", "unflattened", "unwatch", "watch", "with_item",
+    "picked", "processor", "put_text", "sharing", "unflattened", "unwatch", "watch", "with_item",
 ]  # fmt: skip
 
 F = TypeVar("F", bound=Callable[..., Any])

@@ -6,8 +6,10 @@ import functools
 import importlib.util
 import os
 import platform
+import re
 import sys
 from collections.abc import Callable, Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,28 @@ from liftgate_plant.compiler.storage import Stored
 compilable_functions: list[Callable[..., Any]] = []
 outlined_functions: set[Callable[..., Any]] = set()  # the subset that is not inlined
 
+# The lowest and the highest version of numba that were tried: of its inside, docs/compiler.md names what is used.
+NUMBA = "0.66", "0.68.1"
+
 # Settings of numba that affect where and how long it compiles, but not the machine code.
 _NOT_IN_KEY = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS"}
+
+
+class CompileError(RuntimeError):
+    """Raised where no machine code can be made: the compiler's process was ended, or its numba is not known."""
+
+
+def check_numba() -> None:
+    """Check that the installed numba is one of the versions that were tried. Raises CompileError."""
+    installed, (lowest, highest) = metadata.version("numba"), NUMBA
+    if not _numbers_of(lowest) <= _numbers_of(installed) <= _numbers_of(highest):
+        wanted = f"{lowest} to {highest} (pip install 'numba>={lowest},<={highest}')"
+        raise CompileError(f"numba {installed} is installed; allowed: {wanted}")
+
+
+def _numbers_of(version: str) -> tuple[int, ...]:
+    """Return the numbers that a version begins with."""
+    return tuple(int(each) for each in re.findall(r"\d+", version)[:3])
 
 
 def make_here(function: Callable[..., Any], kinds: Sequence[Kind]) -> Stored:

@@ -3,65 +3,18 @@
 
 Left to itself, numba optimises each function and emits its machine code, with all functions that it calls inlined
 into it again. For the entry points here this is most of the compilation time, and none of that code is ever run.
-Here each entry point is optimised and emitted once, with all that it calls. This depends on internals of numba;
-`is_possible` checks that they are as they were when this was written.
+Here each entry point is optimised and emitted once, with all that it calls. This depends on internals of numba, so
+that only versions are allowed with which it was tried (`building.NUMBA`).
 """
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Iterable
 from typing import Any
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
-import numba
 from numba.core import codegen, typed_passes, untyped_passes
 from numba.core.compiler import Compiler
 from numba.core.compiler_machinery import PassManager
-
-_TRIED = (0, 66), (0, 68)
-# Internals of numba that are used here: attributes of its classes.
-_NEEDED: dict[type, tuple[str, ...]] = {
-    codegen.JITCodeLibrary: (
-        "_ensure_finalized", "_finalize_dynamic_globals", "_get_module_for_linking", "_optimize_functions",
-        "_raise_if_finalized", "add_ir_module", "add_linking_library", "finalize", "has_dynamic_globals",
-    ),
-    codegen.CPUCodegen: ("_function_pass_manager", "_module_pass_manager", "_pass_builder"),
-    Compiler: ("compile_extra", "define_pipelines"),
-    PassManager: ("_runPass", "add_pass", "finalize"),
-}  # fmt: skip
-_SET = {
-    "_codegen",
-    "_final_module",
-    "_finalized",
-    "_linking_libraries",
-    "_reload_init",
-}  # attributes that a library sets
-_OPTIONS = {"opt", "loop_vectorize", "slp_vectorize", "cost"}  # options of the pass managers
-
-
-def is_possible() -> bool:
-    """Whether this version of numba is one of those that were tested, and has the internals used here."""
-    lowest, highest = _TRIED
-    version = tuple(int(part) for part in numba.__version__.split(".")[:2])
-    return (
-        lowest <= version <= highest
-        and all(hasattr(owner, name) for owner, names in _NEEDED.items() for name in names)
-        and _names_in(codegen.CPUCodeLibrary.__mro__) >= _SET
-        and _names_in([codegen.CPUCodegen]) >= _OPTIONS
-        and "llvm_module" not in _parameters(codegen.CPUCodegen._function_pass_manager)
-    )
-
-
-def _names_in(classes: Iterable[type]) -> set[str]:
-    """Return the names of attributes, and the texts, in the code of these classes."""
-    codes = [each.__code__ for owner in classes for each in vars(owner).values() if inspect.isfunction(each)]
-    texts = {text for code in codes for text in code.co_consts if isinstance(text, str)}
-    return texts.union(*(code.co_names for code in codes))
-
-
-def _parameters(function: Callable[..., Any]) -> frozenset[str]:
-    return frozenset(inspect.signature(function).parameters)
 
 
 class _Library(codegen.JITCodeLibrary):
@@ -118,6 +71,9 @@ _INLINED: dict[str, Any] = {**_NO_VECTORS, "opt": 0, "cost": "cheap"}
 _OPTIMISED: dict[str, Any] = _NO_VECTORS
 
 
+_NAME_LENGTH = 100  # of a function's name for profilers: module and function
+
+
 class ExportLibrary(_Library):
     """Library of the function that is called from outside, with all helpers below it."""
 
@@ -125,9 +81,12 @@ class ExportLibrary(_Library):
         """Link and optimise the library, and return its object file."""
         self._raise_if_finalized()
         _link(self, self._final_module)
-        for function in self._final_module.functions:
-            if not function.is_declaration and function.name != self.name:
-                function.linkage = "internal"
+        module = self._final_module
+        for number, each in enumerate([*module.functions, *module.global_variables]):
+            if not each.is_declaration and each.name != self.name:
+                each.linkage = "internal"
+                # Numba's own name spells out all argument types, which are kilobytes for a state.
+                each.name = f"{each.name[:_NAME_LENGTH]}.{number}"
         for options in _INLINED, _OPTIMISED:
             manager, builder = self._codegen._module_pass_manager(**options)
             manager.run(self._final_module, builder)

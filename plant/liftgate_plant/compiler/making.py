@@ -14,13 +14,11 @@ from typing import Any
 import numba
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba.core.compiler import Compiler
 from numba.extending import register_jitable
 from numba.np.arrayobj import populate_array
 from numba.np.numpy_support import from_dtype
 
 from liftgate_plant.compiler import extensions, linking, packing  # noqa: F401
-from liftgate_plant.compiler.compile_patches import patched
 from liftgate_plant.compiler.kinds import Array, Kind, Nothing, Number, Tuple
 from liftgate_plant.compiler.loading import FITS, STRANGE_ARRAY, SYMBOL, UNFIT, unresolved
 from liftgate_plant.compiler.storage import Stored
@@ -54,27 +52,21 @@ def make(
     was_enabled = gc.isenabled()
     gc.disable()
     try:
-        with patched():
-            for each in helpers - {function} - _known_to_numba:
-                _teach(each, is_outlined=each in outlined)
-            arguments = tuple(numba_type(each) for each in kinds)
-            dispatcher: Any = numba.njit(pipeline_class=_pipeline(), **OPTIONS)(function)
-            dispatcher.compile(arguments)
-            return _exported(dispatcher.overloads[arguments], kinds)
+        for each in helpers - {function} - _known_to_numba:
+            _teach(each, is_outlined=each in outlined)
+        arguments = tuple(numba_type(each) for each in kinds)
+        dispatcher: Any = numba.njit(pipeline_class=linking.HelperCompiler, **OPTIONS)(function)
+        dispatcher.compile(arguments)
+        return _exported(dispatcher.overloads[arguments], kinds)
     finally:
         if was_enabled:
             gc.enable()
 
 
-def _pipeline(is_outlined: bool = False) -> type[Compiler]:
-    if not linking.is_possible():
-        return Compiler
-    return linking.OutliningCompiler if is_outlined else linking.HelperCompiler
-
-
 def _teach(helper: Callable[..., Any], is_outlined: bool) -> None:
     """Register a helper with numba, so that compiled code may call it."""
-    register_jitable(pipeline_class=_pipeline(is_outlined), **OPTIONS)(helper)
+    pipeline = linking.OutliningCompiler if is_outlined else linking.HelperCompiler
+    register_jitable(pipeline_class=pipeline, **OPTIONS)(helper)
     _known_to_numba.add(helper)
 
 

@@ -81,6 +81,7 @@ def _compiled(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:
     def look() -> None:
         watcher().compiles(name, time.monotonic() - began)
 
+    building.check_numba()
     look()
     made = None
     if function.__module__ != "__main__":

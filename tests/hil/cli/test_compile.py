@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import liftgate_hil
 from liftgate_hil.cli.main import main
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.loop.listener import Listener
-from liftgate_hil.running.compilation import reporting_compilation
+from liftgate_hil.running.compilation import ENTRY_POINTS, function_of, reporting_compilation
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import plan_of
@@ -34,6 +36,18 @@ def test_without_the_compiler_there_is_nothing_to_make(
     monkeypatch.setenv("LIFTGATE_COMPILE", "0")
     assert main(["compile"]) == 1
     assert "the compiler is switched off" in capsys.readouterr().err
+
+
+def test_it_makes_all_that_the_product_compiles():
+    """What is handed to `compiled` anywhere, by the name of its function."""
+    calls = [
+        (path, node.args[0])
+        for path in Path(liftgate_hil.__file__).parent.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "compiled"
+    ]
+    assert {ast.unparse(each).rpartition(".")[2] for _, each in calls} == ENTRY_POINTS.keys()
+    assert all(function_of(name).__name__ == name for name in ENTRY_POINTS)
 
 
 @needs_compiler

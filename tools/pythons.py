@@ -1,0 +1,117 @@
+"""Try every Python that pyproject.toml names: `python -m tools.pythons [--short] [--others]`.
+
+Each that this machine has gets an environment of its own with the installed package, and an empty cache of machine
+code. Whole: `compile` of every entry point, an emulator, the demo, `simulate`, a campaign of two variants and the
+compiler's tests. Short: the first command of the README and `simulate`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+_CLASSIFIER = "Programming Language :: Python :: "
+_PATIENCE = 1200.0  # s for one step; nothing is judged by it
+
+_EMULATOR = "liftgate-hil --bus virtual:x --ecu reference --duration 0.3 --quiet"
+_SIMULATE = "liftgate-hil simulate --duration 1 --output opening.csv"
+SHORT = (_EMULATOR, _SIMULATE)
+WHOLE = (
+    "liftgate-hil compile --quiet",
+    _EMULATOR,
+    "liftgate-hil demo --clock free --output demo --quiet",
+    _SIMULATE,
+    f"liftgate-hil campaign {ROOT}/docs/examples/trap.toml --vary rod=10000,20000 --output campaign --quiet",
+    f"python -m pytest -q -p no:cacheprovider --rootdir {ROOT} {ROOT}/tests/plant/test_linking.py "
+    f"{ROOT}/tests/plant/test_compiler.py {ROOT}/tests/plant/test_machine_code.py",
+)
+
+
+def versions() -> list[str]:
+    """Return the versions of Python that pyproject.toml names, such as 3.11."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    named = [each.removeprefix(_CLASSIFIER) for each in project["classifiers"] if each.startswith(_CLASSIFIER)]
+    return [each for each in named if each.count(".") == 1]
+
+
+def interpreter(version: str) -> str | None:
+    """Return the program of a version of Python, on the path or kept by pyenv; None: this machine has none."""
+    kept = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
+    found = sorted(kept.glob(f"{version}.*/bin/python"), reverse=True)
+    for program in (sys.executable, shutil.which(f"python{version}"), *map(str, found)):
+        if program is not None and _version_of(program) == version:
+            return program
+    return None
+
+
+def _version_of(program: str) -> str:
+    """Return a program's version of Python; "" where it does not run, as pyenv's stand-ins may not."""
+    code = "import sys; print('%d.%d' % sys.version_info[:2])"
+    done = subprocess.run([program, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    return done.stdout.strip()
+
+
+def main() -> int:
+    """Run the command line; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--short", action="store_true", help="only an emulator and simulate")
+    parser.add_argument("--others", action="store_true", help="leave out the Python that runs this")
+    parser.add_argument("--output", type=Path, default=ROOT / "out" / "pythons", help="folder of the environments")
+    args = parser.parse_args()
+    own = ".".join(map(str, sys.version_info[:2]))
+    failed = []
+    for version in versions():
+        if args.others and version == own:
+            continue
+        program = interpreter(version)
+        if program is None:
+            print(f"Python {version}: NOT HERE", flush=True)
+            continue
+        folder = args.output / version
+        shutil.rmtree(folder, ignore_errors=True)
+        (folder / "work").mkdir(parents=True)
+        if not _tried(version, program, folder, args.short):
+            failed.append(version)
+    if failed:
+        print(f"pythons: FAILED with {', '.join(failed)}")
+    return 1 if failed else 0
+
+
+def _tried(version: str, program: str, folder: Path, short: bool) -> bool:
+    """Whether each step succeeds with a version of Python."""
+    for command in _steps(program, folder, short):
+        began = time.monotonic()
+        path = f"{folder / 'venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"
+        environment = {**os.environ, "PATH": path, "XDG_CACHE_HOME": str(folder / "cache")}
+        environment.pop("PYTHONPATH", None)
+        done = subprocess.run(
+            command, cwd=folder / "work", env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            text=True, check=False, timeout=_PATIENCE,
+        )  # fmt: skip
+        shown = " ".join(command).replace(f"{ROOT}/", "")
+        print(f"Python {version}: {time.monotonic() - began:6.1f} s  {shown}", flush=True)
+        if done.returncode != 0 or "Traceback" in done.stdout:
+            print(done.stdout, f"exit code {done.returncode}", sep="", flush=True)
+            return False
+    return True
+
+
+def _steps(program: str, folder: Path, short: bool) -> Iterator[list[str]]:
+    """Yield the commands to try."""
+    pip = ["python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-compile"]
+    yield [program, "-m", "venv", str(folder / "venv")]
+    yield [*pip, str(ROOT)] if short else [*pip, f"{ROOT}[all]", "pytest", "hypothesis"]
+    for line in SHORT if short else WHOLE:
+        yield line.split()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
