@@ -1,5 +1,5 @@
-# make demo: the closed loop on a virtual bus.  make test: what CI runs, on all CPUs (JOBS=1: one after the other), and
-# in parallel the tests on a real vcan0 if a machine with one is available (VCAN=required: else it fails; BESIDE=: without).
+# make demo: the closed loop on a virtual bus.  make test: all tests, on all CPUs (JOBS=1: one after the other); the tests on a
+# real vcan0 if a machine with one is available (VCAN=required: else it fails).  make ci: these, and package and other Pythons.
 # make study: measurements that take minutes, shown in docs/ instead of judged with each change.  make coverage: lines that tests miss.
 # make test-pythons: every Python that pyproject.toml names and this machine has, each with a cold cache.
 # make test-package: sdist and wheel, built, installed into an empty environment and used outside the checkout.
@@ -8,22 +8,21 @@ PYTHON ?= python3
 VENV   ?= .venv
 OUT    ?= out
 VCAN   ?= required
-# What `make test` runs beside its tests; there a vcan0 is optional unless VCAN says otherwise.
-BESIDE ?= test-browser test-vcan
-# Not $(MAKE) in the recipe itself: `make -n test` would run all of it.
-SELF   := $(MAKE)
-BESIDE_VCAN := $(if $(filter file,$(origin VCAN)),optional,$(VCAN))
 BIN    := $(VENV)/bin
 # auto: a process for each CPU.
 JOBS   ?= auto
 VCAN_TESTS ?= tests/vcan
+# What waits for its time goes first, where this user may decide that.
+FIRST := $(if $(filter -5,$(shell nice -n -5 nice 2> /dev/null)),nice -n -5)
+# Printed at the end, and kept in out/stages: the slowest tests, and the time by folder.
+PYTEST := -m pytest --durations=60 --durations-min=1
 # The compiled model: kept on the host, as all else that a machine writes is lost.
 MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 
 # Some machines set it: there each of the tests' thousands of processes would compile our sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: campaign demo docs manual test last-bits test-package test-pythons test-browser test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile scheduling campaign-study study coverage clean
+.PHONY: campaign ci compile demo docs manual programs test last-bits test-main test-realtime test-package test-pythons test-other-pythons test-browser test-vcan lint setup bench accuracy anti-trap pack pack-realtime hostile scheduling campaign-study study coverage clean
 
 setup: $(VENV)/.ready
 
@@ -47,17 +46,22 @@ manual: setup
 	$(BIN)/python -m sphinx -W --keep-going -E -q -b html docs $(OUT)/manual
 	$(BIN)/python -m sphinx -W --keep-going -E -q -b man docs $(OUT)/man
 
-# Tests in real time, which wait most of the time, run last, one on each CPU. All others have a lower priority than the
-# tests on a vcan0, which run in parallel and whose output is printed at the end.
-test: lint
-	@mkdir -p $(OUT); failed=0; \
-	{ for each in $(BESIDE); do $(SELF) --no-print-directory $$each VCAN=$(BESIDE_VCAN) || exit 1; done; } \
-	    > $(OUT)/beside.log 2>&1 & beside=$$!; \
-	nice -n 10 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not realtime and not browser" || failed=1; \
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m realtime || failed=1; \
-	wait $$beside || failed=1; \
-	cat $(OUT)/beside.log; \
-	exit $$failed
+# Which stages run side by side: tools/stages.py.
+test ci: setup
+	@$(BIN)/python -u -m tools.stages $@
+
+# The machine code of all entry points, once for all tests.
+compile: setup
+	$(BIN)/liftgate-hil compile --quiet
+
+test-main: setup
+	$(BIN)/python $(PYTEST) -n $(JOBS) --dist worksteal -m "not realtime and not browser"
+
+# Tests in real time, which wait most of the time. They have a port for multicast datagrams of their own: python-can's bus
+# of that kind hears all groups of a port.
+test-realtime: setup
+	CAN_CONFIG='{"port": 43114}' $(FIRST) $(BIN)/python $(PYTEST) -n $(JOBS) --dist loadgroup -m realtime \
+	    $$(grep -rlE "mark\.realtime" tests --include="test_*.py")
 
 coverage: setup
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal --cov --cov-report=term
@@ -70,18 +74,27 @@ last-bits: setup
 test-pythons: setup
 	$(BIN)/python -m tools.pythons
 
+test-other-pythons: setup
+	$(BIN)/python -m tools.pythons --short --others
+
+# Completion is tried in the shells themselves, the page in a browser; where they cannot be had, the tests say so.
+programs:
+	@if ! { command -v zsh && command -v fish && command -v chromium && command -v chromedriver; }; then \
+	    { apt-get update && apt-get install -y --no-install-recommends zsh fish chromium chromium-driver; } \
+	        > /dev/null 2>&1 || echo "zsh, fish, chromium: NOT HERE"; \
+	fi
+
 test-package: setup
 	$(BIN)/python -m tools.check_package
 
-# Tests of the page in a browser, which wait most of the time; those in which the gate moves are among the last of `make test`.
+# Tests of the page in a browser, which wait most of the time; those in which the gate moves are among those in real time.
 test-browser: setup
-	$(BIN)/python -m pytest -m "not realtime" tests/browser
+	$(FIRST) $(BIN)/python $(PYTEST) -m "not realtime" tests/browser
 
-test-vcan: setup
+test-vcan: compile
 	@if $(BIN)/python -m tools.vcan --install; then \
-	    $(BIN)/python -m liftgate_hil --bus virtual:warm --duration 0.01 --quiet && \
-	    $(BIN)/python -m tools.vcan --timeout 1800 --out $(MODEL) -- \
-	        $(BIN)/python -m pytest $(VCAN_TESTS); \
+	    $(FIRST) $(BIN)/python -m tools.vcan --timeout 1800 --out $(MODEL) -- \
+	        $(BIN)/python $(PYTEST) $(VCAN_TESTS); \
 	else \
 	    echo "test-vcan: NOT RUN: no machine with a vcan0 here, for the reason above"; \
 	    test $(VCAN) = optional; \

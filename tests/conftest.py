@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import os
 import signal
 from collections.abc import Iterator
@@ -38,6 +39,22 @@ if last_bits.seed():
 def pytest_report_header() -> str | None:
     """The line that tells of the switch, where it is on."""
     return f"{last_bits.VARIABLE}={last_bits.seed()}" if last_bits.seed() else None
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """With `--durations`: the time by folder, set-up and teardown included, and the number of tests."""
+    if terminalreporter.config.option.durations is None:
+        return
+    seconds: dict[str, float] = {}
+    tests: dict[str, set[str]] = {}
+    for report in itertools.chain.from_iterable(terminalreporter.stats.values()):
+        if isinstance(report, pytest.TestReport):
+            folder = report.nodeid.partition("::")[0].rpartition("/")[0]
+            seconds[folder] = seconds.get(folder, 0.0) + report.duration
+            tests.setdefault(folder, set()).add(report.nodeid)
+    terminalreporter.write_sep("=", "time by folder")
+    for folder in sorted(seconds, key=seconds.__getitem__, reverse=True):
+        terminalreporter.write_line(f"{seconds[folder]:8.1f} s  {len(tests[folder]):5}  {folder}")
 
 
 # Their tests start programs and compile, so that one may take minutes.

@@ -48,6 +48,7 @@ ELSEWHERE = {
     "tools.check_package": "make test-package",
     "tools.make_venv": "make setup",
     "tools.pythons": ".ci/run",
+    "tools.stages": "make test",
 }
 
 

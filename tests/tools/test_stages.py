@@ -1,0 +1,80 @@
+"""Stages of `make test` and of CI: what runs, and what is told of it at the end."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from tools import stages
+
+# A stand-in for make: the stage's name says how it ends.
+MAKE = """#!/bin/sh
+echo "vcan: $VCAN"
+case "$2" in
+    bad)
+        echo "FAILED tests/x.py::test_y - AssertionError"
+        echo "=== 1 failed, 3 passed in 2.50s (0:00:02) ==="
+        exit 2;;
+    good) echo "======= 4 passed in 1.00s =======";;
+esac
+"""
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    program = tmp_path / "make"
+    program.write_text(MAKE)
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.delenv("VCAN", raising=False)
+    monkeypatch.setattr(stages, "LOGS", tmp_path / "logs")
+    monkeypatch.setattr(stages, "PLANS", {"test": ((("good",), ("other", "bad")),), "ci": ((("good",),),)})
+    return tmp_path
+
+
+def told(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, plan: str) -> tuple[int, str]:
+    monkeypatch.setattr("sys.argv", ["stages", plan])
+    code = stages.main()
+    return code, re.sub(r"\d+\.\d s|after \d+ s", "T", capsys.readouterr().out)
+
+
+def test_the_end_says_what_ran_and_what_failed(
+    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, out = told(capsys, monkeypatch, "test")
+    assert code == 1
+    assert out.startswith("vcan: optional\n======= 4 passed in 1.00s =======\n----- other\n")
+    lines = out.partition("----- what ran, how long, what failed\n")[2].splitlines()
+    assert [" ".join(each.split()) for each in lines] == [
+        "good passed T 4 passed",
+        "other passed T",
+        "bad FAILED (2) T 1 failed, 3 passed",
+        "FAILED tests/x.py::test_y - AssertionError",
+        "FAILED: bad, T",
+    ]
+    assert (bench / "logs" / "bad.log").read_text().count("\n") == 3
+
+
+def test_what_the_user_says_of_a_vcan_holds(
+    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("VCAN", "required")
+    code, out = told(capsys, monkeypatch, "ci")
+    assert code == 0
+    assert out.startswith("vcan: required\n")
+    assert out.endswith("\nall passed, T\n")
+
+
+def test_each_stage_is_a_target_and_all_tests_are_in_ci() -> None:
+    makefile = (stages.ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"^([\w-]+):", makefile, re.MULTILINE))
+    run = {
+        plan: [each for phase in lanes for lane in phase for each in lane] for plan, lanes in stages.PLANS.items()
+    }
+    assert set(run["ci"]) <= targets
+    assert set(run["test"]) <= set(run["ci"])
+    assert {"test-main", "test-realtime", "test-browser", "test-vcan", "test-package"} <= set(run["ci"])
+    assert all(len(found) == len(set(found)) for found in run.values())
