@@ -94,7 +94,7 @@ def test_only_versions_of_numba_are_allowed_that_were_tried(monkeypatch: pytest.
         monkeypatch.setattr(building.metadata, "version", {"numba": installed}.__getitem__)
         with pytest.raises(CompileError) as told:
             obtaining.machine_code_of(never_compiled, (Number("f"),))
-        wanted = f"{lowest} to {highest} (pip install 'numba>={lowest},<={highest}')"
+        wanted = f"{lowest} to {highest} (python -m pip install 'numba>={lowest},<={highest}')"
         assert str(told.value) == f"numba {installed} is installed; allowed: {wanted}"
 
 

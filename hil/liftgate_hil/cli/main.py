@@ -147,6 +147,13 @@ def _command(argv: Sequence[str] | None) -> int:
         if isinstance(error, stopping.StoppedError):
             return error.exit_code
         return _error_code(argv)
+    except RuntimeError as error:
+        from liftgate_plant.compiler import CompileError
+
+        if not isinstance(error, CompileError):
+            raise
+        streams.say(f"liftgate-hil: {error}")
+        return _error_code(argv)
 
 
 def _report_flags(arguments: Sequence[str], message: str) -> None:

@@ -10,12 +10,13 @@ from pathlib import Path
 
 from liftgate_hil.doctor.check import Check
 from liftgate_hil.version import PACKAGES
+from liftgate_plant import compiler
 
 WARM = "liftgate-hil compile"
 
 
 def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
-    """Check the versions of Python and of the packages."""
+    """Check that the packages are there, and that numba is one of the versions that were tried."""
     found, missing = [f"Python {platform.python_version()}"], []
     for name in ("liftgate-hil", *PACKAGES):
         try:
@@ -31,6 +32,10 @@ def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
             f"{text}; missing: {', '.join(needed)}",
             f"python -m pip install {' '.join(needed)}",
         )
+    try:
+        compiler.check_numba()
+    except compiler.CompileError as error:
+        return Check("software", "problem", f"{text}; {error}")
     return Check("software", "ok", text)
 
 

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from liftgate_plant.compiler import building, obtaining, packing, storage
-from liftgate_plant.compiler.building import CompileError
+from liftgate_plant.compiler.building import CompileError, check_numba
 from liftgate_plant.compiler.calls import (
     INT_OF_LONG_INT,
     INT_OF_STEP,
@@ -46,7 +46,7 @@ from liftgate_plant.compiler.watching import GivenUpError, Watcher, unwatch, wat
 
 __all__ = [
     "INT_OF_LONG_INT", "INT_OF_STEP", "CompileError", "GivenUpError", "System", "Watcher",
-    "all_finite", "cache_folder", "call_long_int", "call_step", "compilable", "compiled", "enabled",
+    "all_finite", "cache_folder", "call_long_int", "call_step", "check_numba", "compilable", "compiled", "enabled",
     "expected_s", "fill", "is_cached", "last_error", "note_duration", "outlined", "overlay",
     "picked", "processor", "put_text", "sharing", "unflattened", "unwatch", "watch", "with_item",
 ]  # fmt: skip

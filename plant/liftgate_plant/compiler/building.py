@@ -36,7 +36,7 @@ def check_numba() -> None:
     """Check that the installed numba is one of the versions that were tried. Raises CompileError."""
     installed, (lowest, highest) = metadata.version("numba"), NUMBA
     if not _numbers_of(lowest) <= _numbers_of(installed) <= _numbers_of(highest):
-        wanted = f"{lowest} to {highest} (pip install 'numba>={lowest},<={highest}')"
+        wanted = f"{lowest} to {highest} (python -m pip install 'numba>={lowest},<={highest}')"
         raise CompileError(f"numba {installed} is installed; allowed: {wanted}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,33 @@ def test_a_run_that_is_stopped_while_it_compiles_ends_before_its_first_tick(
     assert np.isnan(result.maxima["pinch_force_n"])
     assert len(result.trace["time_s"]) == 0
     assert not list(tmp_path.rglob("*.code"))
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["simulate", "--duration", "0.01", "--output", "x.csv"],
+        ["--bus", "virtual:x", "--duration", "0.01"],
+        ["demo", "--clock", "free", "--no-record", "--duration", "0.01"],
+        ["convert", "given.log", "x.csv", "--rig", "liftgate"],
+        ["compile"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_a_numba_that_was_not_tried_is_told_in_one_sentence(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    version = metadata.version
+    monkeypatch.setattr(metadata, "version", lambda name: "0.69.0" if name == "numba" else version(name))
+    monkeypatch.setattr(compiler, "_entry", compiler.Entry)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    Path("given.log").write_text("(0.000000) vcan0 120#0000000000000000\n")
+    assert main(command) == 1
+    told = capsys.readouterr().err.splitlines()
+    assert "numba 0.69.0 is installed; allowed: 0.66 to " in told[-1]
+    assert len([each for each in told if "numba" in each]) == 1
 
 
 def test_a_compilation_that_is_ended_from_outside_is_one_message():

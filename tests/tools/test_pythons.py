@@ -1,0 +1,84 @@
+"""Which Pythons the project claims, which it refuses, and how each is tried."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import liftgate_hil
+from tools import make_venv, pythons
+
+PROJECT = tomllib.loads((pythons.ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+OWN = ".".join(map(str, sys.version_info[:2]))
+
+
+def test_what_is_claimed_is_what_is_tried() -> None:
+    lowest, end = re.fullmatch(r">=3\.(\d+),<3\.(\d+)", PROJECT["requires-python"]).groups()
+    assert pythons.versions() == [f"3.{minor}" for minor in range(int(lowest), int(end))]
+    text = Path(liftgate_hil.__file__).with_name("__main__.py").read_text(encoding="utf-8")
+    assert f"_OLDEST = (3, {lowest})" in text
+
+
+@pytest.mark.parametrize("version", [(2, 7), (3, 10), (3, 14)])
+def test_an_environment_of_another_python_is_refused(
+    version: tuple[int, int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        make_venv.check_version(version)
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    wanted = f"allowed: {pythons.versions()[0]} to {pythons.versions()[-1]}"
+    assert f"is Python {version[0]}.{version[1]}; {wanted} (make setup PYTHON=python" in line
+    make_venv.check_version(sys.version_info[:2])
+
+
+def test_an_old_python_is_told_so_by_the_program_itself() -> None:
+    code = (
+        "import runpy, sys; sys.version_info = (3, 10, 13); sys.version = '3.10.13 (main)'; "
+        "runpy.run_module('liftgate_hil', run_name='__main__')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "liftgate-hil: Python 3.10.13 is too old; allowed: 3.11 or later\n"
+
+
+def program(path: Path, version: str) -> Path:
+    """A stand-in for a Python of this version."""
+    path.parent.mkdir(parents=True)
+    path.write_text(f"#!/bin/sh\necho {version}\n")
+    path.chmod(0o755)
+    return path
+
+
+def test_pythons_are_found_on_the_path_and_where_pyenv_keeps_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = program(tmp_path / "pyenv/versions/3.80.2/bin/python", "3.80")
+    program(tmp_path / "pyenv/versions/3.81.0/bin/python", "3.8")  # not what its folder says
+    on_path = program(tmp_path / "bin/python3.82", "3.82")
+    monkeypatch.setenv("PYENV_ROOT", str(tmp_path / "pyenv"))
+    monkeypatch.setenv("PATH", f"{on_path.parent}{os.pathsep}{os.environ['PATH']}")
+    found = [pythons.interpreter(version) for version in (OWN, "3.80", "3.81", "3.82", "3.83")]
+    assert found == [sys.executable, str(kept), None, str(on_path), None]
+
+
+def test_what_fails_with_a_python_is_told_and_what_is_not_here_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(pythons, "versions", lambda: [OWN, "3.99", "3.80"])
+    monkeypatch.setattr(pythons, "interpreter", lambda version: None if version == "3.99" else sys.executable)
+    steps = {OWN: ["-c", "print(1)"], "3.80": ["-c", "raise SystemExit('it broke')"]}
+    monkeypatch.setattr(pythons, "_steps", lambda _, folder, short: iter([[sys.executable, *steps[folder.name]]]))
+    for flags, code in ((["--others", "--short"], 1), ([], 1)):
+        monkeypatch.setattr(sys, "argv", ["pythons", *flags, "--output", str(tmp_path)])
+        assert pythons.main() == code
+        out = capsys.readouterr().out
+        assert "Python 3.99: NOT HERE\n" in out
+        assert "it broke\nexit code 1\npythons: FAILED with 3.80\n" in out
+        assert (f"Python {OWN}: " in out) == (not flags)
