@@ -64,13 +64,15 @@ LONG = ("tools", "system")
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Order the tests: those that take longest first, so that no process is left alone with them at the end. Those
     in real time with foreign programs, or on a bus of multicast datagrams, are of one group, for one process:
-    python-can's own bus of that kind hears all groups of a machine.
+    python-can's own bus of that kind hears all groups of a port. Those in a browser share one.
     """
     root = Path(__file__).parent
     long = [root / each for each in LONG]
     items.sort(key=lambda item: not any(item.path.is_relative_to(each) for each in long))
     for item in items:
-        if item.get_closest_marker("realtime") and is_on_its_own(item.path, root):
+        if item.path.is_relative_to(root / "browser"):
+            item.add_marker(pytest.mark.xdist_group("browser"))
+        elif item.get_closest_marker("realtime") and is_on_its_own(item.path, root):
             item.add_marker(pytest.mark.xdist_group("system"))
 
 

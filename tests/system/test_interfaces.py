@@ -40,7 +40,8 @@ def serial(folder: Path) -> Iterator[Ends]:
 @contextlib.contextmanager
 def socketcand(folder: Path) -> Iterator[Ends]:
     # It wants host and port, which --bus has no place for: python-can's own configuration, in the home folder.
-    with socketcand_server() as port:
+    with socketcand_server() as port, pytest.MonkeyPatch.context() as patch:
+        patch.delenv("CAN_CONFIG", raising=False)  # its port is that of multicast datagrams
         (folder / "can.conf").write_text(f"[default]\nhost = 127.0.0.1\nport = {port}\n")
         yield ["--bus", "socketcand:can0"], ["--bus", "socketcand:can0"]
 
