@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -188,42 +189,60 @@ def test_a_full_disk_is_said_at_once_and_costs_nothing_but_the_recording(tmp_pat
     assert said == [recorder.failure]
 
 
-@pytest.mark.parametrize("suffix", SPOILT)
-def test_a_full_disk_leaves_of_a_format_that_is_completed_at_the_end_its_text(tmp_path: Path, suffix: str) -> None:
-    """In a process of its own, whose files may not grow beyond 100 kB."""
+@pytest.fixture(scope="module")
+def on_a_full_disk(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, list[str]]]:
+    """The folder of recordings on a full disk, and by suffix what was said of each and which files it has.
+
+    In a process of its own, whose files may not grow beyond 100 kB: loading the formats' packages takes a second.
+    """
+    base = tmp_path_factory.mktemp("full")
     code = f"""
-import resource, sys, warnings
+import json, resource, sys, warnings
 warnings.simplefilter("ignore")
 from recording_support import BOTH, rows_from, sent
 from pathlib import Path
 from liftgate_hil.formats.open import open_writer
-recorder = open_writer(Path({str(tmp_path / f"run{suffix}")!r}), BOTH, say=print)
-recorder.begin(0)
-recorder.write_rows(rows_from(0, 1))  # what is compiled is compiled before
+said, recorders = {{}}, {{}}
+for suffix in {SPOILT!r}:
+    folder = Path({str(base)!r}, suffix)
+    folder.mkdir()
+    said[suffix] = []
+    recorder = recorders[suffix] = open_writer(folder / ("run" + suffix), BOTH, say=said[suffix].append)
+    recorder.begin(0)
+    recorder.write_rows(rows_from(0, 1))  # what is compiled is compiled before
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
-for k in range(1, 1000):
-    recorder.write_rows(rows_from(20 * k, 20))
-    recorder.write_frames(sent([(0x120, bytes(8))] * 20))
-    recorder.flush()
-    if recorder.failure:
-        break
-recorder.close()
-print(recorder.failure)
-print(*recorder.files)
+for suffix, recorder in recorders.items():
+    for k in range(1, 1000):
+        recorder.write_rows(rows_from(20 * k, 20))
+        recorder.write_frames(sent([(0x120, bytes(8))] * 20))
+        recorder.flush()
+        if recorder.failure:
+            break
+    recorder.close()
+    said[suffix] += [recorder.failure, " ".join(map(str, recorder.files))]
+print(json.dumps(said))
 """
     folder = Path(__file__).parent
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(folder.parent), *sys.path])}
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
     )
-    (said,) = {*done.stdout.splitlines()[:-1]}
+    return base, json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("suffix", SPOILT)
+def test_a_full_disk_leaves_of_a_format_that_is_completed_at_the_end_its_text(
+    on_a_full_disk: tuple[Path, dict[str, list[str]]], suffix: str
+) -> None:
+    folder, lines = on_a_full_disk[0] / suffix, on_a_full_disk[1][suffix]
+    (said,) = {*lines[:-1]}
     when, texts = said.partition("recording ended at ")[2].split(
         " s: File too large; the data recorded so far is in "
     )
     assert float(when) > 0.1
-    left = [each for each in tmp_path.iterdir() if each.name.startswith(f"run{suffix}.")]
+    left = [each for each in folder.iterdir() if each.name.startswith(f"run{suffix}.")]
     assert {str(each) for each in left} == {*texts.split(" and ")} != set()
-    assert {*done.stdout.splitlines()[-1].split(" ")} == {str(each) for each in left}  # instead of the file itself
+    assert {*lines[-1].split(" ")} == {str(each) for each in left}  # instead of the file itself
     for each in left:
         whole, _, _cut = each.read_bytes().rpartition(b"\n")
         assert whole.count(b"\n") > 100
