@@ -46,17 +46,17 @@ def later(data: Data, seconds: float) -> Data:
 # The same over many seeds, parameter by parameter: tests/study.
 
 
-@pytest.mark.parametrize("model", ["full", "third-order", "second-order"])
-def test_errors_are_as_large_as_the_standard_deviations_say(model: str) -> None:
-    z = many_seeds.of_white_noise(model, range(8))
-    # 40 values: their mean has a standard deviation of about 0.16, their rms of 0.11.
+@pytest.mark.parametrize(("model", "count"), [("full", 4), ("third-order", 8), ("second-order", 8)])
+def test_errors_are_as_large_as_the_standard_deviations_say(model: str, count: int) -> None:
+    z = many_seeds.of_white_noise(model, range(count))
+    # Of 40 values the mean has a standard deviation of about 0.16, the rms of 0.11; of 20, 0.22 and 0.16.
     assert np.abs(z).max() < 3.5
     assert abs(np.mean(z)) < 0.4
     assert 0.75 < math.sqrt(np.mean(z**2)) < 1.3  # measured 1.0
 
 
 def test_hall_counts_are_compared_at_their_edges_because_their_rests_would_mislead() -> None:
-    edges, naive = many_seeds.of_hall_counts(range(4))
+    edges, naive = many_seeds.of_hall_counts(range(2))
     assert np.abs(edges).max() < 3.0
     assert 0.6 < math.sqrt(np.mean(edges**2)) < 1.4  # measured 0.93
     assert np.abs(naive[:, 2]).max() > 5.0  # measured 7.9; 48 without the rounding's share
