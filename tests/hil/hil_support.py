@@ -4,6 +4,7 @@ and what acts on it from outside.
 
 from __future__ import annotations
 
+import functools
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
@@ -223,8 +224,9 @@ def catch_up(
     return ticked
 
 
+@functools.cache
 def shipped_rig() -> Rig:
-    """The default rig."""
+    """The default rig, whose database is read once."""
     return rig_from("liftgate")
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import operator
 import re
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +26,6 @@ from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 RATE = 100.0
 
 
-@cache
-def messages() -> Any:
-    """Those of the shipped rig, whose database is read once for all expectations."""
-    return shipped_rig().messages
-
-
 def failed(expectation: Expectation, blocks: int = 1, **columns: list[float]) -> Verdict:
     """The verdict on rows a tick from 0.01 s on, taken in so many blocks."""
     count = len(next(iter(columns.values())))
@@ -40,7 +33,7 @@ def failed(expectation: Expectation, blocks: int = 1, **columns: list[float]) ->
     rows[:, COLUMN_PLACE["time_s"]] = np.arange(1, count + 1) / RATE
     for name, values in columns.items():
         rows[:, COLUMN_PLACE[name]] = values
-    expected = expected_of([expectation], {"limit": 150.0}, messages(), 2, "file")
+    expected = expected_of([expectation], {"limit": 150.0}, shipped_rig().messages, 2, "file")
     judge = Judge(expected, RATE, count / RATE)
     for part in np.array_split(rows, blocks):
         judge.take(part, no_logged())

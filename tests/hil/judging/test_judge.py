@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -24,12 +23,6 @@ RATE = 100.0
 TIME, ANGLE, CURRENT = (COLUMN_PLACE[name] for name in ("time_s", "gate_angle_deg", "left_current_a"))
 
 
-@cache
-def messages() -> Any:
-    """Those of the shipped rig, whose database is read once for all expectations."""
-    return shipped_rig().messages
-
-
 def rows_of(angles: list[float], currents: list[float] | None = None) -> Any:
     """A row a tick from time 0.01 s on."""
     rows = np.zeros((len(angles), ROW_WIDTH))
@@ -43,7 +36,7 @@ def judged(
     expectation: Expectation, rows: Any, end: float | None = None, blocks: list[int] | None = None,
     frames: Any = None,
 ) -> Verdict:  # fmt: skip
-    expected = expected_of([expectation], {}, messages(), 2, "file")
+    expected = expected_of([expectation], {}, shipped_rig().messages, 2, "file")
     judge = Judge(expected, RATE, len(rows) / RATE if end is None else end)
     left = no_logged() if frames is None else frames
     for part in np.split(rows, blocks or []):
@@ -130,7 +123,7 @@ def test_windows_are_judged_as_by_one_that_keeps_everything(
 def test_a_verdict_tells_where_its_margin_is_and_what_decided_it() -> None:
     always = Expectation("x", "always", "gate_angle_deg > $low and not gate_angle_deg > 5")
     angles = [3.0, -1.0, -2.0, 3.0]
-    expected = expected_of([always], {"low": 0.5}, messages(), 2, "file")
+    expected = expected_of([always], {"low": 0.5}, shipped_rig().messages, 2, "file")
     judge = Judge(expected, RATE, 0.04)
     judge.take(rows_of(angles), no_logged())
     (found,) = judge.verdicts()
@@ -199,7 +192,7 @@ def test_rows_after_the_end_do_not_count() -> None:
 
 def frames_of(times_ns: list[int], states: list[int]) -> Any:
     """Frames of the message Gate, with that LatchState."""
-    message = messages()["Gate"]
+    message = shipped_rig().messages["Gate"]
     frames = np.zeros(len(times_ns), dtype=LOGGED)
     for row, time_ns, state in zip(frames, times_ns, states, strict=True):
         data = message.encode({**{each.name: 0 for each in message.signals}, "LatchState": state})
@@ -232,7 +225,9 @@ def test_a_stamp_counts_in_whole_microseconds_and_a_short_frame_not_at_all() -> 
 
 
 def test_frames_that_come_after_their_rows_wait_for_the_next() -> None:
-    expected = expected_of([Expectation("x", "eventually", "Gate.LatchState == 1")], {}, messages(), 2, "f")
+    expected = expected_of(
+        [Expectation("x", "eventually", "Gate.LatchState == 1")], {}, shipped_rig().messages, 2, "f"
+    )
     judge, rows = Judge(expected, RATE, 0.06), rows_of([0.0] * 6)
     judge.take(rows[:0], frames_of([30_000_000], [1]))
     judge.take(rows[:2], no_logged())
@@ -247,7 +242,7 @@ def test_all_that_does_not_fit_is_reported_at_once() -> None:
         Expectation("b", "always", "right_current_a > 1", "Nobody.X == 1", key="expect[1]"),
     ]
     with pytest.raises(ConfigError) as caught:
-        expected_of(expectations, {}, messages(), 1, "file")
+        expected_of(expectations, {}, shipped_rig().messages, 1, "file")
     assert [line.split(": ")[1] for line in caught.value.issues] == [
         "expect[0].always",
         "expect[1].always",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,16 +20,13 @@ NAMES = st.sampled_from(
 )
 
 
-rig = cache(shipped_rig)  # whose database is read once for all examples
-
-
 def read_or_told(name: str, content: bytes) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / name
         path.write_bytes(content)
         issues = [f"{path}: "]
         try:
-            m = read_measurement(path, {}, rig())
+            m = read_measurement(path, {}, shipped_rig())
             assert np.all(np.diff(m.times) > 0.0)
             assert all(len(values) == len(m.times) for values in m.columns.values())
         except ConfigError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +26,6 @@ LINES = st.builds(
 )
 OTHERS = st.sampled_from(["(1.500000) can0 220#R", "(1.500000) can0 220#R8 R", "(3.000000) can0 210#R T"])
 
-rig = cache(shipped_rig)  # whose database is read once for all examples
-
 
 def same(one: LogFrames, other: LogFrames) -> None:
     assert one.times.tolist() == other.times.tolist()
@@ -47,11 +44,11 @@ def test_lines_are_what_python_can_makes_of_them(
     path = tmp_path_factory.getbasetemp() / "lines.log"  # the same one each time: folders take longer
     path.write_bytes("".join(f"{line}\n" for line in lines)[:-1].encode() + end.encode() if lines else b"")
     read: Any = log_frames._by_lines
-    by_lines = read_frames(path, NAMES, rig())
+    by_lines = read_frames(path, NAMES, shipped_rig())
     assert read(path, ()) is not None
     try:
         log_frames._by_lines = lambda *_: None
-        same(by_lines, read_frames(path, NAMES, rig()))
+        same(by_lines, read_frames(path, NAMES, shipped_rig()))
     finally:
         log_frames._by_lines = read
 
@@ -59,10 +56,10 @@ def test_lines_are_what_python_can_makes_of_them(
 def test_a_block_may_end_within_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "m.log"
     path.write_text("".join(f"({0.01 * k:.6f}) can0 220#{k:02X}00000000 T\n" for k in range(50)))
-    whole = read_frames(path, NAMES, rig())
+    whole = read_frames(path, NAMES, shipped_rig())
     assert whole.frames.count == 50
     monkeypatch.setattr(log_frames, "_BLOCK", 37)
-    same(read_frames(path, NAMES, rig()), whole)
+    same(read_frames(path, NAMES, shipped_rig()), whole)
 
 
 @pytest.mark.parametrize("line", ["0.1 can0 220#00", "(0.1) can0 220#" + "00" * 65, "rubbish"])
@@ -70,4 +67,4 @@ def test_what_is_no_line_of_candump_is_reported(tmp_path: Path, line: str) -> No
     path = tmp_path / "m.log"
     path.write_text(f"(0.000000) can0 220#00\n{line}\n(0.200000) can0 220#00\n")
     with pytest.raises(ConfigError, match=r"m\.log: cannot be read"):
-        read_frames(path, NAMES, rig())
+        read_frames(path, NAMES, shipped_rig())

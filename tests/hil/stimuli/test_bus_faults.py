@@ -101,11 +101,8 @@ def test_one_bit_is_another_one() -> None:
     assert others(heard, LEFT) == others(said, LEFT)
 
 
-rig = cache(shipped_rig)  # whose database is read once for all frames
-
-
 def decoded(data: bytes) -> dict[str, Any]:
-    values: Any = rig().messages["LeftDrive"].decode(data, decode_choices=False)
+    values: Any = shipped_rig().messages["LeftDrive"].decode(data, decode_choices=False)
     return values
 
 
