@@ -65,6 +65,7 @@ def pack() -> dict[str, Case]:
 
 
 def test_the_reference_ecu_passes_all_of_it() -> None:
+    """Every scenario of the pack once."""
     assert len(pack()) >= 25
     done = {name: suite.run_case(case) for name, case in pack().items()}
     assert {name: each.verdict for name, each in done.items() if each.verdict != "pass"} == {}
