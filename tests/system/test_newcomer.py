@@ -65,9 +65,7 @@ HERE = (
     "liftgate-hil demo --serial",
     "make -C tools/ecu",
     "tools/ecu/build/ecu-serial",
-    "liftgate-hil demo --clock free --ecu tools/ecu",
     "liftgate-hil ecu --bus socketcan:can0",
-    "liftgate-hil --clock free --ecu",
     "make -C tools/ecu build/liftgate-ecu.so",
     "liftgate-hil convert run.blf run.mf4",
     "liftgate-hil convert run.blf run.csv",
@@ -116,6 +114,14 @@ HERE = (
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where the user works."""
     return readme.fresh_folder(tmp_path_factory.mktemp("newcomer"))
+
+
+@pytest.fixture(scope="module")
+def demo(folder: Path) -> Path:
+    """The folder `out` with the demo's recordings."""
+    (folder / "out").mkdir(exist_ok=True)
+    run("liftgate-hil demo --clock free --output out", folder)
+    return folder / "out"
 
 
 @pytest.fixture
@@ -198,32 +204,25 @@ def test_a_recording_of_somebody_elses_car_is_judged(folder: Path) -> None:
 
 
 def test_campaigns_run_and_their_rows_are_replayed(folder: Path) -> None:
+    """Four campaigns of the page, one of them with its processes: some 50 runs, and the search's own packages."""
     campaign = "liftgate-hil campaign docs/examples/trap.toml"
     assert "15 variants" in run(command(f"{campaign} --vary rod"), folder)
-    assert "24 variants" in run(command(f"{campaign} --samples"), folder, {"--samples 200": "--samples 24"})
+    # One process for each of the others: those of a campaign take 2 s each to start.
+    few = {"--samples 200": "--samples 12"}
+    assert "12 variants" in run(command(f"{campaign} --samples"), folder, few, "--jobs 1")
     variant = pq.read_table(folder / "samples" / "results.parquet")["variant"][7].as_py()
     out = run(command("liftgate-hil campaign samples --replay"), folder, {"VARIANT": variant[:12]})
     assert "equal to the bit" in out
     assert (folder / "worst.mf4").is_file()
-    run(command(f"{campaign} --worst"), folder, {"--evaluations 60": "--evaluations 20"})
+    run(command(f"{campaign} --worst"), folder, {"--evaluations 60": "--evaluations 20"}, "--jobs 1")
     assert (folder / "worst" / "worst.toml").is_file()
 
 
 @needs_compiler
 def test_two_ecus_go_through_the_same_variants(folder: Path) -> None:
     run(command("make -C tools/ecu build/liftgate-ecu.so"), folder)
-    run(command("liftgate-hil campaign docs/examples/trap.toml --ecu"), folder)
+    run(command("liftgate-hil campaign docs/examples/trap.toml --ecu"), folder, more="--jobs 1")
     assert pq.read_table(folder / "two" / "differences.parquet").num_rows == 5
-
-
-@needs_compiler
-def test_pytest_tries_the_ecu_that_a_flag_names(tmp_path: Path) -> None:
-    folder = readme.fresh_folder(tmp_path)
-    run(command("liftgate-hil init"), folder)
-    run(command("make -C gate/ecu"), folder)
-    out = run(command("python -m pytest gate --liftgate-ecu"), folder, more="-p no:cacheprovider", codes=(1,))
-    assert "presses softly: fail" in out
-    assert "2 failed, 4 passed" in out
 
 
 def test_the_kernel_tells_its_preemption(folder: Path) -> None:
@@ -231,27 +230,34 @@ def test_the_kernel_tells_its_preemption(folder: Path) -> None:
 
 
 def test_what_init_prints_runs_as_it_stands(folder: Path) -> None:
+    """All steps as programs: pytest twice, a build of the ECU in C, and two runs of it in a process of its own."""
     out = run(command("liftgate-hil init"), folder)
     steps = [re.split(r" {2,}#", line)[0].strip() for line in out.split("next:")[1].splitlines()]
     cd, check, demo, test, pytest_, make, *in_c, gate, ecu, port, serial = (
         step for step in steps if step and not step.startswith("#")
     )
     assert cd == "cd gate"
-    assert "fits vehicle.toml" in run(f"{cd} && {check}", folder)
-    assert "closed and latched" in run(f"{cd} && {demo}", folder)
-    assert "presses softly: pass" in run(f"{cd} && {test}", folder)
-    assert " passed" in run(f"{cd} && {pytest_} -p no:cacheprovider", folder)
-    run(f"{cd} && {make}", folder)
+    inside = folder / "gate"
+    assert "fits vehicle.toml" in run(check, inside)
+    assert "closed and latched" in run(demo, inside)
+    assert "presses softly: pass" in run(test, inside)
+    assert " passed" in run(f"{pytest_} -p no:cacheprovider", inside)
+    run(make, inside)
     demo, test, pytest_ = in_c
-    assert "reversed" in run(f"{cd} && {demo}", folder)
-    assert "presses softly: fail" in run(f"{cd} && {test}", folder, codes=(1,))
-    assert "2 failed, " in run(f"{cd} && {pytest_} -p no:cacheprovider", folder, codes=(1,))
+    assert "reversed" in run(demo, inside)
+    assert "presses softly: fail" in run(test, inside, codes=(1,))
     for step, wire in ((ecu, "can0"), (serial, "/dev/ttyUSB1")):
         program, said = step.split()
-        assert os.access(folder / "gate" / program, os.X_OK)
+        assert os.access(inside / program, os.X_OK)
         assert said == wire
     assert "--bus socketcan:can0" in gate  # on a vcan0: tests/vcan
     assert "--serial /dev/ttyUSB0" in port  # on a line: tests/system/test_serial_ecu.py
+    # From outside of the folder, as the page has it, all the same.
+    from_outside = command("python -m pytest gate --liftgate-ecu")
+    assert pytest_ == from_outside.replace(" gate ", " ").replace(" gate/", " ")
+    out = run(from_outside, folder, more="-p no:cacheprovider", codes=(1,))
+    assert "presses softly: fail" in out
+    assert "2 failed, 4 passed" in out
 
 
 def test_completion_goes_where_bash_looks_for_it(folder: Path) -> None:
@@ -327,10 +333,9 @@ def test_recordings_are_drawn_and_compared(folder: Path) -> None:
     assert (folder / "both.png").is_file()
 
 
-def test_figures_of_a_run_and_of_a_vehicle_are_drawn(folder: Path) -> None:
-    (folder / "out").mkdir(exist_ok=True)
-    run("liftgate-hil demo --clock free --output out", folder)
-    shutil.copy(folder / "out" / "demo.csv", folder / "run.csv")
+def test_figures_of_a_run_and_of_a_vehicle_are_drawn(folder: Path, demo: Path) -> None:
+    """Five figures of the page, each by matplotlib, from one run of the demo."""
+    shutil.copy(demo / "demo.csv", folder / "run.csv")
     for start_of, written in (
         ("liftgate-hil plot run.csv --figure thesis", "thesis.pdf"),
         ("liftgate-hil plot run.csv --figure phase", "run.csv.phase.png"),
@@ -344,6 +349,7 @@ def test_figures_of_a_run_and_of_a_vehicle_are_drawn(folder: Path) -> None:
 
 @pytest.mark.realtime
 def test_recordings_are_played_onto_a_bus(folder: Path, bus: dict[str, str]) -> None:
+    """Two replays in real time, and the recordings for them."""
     run("liftgate-hil --bus virtual:any --clock free --duration 0.5 --record run.blf", folder)
     told = run(command("liftgate-hil replay run.blf"), folder, bus)
     assert re.match(r"frames sent \d{3} \(recorded as sent\), in 0\.", told)
@@ -372,6 +378,7 @@ def test_a_run_is_recorded_around_a_trigger(folder: Path, bus: dict[str, str]) -
 def test_scripts_command_a_run_by_its_page(
     folder: Path, bus: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Two programs with their web servers, and four calls of curl, in real time."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
     line = command("liftgate-hil --bus socketcan:can0 --dashboard")
     gate = start(line, folder, bus, "--overrun-limit 60 --listen 127.0.0.1:0")
@@ -404,9 +411,8 @@ def test_scripts_command_a_run_by_its_page(
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("demo")
 def test_a_recording_has_a_page(folder: Path) -> None:
-    (folder / "out").mkdir(exist_ok=True)
-    run("liftgate-hil demo --clock free --output out", folder)
     page = start(command("liftgate-hil dashboard --recording"), folder, more="--listen 127.0.0.1:0")
     try:
         assert page.stdout is not None
@@ -455,6 +461,7 @@ def test_a_rig_for_an_own_database_runs(folder: Path, bus: dict[str, str], prote
 
 @pytest.mark.realtime
 def test_the_gate_on_a_serial_line(folder: Path, ports: dict[str, str]) -> None:
+    """Three runs in real time, each a process that begins with its imports, and the ECU's process of the demo."""
     run(command("liftgate-hil --serial /dev/ttyUSB0"), folder, ports, SHORT)
     demo = command("liftgate-hil demo --serial")
     told = run(demo, folder, ports, "--overrun-limit 60 --duration 2")
@@ -499,17 +506,6 @@ def test_an_own_ecu_in_python_runs_on_a_bus(folder: Path, bus: dict[str, str]) -
     run(command("liftgate-hil ecu --bus socketcan:can0"), folder, bus, "--duration 0.3")
 
 
-@needs_compiler
-def test_an_own_ecu_in_c_closes_the_loop(folder: Path) -> None:
-    run(command('cc -shared -fPIC -Wall -fvisibility=hidden -I"'), folder)
-    out = run("liftgate-hil demo --clock free --no-record --ecu ./c_ecu.so", folder, codes=(1,))
-    assert "pinch force at most" in out  # it does not listen, so it presses
-    run(command("make -C tools/ecu build/liftgate-ecu.so"), folder)
-    out = run(command("liftgate-hil demo --clock free --ecu tools/ecu"), folder)
-    assert "written: demo.log" in out
-    assert "commands accepted 300," in run(command("liftgate-hil --clock free --ecu"), folder)
-
-
 # The plant, and parameters from recordings.
 
 
@@ -532,6 +528,7 @@ def test_the_plant_alone(folder: Path) -> None:
 
 
 def test_parameters_from_recordings(folder: Path) -> None:
+    """An identification of three parameters from two files and a validation, each with its page of figures."""
     noise = "--set sensors.current_noise=0.05 --set motor.resistance=0.8"
     for name, volts, more in (
         ("opening", 10, "--seed 1"),
@@ -549,9 +546,9 @@ def test_parameters_from_recordings(folder: Path) -> None:
     assert "</html>" in (folder / "fit.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("demo")
 def test_parameters_from_the_demo_s_recording(folder: Path) -> None:
-    (folder / "out").mkdir(exist_ok=True)
-    run("liftgate-hil demo --clock free --output out", folder)
+    """An identification from 18 s of the demo, and a plan of experiments."""
     out = run(command("liftgate-hil identify out/demo.log"), folder)
     assert re.search(r"motor\.resistance\s+0\.70", out)
     assert "spring.preload" in run(command("liftgate-hil identify --plan"), folder)
