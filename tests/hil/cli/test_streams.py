@@ -41,6 +41,11 @@ def test_a_full_disk_behind_stdout_is_one_message(name: str, tmp_path: Path) -> 
     code, _, said = shell(tmp_path, name, ">/dev/full")
     assert code == 1
     assert said.splitlines()[-1] == "liftgate-hil: stdout: No space left on device"
+
+
+@pytest.mark.parametrize("name", ["version", "run"])
+def test_a_full_disk_behind_stdout_and_stderr_is_an_exit_code(name: str, tmp_path: Path) -> None:
+    """What argparse prints, and what a command prints."""
     assert shell(tmp_path, name, ">/dev/full 2>/dev/full")[0] in (1, 2)
 
 
