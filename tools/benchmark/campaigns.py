@@ -180,8 +180,8 @@ def lines(variants: int, many: int, rounds: int = ROUNDS) -> list[str]:
     with scenario() as path:
         own = cost(path, rounds)
         alone = pace(path, 1, max(variants // 10, 2))
-        paces = [pace(path, workers, variants) for workers in _worker_counts()]
-        paces.append(pace(path, _worker_counts()[-1], many))
+        sizes = [(workers, variants) for workers in _worker_counts()] + [(_worker_counts()[-1], many)]
+        paces = [pace(path, *each) for each in dict.fromkeys(sizes)]
     rate = alone.variants / alone.seconds
     found = [
         "| a variant of 10 s | CPU time of a tick | to the bare episode |",

@@ -245,10 +245,10 @@ def measure(effort: Effort = WHOLE) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         target = str(Path(folder) / "out.csv")
         arguments = ("simulate", "--voltage", "12", "--output", target)
-        figures["simulate, start to exit"] = whole_process(*arguments, "--duration", "0.001", rounds=rounds).wall
-    figures["--help, start to exit"] = whole_process("--help", rounds=rounds).wall
+        figures["simulate, start to exit"] = whole_process(*arguments, "--duration", "0.001", effort=effort).wall
+    figures["--help, start to exit"] = whole_process("--help", effort=effort).wall
     figures["emulator, start to exit with one tick"] = whole_process(
-        "--bus", "virtual:bench", "--duration", "0.001", "--quiet", rounds=rounds
+        "--bus", "virtual:bench", "--duration", "0.001", "--quiet", effort=effort
     ).wall
     return figures
 

@@ -166,10 +166,10 @@ def _one_run(
     return json.loads(out), clients.states() if clients is not None else 0
 
 
-def measure(rounds: int, seconds: float) -> list[Pairs]:
-    """Return the pairs with FIFO and with the usual scheduling, alone and watched in turns."""
+def measure(rounds: int, seconds: float, policies: int | None = None) -> list[Pairs]:
+    """Return the pairs of the first `policies` (FIFO, the usual scheduling), alone and watched in turns."""
     with _Clients() as clients:
-        return [_pairs(clients, rounds, seconds, is_realtime) for is_realtime in (True, False)]
+        return [_pairs(clients, rounds, seconds, is_realtime) for is_realtime in (True, False)[:policies]]
 
 
 def _pairs(clients: _Clients, rounds: int, seconds: float, is_realtime: bool) -> Pairs:

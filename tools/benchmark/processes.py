@@ -33,6 +33,15 @@ ENTRIES = {
     "simulate": ("simulate", "--voltage", "12", "--duration", "0.001", "--output", "{folder}/o.csv"),
 }  # fmt: skip
 
+# Demos whose pace is measured, the one that draws last: it takes longest.
+PACES = {
+    "without a recording": ("--no-record",),
+    "with a Python ECU that does nothing, without a recording": (
+        "--no-record", "--ecu", "tools.benchmark.episodes:IdleEcu",
+    ),
+    "with demo.log, demo.csv and demo.png": (),
+}  # fmt: skip
+
 
 class Times(NamedTuple):
     """Wall time and CPU time of a command, in seconds."""
@@ -72,10 +81,11 @@ def times_of(*arguments: str, environment: Mapping[str, str] | None = None, root
     return Times(wall, used.ru_utime + used.ru_stime)
 
 
-def whole_process(*arguments: str, rounds: int = ROUNDS) -> Times:
+def whole_process(*arguments: str, effort: Effort = WHOLE) -> Times:
     """Return the median times of a command from start to exit, with a warm cache."""
-    times_of(*arguments)
-    runs = [times_of(*arguments) for _ in range(rounds)]
+    if effort.is_warmed:
+        times_of(*arguments)
+    runs = [times_of(*arguments) for _ in range(effort.of(ROUNDS))]
     return _median(runs)
 
 
@@ -100,7 +110,7 @@ def pace_of(*flags: str, effort: Effort = WHOLE) -> Pace:
     with tempfile.TemporaryDirectory() as folder:
         lengths = {n: repeated_demo(Path(folder) / f"{n}.toml", n) for n in (1, longer)}
         runs: dict[int, list[Times]] = {n: [] for n in lengths}
-        for _ in range(effort.of(PACE_ROUNDS) + 1):
+        for _ in range(effort.of(PACE_ROUNDS) + effort.is_warmed):
             for n in lengths:
                 scenario = str(Path(folder) / f"{n}.toml")
                 runs[n].append(
@@ -110,20 +120,13 @@ def pace_of(*flags: str, effort: Effort = WHOLE) -> Pace:
                     )
                 )  # fmt: skip
     more = lengths[longer] - lengths[1]
-    least = {n: [min(each) for each in zip(*runs[n][1:], strict=True)] for n in runs}
+    least = {n: [min(each) for each in zip(*runs[n][effort.is_warmed :], strict=True)] for n in runs}
     return Pace(*(more / (b - a) for a, b in zip(least[1], least[longer], strict=True)))
 
 
 def paces(effort: Effort = WHOLE) -> dict[str, Pace]:
     """Return the marginal pace of the demo for several combinations of recording and ECU."""
-    idle = "tools.benchmark.episodes:IdleEcu"
-    return {
-        "without a recording": pace_of("--no-record", effort=effort),
-        "with demo.log, demo.csv and demo.png": pace_of(effort=effort),
-        "with a Python ECU that does nothing, without a recording": pace_of(
-            "--no-record", "--ecu", idle, effort=effort
-        ),
-    }
+    return {name: pace_of(*flags, effort=effort) for name, flags in list(PACES.items())[: effort.paces]}
 
 
 def compile_times(arguments: Sequence[str], roots: Sequence[Path], effort: Effort = WHOLE) -> dict[Path, Compile]:

@@ -126,7 +126,9 @@ def lateness(arrivals: Floats, due: Floats) -> Floats:
     return 1e6 * (late - late.min())
 
 
-def measure(bus: str, rounds: int = ROUNDS, seconds: float = SECONDS) -> dict[str, dict[str, list[float]]]:
+def measure(
+    bus: str, rounds: int = ROUNDS, seconds: float = SECONDS, is_warmed: bool = True
+) -> dict[str, dict[str, list[float]]]:
     """Return the quantiles SHARES of the lateness [µs] by player, as medians of the rounds.
 
     `arrived` is the lateness on the bus, `reported` the lateness that `liftgate-hil replay` reports of itself.
@@ -139,7 +141,7 @@ def measure(bus: str, rounds: int = ROUNDS, seconds: float = SECONDS) -> dict[st
         due = write_log(log, channel if interface == "socketcan" else "can0", seconds)
         short = Path(folder) / "short.log"
         write_log(short, channel, 0.01)
-        for command in players(interface, channel, short).values():  # fills the cache
+        for command in players(interface, channel, short).values() if is_warmed else ():  # fills the cache
             subprocess.run(command, check=True, capture_output=True, timeout=_PATIENCE)
         for _ in range(rounds):
             for name, command in players(interface, channel, log).items():

@@ -125,13 +125,13 @@ def replay_section(effort: Effort = WHOLE) -> list[str]:
         ),
         "",
     ]
-    found = {
-        "a real vcan0, in a User-Mode Linux machine of one CPU where this kernel has none": replays.on_vcan(
-            rounds, seconds
+    found = {}
+    if effort.is_on_vcan:
+        found["a real vcan0, in a User-Mode Linux machine of one CPU where this kernel has none"] = (
+            replays.on_vcan(rounds, seconds)
         )
-    }
     found["udp_multicast, python-can's own bus on this machine"] = replays.measure(
-        f"udp_multicast:{replays.GROUP}", rounds, seconds
+        f"udp_multicast:{replays.GROUP}", rounds, seconds, effort.is_warmed
     )
     for bus, figures in found.items():
         if figures is not None:
@@ -154,7 +154,7 @@ def page_section(effort: Effort = WHOLE) -> list[str]:
             would say that clients change the lateness."""
         ),
         "",
-        *page_clients.table(page_clients.measure(rounds, seconds)),
+        *page_clients.table(page_clients.measure(rounds, seconds, effort.policies)),
         "",
     ]
 
@@ -225,7 +225,7 @@ def table_section(roots: Sequence[Path], effort: Effort = WHOLE) -> list[str]:
     lines += [
         f"| {motion} | `{suffix}` | {name_of(root)} | {shown(each.wall)} | **{shown(each.cpu)}** "
         f"| {each.peak / 1e6:.0f} MB | {each.size / 1e6:,.0f} MB |"
-        for (motion, suffix, root), each in tables.measure(roots, seconds).items()
+        for (motion, suffix, root), each in tables.measure(roots, effort).items()
     ]
     return [*lines, ""]
 

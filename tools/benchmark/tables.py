@@ -14,8 +14,8 @@ import numpy as np
 
 from liftgate_hil.formats.open import TABLES
 from tools.benchmark.checkouts import HERE, environment_of
+from tools.benchmark.effort import WHOLE, Effort
 
-SECONDS = 3600
 REVERSAL = 5.0  # s between two reversals of the voltage
 
 # A small process that starts the command and prints its CPU time and peak memory. It must be small, because a
@@ -53,13 +53,13 @@ def written(arguments: list[str], output: Path, root: Path) -> Written:
     return Written(wall, cpu, 1024.0 * kilobytes, output.stat().st_size)
 
 
-def measure(roots: Sequence[Path], seconds: float = SECONDS) -> dict[tuple[str, str, Path], Written]:
+def measure(roots: Sequence[Path], effort: Effort = WHOLE) -> dict[tuple[str, str, Path], Written]:
     """Return the costs by (motion, suffix, checkout), for all formats that the checkout supports.
 
     At the open stop most columns are constant. A gate that is reversed again and again changes all columns that
     can change without a contact.
     """
-    found = {}
+    found, seconds = {}, effort.table_seconds
     with tempfile.TemporaryDirectory() as folder:
         reversed_ = Path(folder) / "reversed.csv"
         times = np.arange(0.0, seconds, REVERSAL)
@@ -70,12 +70,13 @@ def measure(roots: Sequence[Path], seconds: float = SECONDS) -> dict[tuple[str, 
             "moving all the time": ["--input", str(reversed_)],
             "at the open stop after 10 s": ["--voltage", "12"],
         }
-        for motion, arguments in motions.items():
+        for motion, arguments in list(motions.items())[: effort.motions]:
             for suffix in TABLES:
                 output = Path(folder) / f"out{suffix}"
                 for root in roots:
                     try:  # fills the cache of machine code
-                        written([*arguments, "--duration", "0.001"], output, root)
+                        if effort.is_warmed:
+                            written([*arguments, "--duration", "0.001"], output, root)
                     except subprocess.CalledProcessError:
                         if root == HERE:  # this checkout supports all of them
                             raise
