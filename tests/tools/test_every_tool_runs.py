@@ -16,8 +16,13 @@ import pytest
 from tools.anti_trap import page as anti_trap_page
 from tools.anti_trap import study as anti_trap_study
 from tools.anti_trap.__main__ import main as anti_trap
+from tools.docs import PAGES
+from tools.docs import __main__ as docs
 from tools.identification import __main__ as identification
 from tools.identification import dc_motor, versus
+from tools.scheduling import page as scheduling_page
+from tools.scheduling.__main__ import main as scheduling
+from tools.scheduling.model import Case
 
 ROOT = Path(__file__).parents[2]
 
@@ -25,17 +30,17 @@ ROOT = Path(__file__).parents[2]
 RUNS: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "tools.accuracy": (["--cases", "2", "--jobs", "1", "--output", "{out}"], ("accuracy.md",)),
     "tools.c_translator": ([], ()),
-    "tools.docs": (["--output", "{out}"], ("demo.png", "scenario.md", "command-line.md")),
     "tools.equations": (["--mutate", "3.26"], ()),
-    "tools.scheduling": (["--short", "--output", "{out}"], ("campaigns-at-scale.md",)),
     "tools.benchmark.campaigns": (["--json", "--rounds", "1"], ()),
-    "tools.page": (["memory", "--minutes", "0.2", "--every", "0.5", "--output", "{out}/page.csv"], ("page.csv",)),
+    "tools.page": (["memory", "--minutes", "0.05", "--every", "0.5", "--output", "{out}/page.csv"], ("page.csv",)),
 }
 # What runs the others, all of it in CI.
 ELSEWHERE = {
     "tools.anti_trap": "below",
+    "tools.docs": "below",
     "tools.identification": "below",
     "tools.pack": "below",
+    "tools.scheduling": "below",
     "tools.campaign_study": "tests/tools/test_campaign_study.py",
     "tools.benchmark": "tests/tools/test_benchmark.py",
     "tools.benchmark.peer": "tests/tools/test_benchmark.py, as a process of the benchmark's",
@@ -89,6 +94,28 @@ def test_a_tool_runs_to_its_end(name: str, tmp_path: Path) -> None:
     assert files or done.stdout
     for each in files:
         assert (tmp_path / each).stat().st_size > 500, each
+
+
+def test_the_reference_pages_and_the_picture_of_the_demo_are_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two pages: test_docs.py makes each."""
+    monkeypatch.setattr(docs, "PAGES", {name: PAGES[name] for name in ("scenario.md", "signals.md")})
+    monkeypatch.setattr(sys, "argv", ["tools.docs", "--output", str(tmp_path)])
+    assert docs.main() == 0
+    assert {each.name for each in tmp_path.iterdir()} == {"scenario.md", "signals.md", "demo.png"}
+    assert all(each.stat().st_size > 500 for each in tmp_path.iterdir())
+
+
+def test_the_study_of_scheduling_runs_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of small campaigns; the scheduler, the workers and what is measured are processes, which takes over 5 s."""
+    monkeypatch.setattr(scheduling_page, "VARIANTS", (10**3, 10**4))
+    monkeypatch.setattr(scheduling_page, "WORKERS", (2, 100))
+    monkeypatch.setattr(scheduling_page, "LARGEST", Case(10**4, 100))
+    assert scheduling(["--short", "--output", str(tmp_path)]) == 0
+    page = (tmp_path / "campaigns-at-scale.md").read_text(encoding="utf-8")
+    assert len(page) > 500
+    assert page.count("| 10,000 | 100 | ") == 1
 
 
 def test_the_study_of_the_anti_trap_runs_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

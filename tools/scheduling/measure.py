@@ -45,10 +45,11 @@ class Extent(NamedTuple):
     workers: tuple[int, ...]  # that its client believes in
     variants: int  # of a run that is simulated too
     jobs: tuple[int, ...]  # of these runs
+    tasks: int | None = 1  # that a process of design or report does; None: one process does all
 
 
 FULL = Extent(60, (100, 1000, 10_000, 30_000), 2**20, 3000, (100, 500, 2000), 600, (1, 2, 4, 8))
-SHORT = Extent(6, (100, 1000), 2**17, 60, (20, 200), 60, (1, 2))
+SHORT = Extent(2, (100, 1000), 2**14, 40, (20, 50), 40, (1, 2), None)
 
 
 class Stored(NamedTuple):
@@ -151,12 +152,11 @@ def ending(extent: Extent) -> Ending:
     """Measure design and report with two numbers of variants, each in a process of its own with its own memory."""
     few, many = extent.samples // 4, extent.samples
     own: list[float] = []
-    for measured in _design, _report:
-        found = []
-        for count in few, many:
-            with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-                found.append(pool.submit(measured, count).result())
-        own += [max(large - small, 0.0) / (many - few) for small, large in zip(*found, strict=True)]
+    spawned = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, spawned, max_tasks_per_child=extent.tasks) as pool:
+        for measured in _design, _report:
+            found = [pool.submit(measured, count).result() for count in (few, many)]
+            own += [max(large - small, 0.0) / (many - few) for small, large in zip(*found, strict=True)]
     return Ending(*own)
 
 
