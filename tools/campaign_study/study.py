@@ -37,7 +37,7 @@ class Size:
 
 
 FULL = Size()
-SHORT = Size(60, 1, 100, 2, 3, 1, 2, 3, 1, 2, 300, 1, 1200)
+SHORT = Size(40, 1, 10, 2, 3, 1, 2, 3, 1, 2, 30, 1, 1200)
 FIRST = 1000  # seed of the analytic functions: others were used to choose the constants of the search
 
 Data = dict[str, Any]
