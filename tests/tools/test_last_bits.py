@@ -52,9 +52,9 @@ def moved(before: float, after: float) -> bool:
     return 0.0 < abs(after / before - 1.0) < 1.01 * last_bits.OFF
 
 
-@pytest.mark.parametrize("seed", ["1", "2"])
-def test_a_part_of_the_suite_passes_with_other_last_bits(seed: str) -> None:
-    done = suite(seed, *SOME)
+def test_a_part_of_the_suite_passes_with_other_last_bits() -> None:
+    """The part takes most of the time; `make last-bits SEED=2` takes other bits."""
+    done = suite("1", *SOME)
     assert done.returncode == 0, done.stdout
 
 
