@@ -24,13 +24,12 @@ from liftgate_hil.cli.main import main
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
 def test_a_killed_emulators_recordings_are_whole_to_the_last_second(tmp_path: Path) -> None:
-    check_kills(tmp_path, 6)  # 50: tests/study
+    check_kills(tmp_path, 3)  # 50: tests/study
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_text_survives_when_all_processes_are_killed(tmp_path: Path, seed: int) -> None:
+def test_the_text_survives_when_all_processes_are_killed(tmp_path: Path) -> None:
     with emulator(tmp_path) as child:
-        time.sleep(random.Random(seed).uniform(0.1, 1.5))
+        time.sleep(random.Random(0).uniform(0.1, 1.5))
         recorder = recorder_of(tmp_path)
         assert recorder
         os.kill(recorder, signal.SIGKILL)
