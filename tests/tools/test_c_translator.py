@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import math
 import shutil
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from liftgate_plant.vehicle import load_of, plant_of
 from tests.plant.runs import BRAKE, CLOSE, COAST, OPEN
 from tools.c_translator.build import (
     BUILDS,
+    USUAL,
     Build,
     Point,
     build,
@@ -34,9 +36,15 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
 STEPS, PLAIN_STEPS = 2500, 40
 
 
+@functools.cache
+def built(how: Build) -> ctypes.CDLL:
+    """The library of a build, made once."""
+    return build(how)
+
+
 @pytest.fixture(scope="module")
 def library() -> ctypes.CDLL:
-    return build()
+    return built(USUAL)
 
 
 FAIR = [
@@ -96,14 +104,15 @@ def test_the_translation_equals_the_plant_bit_for_bit(
 
 @pytest.mark.parametrize("how", FAIR)
 def test_every_fair_build_equals_the_plant_where_both_are_timed(how: Build) -> None:
-    library = build(how)
+    library = built(how)
     for point in points().values():
         expected = compiled(many_steps)(*point, 1e-3, 2000)
         assert translated_steps(library, point, 1e-3, 2000) == expected
 
 
 @needs_gcc
-def test_the_comparison_has_a_ratio_for_every_point_and_build() -> None:
+def test_the_comparison_has_a_ratio_for_every_point_and_build(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.c_translator.build.build", built)
     figures = compare(rounds=1, builds=BUILDS[:2])
     assert figures.keys() == points().keys()
     for each in figures.values():
