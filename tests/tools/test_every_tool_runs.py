@@ -32,7 +32,7 @@ RUNS: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "tools.c_translator": ([], ()),
     "tools.equations": (["--mutate", "3.26"], ()),
     "tools.benchmark.campaigns": (["--json", "--rounds", "1"], ()),
-    "tools.page": (["memory", "--minutes", "0.05", "--every", "0.5", "--output", "{out}/page.csv"], ("page.csv",)),
+    "tools.page": (["memory", "--minutes", "0.05", "--every", "0.2", "--output", "{out}/page.csv"], ("page.csv",)),
 }
 # What runs the others, all of it in CI.
 ELSEWHERE = {
