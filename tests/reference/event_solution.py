@@ -15,12 +15,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import Radau, solve_ivp
+from scipy.linalg.lapack import dgetrf, dgetrs, zgetrf, zgetrs
 
 from tests import last_bits
 
 GRAVITY = 9.81
-METHOD = "Radau"
 # Events show at the ends of steps only: a grazing touch within one step goes unnoticed (measured
 # effect on the current: about 1e-5 A). The tolerance keeps steps short in motion, this at rest [s].
 MAX_STEP = 5e-3
@@ -29,6 +29,25 @@ LOOK_AHEAD = 1e-11  # s: events closer together than this are taken as simultane
 NO_PROGRESS = 1e-13  # s
 # A change of regime must exceed rounding, or an element just at its boundary would chatter.
 ROUNDING = 1e-13  # m, rev/s, rad/s, A, and relative to a torque
+
+
+class SmallRadau(Radau):
+    """scipy's Radau with LAPACK's own functions. Those of scipy.linalg around them take longer to check a matrix
+    of 8 to 14 rows than to solve it.
+    """
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.lu, self.solve_lu = self._factors, self._solution
+
+    def _factors(self, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        self.nlu += 1
+        factors, pivots, _ = (zgetrf if np.iscomplexobj(matrix) else dgetrf)(matrix)
+        return factors, pivots
+
+    @staticmethod
+    def _solution(factors: tuple[np.ndarray, np.ndarray], right: np.ndarray) -> np.ndarray:
+        return (zgetrs if np.iscomplexobj(factors[0]) else dgetrs)(*factors, right)[0]
 
 
 @dataclass(frozen=True)
@@ -615,11 +634,21 @@ class StimulusPlan:
             element.switch(v, progress)
 
     def alarms(self, start: float) -> list[Callable[[float, np.ndarray], float]]:
-        """Terminal events for solve_ivp; at the start itself none may already have risen."""
+        """Terminal events for solve_ivp; at the start itself none may already have risen. It asks all of them in
+        turn about the same array.
+        """
+        last: tuple[float, np.ndarray | None, View | None] = (math.nan, None, None)
+
+        def view(t: float, y: np.ndarray) -> View:
+            nonlocal last
+            if last[0] != t or last[1] is not y or last[2] is None:
+                last = (t, y, self.geometry.view(t, y.tolist()))
+            assert last[2] is not None
+            return last[2]
 
         def alarm_of(element: Element) -> Callable[[float, np.ndarray], float]:
             def event(t: float, y: np.ndarray) -> float:
-                value = element.alarm(self.geometry.view(t, y.tolist()))
+                value = element.alarm(view(t, y))
                 return value if t > start else min(value, -1e-300)
 
             event.terminal, event.direction = True, 1.0  # type: ignore[attr-defined]
@@ -737,7 +766,7 @@ def solve(
                 stimuli.slope,
                 (now, phase.end),
                 np.array(state),
-                method=METHOD,
+                method=SmallRadau,
                 jac=stimuli.jacobian,
                 dense_output=True,
                 events=stimuli.alarms(now),

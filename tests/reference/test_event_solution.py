@@ -151,13 +151,13 @@ def test_coast_while_moving_and_regeneration_above_the_supply(suv: dict[str, Any
 
 def test_open_gate_left_alone_stays(suv: dict[str, Any]) -> None:
     """It sinks into the play, then the stuck shafts hold it: exactly stopped, no creep."""
-    times = np.linspace(0.0, 12.0, 121)
-    s = solve(suv, [both(12.0, COAST)], times, initial_angle=math.radians(40))
+    times = np.linspace(0.0, 3.0, 121)
+    s = solve(suv, [both(3.0, COAST)], times, initial_angle=math.radians(40))
     assert np.all(s.left_speed == 0.0)
     assert np.all(s.left_current == 0.0)
     assert np.ptp(s.left_position) == 0.0
     assert abs(math.degrees(s.angle[-1]) - 40) < 0.2
-    settled = times > 8
+    settled = times > 1.5
     assert np.ptp(s.angle[settled]) < 1e-9
     assert np.abs(s.rate[settled]).max() < 1e-9
 
@@ -229,8 +229,8 @@ def test_forces_follow_their_laws_at_every_sample(suv: dict[str, Any]) -> None:
 def test_tolerances_agree_over_a_whole_cycle(suv: dict[str, Any]) -> None:
     phases = [both(6.5, OPEN), both(7.5, BRAKE), both(14.0, CLOSE)]
     times = np.linspace(0.0, 14.0, 1401)
-    coarse = solve(suv, phases, times, tolerance=1e-8)
-    fine = solve(suv, phases, times, tolerance=1e-10)
+    coarse = solve(suv, phases, times, tolerance=1e-7)
+    fine = solve(suv, phases, times, tolerance=1e-9)
     assert coarse.events == fine.events
     rms = math.sqrt(float(np.mean((coarse.left_current - fine.left_current) ** 2)))
     assert rms < 1e-7

@@ -19,6 +19,7 @@ BEGIN, END = 1.0, 2.0  # s
 
 CURRENT_BAR = 2.0  # mA rms
 ANGLE_BAR = 0.002  # deg, at worst
+TOLERANCE = 1e-7  # of the event solution: as in test_accuracy
 
 
 class Case(NamedTuple):
@@ -82,7 +83,7 @@ def simulated(folder: Path, case: Case) -> dict[str, np.ndarray]:
 def exact(case: Case, times: np.ndarray) -> Solution:
     before = Phase(BEGIN, OPENING, OPENING)
     after = Phase(END, case.left, case.right, changes=case.changes)
-    return solve(tables(), [before, after], times, tolerance=1e-9)
+    return solve(tables(), [before, after], times, tolerance=TOLERANCE)
 
 
 @functools.cache
