@@ -139,7 +139,7 @@ def test_the_count_is_the_shafts_at_any_speed_there_and_back(
 def test_however_the_shaft_moves_no_count_is_lost(start: float, ways: list[float], counts: float) -> None:
     wheel = encoder(counts)
     positions = np.cumsum([start, *ways]).tolist()
-    states = walked(wheel, positions)
+    states = walked(wheel, positions, call=compiled(read_hall))
     assert [state.count for state in states] == [ideal_count(counts, at) for at in positions]
     assert all((state.a, state.b) == hall_levels(state.count) for state in states)
 
@@ -342,7 +342,7 @@ def test_hysteresis_parts_the_edges_of_both_ways() -> None:
 
 def test_the_poles_of_a_wheel_lie_where_they_lie_turn_after_turn() -> None:
     wheel = encoder(12.0, pitch=0.1)  # six poles
-    edges, _ = edges_of(wheel, Motion(0.0, 10.0), 3.0)
+    edges, _ = edges_of(wheel, Motion(0.0, 10.0), 3.0, call=compiled(read_hall))
     places = 12.0 * 10.0 * edges["time_s"] - np.arange(len(edges)) - 0.5
     turns = places[: 12 * 29].reshape(29, 12)
     assert turns == pytest.approx(np.tile(turns[0], (29, 1)), abs=1e-9)
@@ -354,7 +354,10 @@ def test_the_poles_of_a_wheel_lie_where_they_lie_turn_after_turn() -> None:
 
 def test_jitter_is_drawn_anew_for_each_edge_and_from_the_seed() -> None:
     wheel = encoder(4.0, jitter=0.05)
-    first, again, other = (edges_of(wheel, Motion(0.0, 100.0), 5.0, seed=seed)[0]["time_s"] for seed in (3, 3, 4))
+    first, again, other = (
+        edges_of(wheel, Motion(0.0, 100.0), 5.0, seed=seed, call=compiled(read_hall))[0]["time_s"]
+        for seed in (3, 3, 4)
+    )
     assert first.tolist() == again.tolist() != other.tolist()
     places = 400.0 * first - np.arange(len(first)) - 0.5
     assert np.std(places) == pytest.approx(0.05, rel=0.1)
@@ -394,6 +397,7 @@ def test_a_shaft_at_rest_is_on_a_step_between_the_edges_as_they_lie(position: fl
 def test_a_fast_shaft_with_many_counts_loses_no_edge() -> None:
     ring, wheel = edge_ring(2**17), encoder(10_000.0)
     halls = initial_halls(wheel, Shaft(0.0, 769.0), Shaft(0.0, 0.0))
-    read_hall(wheel, SOUND_HALL, halls, Shaft(3.845, 769.0), Tick(0.0, 5e-3, 0, False), 0, ring)
+    when = Tick(0.0, 5e-3, 0, False)
+    compiled(read_hall)(wheel, SOUND_HALL, halls, Shaft(3.845, 769.0), when, 0, ring)
     assert halls[0].edges == halls[0].count == ring.written[0] == 38_450
     assert halls[0].period_speed == pytest.approx(769.0)

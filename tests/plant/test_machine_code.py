@@ -43,6 +43,20 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "liftgate-hil"
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _one_process() -> Iterator[None]:
+    """For all tests but those that are `apart`: a compiler's process takes a second to start."""
+    with child.sharing():
+        yield
+
+
+@pytest.fixture
+def apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each compilation in a process of its own, as usual."""
+    monkeypatch.setattr(child._Shared, "users", 0)
+    monkeypatch.setattr(child._Shared, "compiler", None)
+
+
 class NotingWatcher(Watcher):
     """Keeps what it is told."""
 
@@ -371,7 +385,7 @@ def impatient() -> Iterator[None]:
     compiler.unwatch(watcher)
 
 
-def test_a_compilation_can_be_given_up(impatient: None, cache: Path):
+def test_a_compilation_can_be_given_up(apart: None, impatient: None, cache: Path):
     with pytest.raises(KeyboardInterrupt):
         obtaining.machine_code_of(double, (Number("f"),))
     assert not list(cache.rglob("*.code"))
@@ -401,7 +415,7 @@ def test_who_waits_for_another_process_can_give_up(impatient: None, cache: Path)
 
 
 @pytest.fixture
-def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
+def started(apart: None, monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
     """The compiler's processes."""
     found: list[subprocess.Popen[bytes]] = []
 
@@ -461,7 +475,7 @@ def test_entry_points_that_share_a_process_get_the_same_machine_code(started: li
     assert [text_sections(each.code) for each in alone] == [text_sections(each.code) for each in shared]
 
 
-def test_a_process_that_is_killed_while_it_compiles_is_reported(monkeypatch: pytest.MonkeyPatch):
+def test_a_process_that_is_killed_while_it_compiles_is_reported(apart: None, monkeypatch: pytest.MonkeyPatch):
     def kill() -> None:
         assert child._Shared.compiler is not None
         child._Shared.compiler._process.kill()
@@ -473,7 +487,7 @@ def test_a_process_that_is_killed_while_it_compiles_is_reported(monkeypatch: pyt
     assert child._Shared.compiler is None
 
 
-def test_the_other_process_gives_nothing_where_its_sources_are_others():
+def test_the_other_process_gives_nothing_where_its_sources_are_others(apart: None):
     request = child.Request(double, (Number("f"),), "another key")
     assert child.compile_apart(request, lambda: None) is None
 
