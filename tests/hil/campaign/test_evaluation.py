@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from liftgate_hil.campaign.base import Base, base_of
-from liftgate_hil.campaign.evaluation import Evaluator
+from liftgate_hil.campaign.evaluation import Evaluator, Row
 from liftgate_hil.campaign.figures import Figures, figures_of
 from liftgate_hil.campaign.request import Request, prepared
 from liftgate_hil.campaign.space import Space
@@ -54,11 +54,12 @@ def alone(base: Base, values: list[float]) -> Result:
         vehicle=job.vehicle.name,  # type: ignore[union-attr]
         seed=job.seed,
         draw=job.variant.draw,
+        duration=job.options.duration,
         trace=True,
     )
 
 
-def assert_row_is_that_of_a_run(evaluator: Evaluator, values: list[float]) -> None:
+def assert_row_is_that_of_a_run(evaluator: Evaluator, values: list[float]) -> Row:
     row, result = evaluator.row(values), alone(evaluator.base, values)
     assert row.error == ""
     assert row.verdict == result.verdict
@@ -68,6 +69,7 @@ def assert_row_is_that_of_a_run(evaluator: Evaluator, values: list[float]) -> No
         assert margin == verdict.margin if known else math.isnan(margin)
     np.testing.assert_array_equal(row.figures, figures_of(result.trace))
     assert row.figures.peak_pinch_force_n == result.maxima["pinch_force_n"]
+    return row
 
 
 def test_a_row_is_that_of_a_run_whatever_was_evaluated_before(tmp_path: Path) -> None:
@@ -107,19 +109,25 @@ def test_a_shared_precondition_is_gone_through_once(tmp_path: Path, monkeypatch:
     assert len(calls) == 2
 
 
-PACK = sorted(find_config("scenarios", "pack/undisturbed").parent.glob("*.toml"))
+# Of 16 and 2 minutes the first one: what a precondition leaves behind shows from its end on.
+SHORTENED = {"over_temperature": 60.0, "ten_attempts": 60.0}
 
 
-@pytest.mark.parametrize("path", PACK, ids=lambda path: path.stem)
+def pack() -> list[Path]:
+    """The pack's scenarios; of its grid, 15 files that differ in two numbers, three."""
+    grid = ("trap_10deg_10npmm", "trap_40deg_20npmm", "trap_70deg_65npmm")
+    paths = sorted(find_config("scenarios", "pack/undisturbed").parent.glob("*.toml"))
+    return [path for path in paths if not path.stem.endswith("npmm") or path.stem in grid]
+
+
+@pytest.mark.parametrize("path", pack(), ids=lambda path: path.stem)
 def test_each_scenario_of_the_pack_is_the_same_after_a_shared_precondition(path: Path) -> None:
-    base, _ = base_and_space(str(path), "seed=0,1")
+    base, _ = base_and_space(str(path), "seed=0,1", duration=SHORTENED.get(path.stem))
     evaluator = Evaluator(base)
     first = evaluator.row([0.0])
-    again = evaluator.row([0.0])
-    for row in (first, again):
-        np.testing.assert_array_equal(row.figures, first.figures)
-        np.testing.assert_array_equal(row.margins, first.margins)
-    assert_row_is_that_of_a_run(evaluator, [0.0])
+    again = assert_row_is_that_of_a_run(evaluator, [0.0])
+    np.testing.assert_array_equal(again.figures, first.figures)
+    np.testing.assert_array_equal(again.margins, first.margins)
 
 
 def test_variants_of_a_fault_and_a_profile_share_their_precondition(
@@ -164,18 +172,24 @@ def test_a_variant_that_the_loader_refuses_is_an_error_row(tmp_path: Path) -> No
     assert all(map(math.isnan, row.margins))
 
 
-@pytest.mark.parametrize("name", ["suv", "heavy-suv", "compact"])
+@pytest.mark.parametrize("name", ["heavy-suv", "compact"])
 def test_numbers_put_into_a_vehicle_are_as_its_loader_makes_them(name: str) -> None:
+    """All of the vehicle that has most; of one with a single drive those that it has more, and one of a table."""
     file = read_vehicle(find_config("vehicles", name), name)
+    other = {} if name == "heavy-suv" else read_vehicle(find_config("vehicles", "heavy-suv"), "heavy-suv").raw
     tables = {**DRIVE_TABLES, **BODY_TABLES}
+    done = set()
     for table, kind in tables.items():
         for key, about in keys_of(kind).items():
             given = file.raw.get(table, {}).get(key)
             if about.kind is not float or not isinstance(given, int | float) or isinstance(given, bool):
                 continue
+            if table in done and key in other.get(table, {}):
+                continue
             value = given if about.quantity.is_whole else given * 1.0078125
             if not about.quantity.allows(value):
                 continue
+            done.add(table)
             found = prepared(Request("demo", (f"{table}.{key}={value!r}",), vehicle=name))
             settings = settings_of([f"{table}.{key}={value!r}"])
             fast = Vehicles(file, found.base.targets).vehicle([], settings, AS_FILED)
