@@ -21,6 +21,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 import liftgate_hil as lh
+from liftgate_hil.cli.main import main
 from liftgate_hil.dashboard.guard import Guard, hosts_of
 from liftgate_hil.dashboard.live import _UNKNOWN_END
 from liftgate_hil.dashboard.recorded import RecordingSource
@@ -327,6 +328,14 @@ def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
             assert "has ended" in said["issues"][0]
 
 
+@pytest.fixture
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of its own to work in, in which no run is to be found."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -343,26 +352,22 @@ def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_usage_is_reported_in_one_line_with_exit_code_2(
-    tmp_path: Path, arguments: tuple[str, ...], words: str
+    in_folder: Path, arguments: tuple[str, ...], words: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "s.csv").write_text("time_s,gate_angle_deg\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
-    with process("dashboard", *arguments, folder=tmp_path) as child:
-        out, err = child.communicate(timeout=60)
-    assert child.returncode == 2
+    (in_folder / "s.csv").write_text("time_s,gate_angle_deg\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
+    assert main(["dashboard", *arguments]) == 2
+    out, err = capfd.readouterr()
     assert out == ""
     assert words in err
     assert len(err.strip().splitlines()) == 1
 
 
-def test_a_port_that_is_taken_is_reported(tmp_path: Path) -> None:
-    (tmp_path / "s.csv").write_text("time_s,gate_angle_deg\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
+def test_a_port_that_is_taken_is_reported(in_folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (in_folder / "s.csv").write_text("time_s,gate_angle_deg\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         listen = f"127.0.0.1:{taken.getsockname()[1]}"
-        arguments = ("dashboard", "--recording", "s.csv", "--listen", listen)
-        with process(*arguments, folder=tmp_path) as child:
-            _, err = child.communicate(timeout=60)
-    assert child.returncode == 2
-    assert f"--listen {listen}: Address already in use" in err
+        assert main(["dashboard", "--recording", "s.csv", "--listen", listen]) == 2
+    assert f"--listen {listen}: Address already in use" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -375,13 +380,15 @@ def test_a_port_that_is_taken_is_reported(tmp_path: Path) -> None:
         (("--read-only",), "--read-only: allowed together with --dashboard"),
     ],
 )  # fmt: skip
-def test_a_run_whose_page_cannot_be_does_not_begin(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
+def test_a_run_whose_page_cannot_be_does_not_begin(
+    in_folder: Path, arguments: tuple[str, ...], words: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         given = [each.replace("{port}", port) for each in arguments]
-        with process("--bus", "virtual:own", *given, folder=tmp_path) as bench:
-            out, err = bench.communicate(timeout=60)
-    assert (bench.returncode, out) == (2, "")
+        assert main(["--bus", "virtual:own", *given]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
     assert words.replace("{port}", port) in err
 
 
@@ -665,8 +672,17 @@ def test_only_a_page_with_a_folder_starts_runs(client: Client) -> None:
 
 
 def test_connections_that_stand_still_are_dropped(client: Client) -> None:
-    """One that says nothing, one that begins to, and a WebSocket that reads nothing and answers no ping."""
+    """One that says nothing, one that begins to, and a WebSocket that reads nothing and answers no ping. Viewers
+    that take nothing from their socket's buffer: it fills up, and nothing is sent to them any more.
+    """
     host, port = client.host.split(":")
+    deaf = [socket.socket() for _ in range(5)]
+    for wire in deaf:
+        wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        wire.connect((host, int(port)))
+        wire.sendall(upgrade(client))
+    theirs = {wire.getsockname()[1] for wire in deaf}
+    assert served(int(port)) & theirs == theirs
     wires = []
     for said in (b"", b"GET /api/state HTT", upgrade(client)):
         wire = socket.create_connection((host, int(port)))
@@ -677,51 +693,35 @@ def test_connections_that_stand_still_are_dropped(client: Client) -> None:
         while wire.recv(1 << 20):  # raises TimeoutError where it stays open
             pass
         wire.close()
+    deadline = time.monotonic() + 120
+    while left := served(int(port)) & theirs:
+        assert time.monotonic() < deadline, left
+        time.sleep(0.2)
+    for wire in deaf:
+        wire.close()
 
 
-def test_a_viewer_that_never_reads_is_dropped(tmp_path: Path) -> None:
-    """It takes nothing from its socket's buffer, which fills up, and nothing is sent to it any more."""
-    with process("--bus", "virtual:deaf", "--overrun-limit", "3600", folder=tmp_path) as bench:
-        arguments = ("dashboard", "--attach", str(bench.pid), "--patience", "60", "--listen", "127.0.0.1:0")
-        with process(*arguments, folder=tmp_path) as child:
-            client = Client(address_in(child))
-            until(client, is_going)
-            host, port = client.host.split(":")
-            wires = [socket.socket() for _ in range(5)]
-            for wire in wires:
-                wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-                wire.connect((host, int(port)))
-                wire.sendall(upgrade(client))
-            theirs = {wire.getsockname()[1] for wire in wires}
-            assert served(int(port)) & theirs == theirs
-            deadline = time.monotonic() + 120
-            while left := served(int(port)) & theirs:
-                assert time.monotonic() < deadline, left
-                time.sleep(0.2)
-            for wire in wires:
-                wire.close()
-
-
-def test_more_connections_than_the_page_takes_are_dropped_and_it_goes_on(tmp_path: Path) -> None:
-    """Nobody needs a token to connect; the run's terminal stays silent about it."""
-    with process("--bus", "virtual:many", "--overrun-limit", "3600", folder=tmp_path) as bench:
-        arguments = ("dashboard", "--attach", str(bench.pid), "--patience", "60", "--listen", "127.0.0.1:0")
-        with process(*arguments, folder=tmp_path) as child:
-            client = Client(address_in(child))
-            until(client, is_going)
-            host, port = client.host.split(":")
-            wires = [socket.create_connection((host, int(port)), timeout=30) for _ in range(400)]
-            deadline = time.monotonic() + 30
-            while len(served(int(port))) > 250:
-                assert time.monotonic() < deadline
-                time.sleep(0.05)
-            for wire in wires:
-                wire.close()
-            until(client, is_going)
-            child.send_signal(signal.SIGINT)
-            assert child.wait(30) == 0
-            assert child.stderr is not None
-            assert child.stderr.read() == ""
+def test_more_connections_than_the_page_takes_are_dropped_and_it_goes_on(
+    folder: Path, run: subprocess.Popen[str]
+) -> None:
+    """Nobody needs a token to connect; the page's terminal stays silent about it."""
+    arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
+    with process("dashboard", *arguments, folder=folder) as child:
+        client = Client(address_in(child))
+        until(client, is_going)
+        host, port = client.host.split(":")
+        wires = [socket.create_connection((host, int(port)), timeout=30) for _ in range(400)]
+        deadline = time.monotonic() + 30
+        while len(served(int(port))) > 250:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        for wire in wires:
+            wire.close()
+        until(client, is_going)
+        child.send_signal(signal.SIGINT)
+        assert child.wait(30) == 0
+        assert child.stderr is not None
+        assert child.stderr.read() == ""
 
 
 def served(port: int) -> set[int]:
