@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from c_ecu import BARE_CANTOOLS
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.config import shipped
@@ -20,7 +21,6 @@ from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
 
 # Stands for packages that cantools loads and does not use here, which takes 4 s of CPU.
-BARE_CANTOOLS = Path(__file__).parents[2] / "system/bare_cantools"
 needs_compiler = pytest.mark.skipif(
     shutil.which("cc") is None or shutil.which("make") is None, reason="no C compiler or make"
 )
@@ -195,7 +195,7 @@ def test_the_copied_ecu_is_made_from_the_copies_alone(tmp_path: Path):
     (tmp_path / "dbc/liftgate.dbc").write_text("not ours")
     subprocess.run(
         ["make", "-C", str(folder / "ecu"), f"PYTHON={sys.executable}"],
-        check=True, capture_output=True, timeout=300, env={**os.environ, "PYTHONPATH": str(BARE_CANTOOLS)},
+        check=True, capture_output=True, timeout=300, env={**os.environ, **BARE_CANTOOLS},
     )  # fmt: skip
     for name in ("ecu-can", "ecu-serial"):
         done = subprocess.run([folder / "ecu/build" / name], capture_output=True, check=False)

@@ -1,3 +1,3 @@
 """Stands for pandas, which cantools loads where it can, and needs for no command of the pages."""
 
-raise ImportError("not loaded: `readme.start` says why")
+raise ImportError("not loaded: `c_ecu.BARE_CANTOOLS` says why")
