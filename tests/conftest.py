@@ -14,6 +14,9 @@ import pytest
 
 from tests import last_bits
 
+# Searches for cycles, each of which goes through all that was imported and collected, come more rarely.
+gc.set_threshold(50_000, 20, 50)
+
 # Before numpy is loaded. Matrices are small here, so that threads of the BLAS only wait for each other:
 # identification takes 47 s of CPU with two of them, and 29 s with one.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -56,12 +59,6 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     terminalreporter.write_sep("=", "time by folder")
     for folder in sorted(seconds, key=seconds.__getitem__, reverse=True):
         terminalreporter.write_line(f"{seconds[folder]:8.1f} s  {len(tests[folder]):5}  {folder}")
-
-
-def pytest_collection_finish() -> None:
-    """Leave what was imported and collected out of the searches for cycles: some 400,000 objects."""
-    gc.collect()
-    gc.freeze()
 
 
 # Their tests start programs and compile, so that one may take minutes.

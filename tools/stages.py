@@ -22,15 +22,24 @@ ROOT = Path(__file__).resolve().parents[1]
 LOGS = ROOT / "out" / "stages"
 _PATIENCE = 3600.0  # s, after which a stage counts as hung and is ended
 
-# Phases follow one another. The lanes of a phase run side by side, the stages of a lane one after the other; the
-# first lane is the longest. Machine code is compiled once, before all tests; tests that wait run beside those that
-# compute.
-PLANS: dict[str, tuple[tuple[tuple[str, ...], ...], ...]] = {
-    "test": ((("compile",), ("lint",)), (("test-main",), ("test-realtime",), ("test-vcan", "test-browser"))),
+# Lanes run side by side, the stages of a lane one after the other; the log of the first lane is shown as it grows.
+# Tests that wait run beside those that compute.
+PLANS: dict[str, tuple[tuple[str, ...], ...]] = {
+    "test": (("compile", "test-main"), ("lint", "test-realtime"), ("test-vcan", "test-browser")),
     "ci": (
-        (("compile",), ("lint", "programs")),
-        (("test-main",), ("test-realtime", "test-package", "test-other-pythons"), ("test-vcan", "test-browser")),
+        ("compile", "test-main"),
+        ("lint", "programs", "test-other-pythons", "test-package"),
+        ("test-realtime",),
+        ("test-vcan", "test-browser"),
     ),
+}
+# Stages that another one needs, in whichever lane: machine code is compiled once, before all tests.
+NEEDS = {
+    "test-main": ("compile", "programs"),
+    "test-realtime": ("compile", "programs"),
+    "test-vcan": ("compile",),
+    "test-browser": ("compile", "programs"),
+    "test-package": ("compile",),
 }
 # How pytest ends: a line between signs of equality; and its list of what failed.
 _CLOSING = re.compile(r"^=+ (.*\d+ (?:passed|failed|skipped|error).*) in [\d.]+s.*=+$")
@@ -88,24 +97,29 @@ def outcome_of(stage: str, code: int, seconds: float, log: str) -> Outcome:
     return Outcome(stage, code, seconds, ", ".join(closings), failed)
 
 
-def run_phase(lanes: Sequence[Sequence[str]], shown: IO[str]) -> list[Outcome]:
-    """Run the lanes of a phase side by side and return the outcomes of all stages, in the order of the lanes."""
-    outcomes: list[list[Outcome]] = [[] for _ in lanes]
+def run_plan(lanes: Sequence[Sequence[str]], shown: IO[str]) -> list[Outcome]:
+    """Run lanes side by side and return the outcomes of all stages, in the order of the lanes."""
+    outcomes: dict[str, Outcome] = {}
+    ended = {stage: threading.Event() for lane in lanes for stage in lane}
 
-    def follow(number: int) -> None:
-        for stage in lanes[number]:
-            outcomes[number].append(run_stage(stage, shown if number == 0 else None))
+    def follow(lane: Sequence[str], shown: IO[str] | None) -> None:
+        for stage in lane:
+            for needed in NEEDS.get(stage, ()):
+                if needed in ended:
+                    ended[needed].wait()
+            outcomes[stage] = run_stage(stage, shown)
+            ended[stage].set()
 
-    threads = [threading.Thread(target=follow, args=(number,)) for number in range(1, len(lanes))]
+    threads = [threading.Thread(target=follow, args=(lane, None)) for lane in lanes[1:]]
     for each in threads:
         each.start()
-    follow(0)
+    follow(lanes[0], shown)
     for each in threads:
         each.join()
-    for each in (outcome for lane in outcomes[1:] for outcome in lane):
-        log = (LOGS / f"{each.stage}.log").read_text(encoding="utf-8")
-        print(f"----- {each.stage}", log.rstrip("\n"), sep="\n", file=shown, flush=True)
-    return [outcome for lane in outcomes for outcome in lane]
+    for stage in (stage for lane in lanes[1:] for stage in lane):
+        log = (LOGS / f"{stage}.log").read_text(encoding="utf-8")
+        print(f"----- {stage}", log.rstrip("\n"), sep="\n", file=shown, flush=True)
+    return [outcomes[stage] for lane in lanes for stage in lane]
 
 
 def main() -> int:
@@ -115,7 +129,7 @@ def main() -> int:
     plan = PLANS[parser.parse_args().plan]
     LOGS.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
-    outcomes = [outcome for lanes in plan for outcome in run_phase(lanes, sys.stdout)]
+    outcomes = run_plan(plan, sys.stdout)
     print("----- what ran, how long, what failed")
     print("\n".join(line for each in outcomes for line in each.lines()))
     failed = [each.stage for each in outcomes if each.code != 0]

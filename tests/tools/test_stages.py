@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -31,7 +33,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     monkeypatch.delenv("VCAN", raising=False)
     monkeypatch.setattr(stages, "LOGS", tmp_path / "logs")
-    monkeypatch.setattr(stages, "PLANS", {"test": ((("good",), ("other", "bad")),), "ci": ((("good",),),)})
+    monkeypatch.setattr(stages, "PLANS", {"test": (("good",), ("other", "bad")), "ci": (("good",),)})
     return tmp_path
 
 
@@ -58,6 +60,24 @@ def test_the_end_says_what_ran_and_what_failed(
     assert (bench / "logs" / "bad.log").read_text().count("\n") == 3
 
 
+def test_a_stage_waits_for_those_that_it_needs_in_other_lanes(
+    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where these failed; what is in no lane is not waited for."""
+    run_stage, order = stages.run_stage, []
+
+    def noted(stage: str, shown: Any) -> stages.Outcome:
+        order.append(f"{stage} begins")
+        found = run_stage(stage, shown)
+        order.append(f"{stage} ends")
+        return found
+
+    monkeypatch.setattr(stages, "run_stage", noted)
+    monkeypatch.setattr(stages, "NEEDS", {"good": ("bad", "nowhere")})
+    assert told(capsys, monkeypatch, "test")[0] == 1
+    assert order.index("bad ends") < order.index("good begins")
+
+
 def test_what_the_user_says_of_a_vcan_holds(
     bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -71,9 +91,8 @@ def test_what_the_user_says_of_a_vcan_holds(
 def test_each_stage_is_a_target_and_all_tests_are_in_ci() -> None:
     makefile = (stages.ROOT / "Makefile").read_text(encoding="utf-8")
     targets = set(re.findall(r"^([\w-]+):", makefile, re.MULTILINE))
-    run = {
-        plan: [each for phase in lanes for lane in phase for each in lane] for plan, lanes in stages.PLANS.items()
-    }
+    run = {plan: [stage for lane in lanes for stage in lane] for plan, lanes in stages.PLANS.items()}
+    assert {*stages.NEEDS, *itertools.chain.from_iterable(stages.NEEDS.values())} <= set(run["ci"])
     assert set(run["ci"]) <= targets
     assert set(run["test"]) <= set(run["ci"])
     assert {"test-main", "test-realtime", "test-browser", "test-vcan", "test-package"} <= set(run["ci"])

@@ -51,3 +51,20 @@ def test_what_is_due_while_the_interface_is_down_is_counted(tmp_path: Path, bus:
     assert told["link"]["losses"] >= 1
     assert "vcan0 is down" in error
     assert "vcan0 is back" in error
+
+
+def test_the_benchmark_of_replays_runs_on_a_vcan0() -> None:
+    """Shortened; tests/tools/test_benchmark.py runs it on another bus."""
+    command = [sys.executable, "-m", "tools.benchmark.replays", "--bus", "socketcan:vcan0", "--json"]
+    done = subprocess.run(
+        [*command, "--rounds", "1", "--seconds", "0.5"],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=300.0,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert "reported" in found
+    assert all(len(figures) > 0 for figures in found.values())
