@@ -22,7 +22,7 @@ needs_compiler = pytest.mark.skipif(
     shutil.which("cc") is None or shutil.which("make") is None, reason="no C compiler or make"
 )
 
-# cantools loads what it can, though it needs none of these here: a start takes 0.4 s of CPU without, 4 s with them.
+# cantools loads what it can, though it needs none of these here: a start takes 0.4 s of CPU without, 4 with them.
 BARE_CANTOOLS = {"PYTHONPATH": str(Path(__file__).parent / "bare_cantools")}
 
 STOP, OPEN, CLOSE = 0, 1, 2
