@@ -101,6 +101,15 @@ def is_on_its_own(path: Path, root: Path) -> bool:
     return path.is_relative_to(root / "system") or "udp_multicast" in path.read_text("utf-8")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def one_compiler() -> Iterator[None]:
+    """What this process compiles is compiled by one further process, in which helpers are compiled once."""
+    from liftgate_plant import compiler  # which loads numpy
+
+    with compiler.sharing():
+        yield
+
+
 @pytest.fixture(autouse=True)
 def signals_restored() -> Iterator[None]:
     """Handlers of signals, after each test as before: a command that is called in the test's process sets its own,

@@ -121,6 +121,6 @@ def test_what_code_raises_is_reported_with_its_name():
 def test_others_may_call_helpers_too():
     import numba
 
-    compiled(diamond)(3.0)  # numba knows the helpers from now on
+    made_object(diamond)  # numba knows the helpers from now on
     theirs = numba.njit(lambda x: right(x) + 1.0)
     assert theirs(3.0) == right(3.0) + 1.0

@@ -43,13 +43,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "liftgate-hil"
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _one_process() -> Iterator[None]:
-    """For all tests but those that are `apart`: a compiler's process takes a second to start."""
-    with child.sharing():
-        yield
-
-
 @pytest.fixture
 def apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each compilation in a process of its own, as usual."""

@@ -45,7 +45,7 @@ def folder(tmp_path: Path) -> Path:
         ["demo", "--clock", "free", "--duration", "0.1", "--record", "a.asc"],
         ["demo", "--clock", "free", "--duration", "0.1", "--ecu", "{library}", "--no-record"],
         ["ecu", "--bus", "virtual:x", "--duration", "0.1"],
-        ["demo", "--bus", "udp_multicast:239.74.163.73", "--duration", "1", "--no-record"],
+        ["demo", "--bus", "udp_multicast:239.74.163.73", "--duration", "6", "--no-record"],
         ["simulate", "--duration", "0.1", "--output", "a.csv"],
     ],
     ids=lambda arguments: " ".join(arguments[:3]),

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from liftgate_plant import compiler
 from tools.benchmark import lateness
 from tools.benchmark.checkouts import HERE
 from tools.benchmark.effort import SHORT, WHOLE, Effort
@@ -62,6 +63,12 @@ def main() -> None:
         print("\n".join(_files(roots, against, effort)))
         return
     args.output.mkdir(parents=True, exist_ok=True)
+    with compiler.sharing():
+        _write(args, effort, roots, against)
+
+
+def _write(args: argparse.Namespace, effort: Effort, roots: Sequence[Path], against: Path | None) -> None:
+    """Run all benchmarks and write their page."""
     text = ["# Benchmark", "", "Made by `make bench` on", "", *machine_lines(), load_line(), ""]
     text += episode_section(effort) + inactive_section(effort) + campaign_section(effort)
     text += step_section(effort)

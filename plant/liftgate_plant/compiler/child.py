@@ -45,6 +45,7 @@ class _Compiler:
 
     def __init__(self) -> None:
         """Start it. Raises OSError, ValueError."""
+        self.owner = os.getpid()
         path = json.dumps([each for each in sys.path if Path(each).is_absolute()])
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _START, path],
@@ -113,13 +114,14 @@ def sharing() -> Iterator[None]:
 
 
 def _end_shared() -> None:
-    if _Shared.compiler is not None:
+    """End the shared process, unless it is that of the parent of a forked process."""
+    if _Shared.compiler is not None and _Shared.compiler.owner == os.getpid():
         _Shared.compiler.end()
     _Shared.compiler = None
 
 
 def compile_apart(request: Request, look: Callable[[], None]) -> Any:
-    """Return what `building.make_here` returns, made in a process of its own.
+    """Return what `building.make_here` returns, made in another process.
 
     Returns None where it can only be compiled in this process. `look` is called every 0.1 s meanwhile, and may
     raise.
@@ -128,14 +130,33 @@ def compile_apart(request: Request, look: Callable[[], None]) -> Any:
     """
     try:
         asked = pickle.dumps(request)
-        if _Shared.compiler is None or not _Shared.compiler.is_running():
-            _end_shared()
-            _Shared.compiler = _Compiler()
-    except (pickle.PicklingError, AttributeError, TypeError, OSError, ValueError):
+    except (pickle.PicklingError, AttributeError, TypeError):
         return None
+    if _has_shared() and (answer := _answered(asked, look)) is not None:
+        return answer
+    # One that has served others may have been started before a folder was on the path, or a file was edited.
+    try:
+        _Shared.compiler = _Compiler()
+    except (OSError, ValueError):
+        return None
+    return _answered(asked, look)
+
+
+def _has_shared() -> bool:
+    """Whether a process is kept for this one; one that is not is ended."""
+    kept = _Shared.compiler
+    if kept is not None and kept.owner == os.getpid() and kept.is_running():
+        return True
+    _end_shared()
+    return False
+
+
+def _answered(request: bytes, look: Callable[[], None]) -> Any:
+    """Return the answer of the process; it is ended unless it is shared and has given one."""
+    assert _Shared.compiler is not None
     is_kept = False
     try:
-        answer = _Shared.compiler.answer(asked, look)
+        answer = _Shared.compiler.answer(request, look)
         is_kept = answer is not None and _Shared.users > 0
         return answer
     finally:
