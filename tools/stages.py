@@ -25,23 +25,18 @@ _PATIENCE = 3600.0  # s, after which a stage counts as hung and is ended
 # Lanes run side by side, the stages of a lane one after the other; the log of the first lane is shown as it grows.
 # What waits runs beside what computes, but one stage of it at a time: it is judged by what it does in real time.
 PLANS: dict[str, tuple[tuple[str, ...], ...]] = {
-    "test": (("test-main",), ("compile",), ("lint", "test-vcan", "test-realtime", "test-browser")),
+    "test": (("compile", "test-main"), ("lint", "test-vcan", "test-realtime", "test-browser")),
     "ci": (
-        ("test-main",),
-        ("compile",),
-        (
-            *("programs", "lint", "test-vcan", "test-realtime", "test-browser"),
-            *("test-package", "test-other-pythons"),
-        ),
+        ("compile", "test-main"),
+        ("lint", "programs", "test-other-pythons", "test-vcan", "test-realtime", "test-browser", "test-package"),
     ),
 }
-# Stages that another one needs, in whichever lane. Machine code is compiled once; test-main begins with tests that
-# do without that of the product.
+# Stages that another one needs, in whichever lane: machine code is compiled once, before all tests.
 NEEDS = {
-    "test-main": ("programs",),
+    "test-main": ("compile", "programs"),
+    "test-realtime": ("compile", "programs"),
     "test-vcan": ("compile",),
-    "test-realtime": ("compile",),
-    "test-browser": ("compile",),
+    "test-browser": ("compile", "programs"),
     "test-package": ("compile",),
 }
 # How pytest ends: a line between signs of equality; and its list of what failed.
