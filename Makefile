@@ -13,7 +13,7 @@ BIN    := $(VENV)/bin
 JOBS   ?= auto
 VCAN_TESTS ?= tests/vcan
 # What waits for its time goes first, where this user may decide that.
-FIRST := $(if $(filter -5,$(shell nice -n -5 nice 2> /dev/null)),nice -n -5)
+FIRST := $(if $(filter -10,$(shell nice -n -10 nice 2> /dev/null)),nice -n -10)
 # Printed at the end, and kept in out/stages: the slowest tests, and the time by folder.
 PYTEST := -m pytest --durations=60 --durations-min=1
 # The compiled model: kept on the host, as all else that a machine writes is lost.

@@ -1,11 +1,13 @@
 """Common parts of both ways of running a command: messages, exit statuses, and sessions that end as a whole."""
 
+import contextlib
 import ctypes
 import os
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 TIMED_OUT, OWN_FAILURE = 124, 125
@@ -38,13 +40,16 @@ def spawn(argv: list[str], cpu: int | None = None, **options: Any) -> subprocess
     """Start argv as leader of a session, which `end_session` can end as a whole.
 
     If this process is killed, the leader gets SIGTERM (a User-Mode Linux machine then ends itself). With `cpu` it
-    runs on that CPU only.
+    runs on that CPU only. The session has the niceness of this process: a scheduler that groups processes by
+    session (autogroup) would weigh it as any other.
     """
 
     def in_child() -> None:
         _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
         if cpu is not None:
             os.sched_setaffinity(0, {cpu})
+        with contextlib.suppress(OSError):  # no such scheduler, or not allowed
+            Path("/proc/self/autogroup").write_text(str(os.getpriority(os.PRIO_PROCESS, 0)), encoding="ascii")
 
     return subprocess.Popen(
         argv,
