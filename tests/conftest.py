@@ -103,7 +103,7 @@ def is_on_its_own(path: Path, root: Path) -> bool:
 
 @pytest.fixture(scope="session", autouse=True)
 def one_compiler() -> Iterator[None]:
-    """What this process compiles is compiled by one further process, in which helpers are compiled once."""
+    """One compiler process for all that this process compiles, so that helpers are compiled once."""
     from liftgate_plant import compiler  # which loads numpy
 
     with compiler.sharing():

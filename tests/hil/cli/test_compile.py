@@ -40,7 +40,7 @@ def test_without_the_compiler_there_is_nothing_to_make(
 
 
 def test_it_makes_all_that_the_product_compiles():
-    """What is handed to `compiled` anywhere, by the name of its function."""
+    """The functions passed to `compiled` anywhere are the entry points of the table."""
     calls = [
         (path, node.args[0])
         for path in Path(liftgate_hil.__file__).parent.rglob("*.py")

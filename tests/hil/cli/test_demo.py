@@ -35,7 +35,6 @@ from liftgate_hil.running.result import Result
 from liftgate_hil.running.setup import scenario_from
 from liftgate_plant.compiler import GivenUpError
 
-# Stands for packages that cantools loads and does not use here, which takes 4 s of CPU.
 TEXT = """
 import os
 

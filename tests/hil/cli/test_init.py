@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from c_ecu import BARE_CANTOOLS
+from c_ecu import BARE_CANTOOLS, needs_compiler
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.config import shipped
@@ -19,11 +19,6 @@ from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.starter import create_starter
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
-
-# Stands for packages that cantools loads and does not use here, which takes 4 s of CPU.
-needs_compiler = pytest.mark.skipif(
-    shutil.which("cc") is None or shutil.which("make") is None, reason="no C compiler or make"
-)
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -45,7 +45,7 @@ def test_a_full_disk_behind_stdout_is_one_message(name: str, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("name", ["version", "run"])
 def test_a_full_disk_behind_stdout_and_stderr_is_an_exit_code(name: str, tmp_path: Path) -> None:
-    """What argparse prints, and what a command prints."""
+    """Output of argparse, and output of a command."""
     assert shell(tmp_path, name, ">/dev/full 2>/dev/full")[0] in (1, 2)
 
 

@@ -36,7 +36,7 @@ def of(frames: list[Any], identifier: int) -> list[tuple[float, bytes]]:
 
 @cache
 def sound(seconds: float) -> tuple[list[Any], Any, Any]:
-    """What a sound gate has sent from then on; its truth and what its sensors read at the end."""
+    """Frames that a gate without faults sends in these seconds, and its truth and sensor readings at the end."""
     gate = opening()
     return gate.step(seconds), gate.truth, gate.sensed
 
