@@ -63,18 +63,20 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 # Their tests start programs and compile, so that one may take minutes.
 LONG = ("tools", "system")
+# Without machine code of the product's entry points, which `make compile` makes meanwhile.
+EARLY = ("plant", "reference", "hil/codec", "hil/config", "hil/transport")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Order the tests: those that take longest first, so that no process is left alone with them at the end; their
-    files are dealt to the processes in turn, each of which begins with a stretch of the list.
+    """Order the tests: after the early ones those that take longest, so that no process is left alone with them at
+    the end; their files are dealt to the processes in turn, each of which begins with a stretch of the list.
 
     Those in real time with foreign programs, or on a bus of multicast datagrams, are of one group, for one
     process: python-can's own bus of that kind hears all groups of a port. Those in a browser share one.
     """
     root = Path(__file__).parent
-    long = [root / each for each in LONG]
-    first = [item for item in items if any(item.path.is_relative_to(each) for each in long)]
+    folders = [root / each for each in (*EARLY, *LONG)]
+    first = [item for folder in folders for item in items if item.path.is_relative_to(folder)]
     chosen = set(first)
     others = [item for item in items if item not in chosen]
     items[:] = dealt(first, others, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))

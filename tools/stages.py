@@ -25,18 +25,23 @@ _PATIENCE = 3600.0  # s, after which a stage counts as hung and is ended
 # Lanes run side by side, the stages of a lane one after the other; the log of the first lane is shown as it grows.
 # What waits runs beside what computes, but one stage of it at a time: it is judged by what it does in real time.
 PLANS: dict[str, tuple[tuple[str, ...], ...]] = {
-    "test": (("compile", "test-main"), ("lint", "test-vcan", "test-realtime", "test-browser")),
+    "test": (("test-main",), ("compile",), ("lint", "test-vcan", "test-realtime", "test-browser")),
     "ci": (
-        ("compile", "test-main"),
-        ("lint", "programs", "test-other-pythons", "test-vcan", "test-realtime", "test-browser", "test-package"),
+        ("test-main",),
+        ("compile",),
+        (
+            *("programs", "lint", "test-vcan", "test-realtime", "test-browser"),
+            *("test-package", "test-other-pythons"),
+        ),
     ),
 }
-# Stages that another one needs, in whichever lane: machine code is compiled once, before all tests.
+# Stages that another one needs, in whichever lane. Machine code is compiled once; test-main begins with tests that
+# do without that of the product.
 NEEDS = {
-    "test-main": ("compile", "programs"),
-    "test-realtime": ("compile", "programs"),
+    "test-main": ("programs",),
     "test-vcan": ("compile",),
-    "test-browser": ("compile", "programs"),
+    "test-realtime": ("compile",),
+    "test-browser": ("compile",),
     "test-package": ("compile",),
 }
 # How pytest ends: a line between signs of equality; and its list of what failed.

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
+from c_ecu import BARE_CANTOOLS
 from vcan_support import PATIENCE, Bus, run, wait_for, write_log
 
 COMMAND = (sys.executable, "-m", "liftgate_hil", "replay")
@@ -59,6 +61,7 @@ def test_the_benchmark_of_replays_runs_on_a_vcan0() -> None:
     done = subprocess.run(
         [*command, "--rounds", "1", "--seconds", "0.5"],
         cwd=Path(__file__).parents[2],
+        env={**os.environ, **BARE_CANTOOLS},
         capture_output=True,
         text=True,
         timeout=300.0,
