@@ -24,6 +24,7 @@ from liftgate_hil.loop.advance import advance
 from liftgate_hil.loop.arrivals import longest_wait
 from liftgate_hil.loop.datagrams import Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.priority import Realtime
+from liftgate_hil.loop.python_loop import scheduled_tick
 from liftgate_hil.loop.realtime_loop import (
     Room,
     RunParams,
@@ -40,7 +41,7 @@ from liftgate_hil.loop.rings import Memory, Shared
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force, tick
 from liftgate_hil.running.loop_start import loop_config_of, start_of
 from liftgate_hil.running.setup import rig_from, vehicle_from
-from liftgate_hil.signals import Bench
+from liftgate_hil.signals import ON_TIME, ROW_WIDTH, Bench
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, stimulus_plan_of, turns
 from liftgate_hil.transport.can_bus import CanTransport
@@ -219,27 +220,28 @@ def measure(effort: Effort = WHOLE) -> dict[str, float]:
     figures["step, plain Python"] = per_call(lambda: many_steps(plant, state, inputs, 0.001, 200), 200, rounds)
 
     config = loop_config_of(vehicle, rig, 1000.0, 0)
-    loop_state = start_of(config)
-    outside = compiled(outside_at)(nothing_around(config), 0.0, config.step, 0, False, False)
+    loop_state, stimuli = start_of(config), nothing_around(config)
+    outside = outside_at(stimuli, 0.0, config.step, 0, False, False)
     ticks = compiled(many_ticks)
     ticks(config, loop_state, outside, 1)
     figures["tick, compiled, in a loop"] = per_call(
         lambda: ticks(config, loop_state, outside, many // 4), many // 4, rounds
     )
-    one_tick = compiled(tick)
+    # From here on as `Loop` calls it: with its stimuli, and with a row of the recording.
+    one_tick, row = compiled(scheduled_tick), np.empty((1, ROW_WIDTH))
     frames = empty_frames(1)
-    one_tick(config, loop_state, frames, outside)
+    one_tick(config, loop_state, frames, stimuli, row, ON_TIME, False, False)
 
     def called() -> None:
         for _ in range(some):
-            one_tick(config, loop_state, frames, outside)
+            one_tick(config, loop_state, frames, stimuli, row, ON_TIME, False, False)
 
     figures["tick, compiled, called from Python"] = per_call(called, some, rounds)
 
     figures[HOT] = hot_tick(None, effort)
     figures["hot tick with a command read and one frame sent"] = hot_tick(1, effort)
     figures["hot tick with a command read and three frames sent (the heaviest)"] = hot_tick(3, effort)
-    with_bus = portable_tick(one_tick, config, loop_state)
+    with_bus = portable_tick(config, loop_state)
     figures["tick with python-can's virtual bus"] = per_call(lambda: with_bus(some), some, rounds)
 
     with tempfile.TemporaryDirectory() as folder:
@@ -253,21 +255,19 @@ def measure(effort: Effort = WHOLE) -> dict[str, float]:
     return figures
 
 
-def portable_tick(
-    one_tick: Callable[..., tuple[LoopState, Frames, object, object]], config: LoopConfig, state: LoopState
-) -> Callable[[int], None]:
+def portable_tick(config: LoopConfig, state: LoopState) -> Callable[[int], None]:
     """Return a function that runs a number of ticks of the Python loop without waiting, on a virtual bus.
 
-    Each tick receives, evaluates the stimuli from outside, advances and sends.
+    Each tick receives, evaluates its stimuli, advances and sends.
     """
     transport = CanTransport({"interface": "virtual", "channel": "benchmark"})
-    outside, stimuli = compiled(outside_at), nothing_around(config)
+    one_tick, stimuli, row = compiled(scheduled_tick), nothing_around(config), np.empty((1, ROW_WIDTH))
 
     def run(count: int) -> None:
         current = state
         for _ in range(count):
-            around = outside(stimuli, current.tick * config.step, config.step, 0, False, False)
-            current, replies, _, _ = one_tick(config, current, transport.receive(), around)
+            given = transport.receive()
+            current, _, replies, _ = one_tick(config, current, given, stimuli, row, ON_TIME, False, False)
             transport.send(replies)
 
     return run

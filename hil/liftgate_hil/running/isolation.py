@@ -23,6 +23,7 @@ from liftgate_hil.loop.closed_loop import FRAMES
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.processes.answers import PLACE, AnswerChannel, BadAnswerError
 from liftgate_hil.running.processes.children import end_in_words, foreign_output, in_memory
+from liftgate_hil.running.processes.stillness import Stillness
 
 HANG_S = 10.0  # s that the ECU may take for a tick, to be created, or to end
 EXIT_S = 5.0  # s that the process may take to exit once it has answered
@@ -100,8 +101,7 @@ class _Watch:
 
     def answer(self) -> bytes:
         """Return the worker's answer. Raises EcuError."""
-        seen, since = self._progress(), time.monotonic()
-        pulse, pulse_since = int(self._control.pulse), since
+        progress, pulse = Stillness(), Stillness()
         while True:
             self._pass_on_a_stop()
             # Checked first: then all that it has sent has arrived. Its supervisor may still be at work.
@@ -114,14 +114,10 @@ class _Watch:
                 return payload
             if is_over:
                 raise self._failure(f"its process ended ({self._end()})")
-            now, progress = time.monotonic(), self._progress()
-            if progress != seen:
-                seen, since = progress, now
-            elif now - since > self._patience():
+            if progress.of(self._progress()) > self._patience():
                 return self._late_answer(f"no response for {self._patience():g} s")
-            if int(self._control.pulse) != pulse:
-                pulse, pulse_since = int(self._control.pulse), now
-            elif pulse and now - pulse_since > self._hang_s:
+            beats = int(self._control.pulse)
+            if pulse.of(beats) > self._hang_s and beats:
                 return self._late_answer(f"no response for {self._hang_s:g} s", is_its=True)
 
     def _late_answer(self, what: str, is_its: bool = False) -> bytes:

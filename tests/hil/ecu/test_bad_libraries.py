@@ -176,19 +176,19 @@ def test_one_that_hangs_is_given_up(tmp_path: Path, bodies: dict[str, str], time
 
 
 def test_a_hang_is_an_error_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 0.5)
+    monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 1.0)
     result = lh.run(SCENARIO, library(tmp_path, step=f"if ({AT}) for (;;) pause();"))
-    assert (result.verdict, result.reason) == ("error", "the ECU at 0.050 s: no response for 0.5 s")
+    assert (result.verdict, result.reason) == ("error", "the ECU at 0.050 s: no response for 1 s")
 
 
 @pytest.mark.parametrize("clock", ["lockstep", "realtime"])
 def test_a_hang_on_a_bus_is_one_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str) -> None:
-    monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 0.5)
+    monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 1.0)
     path = library(tmp_path, step="if (now_ns >= 50000000) for (;;) pause();")
     result = lh.run(SCENARIO, path, clock=clock)
     time = r"\d\.\d{3}" if clock == "realtime" else r"0\.050"
     assert result.verdict == "error"
-    assert re.fullmatch(rf"the ECU at {time} s: no response for 0\.5 s", result.reason)
+    assert re.fullmatch(rf"the ECU at {time} s: no response for 1 s", result.reason)
 
 
 def test_the_time_of_a_crash_is_in_the_ticks_that_were_asked_for(tmp_path: Path) -> None:

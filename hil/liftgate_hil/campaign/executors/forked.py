@@ -8,13 +8,13 @@ import os
 import select
 import signal
 import struct
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from liftgate_hil.running.isolation import HANG_S
 from liftgate_hil.running.processes.children import end_in_words
+from liftgate_hil.running.processes.stillness import Stillness
 from liftgate_hil.running.processes.supervisor import dies_with_parent
 
 _LOOK_S = 0.25
@@ -89,7 +89,7 @@ def _answer(function: Callable[[], bytes], parent: int, writing: int) -> None:
 def _awaited(reading: int, child: int, control: Any) -> tuple[bytes | None, str]:
     """Return the answer; with a cause, where none came in time; neither, where the child has ended."""
     content = b""
-    seen, since = None, time.monotonic()
+    still = Stillness()
     while True:
         if select.select([reading], [], [], _LOOK_S)[0]:
             part = os.read(reading, 65536)
@@ -104,12 +104,8 @@ def _awaited(reading: int, child: int, control: Any) -> tuple[bytes | None, str]
                 return None, "its answer is spoiled"
             if len(content) >= _LENGTH.size + length:
                 return content[_LENGTH.size : _LENGTH.size + length], ""
-        progress = (int(control.tick), int(control.foreign))
-        now = time.monotonic()
-        if progress != seen:
-            seen, since = progress, now
-        limit = HANG_S if progress[1] % 2 else _SILENT_S
-        if now - since > limit:
+        limit = HANG_S if int(control.foreign) % 2 else _SILENT_S
+        if still.of((int(control.tick), int(control.foreign))) > limit:
             return None, f"no response for {limit:g} s"
 
 
