@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -42,12 +43,23 @@ def their(tmp_path: Path, rig: Rig) -> Iterator[Path]:
             os.kill(int(pid.read_text()), signal.SIGKILL)
 
 
+def scenario_of(name: str, folder: Path) -> str:
+    """The path of a scenario of the pack; before the stop button the ECU does not learn, which takes its time."""
+    path = PACK / f"{name}.toml"
+    if name != "stop_button":
+        return str(path)
+    text, count = re.subn(r"^precondition = .*", 'precondition = ["open"]', path.read_text(), flags=re.MULTILINE)
+    assert count == 1
+    (folder / path.name).write_text(text)
+    return str(folder / path.name)
+
+
 def judged(names: list[str], rig: Path, folder: Path) -> dict[str, list[dict[str, Any]]]:
     """The verdicts of scenarios, by their names."""
     report = folder / "verdicts.json"
     done = subprocess.run(
         [
-            *(sys.executable, "-m", "liftgate_hil", "test", *[str(PACK / f"{name}.toml") for name in names]),
+            *(sys.executable, "-m", "liftgate_hil", "test", *[scenario_of(name, folder) for name in names]),
             *("--ecu", "bus", "--bus", "socketcan:vcan0", "--clock", "realtime", "--realtime"),
             *("--rig", str(rig), "--json", str(report)),
         ],
@@ -71,7 +83,7 @@ def was_late(bus: Bus) -> bool:
 @pytest.mark.parametrize("seen", [(GATE, BUTTON, COMMAND)], ids=[""], indirect=True)
 def test_the_pack_is_judged_as_on_the_free_clock_or_says_why_not(bus: Bus, their: Path, tmp_path: Path) -> None:
     """A machine of one CPU is late now and then, and so is the ECU on it: what fails there is no word on either.
-    Where bench and ECU were in time, all is as on the free clock.
+    Where bench and ECU were in time, all is as on the free clock. It takes as long as the gate moves, a minute.
     """
     found = judged(NAMES, their, tmp_path)
     assert sorted(found) == sorted(NAMES)

@@ -179,6 +179,7 @@ def test_an_ecu_that_is_not_ours_is_judged_where_its_verdicts_are_known() -> Non
     assert busy_with(shown(late=LATE, expectations=DOUBTFUL), is_ours=False) != ""
 
 
+@pytest.mark.realtime
 def test_where_the_machine_is_too_busy_the_same_is_shown_on_the_free_clock(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

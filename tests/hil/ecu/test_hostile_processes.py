@@ -235,11 +235,7 @@ CLOSED = "for (int each = 0; each < 500; each++) close(each);"
         ),
         *on(["lockstep"], "stops", {"step": f"if ({AT}) raise(SIGSTOP);"}, "error", "no response for 1 s"),
         *on(
-            CLOCKS,
-            "hangs at its end",
-            {"destroy": f"{CLOSED} for (;;) pause();"},
-            "error",
-            "no response for 1 s",
+            CLOCKS, "hangs at its end", {"destroy": f"{CLOSED} for (;;) pause();"}, "error", "no response for 1 s"
         ),
         *on(["lockstep"], "prints", {"step": f'if ({AT}) write(1, "its own words", 13);'}, "pass", ""),
         *on(["free", "realtime"], "writes at its end", {"destroy": f"{RUBBISH}"}, "pass", ""),
