@@ -34,6 +34,7 @@ def page(browser: Any, address: str) -> Any:
 
 
 def test_the_gate_moves_as_the_ecu_moves_it(page: Any) -> None:
+    """It closes and opens, in real time."""
     assert drawn_angle(page) == pytest.approx(value_of(page, "gate_angle_deg"), abs=1.0)
     press_until(page, "close", lambda: value_of(page, "gate_angle_deg") < 60.0)
     assert drawn_angle(page) < 65.0
@@ -58,6 +59,7 @@ def test_a_hand_on_the_gate_is_a_force_in_data_and_drawing(page: Any) -> None:
 
 
 def test_a_hand_moves_the_gate(page: Any) -> None:
+    """The gate opens before, in real time."""
     from selenium.webdriver import Keys
 
     before = value_of(page, "gate_angle_deg")
@@ -89,6 +91,7 @@ def test_a_command_that_has_timed_out_does_not_look_alive(page: Any) -> None:
 
 
 def test_an_obstacle_placed_with_the_mouse_makes_the_ecu_reverse(page: Any) -> None:
+    """The gate closes onto it, in real time."""
     drag(page, "#rod", -110, 20).perform()
     until(page, lambda _: page.execute_script("return last.in_force.obstacle !== null"))
     rod = page.execute_script("return last.in_force.obstacle")

@@ -60,7 +60,10 @@ def test_the_end_shows_the_verdict_and_the_next_run_is_picked_up(browser: Any, t
 def test_a_run_with_its_own_page_shows_its_verdict_and_the_next_one(
     browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The server ends with the run; the page waits for the next one, without errors in the console."""
+    """The server ends with the run; the page waits for the next one, without errors in the console.
+
+    A run of 8 s, in real time.
+    """
     monkeypatch.setenv("LIFTGATE_HIL_TOKEN", "a-token-that-stays-the-same")
     fails = 'duration = 8.0\n[[expect]]\nname = "opens"\neventually = "gate_angle_deg > 70"\n'
     (tmp_path / "fails.toml").write_text(fails, encoding="utf-8")
@@ -235,6 +238,7 @@ def test_on_a_phone_the_controls_come_before_the_charts(page: Any) -> None:
 
 
 def test_there_is_no_error_in_the_console_for_a_minute(page: Any) -> None:
+    """As long as the charts show: they are full at its end."""
     begin = float(text_of(page, "#time"))
     page.set_window_size(600, 500)  # without a graphics card, drawing costs by the pixel
     try:

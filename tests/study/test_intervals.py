@@ -80,3 +80,9 @@ def test_a_measurement_that_begins_in_a_pause_tells_the_same(case: str, outputs:
 @pytest.mark.parametrize("seed", [3, 7])
 def test_a_search_ends_where_one_from_the_truth_does(seed: int) -> None:
     pauses.check_where_a_search_ends(seed)
+
+
+@pytest.mark.parametrize("seed", [1, 0, 2])
+def test_the_deepest_of_neighbouring_minima_is_found(seed: int) -> None:
+    z = many_seeds.of_neighbouring_minima(seed)
+    assert np.abs(z).max() < 4.0  # 14 to 24 in a minimum beside it

@@ -213,6 +213,7 @@ def test_a_panel_moves_the_surroundings_and_a_bad_one_is_counted(group: str) -> 
 
 
 def test_a_recorded_command_played_back_moves_the_gate(tmp_path: Path, group: str) -> None:
+    """Three programs, and 4 s of commands in real time."""
     # The demo's own bus log, its first seconds, through python-can's player.
     folder = tmp_path / "demo"
     folder.mkdir()

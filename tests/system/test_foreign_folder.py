@@ -53,6 +53,7 @@ def folder(tmp_path: Path) -> Path:
 def test_files_of_the_working_directory_are_not_imported(
     folder: Path, tmp_path_factory: pytest.TempPathFactory, arguments: list[str]
 ) -> None:
+    """Each command is a process; one in real time takes 5 s."""
     library = build(tmp_path_factory.mktemp("ecu"), SILENT) if "{library}" in arguments else ""
     given = [each.format(library=library) for each in arguments]
     done = subprocess.run(

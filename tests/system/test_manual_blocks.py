@@ -272,6 +272,7 @@ def test_the_lines_of_the_image_are_those_of_its_file() -> None:
 @pytest.mark.realtime
 @pytest.mark.skipif(shutil.which("taskset") is None, reason="no taskset")
 def test_the_loop_is_bound_to_a_cpu_as_the_page_says(tmp_path: Path) -> None:
+    """The doctor waits 5 s for drivers to answer."""
     lines = [line for block in BLOCKS["real-time-kernel.md"] for line in block.text.splitlines()]
     doctor, gate = (line for line in lines if line.startswith("taskset"))
     cpu = max(os.sched_getaffinity(0))

@@ -268,6 +268,7 @@ def test_completion_goes_where_bash_looks_for_it(folder: Path) -> None:
 
 
 def test_doctor_gives_a_verdict(folder: Path) -> None:
+    """It waits 5 s for drivers to answer."""
     out = run(command("liftgate-hil doctor"), folder, more="--duration 0.2", codes=(0, 1))
     assert "verdict" in out
 

@@ -42,6 +42,7 @@ def exit_code(*command: str) -> int:
 
 @needs_compiler
 def test_an_ecu_in_c_drives_the_gate_over_a_serial_line(tmp_path: Path, ecus: tuple[Path, Path]) -> None:
+    """The gate opens, closes and reverses in real time."""
     surroundings = tmp_path / "surroundings.toml"
     surroundings.write_text(OBSTACLE)
     with (
@@ -60,8 +61,11 @@ def test_an_ecu_in_c_drives_the_gate_over_a_serial_line(tmp_path: Path, ecus: tu
     assert story == ["opening", "open", "closing", "reversing", "done"]
     assert gate.returncode == 0
     summary = json.loads(out)
-    assert summary["received"]["accepted"] > 200  # of 1,000, as neither loop is in time on a busy machine
-    assert summary["received"]["foreign"] == 0
+    received = summary["received"]
+    assert received["accepted"] > 200  # of 1,000, as neither loop is in time on a busy machine
+    # Of what the ECU has sent, all is read: the line may lose what neither has read in time.
+    assert received["accepted"] >= 0.95 * (received["accepted"] + received["lost"] + summary["rejected_frames"])
+    assert received["foreign"] == 0
     assert summary["link"]["bad_crcs"] == summary["link"]["losses"] == 0
 
 
@@ -75,6 +79,7 @@ def test_the_ecu_in_c_says_when_there_is_no_gate_and_no_wire(ecus: tuple[Path, P
 
 
 def test_the_demo_runs_between_the_ends_of_a_serial_line(tmp_path: Path) -> None:
+    """4 s of it, in real time."""
     with (
         serial_line() as (ours, theirs),
         process(

@@ -82,6 +82,7 @@ def phases() -> list[tuple[DriveInput, DriveInput, dict[str, object]]]:
 def test_the_translation_equals_the_plant_bit_for_bit(
     library: ctypes.CDLL, vehicle_name: str, step: float
 ) -> None:
+    """The plant is compiled twice, by numba and by gcc."""
     vehicle = vehicle_from(vehicle_name)
     plant = plant_of(vehicle)
     state = initial_state(plant, 0.0, latched=True)
@@ -104,6 +105,7 @@ def test_the_translation_equals_the_plant_bit_for_bit(
 
 @pytest.mark.parametrize("how", FAIR)
 def test_every_fair_build_equals_the_plant_where_both_are_timed(how: Build) -> None:
+    """Each build takes gcc some seconds."""
     library = built(how)
     for point in points().values():
         expected = compiled(many_steps)(*point, 1e-3, 2000)

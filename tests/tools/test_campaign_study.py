@@ -35,6 +35,7 @@ def tables_of(text: str) -> dict[str, list[list[str]]]:
 
 
 def test_a_short_run_writes_all_tables(page: str) -> None:
+    """An estimate of a probability takes 1,000 runs at least."""
     assert re.findall(r"^## (.*)$", page, re.MULTILINE) == [
         "Three planted weaknesses",
         "Analytic pockets",

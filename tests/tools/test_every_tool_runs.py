@@ -86,6 +86,7 @@ def test_each_target_of_the_makefile_starts_what_is_run_here() -> None:
 
 @pytest.mark.parametrize("name", RUNS)
 def test_a_tool_runs_to_its_end(name: str, tmp_path: Path) -> None:
+    """Each a process, with processes of its own."""
     arguments, files = RUNS[name]
     command = [sys.executable, "-m", name, *(each.format(out=tmp_path) for each in arguments)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=900)
@@ -119,6 +120,7 @@ def test_the_study_of_scheduling_runs_to_its_end(tmp_path: Path, monkeypatch: py
 
 
 def test_the_study_of_the_anti_trap_runs_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of three cars: 5 s of CPU time."""
     conditions = dict(list(anti_trap_study.CONDITIONS.items())[:2])
     for module in (anti_trap_study, anti_trap_page):
         monkeypatch.setattr(module, "GAPS", (1.0, 30.0))
@@ -180,6 +182,7 @@ def test_a_motor_of_known_truth_is_found_as_the_public_one_is(motor: Path, tmp_p
 def test_the_study_of_identification_runs_to_its_end(
     motor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """All of its sections, of two seeds: the identifications take 12 s of CPU time."""
     make_data, ours = versus.make_data, versus.ours
     monkeypatch.setattr(versus, "make_data", lambda path, ripple, _: make_data(path, ripple, 1.0))
     monkeypatch.setattr(versus, "ours", lambda path, result: ours(path, result, 1))
@@ -217,6 +220,7 @@ def test_the_studies_run_to_their_ends() -> None:
 def test_the_pack_in_real_time_runs_to_its_end(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Of the shortest scenario, twice in real time, with its precondition."""
     from tools.pack.__main__ import main
 
     assert main(["--realtime", "motor_short"]) == 0

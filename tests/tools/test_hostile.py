@@ -22,6 +22,7 @@ def campaign(work: Path, *flags: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_corrupt_files_are_refused_or_read(tmp_path: Path) -> None:
+    """Each of the 25 cases is a process."""
     flags = ("--files", "16", "--measurements", "6", "--recordings", "3", "--signals", "0", "--seed", "7")
     done = campaign(tmp_path, *flags)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -37,7 +38,7 @@ def test_corrupt_files_are_refused_or_read(tmp_path: Path) -> None:
 
 @pytest.mark.realtime
 def test_signals_at_any_moment_end_every_command_in_order(tmp_path: Path) -> None:
-    """Each command once."""
+    """Each command once, a process that begins with an empty cache now and then."""
     done = campaign(tmp_path, "--files", "0", "--measurements", "0", "--recordings", "0", "--signals", "9")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "9 cases, 0 with a fault" in done.stdout

@@ -26,6 +26,7 @@ def ecu_can(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_an_ecu_in_c_drives_the_gate_over_socketcan(
     tmp_path: Path, bus: Bus, ecu_can: Path, scenario: str, story: list[str]
 ) -> None:
+    """The gate opens, closes and reverses in real time."""
     surroundings = tmp_path / "surroundings.toml"
     surroundings.write_text(scenario)
     with (

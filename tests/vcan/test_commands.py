@@ -16,6 +16,7 @@ TIMEOUT = 2
 
 
 def test_canplayer_drives_the_gate_open(tmp_path: Path, bus: Bus, rig: Rig) -> None:
+    """4 s of commands, in real time."""
     commands = [command_frame(rig, turn, **both(80.0, OPEN, 1)) for turn in range(400)]
     played = write_log(tmp_path / "commands.log", texts_of(commands))
     with emulator(bus, "--json") as gate:
@@ -82,6 +83,7 @@ def test_cangen_is_survived_and_counted(bus: Bus, arguments: tuple[str, ...]) ->
 
 
 def test_a_foreign_can_fd_bus_is_driven_by_canplayer(tmp_path: Path, bus: Bus) -> None:
+    """3 s of commands, in real time."""
     database = cantools.database.load_file(FOREIGN.with_name("foreign.dbc"))
     command = database.get_message_by_name("KlappeSoll")
     feedback = database.get_message_by_name("KlappeIst")

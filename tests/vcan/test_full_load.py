@@ -21,6 +21,7 @@ BEYOND_THE_BUFFER = 60_000  # frames; 16 MiB hold some 20,000
 @pytest.mark.parametrize(("rate", "payload"), LOADS.values(), ids=LOADS)
 @pytest.mark.parametrize("seen", [(GATE, BENCH_STATUS)], ids=[""], indirect=True)
 def test_a_full_bus_loses_no_command(bus: Bus, rig: Rig, load_seconds: float, rate: int, payload: bytes) -> None:
+    """Some seconds of it, in real time."""
     count = round(rate * load_seconds)
     flood = [(identifier, payload) for identifier in FOREIGN]
     with emulator(bus, "--json") as gate:
@@ -39,6 +40,7 @@ def test_a_full_bus_loses_no_command(bus: Bus, rig: Rig, load_seconds: float, ra
 
 @pytest.mark.parametrize("seen", [(GATE, BENCH_STATUS)], ids=[""], indirect=True)
 def test_what_the_kernel_drops_while_the_reader_stands_still_is_reported(bus: Bus, rig: Rig) -> None:
+    """The flood is longer than the socket's buffer."""
     flood = [(identifier, b"") for identifier in FOREIGN]
     with emulator(bus, "--json") as gate:
         with sending(telling_commands(rig), 100.0) as ecu:

@@ -56,7 +56,7 @@ def test_what_is_due_while_the_interface_is_down_is_counted(tmp_path: Path, bus:
 
 
 def test_the_benchmark_of_replays_runs_on_a_vcan0() -> None:
-    """Shortened; tests/tools/test_benchmark.py runs it on another bus."""
+    """Shortened; tests/tools/test_benchmark.py runs it on another bus. Each of its replays is a process."""
     command = [sys.executable, "-m", "tools.benchmark.replays", "--bus", "socketcan:vcan0", "--json"]
     done = subprocess.run(
         [*command, "--rounds", "1", "--seconds", "0.5"],

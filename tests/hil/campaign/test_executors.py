@@ -261,6 +261,7 @@ def test_killed_workers_of_a_cluster_lose_nothing(
 def test_a_scheduler_that_is_gone_is_told_and_what_was_stored_is_kept(
     base: Base, expected: pa.Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Its client takes 20 s to give it up."""
     monkeypatch.setattr("liftgate_hil.campaign.executors.cluster._GONE_S", 2.0)
     own = LocalCluster(tmp_path, 1)
     try:

@@ -151,7 +151,10 @@ def test_a_simulation_says_how_much_is_left(monkeypatch: pytest.MonkeyPatch) -> 
 def test_every_command_that_may_take_long_has_progress(
     command: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each has one that begins and ends, whatever it says meanwhile."""
+    """Each has one that begins and ends, whatever it says meanwhile.
+
+    The doctor waits 5 s for drivers to answer.
+    """
     from liftgate_hil.cli.progress import Progress
 
     Path("s.toml").write_text('duration = 0.05\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n')

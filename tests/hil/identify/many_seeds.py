@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from liftgate_hil.config.parameters import find_parameter, value_of
 from liftgate_hil.identify.data import Data
 from liftgate_hil.identify.identification import identify
 from liftgate_hil.identify.problem import Problem
@@ -207,3 +208,33 @@ def of_thinned_data(rate: float | None, factor: int, quantum: float, seeds: Iter
         assert all(each.std < 0.01 * each.value for each in result.parameters)
         z.append(scores(result, THINNED_TRUTH))
     return np.array(z)
+
+
+# Minima beside each other: an opening in Hall counts hardly separates spring and friction.
+
+VALLEY_FACTORS = {
+    "motor.resistance": 1.1,
+    "motor.rotor_inertia": 0.9,
+    "motor.speed_constant": 1.02,
+    "spring.preload": 0.95,
+    "gear.friction_torque": 0.8,
+}
+
+
+def of_neighbouring_minima(seed: int) -> np.ndarray:
+    """(parameters,), of 8 s at 1 kHz: of half as many rows, or half as long, the data have no minima beside each
+    other, or tell less than the standard deviations say.
+    """
+    vehicle = vehicle_from("compact")
+    truth = {
+        name: factor * value_of(vehicle, find_parameter(vehicle, name)) for name, factor in VALLEY_FACTORS.items()
+    }
+    times = np.arange(8001) / 1000.0
+    volts = np.select([times < t for t in (0.2, 2.2, 2.7, 4.2, 4.7, 6.2)], [0.0, 6.0, 0.0, 9.0, 0.0, 12.0], 0.0)
+    noise = {"left_current_a": 0.05, "left_position_rev": 0.0}
+    data = measured(true_vehicle(truth, "compact"), "full", noise, seed, 0.0, (times, volts))
+    counts = np.floor(data.outputs["left_position_rev"] / QUANTUM) * QUANTUM
+    data = dataclasses.replace(data, outputs={**data.outputs, "left_position_rev": counts})
+    result = estimated(vehicle, "full", list(truth), [data], 0.0)
+    assert result.loss < result.loss_initial == result.history[0]
+    return scores(result, truth)
