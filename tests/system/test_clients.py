@@ -105,7 +105,7 @@ def test_the_ecu_in_another_process_opens_the_gate(tmp_path: Path, group: str) -
     assert summary["received"]["accepted"] > 100
     assert summary["rejected_frames"] == 0
     assert summary["received"]["foreign"] == 0  # its own frames, which the bus gives back, are not
-    assert summary["command_timeouts"] == 1
+    assert summary["command_timeouts"] >= 1  # a machine that stands still for 0.3 s makes another
     last = dict(zip(lines_of(record)[0].split(","), lines_of(record)[-1].split(","), strict=True))
     assert (last["left_coast"], last["right_coast"]) == ("1", "1")
     assert float(last["left_current_a"]) == 0.0

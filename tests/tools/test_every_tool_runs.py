@@ -182,18 +182,18 @@ def test_a_motor_of_known_truth_is_found_as_the_public_one_is(motor: Path, tmp_p
 def test_the_study_of_identification_runs_to_its_end(
     motor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All of its sections, of two seeds: the identifications take 12 s of CPU time."""
+    """All of its sections, of one seed: the identifications take 12 s of CPU time."""
     make_data, ours = versus.make_data, versus.ours
     monkeypatch.setattr(versus, "make_data", lambda path, ripple, _: make_data(path, ripple, 1.0))
     monkeypatch.setattr(versus, "ours", lambda path, result: ours(path, result, 1))
-    flags = ["--short", "--seeds", "2", "--dc-motor", str(motor), "--output", str(tmp_path)]
+    flags = ["--short", "--seeds", "1", "--dc-motor", str(motor), "--output", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", ["tools.identification", *flags])
     assert identification.main() == 0
     page = (tmp_path / "identification.md").read_text(encoding="utf-8")
     headings = [line[3:] for line in page.splitlines() if line.startswith("## ")]
     assert headings == [
         "The three runs of the thesis",
-        "Do the intervals cover? 2 seeds each",
+        "Do the intervals cover? 1 seeds each",
         "Speed: run 1 at 1 kHz",
         "A motor that nobody here measured",
     ]
@@ -218,12 +218,16 @@ def test_the_studies_run_to_their_ends() -> None:
 
 @pytest.mark.realtime
 def test_the_pack_in_real_time_runs_to_its_end(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of the shortest scenario, twice in real time, with its precondition."""
+    """Of a scenario of 1 s in the place of the pack."""
+    from liftgate_hil.testing import suite
     from tools.pack.__main__ import main
 
-    assert main(["--realtime", "motor_short"]) == 0
+    path = tmp_path / "rests.toml"
+    path.write_text('duration = 1.0\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n')
+    monkeypatch.setattr(suite, "scenario_files", lambda _: [path])
+    assert main(["--realtime", "rests"]) == 0
     told = capsys.readouterr().out
     assert told.count("realtime: ") == 2
     assert "Beside two busy processes: " in told
