@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import re
+import time
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ case "$2" in
         echo "=== 1 failed, 3 passed in 2.50s (0:00:02) ==="
         exit 2;;
     good) echo "======= 4 passed in 1.00s =======";;
+    leaves) sleep 60 & ;;
+    hangs*) echo begun; sleep 60;;
 esac
 """
 
@@ -66,9 +69,9 @@ def test_a_stage_waits_for_those_that_it_needs_in_other_lanes(
     """Also where these failed; what is in no lane is not waited for."""
     run_stage, order = stages.run_stage, []
 
-    def noted(stage: str, shown: Any) -> stages.Outcome:
+    def noted(stage: str, *others: Any) -> stages.Outcome:
         order.append(f"{stage} begins")
-        found = run_stage(stage, shown)
+        found = run_stage(stage, *others)
         order.append(f"{stage} ends")
         return found
 
@@ -86,6 +89,53 @@ def test_what_the_user_says_of_a_vcan_holds(
     assert code == 0
     assert out.startswith("vcan: required\n")
     assert out.endswith("\nall passed, T\n")
+
+
+def test_a_stage_that_hangs_is_ended_and_told(
+    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stages, "PLANS", {"test": (("leaves",), ("hangs", "good")), "ci": ()})
+    monkeypatch.setattr(stages, "_PATIENCE_S", 1.0)
+    code, out = told(capsys, monkeypatch, "test")
+    assert code == 1
+    lines = [" ".join(each.split()) for each in out.splitlines()]
+    assert lines[-4:] == [
+        "leaves passed T",
+        "hangs FAILED (-15) T was ended",
+        "good passed T 4 passed",
+        "FAILED: hangs, T",
+    ]
+
+
+def test_a_stage_that_cannot_be_run_is_told_and_waited_for(
+    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stages, "NEEDS", {"good": ("other",)})
+    monkeypatch.setenv("PATH", str(bench / "nowhere"))
+    code, out = told(capsys, monkeypatch, "test")
+    assert code == 1
+    assert out.count("No such file or directory: 'make'") == 3
+
+
+def test_a_stop_ends_all_lanes(
+    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the first lane a Ctrl-C, while another stage runs and one waits for it."""
+
+    class Screen:
+        def write(self, text: str) -> None:
+            if "begun" in text:
+                raise KeyboardInterrupt
+
+        def flush(self) -> None:
+            pass
+
+    monkeypatch.setattr(stages, "PLANS", {"test": (("hangs",), ("hangs-too", "good")), "ci": ()})
+    monkeypatch.setattr("sys.stdout", Screen())
+    began = time.monotonic()
+    assert told(capsys, monkeypatch, "test")[0] == 130
+    assert time.monotonic() - began < 30
+    assert not (bench / "logs" / "good.log").exists()
 
 
 def test_each_stage_is_a_target_and_all_tests_are_in_ci() -> None:
