@@ -12,8 +12,9 @@ BIN    := $(VENV)/bin
 # auto: a process for each CPU.
 JOBS   ?= auto
 VCAN_TESTS ?= tests/vcan
-# What waits for its time goes first, where this user may decide that.
+# What waits for its time goes first: by its own priority where this user may raise it, else what computes steps back.
 FIRST := $(if $(filter -10,$(shell nice -n -10 nice 2> /dev/null)),nice -n -10)
+LAST  := $(if $(FIRST),,nice -n 10)
 # Printed at the end, and kept in out/stages: the slowest tests, and the time by folder.
 PYTEST := -m pytest --durations=60 --durations-min=1
 # The compiled model: kept on the host, as all else that a machine writes is lost.
@@ -52,14 +53,14 @@ test ci: setup
 
 # The machine code of all entry points, once for all tests.
 compile: setup
-	$(BIN)/liftgate-hil compile --quiet
+	$(LAST) $(BIN)/liftgate-hil compile --quiet
 
 test-main: setup
-	$(BIN)/python $(PYTEST) -n $(JOBS) --dist worksteal -m "not realtime and not browser"
+	$(LAST) $(BIN)/python $(PYTEST) -n $(JOBS) --dist worksteal -m "not realtime and not browser"
 
 # Tests in real time, which wait most of the time. They have a port for multicast datagrams of their own: python-can's bus
 # of that kind hears all groups of a port.
-test-realtime: setup
+test-realtime: compile
 	CAN_CONFIG='{"port": 43114}' $(FIRST) $(BIN)/python $(PYTEST) -n $(JOBS) --dist loadgroup -m realtime \
 	    $$(grep -rlE "mark\.realtime" tests --include="test_*.py")
 
@@ -88,7 +89,7 @@ test-package: setup
 	$(BIN)/python -m tools.check_package
 
 # Tests of the page in a browser, which wait most of the time; those in which the gate moves are among those in real time.
-test-browser: setup
+test-browser: compile
 	$(FIRST) $(BIN)/python $(PYTEST) -m "not realtime" tests/browser
 
 test-vcan: compile

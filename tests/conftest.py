@@ -67,6 +67,7 @@ LONG = ("tools", "system")
 EARLY = ("plant", "reference", "hil/codec", "hil/config", "hil/transport")
 
 
+@pytest.hookimpl(trylast=True)  # after those that are not asked for are left out
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Order the tests: after the early ones those that take longest, so that no process is left alone with them at
     the end; their files are dealt to the processes in turn, each of which begins with a stretch of the list.

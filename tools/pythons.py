@@ -2,7 +2,7 @@
 
 Each that this machine has gets an environment of its own with the installed package, and an empty cache of machine
 code. Whole: `compile` of every entry point, an emulator, the demo, `simulate`, a campaign of two variants and the
-compiler's tests. Short: the first command of the README and `simulate`.
+compiler's tests. Short: an emulator and `simulate`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 _CLASSIFIER = "Programming Language :: Python :: "
-_PATIENCE = 1200.0  # s for one step; nothing is judged by it
+_PATIENCE_S = 1200.0  # for one step; nothing is judged by it
 
 _EMULATOR = "liftgate-hil --bus virtual:x --ecu reference --duration 0.3 --quiet"
 _SIMULATE = "liftgate-hil simulate --duration 1 --output opening.csv"
@@ -55,7 +55,10 @@ def interpreter(version: str) -> str | None:
 def _version_of(program: str) -> str:
     """Return a program's version of Python; "" where it does not run, as pyenv's stand-ins may not."""
     code = "import sys; print('%d.%d' % sys.version_info[:2])"
-    done = subprocess.run([program, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    try:
+        done = subprocess.run([program, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
     return done.stdout.strip()
 
 
@@ -63,15 +66,17 @@ def main() -> int:
     """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--short", action="store_true", help="only an emulator and simulate")
-    parser.add_argument("--others", action="store_true", help="leave out the Python that runs this")
+    parser.add_argument(
+        "--others", action="store_true", help="leave out the Python that runs this, if there is another"
+    )
     parser.add_argument("--output", type=Path, default=ROOT / "out" / "pythons", help="folder of the environments")
     args = parser.parse_args()
     own = ".".join(map(str, sys.version_info[:2]))
+    programs = {version: interpreter(version) for version in versions()}
+    if args.others and any(program for version, program in programs.items() if version != own):
+        programs.pop(own, None)
     failed = []
-    for version in versions():
-        if args.others and version == own:
-            continue
-        program = interpreter(version)
+    for version, program in programs.items():
         if program is None:
             print(f"Python {version}: NOT HERE", flush=True)
             continue
@@ -92,14 +97,19 @@ def _tried(version: str, program: str, folder: Path, short: bool) -> bool:
         path = f"{folder / 'venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"
         environment = {**os.environ, "PATH": path, "XDG_CACHE_HOME": str(folder / "cache")}
         environment.pop("PYTHONPATH", None)
-        done = subprocess.run(
-            command, cwd=folder / "work", env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            text=True, check=False, timeout=_PATIENCE,
-        )  # fmt: skip
+        try:
+            done = subprocess.run(
+                command, cwd=folder / "work", env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT, text=True, errors="replace", check=False, timeout=_PATIENCE_S,
+            )  # fmt: skip
+            told, ending = done.stdout, f"exit code {done.returncode}"
+            succeeds = done.returncode == 0 and "Traceback" not in told
+        except (OSError, subprocess.TimeoutExpired) as error:
+            told, ending, succeeds = "", str(error), False
         shown = " ".join(command).replace(f"{ROOT}/", "")
         print(f"Python {version}: {time.monotonic() - began:6.1f} s  {shown}", flush=True)
-        if done.returncode != 0 or "Traceback" in done.stdout:
-            print(done.stdout, f"exit code {done.returncode}", sep="", flush=True)
+        if not succeeds:
+            print(told, ending, sep="", flush=True)
             return False
     return True
 

@@ -4,11 +4,11 @@ import gc
 import os
 import sys
 
-_OLDEST = (3, 11)  # Python; as requires-python of pyproject.toml
+_FIRST, _LAST = (3, 11), (3, 13)  # Pythons that were tried; as requires-python of pyproject.toml
 _OBJECTS = 200_000  # allocations before Python searches for cycles; a start makes half as many, without garbage
 
-if sys.version_info < _OLDEST:
-    sys.stderr.write(f"liftgate-hil: Python {sys.version.split()[0]} is too old; allowed: 3.11 or later\n")
+if not _FIRST <= sys.version_info[:2] <= _LAST:
+    sys.stderr.write(f"liftgate-hil: Python {sys.version.split()[0]}; allowed: 3.{_FIRST[1]} to 3.{_LAST[1]}\n")
     sys.exit(2)
 
 if __name__ == "__main__" and not sys.flags.safe_path:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,10 @@ def test_helpers_are_inlined_and_nothing_else_of_them_is_left():
     assert len(made_object(diamond)) < 5000  # numba's names for them are longer than the code
 
 
+def absent(name: str) -> str:
+    raise metadata.PackageNotFoundError(name)
+
+
 def test_only_versions_of_numba_are_allowed_that_were_tried(monkeypatch: pytest.MonkeyPatch):
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     lowest, highest = building.NUMBA
@@ -96,6 +101,9 @@ def test_only_versions_of_numba_are_allowed_that_were_tried(monkeypatch: pytest.
             obtaining.machine_code_of(never_compiled, (Number("f"),))
         wanted = f"{lowest} to {highest} (python -m pip install 'numba>={lowest},<={highest}')"
         assert str(told.value) == f"numba {installed} is installed; allowed: {wanted}"
+    monkeypatch.setattr(building.metadata, "version", absent)
+    with pytest.raises(CompileError, match=r"^numba is not installed; allowed: 0\.66 to"):
+        building.check_numba()
 
 
 def test_outlined_code_is_a_separate_function():

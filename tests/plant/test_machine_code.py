@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from liftgate_plant import compiler
 from liftgate_plant.compiler import (
+    GivenUpError,
     Watcher,
     building,
     child,
@@ -46,8 +47,8 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each compilation in a process of its own, as usual."""
-    monkeypatch.setattr(child._Shared, "users", 0)
-    monkeypatch.setattr(child._Shared, "compiler", None)
+    monkeypatch.setattr(child._Kept, "users", 0)
+    monkeypatch.setattr(child._Kept, "compiler", None)
 
 
 class NotingWatcher(Watcher):
@@ -468,16 +469,47 @@ def test_entry_points_that_share_a_process_get_the_same_machine_code(started: li
     assert [text_sections(each.code) for each in alone] == [text_sections(each.code) for each in shared]
 
 
-def test_a_process_that_is_killed_while_it_compiles_is_reported(apart: None, monkeypatch: pytest.MonkeyPatch):
+def test_a_process_that_is_killed_while_it_compiles_is_reported(
+    started: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
+):
     def kill() -> None:
-        assert child._Shared.compiler is not None
-        child._Shared.compiler._process.kill()
+        started[-1].kill()
 
     monkeypatch.setattr(child, "_LOOK_S", 0.001)
     request = child.Request(double, (Number("f"),), building.key_of(double))
     with pytest.raises(child.CompileError, match=r"ended from outside \(signal 9\)"):
         child.compile_apart(request, kill)
-    assert child._Shared.compiler is None
+    assert [each.returncode for each in started] == [-9]
+
+
+def test_a_process_that_does_not_read_is_waited_for_no_longer_than_the_caller_likes(
+    started: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
+):
+    looks = []
+
+    def give_up() -> None:
+        looks.append(1)
+        if len(looks) > 3:
+            raise GivenUpError
+
+    monkeypatch.setattr(child, "_START", "import time; time.sleep(60)")
+    request = child.Request(double, (Number("f"),), "a key that fills a pipe: " + "x" * 1_000_000)
+    with pytest.raises(GivenUpError):
+        child.compile_apart(request, give_up)
+    assert [each.returncode for each in started] == [-9]
+
+
+def test_a_forked_process_leaves_the_compiler_to_its_parent(apart: None):
+    request = child.Request(double, (Number("f"),), building.key_of(double))
+    with child.sharing():
+        assert child.compile_apart(request, lambda: None) is not None
+        kept = child._Kept.compiler
+        pid = os.fork()
+        if pid == 0:
+            os._exit(0 if child._Kept.compiler is None else 1)
+        assert os.waitpid(pid, 0)[1] == 0
+        assert child._Kept.compiler is kept is not None
+        assert kept._process.poll() is None
 
 
 def test_the_other_process_gives_nothing_where_its_sources_are_others(apart: None):

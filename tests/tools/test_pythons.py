@@ -22,7 +22,7 @@ def test_what_is_claimed_is_what_is_tried() -> None:
     lowest, end = re.fullmatch(r">=3\.(\d+),<3\.(\d+)", PROJECT["requires-python"]).groups()
     assert pythons.versions() == [f"3.{minor}" for minor in range(int(lowest), int(end))]
     text = Path(liftgate_hil.__file__).with_name("__main__.py").read_text(encoding="utf-8")
-    assert f"_OLDEST = (3, {lowest})" in text
+    assert f"_FIRST, _LAST = (3, {lowest}), (3, {int(end) - 1})" in text
 
 
 @pytest.mark.parametrize("version", [(2, 7), (3, 10), (3, 14)])
@@ -38,14 +38,16 @@ def test_an_environment_of_another_python_is_refused(
     make_venv.check_version(sys.version_info[:2])
 
 
-def test_an_old_python_is_told_so_by_the_program_itself() -> None:
+@pytest.mark.parametrize("version", [(3, 10, 13), (3, 14, 0)])
+def test_another_python_is_refused_by_the_program_itself(version: tuple[int, int, int]) -> None:
+    text = ".".join(map(str, version))
     code = (
-        "import runpy, sys; sys.version_info = (3, 10, 13); sys.version = '3.10.13 (main)'; "
+        f"import runpy, sys; sys.version_info = {version}; sys.version = '{text} (main)'; "
         "runpy.run_module('liftgate_hil', run_name='__main__')"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "liftgate-hil: Python 3.10.13 is too old; allowed: 3.11 or later\n"
+    assert done.stderr == f"liftgate-hil: Python {text}; allowed: 3.11 to 3.13\n"
 
 
 def program(path: Path, version: str) -> Path:
@@ -82,3 +84,31 @@ def test_what_fails_with_a_python_is_told_and_what_is_not_here_too(
         assert "Python 3.99: NOT HERE\n" in out
         assert "it broke\nexit code 1\npythons: FAILED with 3.80\n" in out
         assert (f"Python {OWN}: " in out) == (not flags)
+
+
+def test_what_hangs_or_cannot_be_started_fails_and_the_others_are_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(pythons, "versions", lambda: ["3.80", "3.81", OWN])
+    monkeypatch.setattr(pythons, "interpreter", lambda version: sys.executable)
+    monkeypatch.setattr(pythons, "_PATIENCE_S", 2.0)
+    steps = {"3.80": ["sleep", "60"], "3.81": [str(tmp_path / "nothing")], OWN: ["true"]}
+    monkeypatch.setattr(pythons, "_steps", lambda _, folder, short: iter([steps[folder.name]]))
+    monkeypatch.setattr(sys, "argv", ["pythons", "--output", str(tmp_path)])
+    assert pythons.main() == 1
+    out = capsys.readouterr().out
+    assert "timed out after 2.0 seconds" in out
+    assert "No such file or directory" in out
+    assert f"Python {OWN}: " in out
+    assert "pythons: FAILED with 3.80, 3.81\n" in out
+
+
+def test_without_another_python_the_own_one_is_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(pythons, "versions", lambda: [OWN, "3.99"])
+    monkeypatch.setattr(pythons, "interpreter", lambda version: sys.executable if version == OWN else None)
+    monkeypatch.setattr(pythons, "_steps", lambda *_: iter([["true"]]))
+    monkeypatch.setattr(sys, "argv", ["pythons", "--others", "--output", str(tmp_path)])
+    assert pythons.main() == 0
+    assert f"Python {OWN}: " in capsys.readouterr().out

@@ -35,7 +35,8 @@ def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
     try:
         compiler.check_numba()
     except compiler.CompileError as error:
-        return Check("software", "problem", f"{text}; {error}")
+        what, _, advice = str(error).partition(" (")
+        return Check("software", "problem", f"{text}; {what}", advice.removesuffix(")"))
     return Check("software", "ok", text)
 
 

@@ -34,10 +34,15 @@ class CompileError(RuntimeError):
 
 def check_numba() -> None:
     """Check that the installed numba is one of the versions that were tried. Raises CompileError."""
-    installed, (lowest, highest) = metadata.version("numba"), NUMBA
+    lowest, highest = NUMBA
+    try:
+        installed = metadata.version("numba")
+    except metadata.PackageNotFoundError:
+        installed = ""
     if not _numbers_of(lowest) <= _numbers_of(installed) <= _numbers_of(highest):
+        found = f"numba {installed} is installed" if installed else "numba is not installed"
         wanted = f"{lowest} to {highest} (python -m pip install 'numba>={lowest},<={highest}')"
-        raise CompileError(f"numba {installed} is installed; allowed: {wanted}")
+        raise CompileError(f"{found}; allowed: {wanted}")
 
 
 def _numbers_of(version: str) -> tuple[int, ...]:

@@ -45,7 +45,6 @@ class _Compiler:
 
     def __init__(self) -> None:
         """Start it. Raises OSError, ValueError."""
-        self.owner = os.getpid()
         path = json.dumps([each for each in sys.path if Path(each).is_absolute()])
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _START, path],
@@ -56,33 +55,48 @@ class _Compiler:
             start_new_session=True,  # so that a Ctrl-C reaches this process only
         )
 
-    def is_running(self) -> bool:
-        """Whether the process has not ended, as with the thread that started it."""
-        return self._process.poll() is None
-
     def answer(self, request: bytes, look: Callable[[], None]) -> Any:
-        """Return the answer to a pickled Request; None where there is none.
+        """Return the answer to a pickled Request; None where there is none, and then the process is ended.
 
         `look` is called every 0.1 s meanwhile. Raises CompileError where the process was ended from outside, and
         what `look` raises.
         """
+        answer = None
+        try:
+            answer = self._answer(request, look)
+            return answer
+        finally:
+            if answer is None:
+                self.end()
+
+    def _answer(self, request: bytes, look: Callable[[], None]) -> Any:
         stdin, stdout = self._process.stdin, self._process.stdout
         assert stdin is not None
         assert stdout is not None
-        with contextlib.suppress(BrokenPipeError):  # it has ended, as its return code tells
-            _put(stdin, request)
+        os.set_blocking(stdin.fileno(), False)
         poll = select.poll()
+        poll.register(stdin, select.POLLOUT)
         poll.register(stdout, select.POLLIN)
-        received = b""
+        rest, received = memoryview(_LENGTH.pack(len(request)) + request), b""
         while len(received) < _LENGTH.size or len(received) < _LENGTH.size + _LENGTH.unpack_from(received)[0]:
-            if not poll.poll(1e3 * _LOOK_S):
+            ready = dict(poll.poll(1e3 * _LOOK_S))
+            if not ready:
                 look()
-            elif part := stdout.read(1 << 20):
+            if stdin.fileno() in ready:
+                try:
+                    rest = rest[os.write(stdin.fileno(), rest) :]
+                except BrokenPipeError:  # it has ended, as its return code tells
+                    rest = rest[:0]
+                if not rest:
+                    poll.unregister(stdin)
+            if stdout.fileno() in ready:
+                part = stdout.read(1 << 20)
                 received += part
-            elif (code := self._process.wait()) < 0:
-                raise CompileError(f"the compiler's process was ended from outside (signal {-code})")
-            else:
-                return None
+                if not part:
+                    code = self._process.wait()
+                    if code < 0:
+                        raise CompileError(f"the compiler's process was ended from outside (signal {-code})")
+                    return None
         return pickle.loads(received[_LENGTH.size :])
 
     def end(self) -> None:
@@ -91,11 +105,25 @@ class _Compiler:
             self._process.kill()
 
 
-class _Shared:
-    """The compiler's process that serves all requests within `sharing`."""
+class _Kept:
+    """The compiler's process between two requests within `sharing`."""
 
     users = 0
     compiler: _Compiler | None = None
+
+    @classmethod
+    def taken(cls) -> _Compiler | None:
+        """Return the process, which is not kept any more."""
+        compiler, cls.compiler = cls.compiler, None
+        return compiler
+
+    @classmethod
+    def keep(cls, compiler: _Compiler) -> None:
+        """Keep a process for the next request, or end it if nobody shares."""
+        if cls.users:
+            cls.compiler = compiler
+        else:
+            compiler.end()
 
 
 @contextlib.contextmanager
@@ -104,20 +132,17 @@ def sharing() -> Iterator[None]:
 
     It infers the types of a helper once, and lowers it once, for all entry points that call it.
     """
-    _Shared.users += 1
+    _Kept.users += 1
     try:
         yield
     finally:
-        _Shared.users -= 1
-        if not _Shared.users:
-            _end_shared()
+        _Kept.users -= 1
+        if not _Kept.users and (compiler := _Kept.taken()) is not None:
+            compiler.end()
 
 
-def _end_shared() -> None:
-    """End the shared process, unless it is that of the parent of a forked process."""
-    if _Shared.compiler is not None and _Shared.compiler.owner == os.getpid():
-        _Shared.compiler.end()
-    _Shared.compiler = None
+# The process of a parent that was forked is the parent's.
+os.register_at_fork(after_in_child=_Kept.taken)
 
 
 def compile_apart(request: Request, look: Callable[[], None]) -> Any:
@@ -132,36 +157,21 @@ def compile_apart(request: Request, look: Callable[[], None]) -> Any:
         asked = pickle.dumps(request)
     except (pickle.PicklingError, AttributeError, TypeError):
         return None
-    if _has_shared() and (answer := _answered(asked, look)) is not None:
-        return answer
-    # One that has served others may have been started before a folder was on the path, or a file was edited.
-    try:
-        _Shared.compiler = _Compiler()
-    except (OSError, ValueError):
-        return None
-    return _answered(asked, look)
-
-
-def _has_shared() -> bool:
-    """Whether a process is kept for this one; one that is not is ended."""
-    kept = _Shared.compiler
-    if kept is not None and kept.owner == os.getpid() and kept.is_running():
-        return True
-    _end_shared()
-    return False
-
-
-def _answered(request: bytes, look: Callable[[], None]) -> Any:
-    """Return the answer of the process; it is ended unless it is shared and has given one."""
-    assert _Shared.compiler is not None
-    is_kept = False
-    try:
-        answer = _Shared.compiler.answer(request, look)
-        is_kept = answer is not None and _Shared.users > 0
-        return answer
-    finally:
-        if not is_kept:
-            _end_shared()
+    compiler, answer = _Kept.taken(), None
+    if compiler is not None:
+        with contextlib.suppress(CompileError):  # it ends with the thread that has started it
+            answer = compiler.answer(asked, look)
+    if answer is None:
+        # One that has served others may have been started before a folder was on the path, or a file was edited.
+        try:
+            compiler = _Compiler()
+        except (OSError, ValueError):
+            return None
+        answer = compiler.answer(asked, look)
+    if answer is not None:
+        assert compiler is not None
+        _Kept.keep(compiler)
+    return answer
 
 
 def main() -> int:

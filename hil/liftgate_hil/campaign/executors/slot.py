@@ -13,7 +13,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections import Counter
 from multiprocessing.connection import Connection
 from typing import Any
@@ -27,6 +26,7 @@ from liftgate_hil.campaign.executors.worker import FAILED, READY, ROW
 from liftgate_hil.campaign.figures import Figures
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.running.processes.children import end, end_in_words, foreign_output, in_memory
+from liftgate_hil.running.processes.stillness import Stillness
 
 _MODULE = "liftgate_hil.campaign.executors.worker"
 _SILENT_S = 60.0  # s without a sign of life, which comes every second
@@ -54,7 +54,7 @@ class Slot:
         self._failed_starts = 0  # one after the other
         self._is_single = False  # variant by variant, after a death, so that the next one shows what it is of
         self._progress: tuple[Any, ...] = ()
-        self._heard = self._moved = 0.0
+        self._heard, self._moved, self._messages = Stillness(), Stillness(), 0
 
     @property
     def connection(self) -> Connection | None:
@@ -116,18 +116,18 @@ class Slot:
             theirs.close()
             os.close(given)
         self._connection = Connection(ours.detach())
-        self._heard = self._moved = time.monotonic()
+        self._heard, self._moved = Stillness(), Stillness()
         self._progress = ()
 
     def _send(self) -> None:
         assert self._connection is not None
-        self._heard = self._moved = time.monotonic()  # without a batch it has been silent
+        self._heard, self._moved = Stillness(), Stillness()  # without a batch it has been silent
         with contextlib.suppress(OSError):
             size = 1 if self._is_single else GROUP
             self._connection.send((self._values[len(self.rows) :], size))
 
     def _take(self, message: tuple[Any, ...]) -> None:
-        self._heard = time.monotonic()
+        self._messages += 1
         kind = message[0]
         if kind == READY:
             self._is_ready, self._failed_starts = True, 0
@@ -137,15 +137,14 @@ class Slot:
         elif kind == ROW:
             verdict, margins, figures, *others = message[1]
             self.rows.append(Row(verdict, margins, Figures(*figures), *others))
-            self._moved = self._heard
-        elif message[1:] != self._progress:
-            self._progress, self._moved = message[1:], self._heard
+        else:
+            self._progress = message[1:]
 
     def _hangs(self) -> str:
-        now = time.monotonic()
-        if now - self._heard > _SILENT_S and self._is_ready:
+        silent, still = self._heard.of(self._messages), self._moved.of((len(self.rows), self._progress))
+        if silent > _SILENT_S and self._is_ready:
             return f"its process gave no sign of life for {_SILENT_S:g} s"
-        if now - self._moved > _STILL_S:
+        if still > _STILL_S:
             return f"its process made no progress for {_STILL_S:g} s"
         return ""
 
