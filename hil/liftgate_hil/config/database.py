@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import codecs
+import functools
 import math
 import re
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.config.files import is_there, read_bytes
 from liftgate_hil.config.shipped import data_root
@@ -72,7 +73,7 @@ def _out_of_place(written: str, kind: str) -> str:
 
 def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
     """Return the messages of a database by name; its issues are noted under `dbc`."""
-    from liftgate_hil.config.can_libraries import cantools, logged
+    from liftgate_hil.config.can_libraries import cantools
 
     kind = path.suffix.lower()
     try:
@@ -88,8 +89,7 @@ def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
         written = "\n".join(raw.decode(_encoding(raw, kind)).splitlines()) + "\n"
         if wrong := _out_of_place(written, kind):
             raise ValueError(f"{wrong}: allowed: up to {_MOST_BITS} bits")
-        with logged("cantools") as messages:
-            database = cantools.database.load_string(written, kind[1:])
+        database, warnings = _read(written, kind)
     except Exception as error:  # cantools passes on exceptions of any kind from its parsers
         text = " ".join(str(error).split())[:200] or type(error).__name__
         issues.add("dbc", f"{path}: cannot be read: {text}")
@@ -97,13 +97,27 @@ def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
     if not isinstance(database, cantools.database.can.Database):
         issues.add("dbc", f"{path}: allowed: a CAN database")
         return {}
-    for each in messages:
+    for each in warnings:
         if "Overwriting" in each:
             issues.add("dbc", f"{path}: ambiguous: {each}")
     if not database.messages:
         issues.add("dbc", f"{path}: has no messages; allowed: a CAN database with messages")
     _check_numbers(issues, path, database.messages)
     return {message.name: message for message in database.messages}
+
+
+@functools.lru_cache(maxsize=4)
+def _read(written: str, kind: str) -> tuple[Any, tuple[str, ...]]:
+    """Return what cantools makes of a database's text, and its warnings.
+
+    Kept, as cantools takes 10 ms and more each time, and one process runs many scenarios with the same database:
+    messages are read, and never changed.
+    """
+    from liftgate_hil.config.can_libraries import cantools, logged
+
+    with logged("cantools") as warnings:
+        database = cantools.database.load_string(written, kind[1:])
+    return database, tuple(warnings)
 
 
 def _check_numbers(issues: ConfigIssues, path: Path, messages: Iterable[Message]) -> None:
