@@ -15,19 +15,20 @@ import numpy as np
 import pytest
 from campaign_support import SHORT
 
-from liftgate_hil.campaign.executors import slot as module
 from liftgate_hil.campaign.executors.slot import Slot
 from liftgate_hil.campaign.request import Request, prepared
+from liftgate_hil.running.processes import stillness
 
 VALUES = np.array([[60.0], [70.0], [75.0]])
 
 
 @pytest.fixture
 def pass_by(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
-    """A function that lets a number of seconds pass by."""
+    """A function that lets a number of seconds pass by, as if they were looked at all the time."""
     more = [0.0]
     clock = SimpleNamespace(monotonic=lambda: time.monotonic() + more[0])
-    monkeypatch.setattr(module, "time", clock)
+    monkeypatch.setattr(stillness, "time", clock)
+    monkeypatch.setattr(stillness, "_GAP_S", 1e9)
 
     def passed(seconds: float) -> None:
         more[0] += seconds
