@@ -13,7 +13,6 @@ import contextlib
 import os
 import re
 import select
-import shutil
 import signal
 import subprocess
 import sys
@@ -28,6 +27,7 @@ LOGS = ROOT / "out" / "stages"
 _PATIENCE_S = 3600.0  # after which a stage counts as hung and is ended
 _LEAVE_S = 10.0  # for what is told to end
 _LOOK_S = 0.5
+_PIPE_BYTES = 65536  # what a pipe holds (pipe(7))
 
 # Lanes run side by side, the stages of a lane one after the other; the log of the first lane is shown as it grows.
 # What waits runs beside what computes, but one stage of it at a time: it is judged by what it does in real time.
@@ -74,7 +74,7 @@ class Outcome(NamedTuple):
 def run_stage(stage: str, shown: IO[str] | None, stopping: threading.Event) -> Outcome:
     """Run a stage and return its outcome; its log goes to a file, and to `shown` while it grows.
 
-    It is ended with all that it has started once `stopping` is set, or when its time is over. Raises OSError.
+    It is ended with its process group once `stopping` is set, or when its time is over. Raises OSError.
     """
     log, began = LOGS / f"{stage}.log", time.monotonic()
     with log.open("w", buffering=1, encoding="utf-8") as file:
@@ -87,49 +87,48 @@ def run_stage(stage: str, shown: IO[str] | None, stopping: threading.Event) -> O
             stderr=subprocess.STDOUT,
             process_group=0,
         )
-        is_whole = False
+        outputs = [each for each in (file, shown) if each is not None]
         try:
-            outputs = [each for each in (file, shown) if each is not None]
-            is_whole = _is_copied(process, outputs, began + _PATIENCE_S, stopping)
+            has_ended = _copy(process, outputs, began + _PATIENCE_S, stopping)
         finally:
-            code = _end(process, is_whole)
-    found = outcome_of(stage, code, time.monotonic() - began, log.read_text(encoding="utf-8"))
-    return found if is_whole else found._replace(closing=f"was ended {found.closing}".rstrip())
+            _end(process)
+    found = outcome_of(stage, process.wait(), time.monotonic() - began, log.read_text(encoding="utf-8"))
+    return found if has_ended else found._replace(closing=f"was ended {found.closing}".rstrip())
 
 
-def _is_copied(
+def _copy(
     process: subprocess.Popen[bytes], outputs: Sequence[IO[str]], until: float, stopping: threading.Event
 ) -> bool:
-    """Copy what a process prints, and return whether it has come to its end."""
+    """Copy what a process prints until it has ended; return whether it has ended by itself.
+
+    What it has left behind may keep its output open, and go on printing.
+    """
     assert process.stdout is not None
-    decoder = codecs.getincrementaldecoder("utf-8")("replace")
+    decoder, is_open = codecs.getincrementaldecoder("utf-8")("replace"), True
     while time.monotonic() < until and not stopping.is_set():
-        if not select.select([process.stdout], [], [], _LOOK_S)[0]:
-            if process.poll() is not None:  # what it has left behind may keep its output open
-                return True
-            continue
-        part = os.read(process.stdout.fileno(), 65536)
-        for each in outputs:
-            each.write(decoder.decode(part))
-            each.flush()
-        if not part:
+        has_ended = process.poll() is not None
+        if is_open and select.select([process.stdout], [], [], 0.0 if has_ended else _LOOK_S)[0]:
+            part = os.read(process.stdout.fileno(), _PIPE_BYTES)
+            is_open, text = part != b"", decoder.decode(part)
+            for each in outputs:
+                each.write(text)
+                each.flush()
+        elif not has_ended and not is_open:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_LOOK_S)
+        if has_ended:
             return True
     return False
 
 
-def _end(process: subprocess.Popen[bytes], is_whole: bool) -> int:
-    """Return a stage's exit code; one that has not come to its end is ended before, with all of its group."""
-    if not is_whole:
-        _tell(process, signal.SIGTERM)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(_LEAVE_S)
-        _tell(process, signal.SIGKILL)
-    return process.wait()
-
-
-def _tell(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
-    with contextlib.suppress(ProcessLookupError):  # all have ended
-        os.killpg(process.pid, number)
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a process that has not ended, with all of its group."""
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        if process.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, number)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_LEAVE_S)
 
 
 def outcome_of(stage: str, code: int, seconds: float, log: str) -> Outcome:
@@ -140,42 +139,36 @@ def outcome_of(stage: str, code: int, seconds: float, log: str) -> Outcome:
     return Outcome(stage, code, seconds, ", ".join(closings), failed)
 
 
-def run_plan(lanes: Sequence[Sequence[str]], shown: IO[str]) -> list[Outcome]:
-    """Run lanes side by side and return the outcomes of all stages, in the order of the lanes."""
-    outcomes: dict[str, Outcome] = {}
-    ended = {stage: threading.Event() for lane in lanes for stage in lane}
-    stopping = threading.Event()
+def run_plan(lanes: Sequence[Sequence[str]], shown: IO[str], stopping: threading.Event) -> list[Outcome]:
+    """Run lanes side by side, until `stopping` is set; return the outcomes of all stages, in the lanes' order."""
+    outcomes = {stage: Outcome(stage, 1, 0.0, "has not begun", ()) for lane in lanes for stage in lane}
+    ended = {stage: threading.Event() for stage in outcomes}
 
     def follow(lane: Sequence[str], shown: IO[str] | None) -> None:
         for stage in lane:
             for needed in NEEDS.get(stage, ()):
-                if needed in ended:
-                    ended[needed].wait()
+                while needed in ended and not ended[needed].wait(_LOOK_S) and not stopping.is_set():
+                    pass
+            if stopping.is_set():
+                return
             try:
-                if not stopping.is_set():
-                    outcomes[stage] = run_stage(stage, shown, stopping)
+                outcomes[stage] = run_stage(stage, shown, stopping)
             except OSError as error:
-                outcomes[stage] = Outcome(stage, 1, 0.0, str(error), ())
+                outcomes[stage] = outcomes[stage]._replace(closing=str(error))
             finally:
                 ended[stage].set()
 
     threads = [threading.Thread(target=follow, args=(lane, None)) for lane in lanes[1:]]
     for each in threads:
         each.start()
-    try:
-        follow(lanes[0], shown)
-        for each in threads:
-            each.join()
-    except BaseException:  # Ctrl-C
-        stopping.set()
-        for event in ended.values():  # no stage begins any more, whatever it waits for
-            event.set()
-        raise
+    follow(lanes[0], shown)
+    for each in threads:
+        each.join()
     for stage in (stage for lane in lanes[1:] for stage in lane):
-        if (LOGS / f"{stage}.log").is_file():
+        if ended[stage].is_set() and (LOGS / f"{stage}.log").is_file():
             log = (LOGS / f"{stage}.log").read_text(encoding="utf-8")
             print(f"----- {stage}", log.rstrip("\n"), sep="\n", file=shown, flush=True)
-    return [outcomes[stage] for lane in lanes for stage in lane]
+    return list(outcomes.values())
 
 
 def main() -> int:
@@ -183,19 +176,19 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("plan", choices=PLANS)
     plan = PLANS[parser.parse_args().plan]
-    shutil.rmtree(LOGS, ignore_errors=True)
-    LOGS.mkdir(parents=True)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    LOGS.mkdir(parents=True, exist_ok=True)
+    stopping = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # none is lost, however often it comes
+        signal.signal(number, lambda *_: stopping.set())
     began = time.monotonic()
-    try:
-        outcomes = run_plan(plan, sys.stdout)
-    except KeyboardInterrupt:
-        print("stages: stopped", file=sys.stderr)
-        return 128 + signal.SIGINT
-    print("----- what ran, how long, what failed")
+    outcomes = run_plan(plan, sys.stdout, stopping)
+    print("\n----- what ran, how long, what failed")
     print("\n".join(line for each in outcomes for line in each.lines()))
     failed = [each.stage for each in outcomes if each.code != 0]
     print(f"{'FAILED: ' + ', '.join(failed) if failed else 'all passed'}, after {time.monotonic() - began:.0f} s")
+    if stopping.is_set():
+        print("stopped")
+        return 128 + signal.SIGINT
     return 1 if failed else 0
 
 

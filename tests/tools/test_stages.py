@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import os
 import re
-import time
+import signal
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,10 @@ case "$2" in
         echo "=== 1 failed, 3 passed in 2.50s (0:00:02) ==="
         exit 2;;
     good) echo "======= 4 passed in 1.00s =======";;
-    leaves) sleep 60 & ;;
+    leaves) sleep 20 & ;;
+    chatters) (for each in $(seq 200); do echo x; sleep 0.05; done) & ;;
+    closes) exec >&- 2>&-; exec sleep 60;;
+    slow) printf 'gr\\303'; sleep 0.3; printf '\\274\\303\\237\\n';;
     hangs*) echo begun; sleep 60;;
 esac
 """
@@ -91,23 +95,32 @@ def test_what_the_user_says_of_a_vcan_holds(
     assert out.endswith("\nall passed, T\n")
 
 
+@pytest.mark.parametrize("stage", ["hangs", "closes"])
 def test_a_stage_that_hangs_is_ended_and_told(
-    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:
-    monkeypatch.setattr(stages, "PLANS", {"test": (("leaves",), ("hangs", "good")), "ci": ()})
+    monkeypatch.setattr(stages, "PLANS", {"test": ((stage,), ("good",)), "ci": ()})
     monkeypatch.setattr(stages, "_PATIENCE_S", 1.0)
     code, out = told(capsys, monkeypatch, "test")
     assert code == 1
-    lines = [" ".join(each.split()) for each in out.splitlines()]
-    assert lines[-4:] == [
-        "leaves passed T",
-        "hangs FAILED (-15) T was ended",
+    assert [" ".join(each.split()) for each in out.splitlines()][-3:] == [
+        f"{stage} FAILED (-15) T was ended",
         "good passed T 4 passed",
-        "FAILED: hangs, T",
+        f"FAILED: {stage}, T",
     ]
 
 
-def test_a_stage_that_cannot_be_run_is_told_and_waited_for(
+@pytest.mark.parametrize("stage", ["leaves", "chatters"])
+def test_what_a_stage_leaves_behind_is_not_waited_for(
+    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, stage: str
+) -> None:
+    monkeypatch.setattr(stages, "PLANS", {"test": ((stage,),), "ci": ()})
+    monkeypatch.setattr(stages, "_PATIENCE_S", 8.0)
+    code, out = told(capsys, monkeypatch, "test")
+    assert (code, " ".join(out.splitlines()[-2].split())) == (0, f"{stage} passed T")
+
+
+def test_a_stage_that_cannot_be_run_is_told_and_not_waited_for(
     bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stages, "NEEDS", {"good": ("other",)})
@@ -117,24 +130,42 @@ def test_a_stage_that_cannot_be_run_is_told_and_waited_for(
     assert out.count("No such file or directory: 'make'") == 3
 
 
-def test_a_stop_ends_all_lanes(
+def test_letters_are_shown_whole(
     bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In the first lane a Ctrl-C, while another stage runs and one waits for it."""
+    """Of which the stage prints half, and later the rest."""
+    monkeypatch.setattr(stages, "PLANS", {"test": (("slow",),), "ci": ()})
+    assert "gr\u00fc\u00df\n" in told(capsys, monkeypatch, "test")[1]
 
-    class Screen:
-        def write(self, text: str) -> None:
-            if "begun" in text:
-                raise KeyboardInterrupt
 
-        def flush(self) -> None:
-            pass
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_stop_ends_all_lanes_and_says_what_has_not_run(
+    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    """Twice, while two stages run and others wait."""
+    monkeypatch.setattr(stages, "PLANS", {"test": (("hangs",), ("hangs-too", "good"), ("other",)), "ci": ()})
+    monkeypatch.setattr(stages, "NEEDS", {"other": ("good",)})
 
-    monkeypatch.setattr(stages, "PLANS", {"test": (("hangs",), ("hangs-too", "good")), "ci": ()})
-    monkeypatch.setattr("sys.stdout", Screen())
-    began = time.monotonic()
-    assert told(capsys, monkeypatch, "test")[0] == 130
-    assert time.monotonic() - began < 30
+    def tell_twice() -> None:
+        for _ in range(2):
+            os.kill(os.getpid(), number)
+
+    threading.Timer(1.0, tell_twice).start()
+    handlers = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        code, out = told(capsys, monkeypatch, "test")
+    finally:
+        for each, handler in handlers.items():
+            signal.signal(each, handler)
+    assert code == 130
+    assert [" ".join(each.split()) for each in out.splitlines()][-6:] == [
+        "hangs FAILED (-15) T was ended",
+        "hangs-too FAILED (-15) T was ended",
+        "good FAILED (1) T has not begun",
+        "other FAILED (1) T has not begun",
+        "FAILED: hangs, hangs-too, good, other, T",
+        "stopped",
+    ]
     assert not (bench / "logs" / "good.log").exists()
 
 

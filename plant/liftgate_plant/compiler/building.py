@@ -36,7 +36,7 @@ def check_numba() -> None:
     """Check that the installed numba is one of the versions that were tried. Raises CompileError."""
     lowest, highest = NUMBA
     try:
-        installed = metadata.version("numba")
+        installed = metadata.version("numba") or ""  # None: what a failed removal has left
     except metadata.PackageNotFoundError:
         installed = ""
     if not _numbers_of(lowest) <= _numbers_of(installed) <= _numbers_of(highest):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -18,6 +19,15 @@ from liftgate_plant.compiler.watching import watcher
 
 _lock = threading.Lock()
 
+
+def _renew_lock() -> None:
+    """Give a forked process a lock of its own: a thread of its parent may hold the other."""
+    global _lock  # noqa: PLW0603
+    _lock = threading.Lock()
+
+
+os.register_at_fork(after_in_child=_renew_lock)
+
 _LOOK_S = 0.1
 
 
@@ -29,12 +39,13 @@ def machine_code_of(
     Raises what numba raises, CompileError, and what the watcher raises.
     """
     began = time.monotonic()
-    while not _lock.acquire(timeout=_LOOK_S):  # another thread compiles
+    lock = _lock
+    while not lock.acquire(timeout=_LOOK_S):  # another thread compiles
         watcher().waits(function.__qualname__, time.monotonic() - began)
     try:
         stored = _from_disk(function, kinds)
     finally:
-        _lock.release()
+        lock.release()
     return MachineCode(function.__qualname__, stored.code, kinds, stored.result, stand_ins)
 
 

@@ -283,7 +283,7 @@ def test_a_put_that_the_system_cuts_off_in_the_middle_leaves_no_rest(folder: Pat
     assert resource.RLIMIT_FSIZE is not None
     content = pickle.dumps((Store(str(folder)), table_with(), 1000))
     done = subprocess.run(
-        [sys.executable, "-c", LIMITED], input=content, capture_output=True, check=True, timeout=60
+        [sys.executable, "-B", "-c", LIMITED], input=content, capture_output=True, check=True, timeout=60
     )
     assert os.strerror(errno.EFBIG) in done.stdout.decode()
     assert str(folder) in done.stdout.decode()

@@ -522,7 +522,7 @@ def test_an_empty_file_that_a_killed_run_left_names_the_texts_beside_it(
 
 
 def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
-    """In a process of its own, whose files may not grow beyond 50 kB."""
+    """In a process of its own, whose files may not grow beyond 50 kB: of modules it keeps none."""
     path = recorded(tmp_path / "run.csv", some_rows(2000))
     code = (
         "import resource, sys\n"
@@ -530,7 +530,7 @@ def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
         "from liftgate_hil.cli.main import main\n"
         f"sys.exit(main(['convert', {str(path)!r}, {str(tmp_path / 'out.parquet')!r}]))\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-B", "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     begin, _, end = done.stderr.partition(" recording ended at ")
     assert begin == f"liftgate-hil: {tmp_path / 'out.parquet'}:"

@@ -151,7 +151,10 @@ def test_a_picture_is_written_in_the_format_of_its_suffix(
 
 
 def test_a_full_disk_leaves_the_picture_that_was_there(tmp_path: Path) -> None:
-    """In a process of its own, whose files may hold 4 kB."""
+    """In a process of its own, whose files may hold 4 kB.
+
+    With -B, as in all such processes: Python keeps a module that is cut off, and cannot read it the next time.
+    """
     path = table(tmp_path / "a.csv", RUN, HEAD)
     targets = [tmp_path / f"out{suffix}" for suffix in (".html", ".pdf", ".png", ".svg")]
     for target in targets:
@@ -165,7 +168,7 @@ def test_a_full_disk_leaves_the_picture_that_was_there(tmp_path: Path) -> None:
         f"for target in {list(map(str, targets))!r}:\n"
         f"    assert main(['plot', {str(path)!r}, '--output', target]) == 2\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-B", "-c", code], capture_output=True, text=True, check=False)
     said = [f"liftgate-hil: --output {target}: cannot be written: File too large" for target in targets]
     assert (done.returncode, done.stderr.splitlines()) == (0, said)
     assert sorted(tmp_path.iterdir()) == [path, *targets]

@@ -225,7 +225,7 @@ print(json.dumps(said))
     folder = Path(__file__).parent
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(folder.parent), *sys.path])}
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+        [sys.executable, "-B", "-c", code], capture_output=True, text=True, check=True, env=environment
     )
     return base, json.loads(done.stdout)
 
