@@ -6,10 +6,11 @@ Whatever is there already is left as it is. It is made for this processor, this 
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.judging.verdict import ERROR
@@ -17,6 +18,23 @@ from liftgate_hil.loop.listener import Listener
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+# Modules of all entry points of machine code, by their functions.
+_MODULES = {
+    "run_realtime": "liftgate_hil.loop.realtime_loop",
+    "run_stretch": "liftgate_hil.loop.closed_loop",
+    "scheduled_tick": "liftgate_hil.loop.python_loop",
+    "turn": "liftgate_hil.ecu.node",
+    "block": "liftgate_hil.loop.simulation",
+    "run": "liftgate_hil.identify.trajectory",
+    "walk": "liftgate_hil.measurement.walk",
+    "judge_block": "liftgate_hil.judging.table",
+    "note_wakeups": "liftgate_hil.loop.wakeups",
+    "put_lines": "liftgate_hil.formats.csv_text",
+    "put_messages": "liftgate_hil.formats.mcap_text",
+    "play": "liftgate_hil.replay.player",
+    "note_truths": "liftgate_hil.running.recording_trigger",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     from liftgate_hil.cli.stopping import StopSignals
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.running.compilation import ENTRY_POINTS, function_of, reporting_compilation
+    from liftgate_hil.running.compilation import ENTRY_POINTS, reporting_compilation
     from liftgate_plant import compiler
 
     stopped, teller = StopSignals(), Teller(args.quiet)
@@ -45,13 +63,21 @@ def run(args: argparse.Namespace) -> int:
     if stopped():
         return stopped.exit_code
     files = list(compiler.cache_folder().rglob("*.code"))
-    for name, entry in ENTRY_POINTS.items():
+    for name in _MODULES:
         if not compiler.is_cached(function_of(name)):  # files of other versions may be there
-            raise LiftgateError(f"machine code of the {entry.called} could not be saved; see the message above")
+            raise LiftgateError(
+                f"machine code of the {ENTRY_POINTS[name]} could not be saved; see the message above"
+            )
     if not args.quiet:
         size = sum(file.stat().st_size for file in files) / 1e6
         print(f"{compiler.cache_folder()}: {len(files)} files, {size:.1f} MB", file=sys.stdout)
     return 0
+
+
+def function_of(name: str) -> Callable[..., Any]:
+    """Return the function of an entry point."""
+    function: Callable[..., Any] = getattr(importlib.import_module(_MODULES[name]), name)
+    return function
 
 
 _SCENARIO = """\

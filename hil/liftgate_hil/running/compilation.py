@@ -3,48 +3,28 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
 
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.loop.listener import Listener
 from liftgate_plant import compiler
 
-
-class EntryPoint(NamedTuple):
-    """Entry point of machine code: its module, and its name in messages to the user."""
-
-    module: str
-    called: str
-
-
-# All entry points, by the names of their functions.
+# Names in messages of all entry points of machine code, by their functions.
 ENTRY_POINTS = {
-    "run_realtime": EntryPoint("liftgate_hil.loop.realtime_loop", "real-time loop"),
-    "run_stretch": EntryPoint("liftgate_hil.loop.closed_loop", "closed loop"),
-    "scheduled_tick": EntryPoint("liftgate_hil.loop.python_loop", "loop on a bus"),
-    "turn": EntryPoint("liftgate_hil.ecu.node", "ECU's side of the bus"),
-    "block": EntryPoint("liftgate_hil.loop.simulation", "simulation"),
-    "run": EntryPoint("liftgate_hil.identify.trajectory", "identification model"),
-    "walk": EntryPoint("liftgate_hil.measurement.walk", "reader of bus logs"),
-    "judge_block": EntryPoint("liftgate_hil.judging.table", "judge"),
-    "note_wakeups": EntryPoint("liftgate_hil.loop.wakeups", "lateness measurement"),
-    "put_lines": EntryPoint("liftgate_hil.formats.csv_text", "CSV text"),
-    "put_messages": EntryPoint("liftgate_hil.formats.mcap_text", "MCAP text"),
-    "play": EntryPoint("liftgate_hil.replay.player", "replay"),
-    "note_truths": EntryPoint("liftgate_hil.running.recording_trigger", "trigger of the recording"),
+    "run_realtime": "real-time loop",
+    "run_stretch": "closed loop",
+    "scheduled_tick": "loop on a bus",
+    "turn": "ECU's side of the bus",
+    "block": "simulation",
+    "run": "identification model",
+    "walk": "reader of bus logs",
+    "judge_block": "judge",
+    "note_wakeups": "lateness measurement",
+    "put_lines": "CSV text",
+    "put_messages": "MCAP text",
+    "play": "replay",
+    "note_truths": "trigger of the recording",
 }
-
-
-def function_of(name: str) -> Callable[..., Any]:
-    """Return the function of an entry point."""
-    function: Callable[..., Any] = getattr(importlib.import_module(ENTRY_POINTS[name].module), name)
-    return function
-
-
-def _called(name: str) -> str:
-    return ENTRY_POINTS[name].called if name in ENTRY_POINTS else name
 
 
 class _Watcher(compiler.Watcher):
@@ -63,14 +43,14 @@ class _Watcher(compiler.Watcher):
         if seconds == 0.0:
             self._expected = compiler.expected_s(name)
         self._own = name
-        what = f"compiling the {_called(name)}"
+        what = f"compiling the {ENTRY_POINTS.get(name, name)}"
         self._listener.compiles(what, seconds, self._expected)
 
     def waits(self, name: str, seconds: float) -> None:
         """Report that another process compiles the entry point, for `seconds` so far."""
         if self._stopped():
             raise compiler.GivenUpError
-        what = f"waiting for another process to compile the {_called(name)}"
+        what = f"waiting for another process to compile the {ENTRY_POINTS.get(name, name)}"
         self._listener.compiles(what, seconds, None)
 
     def ready(self, name: str, seconds: float) -> None:
@@ -78,7 +58,7 @@ class _Watcher(compiler.Watcher):
         if self._own == name:
             compiler.note_duration(name, seconds)
             self._own = ""
-        self._listener.compiled(_called(name), seconds)
+        self._listener.compiled(ENTRY_POINTS.get(name, name), seconds)
 
     def not_kept(self, why: str) -> None:
         """Report why machine code is not kept on disk."""

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import liftgate_hil
+from liftgate_hil.cli.compile import function_of
 from liftgate_hil.cli.main import main
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.loop.listener import Listener
-from liftgate_hil.running.compilation import ENTRY_POINTS, function_of, reporting_compilation
+from liftgate_hil.running.compilation import ENTRY_POINTS, reporting_compilation
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import plan_of
