@@ -61,8 +61,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.write_line(f"{seconds[folder]:8.1f} s  {len(tests[folder]):5}  {folder}")
 
 
-# Their tests start programs and compile, so that one may take minutes.
-LONG = ("tools", "system")
+# Their tests start programs, compile or wait, so that one may take minutes.
+LONG = ("tools", "system", "hil/campaign", "hil/dashboard")
 # Without machine code of the product's entry points, which `make compile` makes meanwhile.
 EARLY = ("plant", "reference", "hil/codec", "hil/config", "hil/transport")
 

@@ -261,12 +261,12 @@ def test_killed_workers_of_a_cluster_lose_nothing(
 def test_a_scheduler_that_is_gone_is_told_and_what_was_stored_is_kept(
     base: Base, expected: pa.Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its client takes 20 s to give it up."""
     monkeypatch.setattr("liftgate_hil.campaign.executors.cluster._GONE_S", 2.0)
     own = LocalCluster(tmp_path, 1)
     try:
         own.wait_for(1)
         executor = Cluster(base, own.address)
+        monkeypatch.setattr("liftgate_hil.campaign.executors.cluster._CONNECT_S", 2.0)
         campaign = campaign_in(tmp_path / "store", base, executor)
         campaign.tell = lambda progress: own.kill_scheduler()
         batches = batches_of(base, VALUES, 2)
