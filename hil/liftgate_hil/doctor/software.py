@@ -58,13 +58,13 @@ def model(enabled: bool, cached: bool, folder: Path) -> Check:
         return Check(
             "compiled model",
             "warning",
-            f"cannot be cached, {folder} is not writable: every start compiles it, 15 to 30 s",
+            f"cannot be cached, {folder} is not writable: every start compiles it, 20 to 90 s",
             "set XDG_CACHE_HOME to a folder that this user may write",
         )
     return Check(
         "compiled model",
         "warning",
-        "not compiled yet: the first start compiles it, 15 to 30 s",
+        "not compiled yet: the first start compiles it, 20 to 90 s",
         f"{WARM} (once for this version, machine and user)",
     )
 
