@@ -106,7 +106,7 @@ def is_on_its_own(path: Path, root: Path) -> bool:
 
 @pytest.fixture(scope="session", autouse=True)
 def one_compiler() -> Iterator[None]:
-    """One compiler process for all that this process compiles, so that helpers are compiled once."""
+    """Compiler process that the tests of this process share: it compiles each helper once."""
     from liftgate_plant import compiler  # which loads numpy
 
     with compiler.sharing():

@@ -123,12 +123,13 @@ def _copy(
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     """End a process that has not ended, with all of its group."""
-    for number in (signal.SIGTERM, signal.SIGKILL):
-        if process.poll() is None:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, number)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(_LEAVE_S)
+    if process.poll() is not None:
+        return
+    os.killpg(process.pid, signal.SIGTERM)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(_LEAVE_S)
+    with contextlib.suppress(ProcessLookupError):  # else some of its group outlive it
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def outcome_of(stage: str, code: int, seconds: float, log: str) -> Outcome:

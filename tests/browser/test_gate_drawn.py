@@ -34,7 +34,7 @@ def page(browser: Any, address: str) -> Any:
 
 
 def test_the_gate_moves_as_the_ecu_moves_it(page: Any) -> None:
-    """It closes and opens, in real time."""
+    """The gate closes and opens, in real time."""
     assert drawn_angle(page) == pytest.approx(value_of(page, "gate_angle_deg"), abs=1.0)
     press_until(page, "close", lambda: value_of(page, "gate_angle_deg") < 60.0)
     assert drawn_angle(page) < 65.0

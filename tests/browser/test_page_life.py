@@ -238,7 +238,7 @@ def test_on_a_phone_the_controls_come_before_the_charts(page: Any) -> None:
 
 
 def test_there_is_no_error_in_the_console_for_a_minute(page: Any) -> None:
-    """As long as the charts show: they are full at its end."""
+    """The charts show a minute: they are full at its end."""
     begin = float(text_of(page, "#time"))
     page.set_window_size(600, 500)  # without a graphics card, drawing costs by the pixel
     try:

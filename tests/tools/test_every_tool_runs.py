@@ -120,7 +120,7 @@ def test_the_study_of_scheduling_runs_to_its_end(tmp_path: Path, monkeypatch: py
 
 
 def test_the_study_of_the_anti_trap_runs_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of three cars: 5 s of CPU time."""
+    """The study is of three cars, which takes 5 s of CPU time."""
     conditions = dict(list(anti_trap_study.CONDITIONS.items())[:2])
     for module in (anti_trap_study, anti_trap_page):
         monkeypatch.setattr(module, "GAPS", (1.0, 30.0))
@@ -182,7 +182,7 @@ def test_a_motor_of_known_truth_is_found_as_the_public_one_is(motor: Path, tmp_p
 def test_the_study_of_identification_runs_to_its_end(
     motor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All of its sections, of one seed: the identifications take 12 s of CPU time."""
+    """The study has all of its sections, of one seed; the identifications take 10 s of CPU time."""
     make_data, ours = versus.make_data, versus.ours
     monkeypatch.setattr(versus, "make_data", lambda path, ripple, _: make_data(path, ripple, 1.0))
     monkeypatch.setattr(versus, "ours", lambda path, result: ours(path, result, 1))
@@ -220,7 +220,7 @@ def test_the_studies_run_to_their_ends() -> None:
 def test_the_pack_in_real_time_runs_to_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of a scenario of 1 s in the place of the pack."""
+    """The pack is one scenario of 1 s here."""
     from liftgate_hil.testing import suite
     from tools.pack.__main__ import main
 

@@ -133,7 +133,7 @@ def test_a_stage_that_cannot_be_run_is_told_and_not_waited_for(
 def test_letters_are_shown_whole(
     bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of which the stage prints half, and later the rest."""
+    """The stage prints half of a letter, and later the rest."""
     monkeypatch.setattr(stages, "PLANS", {"test": (("slow",),), "ci": ()})
     assert "gr\u00fc\u00df\n" in told(capsys, monkeypatch, "test")[1]
 
@@ -142,7 +142,7 @@ def test_letters_are_shown_whole(
 def test_a_stop_ends_all_lanes_and_says_what_has_not_run(
     bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
-    """Twice, while two stages run and others wait."""
+    """The signal comes twice, while two stages run and others wait."""
     monkeypatch.setattr(stages, "PLANS", {"test": (("hangs",), ("hangs-too", "good"), ("other",)), "ci": ()})
     monkeypatch.setattr(stages, "NEEDS", {"other": ("good",)})
 

@@ -21,7 +21,7 @@ BEYOND_THE_BUFFER = 60_000  # frames; 16 MiB hold some 20,000
 @pytest.mark.parametrize(("rate", "payload"), LOADS.values(), ids=LOADS)
 @pytest.mark.parametrize("seen", [(GATE, BENCH_STATUS)], ids=[""], indirect=True)
 def test_a_full_bus_loses_no_command(bus: Bus, rig: Rig, load_seconds: float, rate: int, payload: bytes) -> None:
-    """Some seconds of it, in real time."""
+    """The load lasts some seconds, in real time."""
     count = round(rate * load_seconds)
     flood = [(identifier, payload) for identifier in FOREIGN]
     with emulator(bus, "--json") as gate:

@@ -516,7 +516,7 @@ def test_the_last_step_of_a_slider_is_a_mark_although_the_run_ends(tmp_path: Pat
 
 @pytest.mark.realtime
 def test_the_end_has_the_verdict_the_reasons_and_the_exit_code(tmp_path: Path) -> None:
-    """Of a run of 5 s, in real time."""
+    """The run takes 5 s, in real time."""
     text = 'duration = 5\n[[expect]]\nname = "opens"\neventually = "gate_angle_deg > 70"\n'
     (tmp_path / "never.toml").write_text(text, encoding="utf-8")
     bench = ("--bus", "virtual:end", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "never.toml")

@@ -1,4 +1,4 @@
-"""How long another process has stood still, as far as this one could see it."""
+"""Time without progress of another process, counted only while this process could look."""
 
 from __future__ import annotations
 
