@@ -41,8 +41,8 @@ def emulator(folder: Path) -> Iterator[subprocess.Popen[str]]:
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     ) as child:  # fmt: skip
         try:
-            log = folder / "a.log"
-            until(lambda: log.exists() and log.stat().st_size > 0, "nothing was recorded")
+            texts = [folder / "a.log", folder / "a.csv"]
+            until(lambda: all(each.exists() and each.stat().st_size for each in texts), "nothing was recorded")
             yield child
         finally:
             child.kill()

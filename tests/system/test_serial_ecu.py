@@ -89,4 +89,5 @@ def test_the_demo_runs_between_the_ends_of_a_serial_line(tmp_path: Path) -> None
     ):  # fmt: skip
         _, complaints = demo.communicate(timeout=PATIENCE)
     assert demo.returncode == 0, complaints
-    assert complaints.count("opening") == 1
+    # Once, and again where a machine that stood still let a command time out.
+    assert 1 <= complaints.count("opening") <= 1 + complaints.count("timed out")

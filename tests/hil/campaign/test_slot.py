@@ -58,8 +58,11 @@ def test_a_worker_without_a_batch_is_not_taken_for_dead(slot: Slot, pass_by: Cal
     slot.begin(VALUES)
     expected = evaluated(slot)
     pass_by(1000.0)
+    assert slot._process is not None
+    os.kill(slot._process.pid, signal.SIGSTOP)
     slot.begin(VALUES)
-    assert not slot.look()  # at once, before it can have answered
+    assert not slot.look()  # before it has answered
+    os.kill(slot._process.pid, signal.SIGCONT)
     assert evaluated(slot) == expected
     assert slot.retried == 0
 
