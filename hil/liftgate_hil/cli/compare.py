@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from liftgate_hil.cli.progress import Progress
     from liftgate_hil.conversion.compare import Comparison
     from liftgate_hil.conversion.table import Window
-    from liftgate_hil.formats.recording import Recording
+    from liftgate_hil.formats.recording import ReadOptions, Recording
 
 _PICTURED = 6  # columns that are drawn where none are named
 
@@ -51,11 +51,12 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.teller import Teller
 
     columns, window = recordings.columns_of(args), recordings.window_of(args)
+    how = recordings.reading_of(args)
     tolerances = _tolerances(args.tolerance)
     paths = (Path(args.first), Path(args.second))
     target = recordings.check_picture(args.output, [*map(str, paths)]) if args.output else None
     with Teller(args.quiet, args.json).progress("compare") as progress:
-        found = _compared(paths, args.rig, columns, window, tolerances, target, progress)
+        found = _compared(paths, args.rig, how, columns, window, tolerances, target, progress, args.quiet)
     if args.json:
         print(json.dumps(_as_json(found), indent=2, allow_nan=False))
     elif not args.quiet:
@@ -67,11 +68,13 @@ def run(args: argparse.Namespace) -> int:
 def _compared(
     paths: tuple[Path, Path],
     rig: str | None,
+    how: ReadOptions,
     columns: Sequence[str],
     window: Window,
     tolerances: tuple[float, dict[str, float]],
     target: Path | None,
     progress: Progress,
+    is_quiet: bool,
 ) -> Comparison:
     """Return the comparison of two recordings, and draw it into the file `target`. Raises ConfigError."""
     from dataclasses import replace
@@ -81,7 +84,7 @@ def _compared(
     from liftgate_hil.conversion.table import Window, open_table
     from liftgate_hil.formats.open import open_recording
 
-    sources = open_recording(paths[0]), open_recording(paths[1])
+    sources = open_recording(paths[0], how), open_recording(paths[1], how)
     have_frames = all(each.channel is not None for each in sources)
     have_rows = rig is not None or all(each.signals for each in sources)
     if (not have_rows and not have_frames) or (columns and not have_rows):
@@ -90,11 +93,12 @@ def _compared(
         )
     found = Comparison((), 0, (0, 0), ((), ()))
     if have_rows:
-        tables = open_table(paths[0], rig), open_table(paths[1], rig)
+        tables = open_table(paths[0], rig, how), open_table(paths[1], rig, how)
         common, own = tolerances
         found = compare_tables(
             tables, columns, own, common, window, lambda rows: progress.update(text=f"{rows} rows")
         )
+        recordings.tell_notes("compare", tables, is_quiet)
         if target is not None:
             _draw(target, tables, found, columns, window)
     elif target is not None:
@@ -102,6 +106,8 @@ def _compared(
     if have_frames and not columns and window == Window() and rig is None:
         frames = compare_frames(*sources, lambda count: progress.update(text=f"{count} frames"))
         found = replace(found, frames=frames)
+        if not have_rows:
+            recordings.tell_notes("compare", sources, is_quiet)
     return found
 
 

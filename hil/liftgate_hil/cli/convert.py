@@ -15,6 +15,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from liftgate_hil.cli.recordings import add_reading, reading_of
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import number_of, printable
 
@@ -28,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rig", metavar="NAME|FILE", help="a rig, or its database: decodes the frames into a table of signals"
     )
+    add_reading(parser)
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 
 
@@ -37,12 +39,13 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.teller import Teller, set_aside_text
     from liftgate_hil.conversion.convert import convert
 
+    how = reading_of(args)
     with Teller(args.quiet).progress("convert") as progress:
 
         def tell(rows: int, frames: int) -> None:
             progress.update(text=f"{rows} rows, {frames} frames")
 
-        done = convert(Path(args.source), Path(args.target), args.rig, stopped, tell)
+        done = convert(Path(args.source), Path(args.target), args.rig, how, stopped, tell)
     if not done.is_complete:
         print(f"liftgate-hil convert: {stopped.name}: {args.target} is not written", file=sys.stderr)
         return stopped.exit_code

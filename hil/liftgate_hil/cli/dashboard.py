@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.recordings import add_reading, reading_of
 from liftgate_hil.cli.streams import put_line
 from liftgate_hil.errors import ConfigError, printable
 
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 # What each flag goes with.
 _GOES_WITH = {
     "rig": ("recording", "scenarios"), "vehicle": ("recording", "scenarios"), "bus": ("scenarios",),
-    "ecu": ("scenarios",),
+    "ecu": ("scenarios",), "recording_channel": ("recording",), "timezone": ("recording",),
 }  # fmt: skip
 _MISSING = "not installed; allowed: with pip install 'liftgate-hil[dashboard]'"
 
@@ -58,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME|FILE",
         help="with --recording: the vehicle to draw, if the file does not name it; with --scenarios: its vehicle",
     )
+    add_reading(parser)
     parser.add_argument(
         "--bus",
         metavar="INTERFACE:CHANNEL",
@@ -124,7 +126,7 @@ def _source(args: argparse.Namespace) -> Live | RecordingSource | NoSource:
         from liftgate_hil.dashboard.recorded import RecordingSource
 
         with Teller(is_quiet=False).progress(f"reading {printable(args.recording)}"):
-            return RecordingSource(Path(args.recording), args.rig, args.vehicle)
+            return RecordingSource(Path(args.recording), args.rig, args.vehicle, reading_of(args))
     from liftgate_hil.dashboard.live import Live
     from liftgate_hil.running.attachment.client import Client
 

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.measurements import add_map
+from liftgate_hil.cli.recordings import add_reading, reading_of
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.suite_reports import (
     Output,
@@ -54,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME|FILE",
         help="a rig, or a database: decodes the frames; default: the scenario's, else liftgate",
     )
+    add_reading(parser)
     add_set_parameter(parser, "replace a parameter of the scenario (repeatable)")
     parser.add_argument(
         "--duration",
@@ -133,7 +135,14 @@ def _about(args: argparse.Namespace) -> Expectations:
         about = expectations_of(
             args.scenario, parameters=parameters_of(args.set_parameter), vehicle=args.vehicle, rig=args.rig
         )
-    return replace(about, duration=args.duration, mapping=mapping, rate=args.rate, longest_gap=args.longest_gap)
+    return replace(
+        about,
+        duration=args.duration,
+        mapping=mapping,
+        rate=args.rate,
+        longest_gap=args.longest_gap,
+        how=reading_of(args),
+    )
 
 
 def _tell(notes: Sequence[str]) -> None:

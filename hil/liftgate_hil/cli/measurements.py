@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli.options import bounded, whole
+from liftgate_hil.cli.recordings import add_reading, reading_of
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = 
     parser.add_argument(
         "--rig", default="liftgate", metavar="NAME|FILE", help="the rig that decodes bus logs; default: liftgate"
     )
+    add_reading(parser)
     parser.add_argument("--from", dest="start", type=_TIME, metavar="S", help="omit samples before this time")
     parser.add_argument("--to", dest="end", type=_TIME, metavar="S", help="omit samples after this time")
     parser.add_argument(
@@ -84,7 +86,7 @@ def measurements_from(args: argparse.Namespace, vehicle: Vehicle, travel_only: b
 
     if args.start is not None and args.end is not None and args.start >= args.end:
         raise ConfigError(f"--from {args.start:g} --to {args.end:g}: allowed: --from before --to")
-    mapping = parse_maps(args.maps)
+    mapping, how = parse_maps(args.maps), reading_of(args)
     find_config("rigs", args.rig)
     rig = functools.cache(functools.partial(rig_from, args.rig))
     paths = [os.path.realpath(name) for name in args.files]
@@ -98,7 +100,7 @@ def measurements_from(args: argparse.Namespace, vehicle: Vehicle, travel_only: b
         try:
             from liftgate_hil.measurement.read import read_measurement
 
-            measurement = read_measurement(Path(name), mapping, rig, _surroundings(vehicle))
+            measurement = read_measurement(Path(name), mapping, rig, _surroundings(vehicle), how)
             cut = args.cut_angle
             if cut is None and travel_only and _shows_angle(measurement):
                 cut = _travel(vehicle)

@@ -22,7 +22,10 @@ if TYPE_CHECKING:
     from liftgate_hil.conversion.figures.subject import Subject
 
 # Flags of one kind of subject: by their name among the arguments, as they are called.
-_OF_RECORDING = {"recording": "FILE", "from_s": "--from", "to_s": "--to", "rig": "--rig"}
+_OF_RECORDING = {
+    "recording": "FILE", "from_s": "--from", "to_s": "--to", "rig": "--rig",
+    "recording_channel": "--recording-channel", "timezone": "--timezone",
+}  # fmt: skip
 _OF_VEHICLE = {"vehicle": "--vehicle", "settings": "--set", "draw": "--draw", "ideal": "--ideal"}
 
 
@@ -58,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
         print(printable(f"written: {target}"))
         if made.note:
             print(made.note)
+        recordings.tell_notes("plot", [subject.table] if subject.table is not None else [], args.quiet)
     return 0
 
 
@@ -114,7 +118,7 @@ def _subject(args: argparse.Namespace) -> Subject:
     window, table = recordings.window_of(args), None
     title = f"{stem}, changed" if changes else stem
     if kind.of_recording:
-        table = open_table(Path(args.recording), args.rig)
+        table = open_table(Path(args.recording), args.rig, recordings.reading_of(args))
         title = Path(args.recording).name
     if args.figure != "columns":
         title = f"{title}: {kind.meaning}"

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.errors import printable
 
 if TYPE_CHECKING:
     from liftgate_hil.conversion.table import Window
+    from liftgate_hil.formats.recording import ReadOptions, Recording
 
 
 def add_columns(parser: argparse.ArgumentParser, default: str) -> None:
@@ -33,6 +36,7 @@ def add_columns(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument(
         "--rig", metavar="NAME|FILE", help="a rig, or its database: decodes the frames into signals"
     )
+    add_reading(parser)
 
 
 def add_picture(parser: argparse.ArgumentParser, default: str) -> None:
@@ -40,6 +44,32 @@ def add_picture(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument(
         "--output", metavar="FILE", help=f"the picture, .png, .svg, .pdf or .html; default: {default}"
     )
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Add the flags for what a file does not say itself: the bus of several, the zone of local times."""
+    parser.add_argument(
+        "--recording-channel", metavar="NAME", help="the bus whose frames count, in a file with several: can0"
+    )
+    parser.add_argument(
+        "--timezone",
+        metavar="ZONE",
+        help="zone of the local time in headers of .asc, .blf, .trc: UTC, Asia/Shanghai; default: the computer's",
+    )
+
+
+def reading_of(args: argparse.Namespace) -> ReadOptions:
+    """Return the settings given by `--recording-channel` and `--timezone`. Raises ConfigError."""
+    from liftgate_hil.formats.recording import read_options
+
+    return read_options(args.recording_channel, args.timezone)
+
+
+def tell_notes(command: str, files: Sequence[Recording], is_quiet: bool) -> None:
+    """Print on stderr what the readers of files have noticed."""
+    for file in [] if is_quiet else files:
+        for note in file.notes:
+            print(printable(f"liftgate-hil {command}: note: {file.path}: {note}"), file=sys.stderr)
 
 
 def columns_of(args: argparse.Namespace) -> list[str]:

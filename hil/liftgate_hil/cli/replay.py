@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.recordings import add_reading, reading_of
 from liftgate_hil.cli.stopping import StopSignals
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     parser.add_argument("recording", metavar="FILE", help="a recording with frames, or a bus log")
+    add_reading(parser)
     options.add_bus(parser)
     parser.add_argument(
         "--direction",
@@ -102,6 +104,7 @@ def run(args: argparse.Namespace) -> int:
     replay = Replay(
         Path(args.recording),
         selection,
+        how=reading_of(args),
         speed=args.speed,
         times=None if args.loop else args.times,
         realtime=args.realtime,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.bits import Place, write_number
-from liftgate_hil.codec.frames import EXTENDED, FD, MAX_BYTES
+from liftgate_hil.codec.frames import BRS, EXTENDED, FD, MAX_BYTES
 from liftgate_hil.codec.multiplexing import MAX_PAGES, is_on, multiplexer_values, pages_of
 from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
 from liftgate_hil.codec.tables import END_TO_END, MESSAGE, NAME, OWN_CHECKSUM, PLACE, SELECTOR, SIGNAL, BusConfig
@@ -316,7 +316,7 @@ def _message_row(
     identifier = identifier_of(message)
     return {
         "identifier": identifier,
-        "fd": FD if needs_fd(message) else 0,
+        "format": format_of(message, options),
         "length": message.length,
         "cycle_ns": round(cycle_ms * 1e6),
         "timeout_ns": round(options.timeout_cycles * cycle_ms * 1e6),
@@ -337,6 +337,33 @@ def cycle_of(message: Message, options: MessageOptions) -> float:
 def needs_fd(message: Message) -> bool:
     """Whether only a CAN FD frame can carry the message, whatever its database says of the format."""
     return bool(message.is_fd) or message.length > 8
+
+
+def format_of(message: Message, options: MessageOptions) -> int:
+    """Return the flags of a message's frames: FD, and BRS where the rig or the database switches the bit rate.
+
+    A DBC says it by the attribute CANFD_BRS, as CANdb++ has it.
+    """
+    if not needs_fd(message):
+        return 0
+    return FD | (BRS if switches_bit_rate(message, options) else 0)
+
+
+def switches_bit_rate(message: Message, options: MessageOptions) -> bool:
+    """Whether a message's CAN FD frames are sent with bit rate switch."""
+    if options.brs is not None:
+        return options.brs
+    return attribute_of(message, "CANFD_BRS") in (1, "1")
+
+
+def attribute_of(message: Message, name: str) -> Any:
+    """Return a message's attribute in a DBC, by default that of its definition; None: it has none."""
+    if message.dbc is None:
+        return None
+    if name in message.dbc.attributes:
+        return message.dbc.attributes[name].value
+    definition = message.dbc.attribute_definitions.get(name)
+    return None if definition is None else definition.default_value
 
 
 def start_payload(message: Message, page: Mapping[str, int]) -> NDArray[np.uint8]:

@@ -1,7 +1,7 @@
 """Frames as arrays, so that compiled code can read and write them.
 
 The identifier carries SocketCAN's flags (linux/can.h): bit 31 extended, bit 30 remote, bit 29 error. Above them,
-bit 32 is this project's own flag for a CAN FD frame.
+bits 32 to 34 are this project's own flags for a CAN FD frame, its bit rate switch and its error state indicator.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from liftgate_plant.compiler import compilable
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
-FD = 0x100000000
+FD, BRS, ESI = 0x100000000, 0x200000000, 0x400000000
+FD_FLAGS = FD | BRS | ESI  # a frame is of its message whatever these say
 MAX_BYTES = 64  # CAN FD
 LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)  # of payloads, by DLC (ISO 11898-1)
 
@@ -26,6 +27,55 @@ class Frames(NamedTuple):
     identifiers: NDArray[np.int64]
     lengths: NDArray[np.int64]
     data: NDArray[np.uint8]
+
+
+# Flags of a CAN FD frame as `struct liftgate_frame` and python-can's Message state them: 1 FD, 2 BRS, 4 ESI.
+FRAME_FD, FRAME_BRS, FRAME_ESI = 1, 2, 4
+# And as `struct canfd_frame` of Linux does (CANFD_BRS, CANFD_ESI, CANFD_FDF).
+CANFD_BRS, CANFD_ESI, CANFD_FDF = 1, 2, 4
+
+
+@compilable
+def with_frame_flags(identifier: int, flags: int) -> int:
+    """Return an identifier with the flags of `struct liftgate_frame`; only CAN FD frames have BRS and ESI."""
+    if flags & FRAME_FD == 0:
+        return identifier
+    identifier |= FD
+    if flags & FRAME_BRS != 0:
+        identifier |= BRS
+    if flags & FRAME_ESI != 0:
+        identifier |= ESI
+    return identifier
+
+
+@compilable
+def frame_flags(identifier: int) -> int:
+    """Return the flags of `struct liftgate_frame`: bits 32 to 34 of an identifier."""
+    return (identifier >> 32) & (FRAME_FD | FRAME_BRS | FRAME_ESI)
+
+
+@compilable
+def with_canfd_flags(identifier: int, flags: int) -> int:
+    """Return the identifier of a CAN FD frame with the flags of `struct canfd_frame`."""
+    identifier |= FD
+    if flags & CANFD_BRS != 0:
+        identifier |= BRS
+    if flags & CANFD_ESI != 0:
+        identifier |= ESI
+    return identifier
+
+
+@compilable
+def canfd_flags(identifier: int) -> int:
+    """Return the flags of `struct canfd_frame`; 0: it is no CAN FD frame."""
+    if identifier & FD == 0:
+        return 0
+    flags = CANFD_FDF
+    if identifier & BRS != 0:
+        flags |= CANFD_BRS
+    if identifier & ESI != 0:
+        flags |= CANFD_ESI
+    return flags
 
 
 @compilable

@@ -49,6 +49,7 @@ class MessageOptions:
     checksum_kind: str = "crc8-sae-j1850"
     e2e: EndToEnd | None = None
     counting: Counting = BY_ONE
+    brs: bool | None = None  # bit rate switch of CAN FD frames
     own: Rocksoft | None = None  # replaces `checksum_kind`
 
 

@@ -15,7 +15,7 @@ from liftgate_hil.codec.bits import extract_long, place_at, read_number
 from liftgate_hil.codec.checksum import checksum_in, expected_checksum
 from liftgate_hil.codec.counter import turn_of, value_at
 from liftgate_hil.codec.e2e import check_state
-from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
+from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE, Frames
 from liftgate_hil.codec.refusals import (
     ACCEPTED,
     BAD_CHECKSUM,
@@ -220,7 +220,7 @@ def judge(
     The findings on checksum and counter are noted in `current`. The values of the signals go to `read` by their
     rows, NaN for a signal that is not in the frame.
     """
-    identifier = int(frames.identifiers[frame]) & ~FD
+    identifier = int(frames.identifiers[frame]) & ~FD_FLAGS
     if identifier & ERROR:
         return ERROR_FRAME, -1, 0
     message = find_message(bus, identifier & ~REMOTE)
@@ -345,7 +345,7 @@ def backdate(
     for last in range(frames.count, 0, -1):  # of several frames of a message, the last one counts
         waited_ns = until_ns - stamps[last - 1]
         if waited_ns > 0:
-            message = find_message(bus, int(frames.identifiers[last - 1]) & ~FD)
+            message = find_message(bus, int(frames.identifiers[last - 1]) & ~FD_FLAGS)
             if message >= 0 and reception.seen_ns[message] == now_ns:
                 reception.seen_ns[message] = max(0, now_ns - waited_ns)
                 note_stale_time(bus, reception)
@@ -354,7 +354,7 @@ def backdate(
 @compilable
 def is_stale(bus: BusConfig, identifier: int, age_ns: int) -> bool:
     """Whether a frame has waited for longer than its message's time-out, so that its values are out of date."""
-    message = find_message(bus, identifier & ~FD)
+    message = find_message(bus, identifier & ~FD_FLAGS)
     if message < 0:
         return False
     timeout_ns = bus.messages[message].timeout_ns

@@ -45,7 +45,7 @@ NAME = np.dtype([("ours", "f8"), ("theirs", "f8")])
 MESSAGE = np.dtype(
     [
         ("identifier", "i8"),  # with the EXTENDED flag
-        ("fd", "i8"),  # FD or 0
+        ("format", "i8"),  # FD, and BRS where the bit rate switches; 0: classic CAN
         ("length", "i8"),  # bytes
         ("pages", "i8"),  # sent in turn, one per set of multiplexer values
         ("start", "i8"),  # row in `start` of the first page

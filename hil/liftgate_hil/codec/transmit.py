@@ -40,7 +40,7 @@ def encode(
     """
     table = bus.messages[message]
     page = before % table.pages
-    frames.identifiers[row] = table.identifier | table.fd
+    frames.identifiers[row] = table.identifier | table.format
     frames.lengths[row] = table.length
     for i in range(table.length):
         frames.data[row, i] = bus.start[table.start + page, i]

@@ -12,7 +12,7 @@ from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.e2e.check_state import MAX_WINDOW
 from liftgate_hil.codec.e2e.profile_1 import DATA_ID_MODES
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
-from liftgate_hil.config.kinds import Choice, Number, Raw, Subtable, Whole
+from liftgate_hil.config.kinds import Choice, Flag, Number, Raw, Subtable, Whole
 from liftgate_hil.config.protection_tables import checksum_table, counter_table
 from liftgate_hil.config.schema import Key, Record, keys_of, read_record
 from liftgate_hil.config.toml import Table, known_keys, show, table, text
@@ -37,6 +37,8 @@ class UnprotectedTable(Record):
         "the database's `GenMsgCycleTime`")] = None
     timeout_cycles: Annotated[float, Key(Number(1.0, 1000.0), "number of cycles without a frame after which a "
         "command is stale")] = 3.0
+    brs: Annotated[bool | None, Key(Flag(), "whether the gate sends the message's CAN FD frames with bit rate "
+        "switch", "the database's `CANFD_BRS`, else no")] = None
     counter: Annotated[Any, Key(Raw(f"{_OWN}, or a table"), "signal of the alive counter, counting frames from 0 "
         "in steps of 1; or a table, below", "none")] = None
     checksum: Annotated[Any, Key(Raw(f"{_OWN}, or a table"), "signal of the checksum; or a table with the "
@@ -102,6 +104,7 @@ def message_options(
         result[name] = MessageOptions(  # NaN: invalid, which is reported
             cycle_ms=None if cycle is None or math.isnan(cycle) else cycle,
             timeout_cycles=MessageTable.timeout_cycles if math.isnan(timeout) else timeout,
+            brs=given.brs,
             **_protection(issues, key, given, raw, messages[name]),
         )
     return result

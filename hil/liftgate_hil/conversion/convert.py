@@ -11,19 +11,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, FD, REMOTE
+from liftgate_hil.codec.frames import ERROR
 from liftgate_hil.conversion.table import decoded
 from liftgate_hil.errors import ConfigError, RecordingError, number_of, printable
+from liftgate_hil.formats.bus_log import BUS_ERROR
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.guarded import raise_failures
 from liftgate_hil.formats.open import FORMATS, WITH_MARKS, check_file, open_recording, open_writer
-from liftgate_hil.formats.recording import Recording
+from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.formats.target import aside_of, is_special, set_aside
 from liftgate_hil.formats.writer import Writer
 
-# Kinds of frames (flags of the identifier) that a format, or its reader, loses.
-_LOST = {".trc": ERROR | REMOTE | FD, ".log": ERROR, ".asc": ERROR, ".blf": ERROR}
-_CALLED = {ERROR: "an error frame", REMOTE: "a remote frame", FD: "a CAN FD frame"}
+# Formats whose error frames have neither class nor data: they hold those alone that state none either.
+_WITHOUT_CLASS = (".asc", ".blf")
+_WITHOUT_EARLY = (".mcap", ".blf")  # formats in which no time is before the start
 _MOST = 2.0**53  # largest count
 _LONGEST_S = 1e9  # latest time of a mark, and of a row in MCAP
 
@@ -63,6 +64,7 @@ def convert(
     source: Path,
     target: Path,
     rig: str | None = None,
+    how: ReadOptions = AS_IT_IS,
     stopped: Callable[[], bool] = _never,
     report: Callable[[int, int], None] = _nobody,
 ) -> Converted:
@@ -79,7 +81,7 @@ def convert(
         raise ConfigError(f"{target}: is the input file; allowed: another file")
     if target.exists() and os.path.realpath(source) == os.path.realpath(aside_of(target)):
         raise ConfigError(f"{target}: {source} would be replaced by the file that is there; allowed: another name")
-    plan = _plan(open_recording(source), target, rig)
+    plan = _plan(open_recording(source, how), target, rig)
     return _written(plan, target, stopped, report)
 
 
@@ -95,7 +97,7 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
     form, has_frames = FORMATS[target.suffix], source.channel is not None
     holds = " and ".join(what for what, there in (("rows", source.signals), ("frames", has_frames)) if there)
     marks = _marks_for(source, target) if form.holds_marks else ()
-    notes = [*source.notes, *_notes_about(source, target), *_notes_on_marks(source, target)]
+    notes = [*_notes_about(source, target), *_notes_on_marks(source, target)]
     if rig is not None:
         if not form.has_rows:
             tables = ", ".join(each for each, other in FORMATS.items() if other.has_rows)
@@ -197,7 +199,8 @@ def _written(
         if path != target:
             with suppress(FileNotFoundError):
                 path.unlink()
-    return Converted(copied.rows, copied.frames, copied.marks, plan.notes, not stopped(), aside)
+    notes = (*plan.source.notes, *plan.notes)  # what the reader left out is known at the end
+    return Converted(copied.rows, copied.frames, copied.marks, notes, not stopped(), aside)
 
 
 class _Copied:
@@ -271,24 +274,30 @@ class _Copied:
 
 def _checked_frames(source: Recording, target: Path) -> Iterator[NDArray[np.void]]:
     """Yield the frames. Raises ConfigError if the target, or its reader, would lose something of one."""
-    lost = _LOST.get(target.suffix, 0)
+    suffix, is_absolute = target.suffix, bool(source.start_ns)
     for block in source.frames():
-        for flag, called in _CALLED.items():
-            bad = np.flatnonzero(block["identifier"] & flag & lost)
-            if len(bad):
-                _refuse(source, block[bad[0]], called, target)
-        if target.suffix == ".asc":
-            empty = np.flatnonzero((block["identifier"] & FD != 0) & (block["length"] == 0))
-            if len(empty):
-                _refuse(source, block[empty[0]], "a CAN FD frame without data", target)
-        if target.suffix == ".mcap" and (block["time_ns"] < 0).any():
-            early = int(np.flatnonzero(block["time_ns"] < 0)[0])
-            _refuse(source, block[early], "a frame before the start", target)
+        identifiers = block["identifier"]
+        errors = identifiers & ERROR != 0
+        if suffix in _WITHOUT_CLASS:
+            plain = (identifiers == ERROR | BUS_ERROR) & (block["length"] == 0)
+            _refuse_any(source, block, errors & ~plain, "an error frame", target)
+        if suffix == ".trc":
+            _refuse_any(source, block, errors, "an error frame", target)
+        if suffix in _WITHOUT_EARLY or (suffix == ".log" and not is_absolute):
+            _refuse_any(source, block, block["time_ns"] < 0, "a frame before the start", target)
         yield block
 
 
+def _refuse_any(
+    source: Recording, frames: NDArray[np.void], refused: NDArray[np.bool_], called: str, target: Path
+) -> None:
+    """Raise ConfigError if a frame is refused."""
+    if refused.any():
+        _refuse(source, frames[int(np.argmax(refused))], called, target)
+
+
 def _refuse(source: Recording, frame: np.void, called: str, target: Path) -> None:
-    whole = ".mf4, .mcap"
+    whole = ".log, .mf4, .mcap" if called == "an error frame" else ".mf4"
     raise ConfigError(
         f"{source.path}: {called} at {frame['time_ns'] / 1e9:.6f} s, which {target.suffix} cannot hold unchanged; "
         f"allowed: {whole}"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, no_logged
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD_FLAGS, REMOTE, no_logged
 from liftgate_hil.errors import ConfigError
 from liftgate_plant.signals import TIME, Signal
 
@@ -102,7 +102,7 @@ class Decoder:
         """
         waiting = no_logged()
         for block in blocks:
-            ours = np.isin(block["identifier"] & ~FD, list(self._messages))
+            ours = np.isin(block["identifier"] & ~FD_FLAGS, list(self._messages))
             waiting = np.concatenate([waiting, block[ours]])
             if not len(waiting):
                 continue
@@ -127,7 +127,7 @@ class Decoder:
         table = np.full((len(stamps), len(self.signals)), np.nan)
         place = {name: k for k, name in enumerate(self.signals)}
         for number, message in self._messages.items():
-            those = np.flatnonzero((frames["identifier"] & ~FD) == number)
+            those = np.flatnonzero((frames["identifier"] & ~FD_FLAGS) == number)
             if not len(those):
                 continue
             bits = np.unpackbits(frames["payload"][those], axis=1)
@@ -170,7 +170,7 @@ def seen_in(blocks: Iterable[NDArray[np.void]], messages: Mapping[str, Message])
     found: set[int] = set()
     for block in blocks:
         sound = block["identifier"] & (REMOTE | ERROR) == 0
-        found.update(np.unique(block["identifier"][sound] & ~FD).tolist())
+        found.update(np.unique(block["identifier"][sound] & ~FD_FLAGS).tolist())
     return [
         each for each in messages.values() if each.frame_id | (EXTENDED if each.is_extended_frame else 0) in found
     ]

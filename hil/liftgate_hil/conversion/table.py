@@ -15,7 +15,7 @@ from liftgate_hil.config.shipped import find_config
 from liftgate_hil.conversion.decode import Decoder, seen_in
 from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
 from liftgate_hil.formats.open import open_recording
-from liftgate_hil.formats.recording import Recording
+from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -29,6 +29,11 @@ class DecodedRows(Recording):
 
     source: Recording
     messages: tuple[Message, ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on the file whose frames are decoded."""
+        return self.source.notes
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these signals; NaN: no value yet."""
@@ -62,9 +67,9 @@ def messages_of(rig: str) -> Mapping[str, Message]:
     return load_rig(find_config("rigs", rig)).messages
 
 
-def open_table(path: Path, rig: str | None = None) -> Recording:
+def open_table(path: Path, rig: str | None = None, how: ReadOptions = AS_IT_IS) -> Recording:
     """Open the columns of a recording; with `rig` those decoded from its frames. Raises ConfigError."""
-    source = open_recording(path)
+    source = open_recording(path, how)
     if rig is not None:
         return decoded(source, rig)
     if not source.signals:

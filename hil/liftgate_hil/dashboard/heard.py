@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import EXTENDED, FD
+from liftgate_hil.codec.frames import EXTENDED, FD_FLAGS
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.dashboard.source import JsonObject
 from liftgate_hil.errors import ConfigError
@@ -49,11 +49,11 @@ class BusView:
         except ConfigError:  # it cannot be read any more: frames are shown without names
             return
         self._messages = {found.identifier(name): each for name, each in found.messages.items()}
-        self._inputs = [(found.identifier(each.message) & ~FD, each) for each in found.inputs]
+        self._inputs = [(found.identifier(each.message) & ~FD_FLAGS, each) for each in found.inputs]
 
     def hear(self, frame: Any) -> None:
         """Take a frame, a record of LOGGED."""
-        identifier, is_sent = int(frame["identifier"]) & ~FD, bool(frame["is_sent"])
+        identifier, is_sent = int(frame["identifier"]) & ~FD_FLAGS, bool(frame["is_sent"])
         before = self._heard.get((identifier, is_sent))
         if before is None and len(self._heard) >= _MOST:
             self.not_kept += 1

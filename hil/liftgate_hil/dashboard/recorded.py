@@ -15,7 +15,7 @@ from liftgate_hil.conversion.ours import ours_in
 from liftgate_hil.conversion.table import open_table
 from liftgate_hil.dashboard.source import JsonObject, check_columns, in_stretches, nothing_known, split
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.recording import Recording
+from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.running.attachment.geometry import geometry_of
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_hil.signals import Bench
@@ -32,8 +32,10 @@ class RecordingSource:
     Raises ConfigError where the file cannot be read, or holds no rows.
     """
 
-    def __init__(self, path: Path, rig: str | None = None, vehicle: str | None = None) -> None:
-        table = open_table(path, rig)
+    def __init__(
+        self, path: Path, rig: str | None = None, vehicle: str | None = None, how: ReadOptions = AS_IT_IS
+    ) -> None:
+        table = open_table(path, rig, how)
         self._path = path
         self._names = ["time_s", *(each for each in table.signals if each != "time_s")]
         self._units = {name: table.signals[name].unit for name in self._names}

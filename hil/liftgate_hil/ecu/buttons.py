@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.bus_config import tables_named
-from liftgate_hil.codec.frames import FD, Frames
+from liftgate_hil.codec.frames import FD_FLAGS, Frames
 from liftgate_hil.codec.receive import NO_COUNTS, Reception, find_message, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.ecu.memory import NO_REQUEST
@@ -63,7 +63,7 @@ def pressed_in(buttons: Buttons, state: ButtonState, frames: Frames, now_ns: int
     """Return the request of a button that these frames newly report as pressed; NO_REQUEST: none."""
     if len(buttons.bus.messages) > 0:
         for row in range(frames.count):
-            if find_message(buttons.bus, int(frames.identifiers[row]) & ~FD) >= 0:
+            if find_message(buttons.bus, int(frames.identifiers[row]) & ~FD_FLAGS) >= 0:
                 return hear(buttons, state, frames, now_ns)
     return NO_REQUEST
 

@@ -39,7 +39,9 @@ extern "C" {
 #define LIFTGATE_ID_ERROR 0x20000000u    /* an error frame of the controller, not a message */
 
 /* Flags in liftgate_frame.flags. */
-#define LIFTGATE_FRAME_FD 1u /* CAN FD; else classic CAN with up to 8 bytes */
+#define LIFTGATE_FRAME_FD 1u  /* CAN FD; else classic CAN with up to 8 bytes */
+#define LIFTGATE_FRAME_BRS 2u /* with CAN FD: bit rate switch */
+#define LIFTGATE_FRAME_ESI 4u /* with CAN FD: error state indicator; test bits, flags may be combined */
 
 /* A frame on the bus. No padding but two bytes at the end: 72 bytes, data at 6. */
 struct liftgate_frame {

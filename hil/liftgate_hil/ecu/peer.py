@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import ERROR, FD, REMOTE, empty_frames
+from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE, empty_frames
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.node import NO_ECU, REFERENCE, ask, turn
 from liftgate_hil.errors import EcuError
@@ -117,7 +117,7 @@ class Peer:
     def _note_senders(self, frames: Frames, now_ns: int) -> None:
         """Note when the first frame of the gate came, and the first one that is not the gate's."""
         identifiers = frames.identifiers[: frames.count]
-        theirs = identifiers[identifiers & (ERROR | REMOTE) == 0] & ~FD
+        theirs = identifiers[identifiers & (ERROR | REMOTE) == 0] & ~FD_FLAGS
         are_gates = np.isin(theirs, self._adapter.node.reference.inputs.messages.identifier)
         if self.first_other < 0 and not are_gates.all():
             self.first_other = int(theirs[~are_gates][0])

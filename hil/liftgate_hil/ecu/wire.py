@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from liftgate_hil.codec.frames import EXTENDED, FD, Frames, empty_frames
+from liftgate_hil.codec.frames import EXTENDED, FRAME_FD, Frames, empty_frames, frame_flags, with_frame_flags
 from liftgate_plant.compiler import call_long_int, call_step, compilable
 
 # struct liftgate_frame; `flags` and `data` are renamed, since numpy records have attributes of these names.
 FRAME = np.dtype([("id", "u4"), ("length", "u1"), ("format", "u1"), ("payload", "u1", (64,))], align=True)
-FLAG_FD = 1
+
 CAPACITY = 1024  # frames per call, in either direction
 
 # What a call returns instead of a number of frames.
@@ -75,7 +75,7 @@ def put_in(state: PortState, frames: Frames) -> None:
         identifier = frames.identifiers[i]
         row.id = identifier & 0xFFFFFFFF
         row.length = frames.lengths[i]
-        row.format = FLAG_FD if identifier & FD else 0
+        row.format = frame_flags(identifier)
         for k in range(frames.lengths[i]):
             row.payload[k] = frames.data[i, k]
         head.waiting += 1
@@ -87,12 +87,12 @@ def take_out(state: PortState, count: int) -> int:
     for i in range(count):
         row = state.outbox[i]
         identifier, flags = int(np.int64(row.id)), int(np.int64(row.format))
-        length, is_fd = int(np.int64(row.length)), (flags & FLAG_FD) != 0
+        length, is_fd = int(np.int64(row.length)), (flags & FRAME_FD) != 0
         if length > (64 if is_fd else 8):
             return BAD_FRAME
         if identifier & EXTENDED == 0 and identifier & 0x1FFFFFFF > 0x7FF:
             return BAD_FRAME
-        state.sent.identifiers[i] = identifier | (FD if is_fd else 0)
+        state.sent.identifiers[i] = with_frame_flags(identifier, flags)
         state.sent.lengths[i] = length
         for k in range(length):
             state.sent.data[i, k] = row.payload[k]

@@ -19,11 +19,12 @@ import orjson
 from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.account import CUT
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.csv_header import COMMAS, NOT_FINITE, NUMBER, decoded, header_of
 from liftgate_hil.formats.csv_text import CsvText
 from liftgate_hil.formats.mcap_layout import START_COLUMN
-from liftgate_hil.formats.reading import CUT, as_config_errors
+from liftgate_hil.formats.reading import as_config_errors
 from liftgate_hil.formats.recording import Floats, Recording, check_time_first, column_signal
 from liftgate_hil.formats.writer import StreamWriter
 from liftgate_plant.signals import TIME
@@ -91,7 +92,7 @@ class CsvFile(Recording):
         signals = {name: column_signal(name) for name in self.names if name != START_COLUMN}
         # Even if the last line has all cells, the last one may be cut off.
         notes = ((CUT,) if self.last else ()) + ((COMMAS,) if self.has_commas else ())
-        found = replace(self, signals=signals, notes=notes, is_strict=True)
+        found = replace(self, signals=signals, remarks=notes, is_strict=True)
         if START_COLUMN not in self.names:
             return found
         with as_config_errors(self.path), self.path.open("rb") as stream:
@@ -259,7 +260,7 @@ def open_csv(path: Path) -> CsvFile:
     return CsvFile(
         path=path,
         names=header.names,
-        notes=(*notes, *header.notes),
+        remarks=(*notes, *header.notes),
         delimiter=header.delimiter.encode(),
         head=header.end,
         last=last,

@@ -12,7 +12,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, LOGGED, MAX_BYTES, REMOTE
+from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LOGGED, MAX_BYTES, REMOTE
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats import mcap_layout as layout
@@ -151,6 +151,7 @@ def _block_of(channel: int, times: NDArray[np.int64], texts: Sequence[bytes], nu
 _MAGIC = b"\x89MCAP0\r\n"
 _LARGEST = 1 << 30  # most bytes of a record or a chunk's content; the recorder's have some MB
 _FLAGS = {"extended": EXTENDED, "fd": FD, "remote": REMOTE, "error": ERROR}
+_LATER_FLAGS = {"brs": BRS, "esi": ESI}  # missing in recordings of before, in which no frame has them
 
 
 class RowTopic(NamedTuple):
@@ -220,6 +221,8 @@ class McapFile(Recording):
             identifier = int(record["id"])
             for name, flag in _FLAGS.items():
                 identifier |= flag if record[name] else 0
+            for name, flag in _LATER_FLAGS.items():
+                identifier |= flag if record.get(name) else 0
             payload = bytes.fromhex(record["data"])
             if len(payload) > MAX_BYTES:
                 raise ValueError(f"{len(payload)} bytes in a frame")

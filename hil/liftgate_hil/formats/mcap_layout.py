@@ -39,6 +39,8 @@ FRAME_FIELDS: Mapping[str, tuple[str, str]] = {
     "id": ("integer", "identifier without flags"),
     "extended": ("boolean", "an identifier of 29 bits"),
     "fd": ("boolean", "CAN FD"),
+    "brs": ("boolean", "with CAN FD: bit rate switch"),
+    "esi": ("boolean", "with CAN FD: error state indicator"),
     "remote": ("boolean", "a remote frame"),
     "error": ("boolean", "an error frame"),
     "dlc": ("integer", "data length code, as on the bus"),

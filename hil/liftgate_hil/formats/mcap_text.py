@@ -14,7 +14,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, LENGTHS, MAX_BYTES, REMOTE
+from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LENGTHS, MAX_BYTES, REMOTE
 from liftgate_hil.formats.csv_text import alike_columns, digits_of, put_number, put_whole
 from liftgate_hil.formats.mcap_chunks import HEAD, LENGTH_BEFORE, MESSAGE, Block
 from liftgate_plant.compiler import compilable, compiled, put_text
@@ -217,6 +217,7 @@ def frame_texts(frames: Any, channel: str) -> list[bytes]:
             (
                 f'{{"id":{identifier & 0x1FFFFFFF},'
                 f'"extended":{words[identifier & EXTENDED != 0]},"fd":{words[identifier & FD != 0]},'
+                f'"brs":{words[identifier & BRS != 0]},"esi":{words[identifier & ESI != 0]},'
                 f'"remote":{words[identifier & REMOTE != 0]},"error":{words[identifier & ERROR != 0]},'
                 f'"dlc":{code},"length":{length},"direction":"{"Tx" if is_sent else "Rx"}",'
                 f'"channel":{name},"data":"{text[first:end]}"}}'

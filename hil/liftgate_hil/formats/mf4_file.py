@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,12 +17,14 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
+from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.account import Account
+from liftgate_hil.formats.bus_log import several_buses
 from liftgate_hil.formats.content import Batch, Content
 from liftgate_hil.formats.mcap_layout import ABOUT
 from liftgate_hil.formats.mf4_reader import opened_mf4
-from liftgate_hil.formats.recording import FRAME, Floats, Recording, Series, column_signal
+from liftgate_hil.formats.recording import FRAME, Floats, Recording, Series, column_signal, no_such_bus
 from liftgate_hil.formats.writer import StreamWriter
 from liftgate_plant.signals import TIME, Signal
 
@@ -182,6 +184,8 @@ def _samples(name: str, frames: Any, channel: int) -> NDArray[Any]:
         "DataBytes": frames["payload"],
         "Dir": frames["is_sent"],
         "EDL": identifiers & FD != 0,
+        "BRS": identifiers & BRS != 0,
+        "ESI": identifiers & ESI != 0,
     }
     for field, values in given.items():
         if field in fields:
@@ -202,7 +206,8 @@ class Mf4File(Recording):
     columns: Mapping[str, tuple[int, int]]  # group of each column and its place in the group
     # Groups of frames: their kind, and the channel that holds whole frames.
     buses: Mapping[int, tuple[str, int]]
-    bus_number: int
+    bus_number: int  # of the frames of `channel`
+    is_chosen: bool = False  # whether the bus was chosen, so that frames of others are left out
     refusal: str  # why the columns are no rows of a recording; "": they are
     sample: str = "sample"
 
@@ -243,20 +248,45 @@ class Mf4File(Recording):
 
     def frames(self) -> Iterator[NDArray[np.void]]:
         """Yield the frames (n,) LOGGED, one block at a time; different kinds are merged in order of time."""
+        self.account.clear()
         with opened_mf4(self.path, in_blocks=True) as measured:
             parts = [
                 self._frames(measured, kind, (None, group, place)) for group, (kind, place) in self.buses.items()
             ]
             yield from parts[0] if len(parts) == 1 else merged(parts)
 
+    def on_bus(self, name: str) -> Mf4File:
+        """Return the file with the frames of this bus only. Raises ConfigError if it holds none."""
+        if self.channel is None:
+            return self
+        buses = self.bus_numbers()
+        names = [f"can{number}" for number in buses]
+        if name not in names:
+            raise no_such_bus(self.path, name, names)
+        number = buses[names.index(name)]
+        return replace(self, channel=name, bus_number=number, is_chosen=True, account=Account())
+
+    def bus_numbers(self) -> list[int]:
+        """Return the numbers of all buses of which the file has frames."""
+        found: set[int] = set()
+        with opened_mf4(self.path, in_blocks=True) as measured:
+            for group, (kind, place) in self.buses.items():
+                for (signal,) in _blocks(measured, [(None, group, place)]):
+                    found.update(np.unique(_field(signal.samples, kind, "BusChannel", 0)).tolist())
+        return sorted(found)
+
     def _frames(self, measured: Any, kind: str, place: tuple[None, int, int]) -> Iterator[NDArray[np.void]]:
         for (signal,) in _blocks(measured, [place]):
-            for flag in ("BRS", "ESI"):
-                if np.any(_field(signal.samples, kind, flag)):
-                    raise ConfigError(f"{self.path}: a frame has {flag} set; allowed: frames without {flag}")
-            if np.any(_field(signal.samples, kind, "BusChannel") != self.bus_number):
-                raise ConfigError(f"{self.path}: frames of several buses; allowed: frames of one bus")
-            yield _logged(signal.samples, kind, signal.timestamps)
+            rows = _logged(signal.samples, kind, signal.timestamps)
+            ours = np.broadcast_to(_field(signal.samples, kind, "BusChannel") == self.bus_number, len(rows))
+            if ours.all():
+                yield rows
+                continue
+            if not self.is_chosen:
+                raise several_buses(self.path, [f"can{number}" for number in self.bus_numbers()])
+            self.account.leave_out("frame", "of another bus", "the file", int((~ours).sum()))
+            if ours.any():
+                yield rows[ours]
 
 
 def _series_of(measurement: Any, name: str) -> Series | str:
@@ -285,15 +315,6 @@ def _series_of(measurement: Any, name: str) -> Series | str:
     return Series(values, times, signal.unit or None)
 
 
-def data_frames_in(path: Path) -> Iterator[NDArray[np.void]]:
-    """Yield the data frames (n,) LOGGED of any bus log, a block for each of its groups. Raises ConfigError."""
-    with opened_mf4(path) as measured:
-        for group, index in measured.channels_db.get(FRAME, ()):
-            signal = measured.get(group=group, index=index, raw=True)
-            if len(signal.samples):
-                yield _logged(signal.samples, FRAME, signal.timestamps)
-
-
 def _field(samples: Any, kind: str, name: str, otherwise: Any = 0) -> Any:
     """Return a field of the frames of one kind, or what stands for one that the file does not have."""
     called = f"{kind}.{name}"
@@ -308,7 +329,10 @@ def _logged(samples: Any, kind: str, times: Any) -> NDArray[np.void]:
     identifiers = np.asarray(samples[f"{kind}.ID"]).astype(np.int64)
     extended = (np.asarray(field("IDE")) != 0) | (identifiers & EXTENDED != 0)
     rows["identifier"] = (identifiers & 0x1FFFFFFF) | extended * EXTENDED | mark
-    rows["identifier"] |= (np.asarray(field("EDL")) != 0) * FD
+    is_fd = np.asarray(field("EDL")) != 0
+    rows["identifier"] |= is_fd * FD
+    for name, flag in (("BRS", BRS), ("ESI", ESI)):
+        rows["identifier"] |= (is_fd & (np.asarray(field(name)) != 0)) * flag
     of_code = np.array(LENGTHS)[np.minimum(np.asarray(field("DLC")).astype(int), 15)]
     rows["length"] = of_code if mark == REMOTE else field("DataLength", of_code)
     rows["is_sent"] = np.asarray(field("Dir")) != 0

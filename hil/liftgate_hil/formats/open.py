@@ -16,7 +16,8 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.guarded import GuardedWriter, Say, silent
 from liftgate_hil.formats.limit import Limit
-from liftgate_hil.formats.recording import Recording
+from liftgate_hil.formats.other_forms import check_form
+from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.formats.rotation import Part, Parts
 from liftgate_hil.formats.salvage import SalvagedWriter
 from liftgate_hil.formats.target import is_special, open_salvage, open_target, why
@@ -39,16 +40,16 @@ class Format:
     extra: str = ""  # extra of this package that installs the module
 
 
-def _lazily(module: str, name: str, *more: object) -> Callable[..., Any]:
-    """Return a function of a module of this package, loaded when it is called; `more` are its last arguments."""
+def _lazily(module: str, name: str) -> Callable[..., Any]:
+    """Return a function of a module of this package, loaded when it is called."""
 
     def call(*arguments: object) -> Any:
-        return getattr(import_module(f"{__package__}.{module}"), name)(*arguments, *more)
+        return getattr(import_module(f"{__package__}.{module}"), name)(*arguments)
 
     return call
 
 
-_CSV, _LOG = _lazily("csv_file", "open_csv"), _lazily("python_can_file", "open_log")
+_CSV = _lazily("csv_file", "open_csv")
 FORMATS: Mapping[str, Format] = {
     ".csv": Format(_CSV, _lazily("csv_file", "CsvWriter"), has_rows=True, is_text=True),
     ".tsv": Format(_CSV, has_rows=True),
@@ -81,17 +82,29 @@ FORMATS: Mapping[str, Format] = {
         module="mcap",
         extra="mcap",
     ),
-    ".log": Format(_LOG, _lazily("candump_file", "CandumpWriter"), has_frames=True, is_text=True),
-    **{
-        suffix: Format(
-            _LOG,
-            _lazily("python_can_file", "PythonCanWriter", suffix),
-            has_frames=True,
-            has_comments=suffix != ".blf",
-            holds_marks=True,
-        )
-        for suffix in (".asc", ".blf", ".trc")
-    },
+    ".log": Format(
+        _lazily("candump_file", "open_candump"),
+        _lazily("candump_file", "CandumpWriter"),
+        has_frames=True,
+        is_text=True,
+    ),
+    ".asc": Format(
+        _lazily("asc_file", "open_asc"),
+        _lazily("asc_file", "AscWriter"),
+        has_frames=True,
+        has_comments=True,
+        holds_marks=True,
+    ),
+    ".blf": Format(
+        _lazily("blf_file", "open_blf"), _lazily("blf_file", "BlfWriter"), has_frames=True, holds_marks=True
+    ),
+    ".trc": Format(
+        _lazily("trc_file", "open_trc"),
+        _lazily("trc_file", "TrcWriter"),
+        has_frames=True,
+        has_comments=True,
+        holds_marks=True,
+    ),
 }
 RECORDED = tuple(suffix for suffix, each in FORMATS.items() if each.write)
 TABLES = tuple(suffix for suffix in RECORDED if FORMATS[suffix].has_rows)
@@ -101,12 +114,19 @@ _SALVAGE_SUFFIXES = (".log", ".csv")  # of text files with frames and rows besid
 BUS_LOGS = tuple(suffix for suffix in FORMATS if suffix not in WITH_ROWS)
 
 
-def open_recording(path: Path) -> Recording:
+def open_recording(path: Path, how: ReadOptions = AS_IT_IS) -> Recording:
     """Open the recording in a file, whose suffix selects the format. Raises ConfigError."""
-    found = _opened(path)
+    found = _opened(path, how)
     if not found.signals and found.channel is None:
-        raise ConfigError(f"{path}: neither rows nor frames; allowed: a recording with rows or frames")
+        raise ConfigError(
+            f"{path}: neither rows nor frames{_instead(found)}; allowed: a recording with rows or frames"
+        )
     return found
+
+
+def _instead(found: Recording) -> str:
+    """Return what a file without frames holds, as far as its reader can tell."""
+    return f", but {'; '.join(found.notes)}" if found.notes else ""
 
 
 def holds_nothing(path: Path) -> bool:
@@ -117,7 +137,7 @@ def holds_nothing(path: Path) -> bool:
     return next(found.rows(["time_s"]), None) is None if found.signals else found.channel is None
 
 
-def _opened(path: Path) -> Recording:
+def _opened(path: Path, how: ReadOptions = AS_IT_IS) -> Recording:
     if path.suffix.lower() in RECORDED:
         check_readable(path)
         if path.stat().st_size == 0:
@@ -125,15 +145,17 @@ def _opened(path: Path) -> Recording:
             left = [each.name for each in texts if each.is_file() and each.stat().st_size]
             beside = f", such as {' or '.join(left)} beside it" if left else ""
             raise ConfigError(f"{path}: empty; allowed: a recording{beside}")
-    return open_file(path, RECORDED).as_recording()
+    return open_file(path, RECORDED, how).as_recording()
 
 
-def open_file(path: Path, allowed: Sequence[str] = tuple(FORMATS)) -> Recording:
+def open_file(path: Path, allowed: Sequence[str] = tuple(FORMATS), how: ReadOptions = AS_IT_IS) -> Recording:
     """Open a file of any program. Raises ConfigError, also for a format that is not `allowed`."""
     kind = path.suffix.lower()
     if kind in allowed:
         check_readable(path)
-        return FORMATS[kind].read(path)
+        if path.is_file():
+            check_form(path)
+        return FORMATS[kind].read(path).read_with(how)
     if path.is_dir():
         raise ConfigError(f"{path}: is a folder; allowed: a file of {', '.join(allowed)}")
     check_readable(path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import struct
 from collections.abc import Iterator
@@ -10,9 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from liftgate_hil.errors import ConfigError
-
-CUT = "its last line is truncated and ignored"
-_MOST_SAID = 200  # characters of a warning of python-can
 
 
 @contextmanager
@@ -47,30 +43,6 @@ def cause_text(error: Exception) -> str:
     """Return what another package's reader has raised, in one line."""
     text = " ".join(str(error).split()) or type(error).__name__
     return f"truncated or damaged: {text}" if isinstance(error, struct.error | EOFError) else text
-
-
-class _Complaints(logging.Handler):
-    """Log handler that keeps python-can's warnings: each means that something was left out."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.texts: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.texts.append(record.getMessage())
-
-
-@contextmanager
-def all_understood() -> Iterator[None]:
-    """Raise ValueError at the end of the context if python-can left out something of what it read."""
-    complaints, logger = _Complaints(), logging.getLogger("can")
-    logger.addHandler(complaints)
-    try:
-        yield
-    finally:
-        logger.removeHandler(complaints)
-    if complaints.texts:
-        raise ValueError(complaints.texts[0][:_MOST_SAID])
 
 
 def is_cut(path: Path) -> bool:

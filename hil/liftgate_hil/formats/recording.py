@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import tzinfo
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.config.units import headed_unit
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.account import Account
 from liftgate_hil.signals import COLUMNS
 from liftgate_plant.signals import Signal
 
@@ -32,6 +35,29 @@ class Series:
     unit: str | None = None  # None: the file does not state it
 
 
+@dataclass(frozen=True)
+class ReadOptions:
+    """Settings with which a file is read, for what it does not say itself."""
+
+    channel: str | None = None  # the bus, where a file has frames of several; None: the only one
+    zone: tzinfo | None = None  # of local times in headers of bus logs; None: this computer's
+
+
+AS_IT_IS = ReadOptions()
+
+
+def read_options(recording_channel: str | None = None, timezone: str | None = None) -> ReadOptions:
+    """Return the settings for a bus and a time zone by their names. Raises ConfigError."""
+    zone = None
+    if timezone is not None:
+        try:
+            zone = ZoneInfo(timezone)
+        except (ValueError, OSError, LookupError) as error:
+            text = f"`timezone` {timezone}: unknown zone; allowed: a name such as UTC or Europe/Berlin"
+            raise ConfigError(text) from error
+    return ReadOptions(recording_channel, zone)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Recording:
     """File of rows, frames or both: a recording of this program, or another program's table or bus log.
@@ -49,10 +75,31 @@ class Recording:
     start_ns: int = 0  # wall clock where the times begin [ns since 1970]; 0: none applies
     about: str = ""  # provenance of the run, as JSON; "": unknown
     marks: Sequence[tuple[float, str]] = ()  # of the operator: time [s] and text
-    notes: Sequence[str] = ()  # remarks on what was noticed and left out
+    remarks: Sequence[str] = ()  # on what was noticed when the file was opened
+    account: Account = field(default_factory=Account, compare=False)  # of what the last pass has left out
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on the file, complete once its rows or frames have been read."""
+        return (*self.remarks, *self.account.notes())
 
     def as_recording(self) -> Recording:
         """Return it as a recording, with exact rows. Raises ConfigError if its columns are no rows of one."""
+        return self
+
+    def read_with(self, how: ReadOptions) -> Recording:
+        """Return the recording as it is with these settings. Raises ConfigError."""
+        found = self if how.zone is None else self.in_zone(how.zone)
+        return found if how.channel is None else found.on_bus(how.channel)
+
+    def in_zone(self, zone: tzinfo) -> Recording:
+        """Return the recording with the local time in its header read as that of a zone; here there is none."""
+        return self
+
+    def on_bus(self, name: str) -> Recording:
+        """Return the recording with the frames of this bus only. Raises ConfigError if it has none of it."""
+        if self.channel not in (None, name):
+            raise no_such_bus(self.path, name, [str(self.channel)])
         return self
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
@@ -86,6 +133,11 @@ class Recording:
                     np.ascontiguousarray(values), unit=self.units.get(name) or headed_unit(name) or None
                 )
         return result
+
+
+def no_such_bus(path: Path, name: str, buses: Sequence[str]) -> ConfigError:
+    """Return the error of a bus that was chosen and is not in a file."""
+    return ConfigError(f"`recording_channel` {name}: not in {path}; allowed: {', '.join(buses)}")
 
 
 def check_time_first(path: Path, names: Sequence[str]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import FD, Frames
+from liftgate_hil.codec.frames import FD_FLAGS, Frames
 from liftgate_plant.compiler import compilable
 
 
@@ -25,7 +25,7 @@ def arrival_of(stamp: int, now_ns: int, real_ns: int, drained_ns: int) -> int:
 def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
     """Whether a frame with one of these identifiers is there."""
     for i in range(frames.count):
-        identifier = frames.identifiers[i] & ~FD
+        identifier = frames.identifiers[i] & ~FD_FLAGS
         for wanted in identifiers:
             if identifier == wanted:
                 return True
@@ -36,7 +36,7 @@ def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
 def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) -> int:
     """Return when the first frame with an identifier came; 0: there is none."""
     for i in range(frames.count):
-        if frames.identifiers[i] & ~FD == identifier:
+        if frames.identifiers[i] & ~FD_FLAGS == identifier:
             return int(stamps[i])
     return 0
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import FD, Frames
+from liftgate_hil.codec.frames import CANFD_FDF, FD, Frames, canfd_flags, with_canfd_flags
 from liftgate_hil.stimuli.bus_fault_tables import MOST
 from liftgate_plant.compiler import System, compilable, last_error
 
@@ -33,7 +33,7 @@ _PAUSE_NS = 1_000_000
 
 _DONTWAIT = 0x40  # MSG_DONTWAIT
 _SOL_SOCKET, SO_RXQ_OVFL, SO_TIMESTAMPNS = 1, 40, 35
-_FDF = 0x04  # CANFD_FDF
+
 _AGAIN, _FULL, _INTERRUPTED = errno.EAGAIN, errno.ENOBUFS, errno.EINTR
 
 _recvmmsg = System("recvmmsg", "i", "iliil")
@@ -126,8 +126,8 @@ def _unpack(buffers: Buffers, i: int, size: int, frames: Frames, row: int) -> No
     high = int(np.int64(raw[2])) | int(np.int64(raw[3])) << 8
     identifier = low | high << 16
     length = min(int(np.int64(raw[4])), 8 if size == CLASSIC else 64)
-    if size != CLASSIC and (size == LONG or int(np.int64(raw[5])) & _FDF):
-        identifier |= FD
+    if size != CLASSIC and (size == LONG or int(np.int64(raw[5])) & CANFD_FDF):
+        identifier = with_canfd_flags(identifier, int(np.int64(raw[5])))
     frames.identifiers[row] = identifier
     frames.lengths[row] = length
     for k in range(length):
@@ -204,7 +204,7 @@ def _pack(buffers: Buffers, i: int, frames: Frames, row: int) -> None:
     for k in range(4):
         raw[k] = (identifier >> (8 * k)) & 0xFF
     raw[4] = length
-    raw[5] = _FDF if is_fd else 0
+    raw[5] = canfd_flags(identifier)
     raw[6] = 0
     raw[7] = 0
     for k in range(length):

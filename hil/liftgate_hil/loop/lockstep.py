@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from liftgate_hil.codec.frames import FD, Frames, empty_frames
+from liftgate_hil.codec.frames import FD_FLAGS, Frames, empty_frames
 from liftgate_hil.errors import OverrunError
 from liftgate_hil.loop.python_loop import Loop
 from liftgate_hil.transport.base import Transport
@@ -91,7 +91,7 @@ class Waiting:
     def add(self, frames: Frames) -> None:
         """Add frames in the order in which they came."""
         start = 0
-        is_command = frames.identifiers[: frames.count] & ~FD == self._command
+        is_command = frames.identifiers[: frames.count] & ~FD_FLAGS == self._command
         for row in np.flatnonzero(is_command).tolist():
             self._others.append(_slice(frames, start, row + 1))
             self.commands.append(joined(self._others))

@@ -19,6 +19,7 @@ from liftgate_hil.codec.receive import Counts, rejected
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions
 from liftgate_hil.loop.tick import bridge_command
 from liftgate_hil.measurement.log_frames import read_frames
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
@@ -32,7 +33,7 @@ _SENSED = {bus_name(column, signal): column for column, signal in signals_of(Sen
 _COMMANDS = Command._fields
 _SIDES = ("left", "right")
 _OUT_OF_TURN_NS = 10_000_000
-_LONGEST_S = 1e9  # 32 years: a longer file is no log
+_LONGEST_NS = 10**18  # 32 years: a longer file is no log
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Track:
         return Track(self.times[there], self.values[there])
 
 
-def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measurement:
+def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float], how: ReadOptions = AS_IT_IS) -> Measurement:
     """Read the measurement in a bus log. Raises ConfigError."""
     rig = replace(
         rig,
@@ -61,14 +62,15 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
         outputs=tuple(wire for wire in rig.outputs if wire.quantity in _SENSED),
     )
     messages = list(dict.fromkeys(wire.message for wire in (*rig.inputs, *rig.outputs)))
-    log = read_frames(path, messages, rig)
-    seconds, frames, cut = log.times, log.frames, log.notes
+    log = read_frames(path, messages, rig, how=how)
+    frames, cut = log.frames, log.notes
     if frames.count == 0:
-        raise ConfigError(f"{path}: no frame of the rig; allowed: {_called(rig, messages)}")
-    if not np.all(np.abs(seconds - seconds[0]) <= _LONGEST_S):  # rejects NaN, too
-        raise ConfigError(f"{path}: invalid times; allowed: within {_LONGEST_S:g} s of the first frame")
-    # Loggers have timestamps in microseconds; a float of seconds since 1970 is no more precise.
-    times = np.round((seconds - seconds[0]) * 1e6).astype(np.int64) * 1000
+        instead = f", but {'; '.join(cut)}" if cut else ""
+        raise ConfigError(f"{path}: no frame of the rig{instead}; allowed: {_called(rig, messages)}")
+    # Loggers have timestamps in microseconds; MF4 has floats of seconds.
+    times = (log.times_ns - log.times_ns[0] + 500) // 1000 * 1000
+    if not np.all(np.abs(times) <= _LONGEST_NS):
+        raise ConfigError(f"{path}: invalid times; allowed: within {_LONGEST_NS / 1e9:g} s of the first frame")
     times = _in_order(path, times)
     given, counts = tracks_of(rig.input_config(), BUS_INPUTS, frames, times)
     sensed, sensor_counts = tracks_of(rig.output_config(sending=False), BUS_OUTPUTS, frames, times)

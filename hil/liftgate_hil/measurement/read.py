@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.formats.open import BUS_LOGS, FORMATS, open_file
-from liftgate_hil.formats.recording import FRAME
+from liftgate_hil.formats.recording import AS_IT_IS, FRAME, ReadOptions
 from liftgate_hil.measurement.mapping import ColumnMap
 from liftgate_hil.measurement.measurement import Measurement
 from liftgate_hil.measurement.table import read_table
@@ -18,7 +18,11 @@ if TYPE_CHECKING:
 
 
 def read_measurement(
-    path: Path, mapping: ColumnMap, rig: Rig | Callable[[], Rig], before: Mapping[str, float] | None = None
+    path: Path,
+    mapping: ColumnMap,
+    rig: Rig | Callable[[], Rig],
+    before: Mapping[str, float] | None = None,
+    how: ReadOptions = AS_IT_IS,
 ) -> Measurement:
     """Read the measurement in a file. Raises ConfigError with all issues.
 
@@ -28,7 +32,7 @@ def read_measurement(
     if needs_rig(path, mapping):
         from liftgate_hil.measurement.bus_log import read_bus_log
 
-        return read_bus_log(path, rig() if callable(rig) else rig, before or {})
+        return read_bus_log(path, rig() if callable(rig) else rig, before or {}, how)
     return read_table(path, open_file(path), mapping)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.e2e import check_state
-from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
+from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE, Frames
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, counted, judge, nothing_received, take
 from liftgate_hil.codec.refusals import ACCEPTED
 from liftgate_hil.codec.tables import BusConfig
@@ -23,7 +23,7 @@ def events_in(
 
     `times` [ns] are those of the frames and rise. A message that goes stale gives NaN for its quantities.
     """
-    identifiers = frames.identifiers & ~(FD | REMOTE | ERROR)
+    identifiers = frames.identifiers & ~(FD_FLAGS | REMOTE | ERROR)
     room = 0
     for message in layout.messages:
         room += 2 * int(message["count"]) * int(np.sum(identifiers == message["identifier"]))

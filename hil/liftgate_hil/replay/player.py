@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.errors import ConfigError, LiftgateError
 from liftgate_hil.formats.open import open_recording
-from liftgate_hil.formats.recording import Recording
+from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.histogram import BINS, NOTHING, Distribution, distribution, note
 from liftgate_hil.loop.listener import Listener
@@ -50,6 +50,7 @@ class Replay:
 
     recording: Path
     selection: Selection = field(default_factory=Selection)
+    how: ReadOptions = AS_IT_IS  # to read it
     speed: float = 1.0
     times: int | None = 1  # None: until it is stopped
     realtime: bool = False
@@ -169,7 +170,7 @@ class Player:
         self._listener, self._stopped, self._progress = listener, stopped, progress
         self._way = way
         self.played = Played()
-        self._source = open_recording(replay.recording)
+        self._source = open_recording(replay.recording, replay.how)
         if self._source.channel is None:
             raise ConfigError(f"{self._source.path}: holds only rows; allowed: a recording with frames")
         self._replay = _directed(replay, self._source)
@@ -210,6 +211,8 @@ class Player:
             if line is not None:
                 line.close()
                 self._sum_up(line, memory, noted[0].histogram if noted else None)
+            for note in self._source.notes:
+                self._listener.say(f"{self._source.path}: {note}")
             memory.close()
 
     def _nothing(self) -> str:

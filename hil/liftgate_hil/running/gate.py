@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import FD
+from liftgate_hil.codec.frames import with_frame_flags
 from liftgate_hil.config.restbus import value_in
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario_tables import Fault, fault_of
@@ -179,7 +179,7 @@ class Gate:
             identifier, length, flags, data = fields_of(message)
         except NotAFrameError as error:
             raise ConfigError(f"`send` {error}") from error
-        self._waiting.append((identifier | (FD if flags else 0), length, data))
+        self._waiting.append((with_frame_flags(identifier, flags), length, data))
 
     def set(self, **surroundings: float | None) -> None:
         """Set surroundings from the next tick on.

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import FD
+from liftgate_hil.codec.frames import FD_FLAGS
 from liftgate_hil.config.driver import Reset
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.diagnostics import services
@@ -95,7 +95,7 @@ class _Heard(End):
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
         super().take(rows, frames)
         of_others = frames["identifier"][frames["is_sent"] == 0]
-        self._is_heard |= bool(np.any(of_others & ~FD == self._command))
+        self._is_heard |= bool(np.any(of_others & ~FD_FLAGS == self._command))
 
     def has_come(self) -> bool:
         return self._is_heard

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import FD, no_logged
+from liftgate_hil.codec.frames import FD_FLAGS, FRAME_BRS, FRAME_ESI, FRAME_FD, no_logged
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
@@ -85,7 +85,7 @@ def relevant_frames(rig: Rig, frames: Any, expected: Expected, stimuli: Stimulus
         identifiers.append(rig.diagnostics.response)
     judged = {rig.identifier(name.partition(".")[0]) for name in expected.signals}
     identifiers += judged - set(stimuli.restbus.everything.messages["identifier"].tolist())
-    found = np.array(frames[np.isin(frames["identifier"] & ~FD, identifiers)])
+    found = np.array(frames[np.isin(frames["identifier"] & ~FD_FLAGS, identifiers)])
     found["time_ns"] = (found["time_ns"] + 500) // 1000 * 1000
     return found[np.argsort(found["time_ns"], kind="stable")]
 
@@ -218,7 +218,7 @@ class _CommandPlayer(Adapter):
         outbox = self.state.port.outbox.view(np.ndarray)[: len(frames)]
         outbox["id"] = frames["identifier"] & 0xFFFFFFFF
         outbox["length"] = frames["length"]
-        outbox["format"] = np.where(frames["identifier"] >> 32 & 1, wire.FLAG_FD, 0)
+        outbox["format"] = frames["identifier"] >> 32 & (FRAME_FD | FRAME_BRS | FRAME_ESI)
         outbox["payload"] = frames["payload"]
 
 

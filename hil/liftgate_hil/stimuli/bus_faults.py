@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.checksum import checksum_in, write_checksum
-from liftgate_hil.codec.frames import FD, LENGTHS, MAX_BYTES, Frames
+from liftgate_hil.codec.frames import FD_FLAGS, LENGTHS, MAX_BYTES, Frames
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.stimuli.bus_fault_tables import (
     BABBLING,
@@ -164,7 +164,7 @@ def put_always_received(faults: BusFaults, frames: Frames, room: Frames) -> int:
     count = 0
     for i in range(frames.count):
         for identifier in faults.always_received:
-            if frames.identifiers[i] & ~FD == identifier and count < MOST:
+            if frames.identifiers[i] & ~FD_FLAGS == identifier and count < MOST:
                 copy_frame(frames, i, room, count)
                 faults.origins[count] = i
                 count += 1

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.bits import insert_long, place_at
 from liftgate_hil.codec.checksum import put_checksum
-from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
+from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE, Frames
 from liftgate_hil.codec.receive import counter_of, find_message
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.stimuli.bus_fault_tables import COUNTER, EVERY, FROZEN, BusFaults
@@ -20,7 +20,7 @@ from liftgate_plant.compiler import compilable
 def message_in(bus: BusConfig, frames: Frames, place: int) -> int:
     """Return the message of a frame; -1: it is not a data frame of a message in the bus table."""
     identifier = int(frames.identifiers[place])
-    return -1 if identifier & (ERROR | REMOTE) else find_message(bus, identifier & ~FD)
+    return -1 if identifier & (ERROR | REMOTE) else find_message(bus, identifier & ~FD_FLAGS)
 
 
 @compilable

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import FD, LOGGED, Frames, no_logged
+from liftgate_hil.codec.frames import FD_FLAGS, LOGGED, Frames, no_logged
 from liftgate_hil.codec.watch import signal_unit
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.conversion.decode import Decoder
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions
 from liftgate_hil.judging.judge import Gap
 from liftgate_hil.measurement.bus_log import refusals_in, span_of, tracks_of, unwrapped
 from liftgate_hil.measurement.log_frames import SILENT_S, read_frames
@@ -26,7 +28,6 @@ from liftgate_hil.testing.run_file import RunFile, converted, opened
 
 Floats = NDArray[np.float64]
 
-_LATEST_S = 1e6  # s, latest time of a run; a later timestamp is a wall clock's
 _MOST_ROWS = 200_000_000
 _CYCLES = 3.0  # cycles of the slowest message, for which a bus of ours may be silent
 _SHOWN = 20  # columns of a file that are named in an issue
@@ -44,6 +45,7 @@ class Asked:
     longest_gap: float | None  # s, between two samples of a column; None: by their usual distance
     others: frozenset[int] = frozenset()  # identifiers of further frames
     may_be_silent: bool = False  # whether a silent bus is part of the scenario
+    how: ReadOptions = AS_IT_IS
 
 
 def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
@@ -62,7 +64,7 @@ def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
     needed = _messages(places, files, asked)
     for file in files:
         if file.has_frames and (needed or asked.others or not tables):
-            file.log = read_frames(file.path, needed, asked.rig, asked.others)
+            file.log = read_frames(file.path, needed, asked.rig, asked.others, asked.how)
             ends = [each for each in (file.span, file.log.span) if each is not None]
             if ends:
                 file.span = min(low for low, _ in ends), max(high for _, high in ends)
@@ -143,21 +145,56 @@ def _wires(places: Places, files: Sequence[RunFile], asked: Asked) -> list[Any]:
 
 
 def _set_clocks(files: Sequence[RunFile]) -> None:
-    """Set where each file's times begin, so that all count from the same moment. Raises ConfigError."""
-    by_wall = [each for each in files if each.span is not None and each.span[1] > _LATEST_S]
-    others = [each for each in files if each.span is not None and each not in by_wall]
-    if not by_wall:
+    """Set where each file's times begin, so that all count from the same moment. Raises ConfigError.
+
+    Files by the wall clock are brought together by it, where all have one. A log whose header states it counts
+    from its own beginning where others have none.
+    """
+    timed = [each for each in files if each.span is not None]
+    walls = {each.path: wall for each in timed if (wall := each.wall_us) is not None}
+    if not walls:
         return
-    start_us = max((each.table.start_ns // 1000 for each in files if each.is_ours and each.table), default=0)
-    if others and not start_us:
-        text = f"wall-clock timestamps, but none in {others[0].path}"
+    start_us = max((walls[each.path] for each in timed if each.is_ours and each.path in walls), default=None)
+    without = [each for each in timed if each.path not in walls]
+    if without and start_us is None:
+        absolute = next((each for each in timed if each.path in walls and each.is_absolute), None)
+        if absolute is None:
+            return
+        text = f"wall-clock timestamps, but none in {without[0].path}"
         raise ConfigError(
-            f"{by_wall[0].path}: {text}; allowed: the same clock in both, or a recording of this program that "
+            f"{absolute.path}: {text}; allowed: the same clock in both, or a recording of this program that "
             "states its start, as those of runs in real time do"
         )
-    first = min(each.span[0] for each in by_wall if each.span is not None)
-    for each in by_wall:
-        each.zero_us = start_us or math.floor(first * 1e6)
+    if start_us is None:
+        start_us = min(
+            math.floor(1e6 * each.span[0]) + walls[each.path] for each in timed if each.span is not None
+        )
+    for each in timed:
+        if each.path in walls:
+            zero_us = start_us - walls[each.path]
+            # Times since a start that the header rounds to milliseconds are those since the run's own.
+            is_same = each.path.suffix.lower() in _ROUNDED and abs(zero_us) < _HEADER_US
+            each.zero_us = 0 if is_same else zero_us
+    _check_hours(timed)
+
+
+_ROUNDED, _HEADER_US = (".asc", ".trc"), 1000  # formats whose times count from a start in whole ms of the header
+_HOUR_S, _NEAR_S = 3600.0, 60.0  # s, by how much two clocks of one moment may differ, besides whole hours
+
+
+def _check_hours(files: Sequence[RunFile]) -> None:
+    """Raise ConfigError if two files of a run are whole hours apart: one header states another zone's time."""
+    spans = [(each, each.span, 1e-6 * each.zero_us) for each in files if each.span is not None]
+    ends = [(each, span[0] - zero, span[1] - zero) for each, span, zero in spans]
+    for (one, low, high), (other, begin, end) in combinations(ends, 2):
+        hours = round((begin - low) / _HOUR_S)
+        is_apart = (begin > high or end < low) and abs(begin - low - hours * _HOUR_S) < _NEAR_S
+        if hours and is_apart:
+            late, early = (other, one) if hours > 0 else (one, other)
+            raise ConfigError(
+                f"{late.path}: {abs(hours)} h after {early.path}, as if one header had another zone's time; "
+                "allowed: files of one run, or `timezone` for headers from elsewhere"
+            )
 
 
 def _frames(files: Iterable[RunFile]) -> Any:
@@ -166,12 +203,9 @@ def _frames(files: Iterable[RunFile]) -> Any:
     for file in files:
         if file.log is None:
             continue
-        times, own = file.log.times, file.log.frames
+        times, own = file.log.times_ns, file.log.frames
         rows = np.zeros(len(times), dtype=LOGGED)
-        if file.zero_us:  # seconds since 1970 are precise to microseconds only
-            rows["time_ns"] = (rounded_to_us(times) - file.zero_us) * 1000
-        else:
-            rows["time_ns"] = np.round(times * 1e9).astype(np.int64)
+        rows["time_ns"] = times - file.zero_us * 1000
         rows["identifier"] = own.identifiers[: len(times)]
         rows["length"] = own.lengths[: len(times)]
         rows["payload"] = own.data[: len(times)]
@@ -251,7 +285,7 @@ def _until_heard(gaps: Iterable[Gap], frames: Any, asked: Asked) -> Iterable[Gap
     """
     for gap in gaps:
         for name in asked.signals:
-            own = frames["identifier"] & ~FD == asked.rig.identifier(name.partition(".")[0])
+            own = frames["identifier"] & ~FD_FLAGS == asked.rig.identifier(name.partition(".")[0])
             later = frames["time_ns"][own & (frames["time_ns"] >= round(gap.end * 1e9))]
             back = float(later.min()) * 1e-9 if len(later) else math.inf
             yield Gap(gap.begin, max(back, gap.end), frozenset((name,)))

@@ -17,6 +17,7 @@ from liftgate_hil.diagnostics.reset_watch import ResetWatch
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.open import holds_nothing
+from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, read_options
 from liftgate_hil.judging.expected import Expected
 from liftgate_hil.judging.judge import Gap, Judge
 from liftgate_hil.judging.stepped_again import SteppedAgain
@@ -49,6 +50,8 @@ def judge(
     maps: Sequence[str] = (),
     rate: float = 1000.0,
     longest_gap: float | None = None,
+    recording_channel: str | None = None,
+    timezone: str | None = None,
 ) -> dict[str, Verdict]:
     """Return the verdicts of a scenario's expectations, by their names, from the recordings of one run.
 
@@ -60,6 +63,7 @@ def judge(
     stand for the columns that no table has. `maps` are texts as of `--map`: OURS=THEIRS[unit], a column, or a
     Message.Signal. Such recordings are judged in ticks of `rate` [Hz], each column by its last sample; where two
     are further apart than `longest_gap` [s] (None: three times what is usual), windows are inconclusive.
+    `recording_channel` is the bus where a file has several; `timezone` is that of local times in headers.
 
         judge(["drive.log"], "close.toml", rig="their.dbc", maps=["gate_angle_deg=Tailgate.Position"])
 
@@ -67,7 +71,8 @@ def judge(
     """
     about = expectations_of(scenario, parameters=parameters, vehicle=vehicle, rig=rig)
     about = replace(about, duration=duration, mapping=parse_maps(maps, COLUMNS))
-    about = replace(about, rate=rate, longest_gap=longest_gap)
+    how = read_options(recording_channel, timezone)
+    about = replace(about, rate=rate, longest_gap=longest_gap, how=how)
     return judged([Path(each) for each in recordings], about).verdicts
 
 
@@ -86,6 +91,7 @@ class Expectations:
     mapping: ColumnMap = field(default_factory=dict)
     rate: float = 1000.0
     longest_gap: float | None = None
+    how: ReadOptions = AS_IT_IS  # to read the files
 
     @property
     def asked(self) -> Asked:
@@ -100,7 +106,7 @@ class Expectations:
         others = [own.response] if own is not None else []
         if self.resets is not None:
             others += [self.resets.request, self.resets.response]
-        return Asked(*found, self.rate, self.longest_gap, frozenset(others), is_off)
+        return Asked(*found, self.rate, self.longest_gap, frozenset(others), is_off, self.how)
 
     @property
     def resets(self) -> Diagnostics | None:

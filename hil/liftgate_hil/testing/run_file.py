@@ -22,6 +22,8 @@ from liftgate_hil.signals import COLUMNS, Bench
 
 Floats = NDArray[np.float64]
 
+LATEST_S = 1e9  # latest time of a run; a later timestamp is a wall clock's
+
 
 @dataclass
 class RunFile:
@@ -35,6 +37,20 @@ class RunFile:
     samples: dict[str, tuple[Floats, Floats, str]] = field(default_factory=dict)  # times, values, unit
     span: tuple[float, float] | None = None  # s, first and last of all its times
     zero_us: int = 0  # µs, the run's start by its clock
+
+    @property
+    def wall_us(self) -> int | None:
+        """Wall clock at the file's time 0 [µs since 1970]; None: it states none."""
+        source = self.log or self.table
+        if source is not None and source.start_ns:
+            return source.start_ns // 1000
+        return 0 if self.span is not None and self.span[0] > LATEST_S else None
+
+    @property
+    def is_absolute(self) -> bool:
+        """Whether the times themselves are by the wall clock, so that they begin nowhere of their own."""
+        is_candump = self.path.suffix.lower() == ".log"  # whose text does not state when it began
+        return self.wall_us is not None and (is_candump or self.wall_us == 0)
 
     @property
     def names(self) -> Sequence[str]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import FD, Frames
+from liftgate_hil.codec.frames import FD_FLAGS, Frames
 
 
 class LinkCounts(NamedTuple):
@@ -115,7 +115,7 @@ def drained(transport: Transport, command: int = -1) -> tuple[int, int]:
         frames = transport.receive()
         empty = empty + 1 if frames.count == 0 else 0
         count += frames.count
-        commands += int(np.sum(frames.identifiers[: frames.count] & ~FD == command))
+        commands += int(np.sum(frames.identifiers[: frames.count] & ~FD_FLAGS == command))
     return count, commands
 
 

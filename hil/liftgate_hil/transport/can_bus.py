@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import FD, Frames, empty_frames
+from liftgate_hil.codec.frames import FD_FLAGS, Frames, empty_frames
 from liftgate_hil.config.can_libraries import can as _can
 from liftgate_hil.config.can_libraries import logged
 from liftgate_hil.errors import TransportError, words_of
@@ -165,7 +165,7 @@ class CanTransport:
         for row in range(frames.count):
             message = message_of(frames, row)
             if self._echoes is not None:
-                identifier = int(frames.identifiers[row]) & ~FD
+                identifier = int(frames.identifiers[row]) & ~FD_FLAGS
                 self._echoes.sending(identifier, bytes(message.data))
             try:
                 self._bus.send(message)

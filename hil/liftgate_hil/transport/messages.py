@@ -8,14 +8,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, MAX_BYTES, REMOTE, Frames
+from liftgate_hil.codec.frames import (
+    ERROR,
+    EXTENDED,
+    FRAME_BRS,
+    FRAME_ESI,
+    FRAME_FD,
+    MAX_BYTES,
+    REMOTE,
+    Frames,
+    frame_flags,
+    with_frame_flags,
+)
 from liftgate_hil.config.can_libraries import can as _can
 from liftgate_hil.errors import shown
 
 if TYPE_CHECKING:
     import can
 
-_FD_FLAG = 1  # flag of the C interface
 _CLASSIC_BYTES = 8
 
 
@@ -28,7 +38,7 @@ class Fields(NamedTuple):
 
     identifier: int  # with SocketCAN's flags
     length: int  # of the payload; of a remote frame: the requested length
-    flags: int  # 1: CAN FD
+    flags: int  # 1: CAN FD, 2: BRS, 4: ESI
     data: bytes
 
 
@@ -59,12 +69,17 @@ def fields_of(message: object) -> Fields:
     number |= EXTENDED if message.is_extended_id else 0
     number |= REMOTE if message.is_remote_frame else 0
     number |= ERROR if message.is_error_frame else 0
-    return Fields(number, length, _FD_FLAG if message.is_fd else 0, data)
+    flags = 0
+    if message.is_fd:
+        flags = FRAME_FD
+        flags |= FRAME_BRS if message.bitrate_switch else 0
+        flags |= FRAME_ESI if message.error_state_indicator else 0
+    return Fields(number, length, flags, data)
 
 
 def put(fields: Fields, frames: Frames, row: int) -> None:
     """Put a frame into a row of `frames`."""
-    frames.identifiers[row] = fields.identifier | (FD if fields.flags & _FD_FLAG else 0)
+    frames.identifiers[row] = with_frame_flags(fields.identifier, fields.flags)
     frames.lengths[row] = fields.length
     frames.data[row, : len(fields.data)] = np.frombuffer(fields.data, dtype=np.uint8)
 
@@ -82,7 +97,7 @@ def logged_message(row: Any) -> can.Message:
 def _message(identifier: int, length: int, payload: NDArray[np.uint8], time_s: float) -> can.Message:
     """Return the message of an identifier with its flags and a padded payload."""
     identifier, length = int(identifier), int(length)
-    flags = _FD_FLAG if identifier & FD and not identifier & REMOTE else 0
+    flags = 0 if identifier & REMOTE else frame_flags(identifier)
     return message_of_fields(identifier, length, flags, payload[:length].tobytes(), time_s)
 
 
@@ -97,7 +112,9 @@ def message_of_fields(
         is_extended_id=bool(identifier & EXTENDED),
         is_remote_frame=is_remote,
         is_error_frame=bool(identifier & ERROR),
-        is_fd=bool(flags & _FD_FLAG),
+        is_fd=bool(flags & FRAME_FD),
+        bitrate_switch=bool(flags & FRAME_BRS),
+        error_state_indicator=bool(flags & FRAME_ESI),
         dlc=length,
         data=None if is_remote else bytes(data[:length]),
         check=False,

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import FD, Frames, empty_frames
+from liftgate_hil.codec.frames import CANFD_FDF, FD_FLAGS, Frames, canfd_flags, empty_frames, with_canfd_flags
 from liftgate_hil.errors import TransportError, words_of
 from liftgate_hil.transport.base import SO_TIMESTAMPNS, LinkCounts, Transport, drained
 
@@ -24,7 +24,7 @@ _ROW = struct.Struct("<IBBBB64sq")
 _HEAD = struct.Struct("<IBB")
 # struct timespec: the kernel's timestamp of when the loop has sent a datagram (CLOCK_REALTIME).
 _STAMP = struct.Struct("<qq")
-_FDF = 0x04  # CANFD_FDF
+
 _BUFFER = 1 << 20  # bytes; some thousand frames
 _LEAVE_S = 3.0  # s that closing waits for a driver
 _DRAIN_S = 2.0  # s that draining may take
@@ -148,11 +148,11 @@ class Pump:
                 continue
             for row in range(frames.count):
                 identifier = int(frames.identifiers[row])
-                flags = _FDF if identifier & FD else 0
+                flags = canfd_flags(identifier)
                 data = frames.data[row].tobytes()
                 length = int(frames.lengths[row])
                 came = int(self._transport.came_ns[row])
-                datagram = _ROW.pack(identifier & ~FD, length, flags, 0, 0, data, came)
+                datagram = _ROW.pack(identifier & ~FD_FLAGS, length, flags, 0, 0, data, came)
                 try:
                     self._ours.send(datagram)
                 except OSError:  # the loop has ended
@@ -162,7 +162,7 @@ class Pump:
         while datagram := self._next():
             identifier, length, flags = _HEAD.unpack_from(datagram)
             frames: Frames = empty_frames(1)
-            frames.identifiers[0] = identifier | (FD if flags & _FDF else 0)
+            frames.identifiers[0] = with_canfd_flags(identifier, flags) if flags & CANFD_FDF else identifier
             frames.lengths[0] = length
             frames.data[0, :length] = np.frombuffer(datagram, np.uint8, length, 8)
             self._transport.send(frames._replace(count=1))

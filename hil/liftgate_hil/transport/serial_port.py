@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import FD, Frames, empty_frames
+from liftgate_hil.codec.frames import FD, FD_FLAGS, Frames, empty_frames
 from liftgate_hil.errors import ConfigError, TransportError, words_of
 from liftgate_hil.transport.base import WAIT_S, LinkCounts, age_of
 from liftgate_hil.transport.cobs import DELIMITER, MAX_IDENTIFIER, MAX_PAYLOAD, Decoder, encode
@@ -102,7 +102,7 @@ class SerialTransport:
         """Send the frames that the port has room for; count the others as failures."""
         coded = []
         for row in range(frames.count):
-            identifier, length = int(frames.identifiers[row]) & ~FD, int(frames.lengths[row])
+            identifier, length = int(frames.identifiers[row]) & ~FD_FLAGS, int(frames.lengths[row])
             # A serial line has neither 29-bit identifiers nor remote and error frames.
             if identifier > MAX_IDENTIFIER or length > MAX_PAYLOAD:
                 self._send_failures += 1

@@ -17,20 +17,13 @@ import pytest
 from hil_support import frames_of
 
 from liftgate_hil.cli.main import main
-from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, logged, no_logged
+from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, logged, no_logged
 from liftgate_hil.conversion.convert import convert
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats import (
-    csv_file,
-    csv_text,
-    mcap_chunks,
-    mcap_file,
-    mf4_file,
-    parquet_file,
-    python_can_file,
-)
+from liftgate_hil.formats import bus_log, csv_file, csv_text, mcap_chunks, mcap_file, mf4_file, parquet_file
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import FORMATS, RECORDED, TABLES, WITH_MARKS, open_recording, open_writer
+from liftgate_hil.formats.recording import ReadOptions
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, columns_of
 
 pytest.importorskip("asammdf")
@@ -52,7 +45,7 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
         (mcap_file, "_ROWS", 100), (mcap_chunks, "_CHUNK", 1 << 16),
         (mf4_file, "_ROWS", 200), (mf4_file, "_FRAMES", 200), (mf4_file, "_BLOCK", 200),
         (parquet_file, "_GROUP", 200), (parquet_file, "_ROWS", 200),
-        (python_can_file, "_BLOCK", 200),
+        (bus_log, "_BLOCK", 200),
     ):  # fmt: skip
         monkeypatch.setattr(module, name, size)
 
@@ -73,7 +66,7 @@ def some_frames(kinds: int = 0, count: int = 900) -> Any:
     random = np.random.default_rng(3)
     shapes = [(0x120, 8), (0x7FF, 0), (0x1ABCDEF0 | EXTENDED, 5), (0x5 | EXTENDED, 1)]
     shapes += [(0x333 | REMOTE, 0), (0x1ABCDEF1 | EXTENDED | REMOTE, 0)] if kinds & REMOTE else []
-    shapes += [(0x121 | FD, 64), (0x122 | FD | EXTENDED, 12)] if kinds & FD else []
+    shapes += [(0x121 | FD | BRS, 64), (0x122 | FD | EXTENDED | ESI, 12), (0x123 | FD, 0)] if kinds & FD else []
     shapes += [(0x4 | ERROR, 8)] if kinds & ERROR else []
     chosen = [shapes[k % len(shapes)] for k in range(count)]
     frames = logged(frames_of([(name, random.bytes(size)) for name, size in chosen]), 0, True)
@@ -131,9 +124,7 @@ def test_a_table_goes_into_every_other_format_and_back_to_the_last_bit(
 
 def kinds_of(*suffixes: str) -> int:
     """What kinds of frames all of these hold."""
-    if ".trc" in suffixes:
-        return 0
-    return REMOTE | FD | (ERROR if set(suffixes) <= {".mf4", ".mcap"} else 0)
+    return REMOTE | FD | (ERROR if set(suffixes) <= {".mf4", ".mcap", ".log"} else 0)
 
 
 @pytest.mark.usefixtures("small_blocks")
@@ -282,17 +273,15 @@ def test_a_table_of_somebody_else_keeps_names_and_values(tmp_path: Path, suffix:
 
 
 @pytest.mark.parametrize(
-    ("kind", "called", "suffixes"),
-    [
-        (ERROR, "an error frame", (".log", ".asc", ".blf", ".trc")),
-        (REMOTE, "a remote frame", (".trc",)),
-        (FD, "a CAN FD frame", (".trc",)),
-    ],
+    ("early", "called", "suffixes"),
+    [(False, "an error frame", (".asc", ".blf", ".trc")), (True, "a frame before the start", (".blf", ".mcap"))],
 )
 def test_a_frame_that_would_be_lost_is_reported_and_nothing_is_written(
-    tmp_path: Path, kind: int, called: str, suffixes: tuple[str, ...]
+    tmp_path: Path, early: bool, called: str, suffixes: tuple[str, ...]
 ) -> None:
-    path = recorded(tmp_path / "run.mcap", frames=some_frames(kind, 100))
+    frames = some_frames(0 if early else ERROR, 100)
+    frames["time_ns"][0] = -50_000_000 if early else 0
+    path = recorded(tmp_path / "run.mf4", frames=frames)
     for suffix in suffixes:
         target = tmp_path / f"out{suffix}"
         target.write_text("before")
@@ -316,15 +305,18 @@ def test_a_value_that_would_be_lost_is_reported(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_what_python_can_leaves_out_is_reported(tmp_path: Path) -> None:
-    path = tmp_path / "run.log"
-    path.write_text("(0.5) can0 120#01 R\n(0.6) can1 120#01 R\n")
-    with pytest.raises(ConfigError, match=r"the frame at 0\.600000 s is from another bus, can1"):
-        convert(path, tmp_path / "out.blf")
-    path.write_text("(0.5) can0 120##101 R\n")
-    with pytest.raises(ConfigError, match="has BRS or ESI set"):
-        convert(path, tmp_path / "out.blf")
+@pytest.mark.parametrize("suffix", LOGS)
+def test_a_bus_of_several_is_chosen_or_nothing_is_written(tmp_path: Path, suffix: str) -> None:
+    path, target = tmp_path / "run.log", tmp_path / f"out{suffix}"
+    path.write_text("(0.5) can0 120#01 R\n(0.6) can1 121##301 R\n")
+    with pytest.raises(ConfigError, match="frames of 2 buses, can0 and can1; allowed: one"):
+        convert(path, target)
     assert list(tmp_path.iterdir()) == [path]
+    done = convert(path, target, how=ReadOptions("can1"))
+    assert done.notes == ("1 frame left out (of another bus than can1), the first in can0",)
+    (frame,) = frames_in(target)
+    assert frame["identifier"] == 0x121 | FD | BRS | ESI
+    assert open_recording(target).channel == "can1"
 
 
 def test_a_text_that_is_cut_off_is_taken_without_its_last_line(tmp_path: Path) -> None:
@@ -332,7 +324,7 @@ def test_a_text_that_is_cut_off_is_taken_without_its_last_line(tmp_path: Path) -
     for suffix in (".log", ".asc", ".trc"):
         path = recorded(tmp_path / f"run{suffix}", frames=frames)
         text = path.read_bytes()
-        path.write_bytes(text[: text.rindex(b" T", 0, len(text) - 30) + 2])
+        path.write_bytes(text[: text.rindex(b" T", 0, len(text) - 30)])
         done = convert(path, tmp_path / "out.mcap")
         assert done.notes == ("its last line is truncated and ignored",)
         assert 40 < done.frames < 50
@@ -368,7 +360,18 @@ def test_a_file_that_is_none_is_reported_in_a_line(
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("suffix", [".blf", ".mf4", ".mcap", ".parquet"])
+def test_of_a_blf_that_is_cut_off_what_is_there_is_read(tmp_path: Path) -> None:
+    frames = some_frames(0, 5000)
+    path = recorded(tmp_path / "run.blf", frames=frames)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) - 2000])
+    done = convert(path, tmp_path / "out.mcap")
+    assert 1000 < done.frames < 5000
+    assert np.array_equal(frames_in(tmp_path / "out.mcap"), frames[: done.frames])
+    assert f"truncated: {len(whole) - 2000} of {len(whole)} bytes; what is there is read" in done.notes
+
+
+@pytest.mark.parametrize("suffix", [".mf4", ".mcap", ".parquet"])
 def test_a_binary_file_that_is_cut_off_is_reported_in_a_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
 ) -> None:

@@ -237,7 +237,7 @@ def test_a_log_that_ends_within_a_line_is_read_without_it(tmp_path: Path, rig: R
     start = text[:-1].rfind(b"\n") + 1
     path.write_bytes(text[:start])
     whole = read_measurement(path, {}, rig)
-    for end in range(start + 1, len(text)):
+    for end in range(start + 1, len(text) - 1):  # without its newline alone it is whole
         path.write_bytes(text[:end])
         cut = read_measurement(path, {}, rig)
         assert cut.notes == ("its last line is truncated and ignored", *whole.notes)
@@ -246,11 +246,18 @@ def test_a_log_that_ends_within_a_line_is_read_without_it(tmp_path: Path, rig: R
             assert np.array_equal(cut.columns[name], values, equal_nan=True), name
 
 
-@pytest.mark.parametrize("suffix", ["log", "blf", "mf4"])
+@pytest.mark.parametrize("suffix", ["blf", "mf4"])
 def test_garbage_is_refused(tmp_path: Path, rig: Rig, suffix: str) -> None:
     path = tmp_path / f"m.{suffix}"
     path.write_bytes(b"(this) is no log\n" * 20)
     with pytest.raises(ConfigError, match=f"m.{suffix}: cannot be read: "):
+        read_measurement(path, {}, rig)
+
+
+def test_a_log_of_rubbish_says_so(tmp_path: Path, rig: Rig) -> None:
+    path = tmp_path / "m.log"
+    path.write_bytes(b"(this) is no log\n" * 20)
+    with pytest.raises(ConfigError, match=r"no frame of the rig, but 20 lines left out \(not understood\)"):
         read_measurement(path, {}, rig)
 
 

@@ -5,6 +5,7 @@ the verdict stands where the margin bears the lateness. An ECU that was late is 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -197,7 +198,10 @@ def test_a_run_that_is_held_up_is_decided_by_stepping_its_gate_again_or_left_ope
     is_lost = "may treat messages as lost" in found.reason
     assert found.method == ("" if is_lost else "replay")
     assert is_lost or delay_ms == 7
-    assert lh.judge(files, path)["soft"] == found
+    again = lh.judge(files, path)["soft"]
+    # Where a busy machine has held it up, too, two waits may be equally long but for nanoseconds.
+    assert replace(again, reason="") == replace(found, reason="")
+    assert is_lost or again.reason == found.reason
 
 
 def test_another_gate_than_the_recorded_one_confirms_nothing(run: tuple[Path, list[Path], float]) -> None:

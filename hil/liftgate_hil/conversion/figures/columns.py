@@ -27,8 +27,7 @@ def draw(subject: Subject) -> Drawn:
     low, high = columns["time_s"][0], columns["time_s"][-1]
     marks = [(time, text) for time, text in table.marks if low <= time <= high]
     left_out = 0 if subject.columns else len(table.signals) - 1 - len(names) - len(still)
-    notes = list(table.notes)
-    notes += [f"not drawn, as they do not change: {', '.join(still)}"] if still else []
+    notes = [f"not drawn, as they do not change: {', '.join(still)}"] if still else []
     notes += (
         [f"not drawn: {left_out} more column{'s' * (left_out > 1)}, which --columns NAME,… draws"]
         if left_out

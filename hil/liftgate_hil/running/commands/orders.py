@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import FD
+from liftgate_hil.codec.frames import FD_FLAGS
 from liftgate_hil.config.inject import BABBLING, FAULT, NOTHING, REQUEST, OrderMessage
 from liftgate_hil.config.restbus import value_in
 from liftgate_hil.config.rig import Rig
@@ -49,12 +49,12 @@ class Orders:
 
     def is_one(self, identifier: int) -> bool:
         """Whether a frame with this identifier may be an order."""
-        return identifier & ~FD in self._known
+        return identifier & ~FD_FLAGS in self._known
 
     def look(self, frames: Any, now: float) -> None:
         """Execute the orders in frames, and release the buttons that are due at a time [s]."""
         if len(frames):
-            identifiers, is_one = frames["identifier"] & ~FD, np.zeros(len(frames), dtype=bool)
+            identifiers, is_one = frames["identifier"] & ~FD_FLAGS, np.zeros(len(frames), dtype=bool)
             for identifier in self._known:
                 is_one |= identifiers == identifier
             for row in frames[is_one & (frames["is_sent"] == 0)] if is_one.any() else ():
@@ -63,7 +63,7 @@ class Orders:
 
     def _read(self, row: Any, now: float) -> None:
         """Execute the orders of one frame, and report each, executed or refused."""
-        own = self._known[int(row["identifier"]) & ~FD]
+        own = self._known[int(row["identifier"]) & ~FD_FLAGS]
         name, time = own[0].message, row["time_ns"] * 1e-9
         try:
             values = decoded(self._rig, name, row["payload"][: row["length"]].tobytes())

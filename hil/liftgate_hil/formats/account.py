@@ -1,0 +1,71 @@
+"""Account of what a reader left out of a file: lines and objects that gave neither a frame nor a row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from liftgate_hil.errors import number_of, printable
+
+CUT = "its last line is truncated and ignored"
+_MOST_KINDS = 12  # that are named
+_MOST_QUOTED = 60  # characters of a line
+
+
+@dataclass
+class _Kind:
+    count: int
+    first: str  # where the first one stands
+
+
+class Account:
+    """Account of one pass over a file: lines or objects that were left out, by kind, and where the first is.
+
+    What is known to be no frame (comments, headers, statistics) is not counted.
+    """
+
+    def __init__(self) -> None:
+        self._kinds: dict[tuple[str, str], _Kind] = {}
+        self._is_cut = False
+
+    def clear(self) -> None:
+        """Begin anew, for another pass over the file."""
+        self._kinds.clear()
+        self._is_cut = False
+
+    def cut_off(self) -> None:
+        """Note that the last line is only a part of one, as a full disk or a kill leaves it."""
+        self._is_cut = True
+
+    def leave_out(self, noun: str, why: str, first: str, count: int = 1) -> None:
+        """Count lines or objects that are left out.
+
+        `noun`: what one of them is; `why`: the reason; `first`: where the first of them stands, if it is the first
+        of its kind.
+        """
+        if count:
+            self._kinds.setdefault((noun, why), _Kind(0, first)).count += count
+
+    def not_understood(self, line: int, text: str) -> None:
+        """Count a line of a text that no form of the format covers."""
+        self.leave_out("line", "not understood", f"line {line}: {quoted(text)}")
+
+    @property
+    def left_out(self) -> int:
+        """Number of lines and objects left out so far."""
+        return sum(each.count for each in self._kinds.values()) + self._is_cut
+
+    def notes(self) -> list[str]:
+        """Return a note for each kind; kinds beyond the first dozen share one."""
+        notes = [CUT] if self._is_cut else []
+        notes += [
+            f"{number_of(each.count, noun)} left out ({why}), the first in {each.first}"
+            for (noun, why), each in list(self._kinds.items())[:_MOST_KINDS]
+        ]
+        rest = [each.count for each in list(self._kinds.values())[_MOST_KINDS:]]
+        return [*notes, f"{sum(rest)} more of {number_of(len(rest), 'other kind')} left out"] if rest else notes
+
+
+def quoted(text: str) -> str:
+    """Return the beginning of a foreign line, in quotes."""
+    text = printable(text.strip())
+    return repr(text if len(text) <= _MOST_QUOTED else text[:_MOST_QUOTED] + "…")

@@ -1,0 +1,286 @@
+"""Bus logs in Vector's ASC format: every line is a frame, known to be none, or left out and counted."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, Frames
+from liftgate_hil.formats.account import Account
+from liftgate_hil.formats.bus_log import BUS_ERROR, BusLog, Fields, Part, Sorter, is_length, length_of_code, log_of
+from liftgate_hil.formats.content import Content, lines_about
+from liftgate_hil.formats.local_time import local_of, stated_in
+from liftgate_hil.formats.text_blocks import lines_in
+from liftgate_hil.formats.writer import StreamWriter
+
+_HEAD = 40  # lines that may hold the header
+_BASE = re.compile(
+    r"\s*base\s+(?P<base>hex|dec)\b(?:\s+timestamps\s+(?P<stamps>absolute|relative))?", re.IGNORECASE
+)
+_BEGIN = re.compile(r"\s*begin\s+triggerblock\b\s*(?P<date>.*?)\s*$", re.IGNORECASE)
+# Lines without a timestamp that are no frames.
+_NO_STAMP = re.compile(
+    r"//|date\b|base\b|(no\s+)?internal\s+events\s+logged|(begin|end)\s+triggerblock|previous\s+log\s+file|split\b",
+    re.IGNORECASE,
+)
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+_IDENTIFIER = {16: re.compile(r"[0-9A-Fa-f]+[xX]?"), 10: re.compile(r"\d+[xX]?")}
+# What follows the timestamp in lines that are known to be no frame.
+_KNOWN = frozenset(("start", "trigger", "log", "//", "can", "//start"))
+# Objects of other kinds, by what follows their timestamps: Vector's ASC logging files format specification.
+_OBJECTS = (
+    ("CAN XL frame", re.compile(r"canxl", re.IGNORECASE)),
+    ("J1939 transport protocol line", re.compile(r"j1939tp", re.IGNORECASE)),
+    ("LIN line", re.compile(r"li|l\d+|lin.*", re.IGNORECASE)),
+    ("FlexRay line", re.compile(r"fr|frs|fpdu", re.IGNORECASE)),
+    ("Ethernet line", re.compile(r"eth.*", re.IGNORECASE)),
+    ("MOST line", re.compile(r"m\d+|mpkt|mraw|mstat|most.*|mlong|msho.*", re.IGNORECASE)),
+    ("ARINC 429 line", re.compile(r"a429|al.*", re.IGNORECASE)),
+    ("WLAN line", re.compile(r"wlan", re.IGNORECASE)),
+    ("system variable", re.compile(r"sv:|sv", re.IGNORECASE)),
+    ("test feature set line", re.compile(r"tfs:.*", re.IGNORECASE)),
+)
+_WAYS = {"rx": False, "tx": True}
+# Flags of a CAN FD line, after the frame's duration and length: bits of Vector's V_CAN_RX_MSG_FLAG.
+_FLAG_REMOTE, _FLAG_FD, _FLAG_BRS, _FLAG_ESI = 0x10, 0x1000, 0x2000, 0x4000
+_REQUEST = ("TxRq line", "a request to send, which is no frame on the bus")
+
+
+class AscWriter(StreamWriter):
+    """Writer of ASC by python-can, whose header has the start of the run; error frames have no class there."""
+
+    def __init__(self, stream: BinaryIO, content: Content) -> None:
+        from liftgate_hil.transport.messages import message_of
+
+        super().__init__(stream, content)
+        self._message_of = message_of
+        self._channel = content.bus_number
+        text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
+        self._writer = _writer(text)
+
+    @property
+    def written(self) -> int:
+        """Bytes written so far."""
+        return self._stream.tell()
+
+    def begin(self, epoch_ns: int) -> None:
+        """Write the wall clock at the start of the run [ns since 1970], and the provenance as comments."""
+        super().begin(epoch_ns)
+        self._writer.begin(epoch_ns // 1000)
+        for line in lines_about(self._content.about):
+            self._writer.file.write(f"// {line}\n")
+
+    def write_frames(self, frames: Any) -> None:
+        """Write frames (n,) LOGGED, with times since the start of the run, in whole microseconds."""
+        stamps = ((frames["time_ns"] + self._epoch_ns + 500) // 1000 - self._epoch_ns // 1000).tolist()
+        sent = frames["is_sent"].tolist()
+        plain = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
+        for row, stamp in enumerate(stamps):
+            message = self._message_of(plain, row)
+            message.timestamp, message.channel, message.is_rx = stamp / 1e6, self._channel, not sent[row]
+            self._writer.on_message_received(message)
+
+    def write_mark(self, time_s: float, text: str) -> None:
+        """Write a mark at a time [s], as a comment."""
+        self._writer.log_event(f"// {text}", time_s)
+
+    def close(self) -> None:
+        """Complete the log and close the file."""
+        self._writer.stop()
+
+
+def _writer(stream: io.TextIOWrapper) -> Any:
+    """Return python-can's writer of ASC; its header has the start of the run, where 1 ms is .001 instead of .1."""
+    from liftgate_hil.config.can_libraries import can
+
+    class Writer(can.ASCWriter):
+        def begin(self, start_us: int) -> None:
+            """Write the header anew, for a run that starts at a time [µs since 1970], from which times count."""
+            date = local_of(start_us)
+            self.file.seek(0)
+            self.file.truncate()
+            self.file.write(f"date {self._format_header_datetime(date)}\nbase hex  timestamps absolute\n")
+            self.file.write("internal events logged\n")
+            self.file.write(f"Begin Triggerblock {self._format_header_datetime(date)}\n")
+            self.header_written = True
+            self.started = self.last_timestamp = 0.0
+            self.log_event("Start of measurement", 0.0)
+
+        def log_event(self, message: str, timestamp: float | None = None) -> None:
+            """Write an event at a time [s] since the start."""
+            self.file.write(self.FORMAT_EVENT.format(timestamp=timestamp or 0.0, message=message))
+
+        def _format_header_datetime(self, dt: Any) -> str:
+            return f"{dt:%a %b %d %H:%M:%S}.{dt.microsecond // 1000:03d} {dt:%Y}"
+
+    return Writer(stream)
+
+
+def open_asc(path: Path) -> BusLog:
+    """Open a log in ASC. Raises ConfigError."""
+    dates: list[str] = []
+    for number, line, _ in lines_in(path):
+        if found := _BEGIN.match(line):
+            dates.append(found["date"])
+        if dates or number > _HEAD:
+            break
+    stated = stated_in(dates[0]) if dates else None
+    remarks = []
+    if dates and dates[0] and stated is None:
+        remarks.append(f"its date {dates[0]!r} is not understood: no wall clock applies")
+    return log_of(path, partial(_parts, path), stated=stated, remarks=remarks)
+
+
+def _parts(path: Path, account: Account) -> Iterator[Part]:
+    """Yield the frames in a log, bus by bus."""
+    log, frames = _Lines(account), Sorter()
+    for number, line, is_whole in lines_in(path):
+        found = log.read(number, line, is_whole)
+        if found is not None and frames.add(*found):
+            yield from frames.take()
+    yield from frames.take()
+
+
+class _NotUnderstoodError(Exception):
+    """A line that has a timestamp, and is neither a frame nor known to be none."""
+
+
+class _Lines:
+    """Reader of the lines of an ASC file, of which the header says how numbers and timestamps are written."""
+
+    def __init__(self, account: Account) -> None:
+        self._account = account
+        self._base, self._is_relative, self._now_us = 16, False, 0
+
+    def read(self, number: int, line: str, is_whole: bool) -> tuple[str, Fields] | None:
+        """Return the bus and the fields of the frame in a line; None if it has none, which the account is told."""
+        words = line.split()
+        if not words:
+            return None
+        if not _NUMBER.fullmatch(words[0]):
+            if base := _BASE.match(line):
+                self._base = 10 if base["base"].lower() == "dec" else 16
+                self._is_relative = (base["stamps"] or "").lower() == "relative"
+            elif not _NO_STAMP.match(line.strip()):
+                self._left_out(number, line, is_whole)
+            return None
+        stamp_us = round(float(words[0]) * 1e6)
+        self._now_us = self._now_us + stamp_us if self._is_relative else stamp_us
+        try:
+            return self._stamped(number, words[1:])
+        except (_NotUnderstoodError, ValueError, IndexError):
+            self._left_out(number, line, is_whole)
+            return None
+
+    def _left_out(self, number: int, line: str, is_whole: bool) -> None:
+        if is_whole:
+            self._account.not_understood(number, line)
+        else:
+            self._account.cut_off()
+
+    def _stamped(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
+        """Return the frame of a line with a timestamp, from the word after it on. Raises what `read` catches."""
+        kind = words[0].lower()
+        if kind.isdecimal():
+            return self._classic(number, _bus(words[0]), words[1:])
+        if kind == "canfd":
+            return None if words[1].lower() in _KNOWN else self._fd(number, _bus(words[1]), words[2:])
+        if kind in _KNOWN or kind.startswith("//"):
+            return None
+        for noun, form in _OBJECTS:
+            if form.fullmatch(kind):
+                self._account.leave_out(noun, "no CAN frame", f"line {number}")
+                return None
+        raise _NotUnderstoodError
+
+    def _classic(self, number: int, bus: str, words: Sequence[str]) -> tuple[str, Fields] | None:
+        """Return the frame of a line: identifier, direction, d or r, data length code, bytes."""
+        kind = words[0].lower()
+        if kind == "errorframe":
+            return bus, self._error()
+        if kind.startswith(("statistic", "status")):
+            return None
+        if kind == "overloadframe":
+            self._account.leave_out("overload frame", "no CAN frame", f"line {number}")
+            return None
+        if not self._is_identifier(number, words) or self._is_request(number, words[1]):
+            return None
+        identifier, is_sent = self._identifier(words[0]), _WAYS[words[1].lower()]
+        if words[2].lower() == "r":
+            code = int(words[3], 16) if len(words) > 3 and re.fullmatch(r"[0-9A-Fa-f]", words[3]) else 0
+            return bus, self._fields(identifier | REMOTE, length_of_code(code, is_fd=False), is_sent, b"")
+        if words[2].lower() != "d":
+            raise _NotUnderstoodError
+        length = length_of_code(int(words[3], 16), is_fd=False)
+        return bus, self._fields(identifier, length, is_sent, self._bytes(words[4 : 4 + length]))
+
+    def _fd(self, number: int, bus: str, words: Sequence[str]) -> tuple[str, Fields] | None:
+        """Return the frame of a CANFD line.
+
+        It has the direction, identifier, perhaps the message's name, BRS, ESI, data length code, length, bytes;
+        then duration, length in bits and flags, which say whether it is a CAN FD frame at all.
+        """
+        if words[1].lower() == "errorframe":
+            return bus, self._error()
+        if not self._is_identifier(number, words[1:]) or self._is_request(number, words[0]):
+            return None
+        identifier, is_sent = self._identifier(words[1]), _WAYS[words[0].lower()]
+        rest = words[2:] if words[2] in ("0", "1") else words[3:]
+        brs, esi, code, length = rest[0] == "1", rest[1] == "1", int(rest[2], 16), int(rest[3])
+        if rest[0] not in ("0", "1") or rest[1] not in ("0", "1"):
+            raise _NotUnderstoodError
+        data, after = self._bytes(rest[4 : 4 + length]), rest[4 + length :]
+        flags = int(after[2], 16) if len(after) > 2 else 0
+        is_fd = bool(flags & _FLAG_FD) if flags else not (length == 0 and code > 0)
+        if flags & _FLAG_REMOTE or not (flags or is_fd):
+            return bus, self._fields(identifier | REMOTE, length_of_code(code, is_fd=False), is_sent, b"")
+        if length != length_of_code(code, is_fd):
+            raise _NotUnderstoodError
+        if is_fd:
+            identifier |= FD | (BRS if brs else 0) | (ESI if esi else 0)
+        return bus, self._fields(identifier, length, is_sent, data)
+
+    def _is_identifier(self, number: int, words: Sequence[str]) -> bool:
+        """Whether the first word is an identifier; else it is a message's name, which the account is told."""
+        if _IDENTIFIER[self._base].fullmatch(words[0]):
+            return True
+        if not re.fullmatch(r"[^\W\d]\w*", words[0]):
+            raise _NotUnderstoodError
+        self._account.leave_out("line", "a message's name instead of an identifier", f"line {number}: {words[0]}")
+        return False
+
+    def _is_request(self, number: int, way: str) -> bool:
+        """Whether the direction is TxRq, which the account is told."""
+        if way.lower() != "txrq":
+            return False
+        self._account.leave_out(*_REQUEST, f"line {number}")
+        return True
+
+    def _identifier(self, word: str) -> int:
+        is_extended = word[-1] in "xX"
+        number = int(word.rstrip("xX"), self._base)
+        if number >= 1 << (29 if is_extended else 11):
+            raise _NotUnderstoodError
+        return number | (EXTENDED if is_extended else 0)
+
+    def _bytes(self, words: Sequence[str]) -> bytes:
+        return bytes(int(word, self._base) for word in words)
+
+    def _error(self) -> Fields:
+        return self._now_us * 1000, ERROR | BUS_ERROR, 0, False, b""
+
+    def _fields(self, identifier: int, length: int, is_sent: bool, data: bytes) -> Fields:
+        """Return the fields of a frame. Raises _NotUnderstoodError if the line has other bytes than it says."""
+        if not is_length(length, identifier) or (not identifier & REMOTE and len(data) != length):
+            raise _NotUnderstoodError
+        return self._now_us * 1000, identifier, length, is_sent, data
+
+
+def _bus(word: str) -> str:
+    """Return the name of a bus by its number, which counts from 1."""
+    number = int(word)
+    return f"can{number - 1}" if number else "channel 0"

@@ -1,0 +1,144 @@
+"""Bus logs of any program: frames of one bus, or of several buses of which one is chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, tzinfo
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import ERROR, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.account import Account
+from liftgate_hil.formats.local_time import epoch_us
+from liftgate_hil.formats.reading import as_config_errors
+from liftgate_hil.formats.recording import Recording, no_such_bus
+
+BUS_ERROR = 0x80  # class "bus error" of linux/can/error.h: that of an error frame whose format states no class
+LONGEST_NS = 10**18  # latest time in a log: 32 years
+_CLASSIC_BYTES = 8
+_BLOCK = 20_000  # frames in a part
+
+Part = tuple[str, NDArray[np.void]]  # name of a bus, and frames (n,) LOGGED of it
+Fields = tuple[int, int, int, bool, bytes]  # time [ns], identifier with flags, length, is_sent, payload
+Parts = Callable[[Account], Iterator[Part]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusLog(Recording):
+    """Bus log: reads all frames in its file, and yields those of one bus."""
+
+    parts: Parts  # reads the file from its beginning; times count from `start_ns`
+    only: str | None = None  # the bus that was chosen
+    stated: datetime | None = (
+        None  # when the times begin, as the file's header states it, in its maker's local time
+    )
+
+    def frames(self) -> Iterator[NDArray[np.void]]:
+        """Yield the frames (n,) LOGGED of the log's bus, one block at a time.
+
+        Raises ConfigError if there are several buses and none was chosen.
+        """
+        self.account.clear()
+        with as_config_errors(self.path):
+            for bus, frames in self.parts(self.account):
+                if bus == self.channel:
+                    self._check_times(frames)
+                    yield frames
+                elif self.only is None:
+                    raise several_buses(self.path, self.buses())
+                else:
+                    why = f"of another bus than {self.only}"
+                    self.account.leave_out("frame", why, bus, len(frames))
+
+    def buses(self) -> list[str]:
+        """Return the names of all buses in the file, in the order in which they occur."""
+        with as_config_errors(self.path):
+            return list(dict.fromkeys(bus for bus, frames in self.parts(Account()) if len(frames)))
+
+    def on_bus(self, name: str) -> BusLog:
+        """Return the log with the frames of this bus only. Raises ConfigError if it holds none."""
+        if self.channel is None:
+            return self
+        buses = self.buses()
+        if name not in buses:
+            raise no_such_bus(self.path, name, buses)
+        return replace(self, channel=name, only=name, account=Account())
+
+    def in_zone(self, zone: tzinfo) -> BusLog:
+        """Return the log with the local time in its header read as that of a zone."""
+        return self if self.stated is None else replace(self, start_ns=epoch_us(self.stated, zone) * 1000)
+
+    def _check_times(self, frames: NDArray[np.void]) -> None:
+        late = np.flatnonzero(np.abs(frames["time_ns"]) >= LONGEST_NS)
+        if len(late):
+            time_s = frames["time_ns"][late[0]] / 1e9
+            raise ConfigError(f"{self.path}: a frame at {time_s:.6f} s; allowed: times within 1e9 s")
+
+
+def several_buses(path: Path, buses: Sequence[str]) -> ConfigError:
+    """Return the error of a file with frames of several buses, where one has to be chosen."""
+    names = f"{', '.join(buses[:-1])} and {buses[-1]}"
+    return ConfigError(f"{path}: frames of {len(buses)} buses, {names}; allowed: one, by `recording_channel`")
+
+
+def log_of(path: Path, parts: Parts, start_ns: int = 0, **more: Any) -> BusLog:
+    """Return the log in a file, whose bus is that of its first frame. Raises ConfigError.
+
+    If it holds no frame at all, its account tells what it holds. `more` are further fields of the log.
+    """
+    account = Account()
+    with as_config_errors(path):
+        first = next((bus for bus, frames in parts(account) if len(frames)), None)
+        if (stated := more.get("stated")) is not None:
+            start_ns = epoch_us(stated) * 1000
+    held = account if first is None else Account()
+    return BusLog(path=path, parts=parts, channel=first, start_ns=start_ns, account=held, **more)
+
+
+class Sorter:
+    """Collector of frames that are read one by one: gives them bus by bus, in parts of some thousand."""
+
+    def __init__(self) -> None:
+        self._rows: dict[str, list[Fields]] = {}
+        self._count = 0
+
+    def add(self, bus: str, fields: Fields) -> bool:
+        """Add a frame of a bus; return whether there are enough for a part."""
+        self._rows.setdefault(bus, []).append(fields)
+        self._count += 1
+        return self._count >= _BLOCK
+
+    def take(self) -> Iterator[Part]:
+        """Yield the frames collected so far, and forget them."""
+        rows, self._rows, self._count = self._rows, {}, 0
+        for bus, fields in rows.items():
+            yield bus, frames_of(fields)
+
+
+def frames_of(fields: Sequence[Fields]) -> NDArray[np.void]:
+    """Return frames (n,) LOGGED."""
+    rows = np.zeros(len(fields), dtype=LOGGED)
+    for field, values in zip(
+        ("time_ns", "identifier", "length", "is_sent"), zip(*fields, strict=True), strict=False
+    ):
+        rows[field] = values
+    text = b"".join(each[4].ljust(MAX_BYTES, b"\0") for each in fields)
+    rows["payload"] = np.frombuffer(text, dtype=np.uint8).reshape(-1, MAX_BYTES)
+    return rows
+
+
+def is_length(length: int, identifier: int) -> bool:
+    """Whether a frame of this kind can have a payload, or ask for one, of this length [bytes]."""
+    if identifier & FD and not identifier & (REMOTE | ERROR):
+        return length in LENGTHS
+    return 0 <= length <= _CLASSIC_BYTES
+
+
+def length_of_code(code: int, is_fd: bool) -> int:
+    """Return the length [bytes] that a data length code stands for: above 8, classic frames have 8 bytes."""
+    return LENGTHS[code] if is_fd else min(code, _CLASSIC_BYTES)

@@ -1,0 +1,102 @@
+"""Local time in the headers of bus logs: ASC, BLF and TRC state the wall clock without a zone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import datetime, timedelta, tzinfo
+
+# Months as CANoe writes them, in English or German (python-can's list), and what other tools make of March.
+_MONTHS = {
+    name: number
+    for number, names in enumerate(
+        (
+            "jan", "feb", "mar mär mrz", "apr", "may mai", "jun", "jul", "aug", "sep", "oct okt", "nov", "dec dez",
+        ),
+        1,
+    )
+    for name in names.split()
+}  # fmt: skip
+_DATE = re.compile(
+    r"(?:\w+[.,]?\s+)?(?P<month>[^\W\d]+)\.?\s+(?P<day>\d{1,2}),?\s+(?P<clock>\d{1,2}:\d\d:\d\d)(?:[.,](?P<part>\d+))?"
+    r"(?:\s*(?P<half>[ap])\.?m\.?)?\s+(?P<year>\d{4})",
+    re.IGNORECASE,
+)
+_ISO = re.compile(r"(?P<date>\d{4}-\d\d-\d\d)[T ]+(?P<clock>\d\d:\d\d:\d\d)(?:[.,](?P<part>\d+))?")
+_DAY_0 = datetime(1899, 12, 30)  # of PEAK's $STARTTIME, in days
+
+
+def epoch_us(stated: datetime, zone: tzinfo | None = None) -> int:
+    """Return a time as µs since 1970, UTC; `zone` is that of the time, None: this computer's.
+
+    Raises ValueError, OverflowError, OSError if it cannot be expressed.
+    """
+    whole = stated.replace(microsecond=0, tzinfo=zone)
+    return round(whole.timestamp()) * 1_000_000 + stated.microsecond
+
+
+def local_of(us: int) -> datetime:
+    """Return µs since 1970, UTC, as this computer's local time, without its zone."""
+    return datetime.fromtimestamp(us // 1_000_000) + timedelta(microseconds=us % 1_000_000)
+
+
+def stated_in(text: str) -> datetime | None:
+    """Return the time that a header states in words; None if it is not understood.
+
+    It is `Mon Sep 29 01:00:00.000 pm 2025`, with or without weekday, part of a second, and half of the day, or
+    `2025-09-29 13:00:00`. One or two digits after the point are milliseconds: python-can writes 1 ms as .1.
+    """
+    try:
+        if iso := _ISO.fullmatch(text.strip()):
+            whole = datetime.fromisoformat(f"{iso['date']} {iso['clock']}")
+            return whole + timedelta(microseconds=_micros(iso["part"]))
+        found = _DATE.fullmatch(text.strip())
+        month = _MONTHS.get(found["month"][:3].lower()) if found else None
+        if found is None or month is None:
+            return None
+        hour, minute, second = map(int, found["clock"].split(":"))
+        if found["half"] and 1 <= hour <= 12:
+            hour = hour % 12 + (12 if found["half"].lower() == "p" else 0)
+        whole = datetime(int(found["year"]), month, int(found["day"]), hour, minute, second)
+        return whole + timedelta(microseconds=_micros(found["part"]))
+    except (ValueError, OverflowError):
+        return None
+
+
+def _micros(part: str | None) -> int:
+    """Return the digits after the point of a second as µs."""
+    if not part:
+        return 0
+    return int(part) * 1000 if len(part) < 3 else round(int(part) * 10.0 ** (6 - len(part)))
+
+
+def of_system_time(fields: Sequence[int]) -> datetime | None:
+    """Return the time in Windows' SYSTEMTIME (year, month, weekday, day, hour, minute, second, ms).
+
+    None if it is no time: zeros state that none is known.
+    """
+    year, month, _, day, hour, minute, second, millis = fields
+    try:
+        return datetime(year, month, day, hour, minute, second, millis * 1000)
+    except ValueError:
+        return None
+
+
+def as_system_time(stated: datetime) -> tuple[int, ...]:
+    """Return a time as Windows' SYSTEMTIME."""
+    weekday = stated.isoweekday() % 7
+    clock = stated.hour, stated.minute, stated.second, stated.microsecond // 1000
+    return (stated.year, stated.month, weekday, stated.day, *clock)
+
+
+def of_days(days: float) -> datetime | None:
+    """Return the time that a number of days since 30 December 1899 states; None if it states none."""
+    try:
+        return _DAY_0 + timedelta(microseconds=round(days * 86_400_000) * 1000) if days > 0.0 else None
+    except (ValueError, OverflowError):
+        return None
+
+
+def as_days(stated: datetime) -> float:
+    """Return a time as days since 30 December 1899."""
+    return (stated - _DAY_0) / timedelta(days=1)

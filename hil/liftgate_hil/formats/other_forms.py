@@ -1,0 +1,39 @@
+"""Files of other tools that have an ending of ours, by how they begin: named, with what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from liftgate_hil.errors import ConfigError
+
+_HEAD = 512  # bytes
+# How a file begins, or what stands in its first lines; what it is; what is allowed.
+_FORMS = (
+    (
+        b"version https://git-lfs.github.com",
+        "a Git LFS pointer instead of the file",
+        "the file, after: git lfs pull",
+    ),
+    (b"***BUSMASTER", "a log of BUSMASTER", "exported there as ASC, or recorded with candump -L"),
+    (b"@ TEXT @", "a trace of CAR BUS Analyzer", "exported there as ASC or CSV"),
+    (b"\x1f\x8b", "compressed by gzip", "unpacked"),
+    (b"PK\x03\x04", "a ZIP archive", "unpacked"),
+)
+_WITHIN = ((b"Microchip", "a log of Microchip's CAN BUS Analyzer", "converted into candump's form or ASC"),)
+# What a binary format begins with, and its endings.
+_BINARY = ((b"LOGG", "BLF", (".blf",)), (b"MDF     ", "MDF", (".mf4",)), (b"\x89MCAP", "MCAP", (".mcap",)))
+
+
+def check_form(path: Path) -> None:
+    """Raise ConfigError if a file is one of another kind than its ending says, as far as its beginning tells."""
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD)
+    for begin, called, allowed in _FORMS:
+        if head.removeprefix(b"\xef\xbb\xbf").startswith(begin):
+            raise ConfigError(f"{path}: is {called}; allowed: {allowed}")
+    for part, called, allowed in _WITHIN:
+        if part in head and path.suffix.lower() == ".log":
+            raise ConfigError(f"{path}: is {called}; allowed: {allowed}")
+    for begin, called, suffixes in _BINARY:
+        if head.startswith(begin) and path.suffix.lower() not in suffixes:
+            raise ConfigError(f"{path}: is {called}; allowed: a name that ends in {suffixes[0]}")

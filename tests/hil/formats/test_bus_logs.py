@@ -1,0 +1,465 @@
+"""Bus logs as vehicles and other tools write them: each line and object is a frame, or it is named."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import can
+import numpy as np
+import pytest
+from hil_support import CALM
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LENGTHS, REMOTE, no_logged
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.bus_log import BUS_ERROR
+from liftgate_hil.formats.open import open_file, open_recording
+from liftgate_hil.formats.recording import ReadOptions, Recording, read_options
+
+
+class Read(NamedTuple):
+    """A frame as it was read."""
+
+    time_s: float
+    identifier: int
+    payload: str
+    is_sent: bool
+
+
+def frames_in(log: Recording) -> list[Read]:
+    rows = np.concatenate([no_logged(), *log.frames()])
+    return [
+        Read(
+            round(row["time_ns"] / 1e9, 6),
+            int(row["identifier"]),
+            bytes(row["payload"][: row["length"]]).hex()
+            if not row["identifier"] & REMOTE
+            else f"R{row['length']}",
+            bool(row["is_sent"]),
+        )
+        for row in rows
+    ]
+
+
+def written(path: Path, *lines: str, end: str = "\n") -> Path:
+    path.write_text("\n".join(lines) + end, encoding="utf-8")
+    return path
+
+
+def read(path: Path, *lines: str, how: ReadOptions | None = None) -> tuple[list[Read], tuple[str, ...]]:
+    """What comes out of a text, and what is noted."""
+    log = open_file(written(path, *lines), how=how or ReadOptions())
+    return frames_in(log), log.notes
+
+
+def refusal(path: Path, *lines: str) -> str:
+    written(path, *lines)
+    with pytest.raises(ConfigError) as caught:
+        list(open_recording(path).frames())
+    (issue,) = caught.value.issues
+    return issue
+
+
+@pytest.fixture
+def zone(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Sets this computer's time zone."""
+
+    def as_of(name: str) -> None:
+        monkeypatch.setenv("TZ", name)
+        time.tzset()
+
+    yield as_of
+    monkeypatch.undo()
+    time.tzset()
+
+
+# What python-can's writers write is read as python-can's readers read it.
+
+
+@st.composite
+def messages(draw: st.DrawFn, can_fd: bool = True) -> can.Message:
+    is_fd = can_fd and draw(st.booleans())
+    is_remote = not is_fd and draw(st.booleans())
+    is_extended = draw(st.booleans())
+    length = draw(st.sampled_from(LENGTHS)) if is_fd else draw(st.integers(0, 8))
+    return can.Message(
+        timestamp=1_759_122_000.0 + draw(st.integers(0, 10**6)) / 1e6,
+        arbitration_id=draw(st.integers(0, (1 << (29 if is_extended else 11)) - 1)),
+        is_extended_id=is_extended,
+        is_remote_frame=is_remote,
+        is_fd=is_fd,
+        bitrate_switch=is_fd and draw(st.booleans()),
+        error_state_indicator=is_fd and draw(st.booleans()),
+        dlc=length,
+        data=None if is_remote else draw(st.binary(min_size=length, max_size=length)),
+        is_rx=draw(st.booleans()),
+        channel=0,
+        check=True,
+    )
+
+
+def as_read(message: can.Message) -> tuple[int, str, bool]:
+    identifier = message.arbitration_id
+    for is_so, flag in (
+        (message.is_extended_id, EXTENDED), (message.is_remote_frame, REMOTE), (message.is_fd, FD),
+        (message.bitrate_switch, BRS), (message.error_state_indicator, ESI),
+    ):  # fmt: skip
+        identifier |= flag if is_so else 0
+    payload = f"R{message.dlc}" if message.is_remote_frame else bytes(message.data).hex()
+    return identifier, payload, not message.is_rx
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".blf", ".log", ".trc"])
+def test_what_python_can_writes_is_read_to_the_last_bit(
+    suffix: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.getbasetemp() / f"python-can{suffix}"
+    kinds = messages(can_fd=suffix != ".trc")
+
+    @settings(CALM, max_examples=30)
+    @given(st.lists(kinds, min_size=1, max_size=30))
+    def check(sent: list[can.Message]) -> None:
+        if suffix == ".log":  # python-can's writer leaves out the length of a remote frame
+            for each in sent:
+                each.dlc = 0 if each.is_remote_frame else each.dlc
+        if suffix == ".trc":  # and there remote frames
+            sent = [each for each in sent if not each.is_remote_frame] or [can.Message(timestamp=1.0, channel=0)]
+        sent.sort(key=lambda each: each.timestamp)  # its ASC has the wall clock of what is earlier than the first
+        with can.Logger(path) as logger:
+            for each in sent:
+                logger.on_message_received(each)
+        log = open_file(path)
+        assert [each[1:] for each in frames_in(log)] == [as_read(each) for each in sent]
+        assert log.notes == ()
+
+    check()
+
+
+TEXTS = {
+    ".asc": (
+        ["date Mon Sep 29 13:00:00.000 2025", "base hex  timestamps absolute", "no internal events logged"],
+        "{:.6f} 1  {:X}  Rx   d 2 01 0{:X}",
+    ),
+    ".trc": ([";$FILEVERSION=2.0", ";$COLUMNS=N,O,T,I,d,l,D"], "7 {:.3f} DT {:04X} Rx 2 01 0{:X}"),
+    ".log": ([], "({:.6f}) can0 {:03X}#010{:X}"),
+}
+STRANGE = st.text(st.characters(codec="utf-8", exclude_characters="\n\r\0"), min_size=1, max_size=30).map(
+    lambda text: "!" + text
+)
+
+
+@pytest.mark.parametrize("suffix", TEXTS)
+def test_lines_that_a_format_does_not_define_are_counted_and_the_others_are_read(
+    suffix: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.getbasetemp() / f"strange{suffix}"
+    head, form = TEXTS[suffix]
+
+    @settings(CALM, max_examples=40)
+    @given(st.lists(st.one_of(st.none(), STRANGE), min_size=1, max_size=40))
+    def check(replaced: list[str | None]) -> None:
+        lines = [text or form.format(0.01 * k, 0x100 + k, k % 16) for k, text in enumerate(replaced)]
+        found, notes = read(path, *head, *lines)
+        assert [each.identifier for each in found] == [0x100 + k for k, text in enumerate(replaced) if not text]
+        count = sum(text is not None for text in replaced)
+        first = 1 + len(head) + next((k for k, text in enumerate(replaced) if text), 0)
+        assert len(notes) == (count > 0)
+        for note in notes:
+            assert note.startswith(
+                f"{count} line{'s' * (count > 1)} left out (not understood), the first in line "
+            )
+            assert f"line {first}: " in note
+
+    check()
+
+
+@pytest.mark.parametrize("suffix", TEXTS)
+def test_a_whole_last_line_without_its_end_is_a_frame_and_a_part_of_one_is_none(
+    tmp_path: Path, suffix: str
+) -> None:
+    head, form = TEXTS[suffix]
+    lines = [form.format(0.01 * k, 0x100, k) for k in range(3)]
+    path = written(tmp_path / f"m{suffix}", *head, *lines, end="")
+    assert len(frames_in(open_file(path))) == 3
+    path.write_text(path.read_text(encoding="utf-8")[:-1], encoding="utf-8")
+    log = open_file(path)
+    if suffix == ".asc":  # whose last byte could be 0, with a digit
+        assert len(frames_in(log)) == 3
+    else:
+        assert len(frames_in(log)) == 2
+        (note,) = log.notes
+        assert "truncated" in note
+
+
+# ASC.
+
+HEAD = ("date Mon Sep 29 01:00:00.000 pm 2025", "base hex  timestamps absolute", "no internal events logged")
+
+
+def test_relative_timestamps_of_asc_are_added_up(tmp_path: Path) -> None:
+    found, _ = read(
+        tmp_path / "m.asc", HEAD[0], "base hex  timestamps relative", HEAD[2],
+        "0.010000 1 123 Rx d 1 01", "0.500000 Start of measurement", "0.003000 1 123 Rx d 1 02",
+    )  # fmt: skip
+    assert [each.time_s for each in found] == [0.01, 0.513]
+
+
+def test_what_asc_holds_besides_frames_is_known_or_named(tmp_path: Path) -> None:
+    found, notes = read(
+        tmp_path / "m.asc", *HEAD, "Begin Triggerblock Mon Sep 29 01:00:00.000 pm 2025",
+        "   0.000000 Start of measurement", "0.000000 CANFD Start of measurement",
+        "-0.500000 1  120             rx   d 2 01 00 Length = 246000 BitCount = 125 ID = 288",
+        "0.010000 1  120             TxRq d 2 01 00", "0.010240 1  18FF0120x Tx   D 9 01 02 03 04 05 06 07 08",
+        "0.02 1 ErrorFrame ECC: 10100010", "0.03 canfd   1 Rx ErrorFrame 0 0",
+        "0.04 1 Statistic: D 0 R 0 XD 0 XR 0 E 0 O 0 B 0.00%", "0.05 CAN 1 Status:chip status error active",
+        "0.06 1 EngineData Rx d 1 00", "0.07 J1939TP FEE3p 6 0 0 - Rx d 2 01 02", "0.08 Li 30 Rx 2 01 02",
+        "0.09 CANXL 1 Rx 120 0", "0.10 Fr RMSG 0 0", "0.11 ETH 1 Rx 3c:0", "// a remark", "End TriggerBlock",
+        "0.12 1 120 Rx r 4",
+    )  # fmt: skip
+    error = ERROR | BUS_ERROR
+    assert found[0] == Read(-0.5, 0x120, "0100", False)
+    assert found[1] == Read(0.01024, 0x18FF0120 | EXTENDED, "0102030405060708", True)
+    assert (found[2].identifier, found[-1][1:3]) == (error, (0x120 | REMOTE, "R4"))
+    told = "\n".join(notes)
+    for kind in ("TxRq", "a message's name", "J1939", "LIN", "CAN XL", "FlexRay", "Ethernet"):
+        assert kind in told, kind
+    assert "not understood" not in told
+
+
+def test_two_buses_are_named_and_one_is_chosen(tmp_path: Path) -> None:
+    lines = ["0.01 1 120 Rx d 1 00", "0.02 2 120 Rx d 1 01", "0.03 CANFD 2 Rx 121 1 0 9 12 " + "01 " * 12]
+    path = tmp_path / "m.asc"
+    assert refusal(path, *HEAD, *lines) == (
+        f"{path}: frames of 2 buses, can0 and can1; allowed: one, by `recording_channel`"
+    )
+    found, notes = read(path, *HEAD, *lines, how=read_options("can1"))
+    assert [(each.time_s, each.identifier) for each in found] == [(0.02, 0x120), (0.03, 0x121 | FD | BRS)]
+    assert notes == ("1 frame left out (of another bus than can1), the first in can0",)
+    with pytest.raises(ConfigError, match=r"`recording_channel` can7: not in .*; allowed: can0, can1"):
+        read(path, *HEAD, *lines, how=read_options("can7"))
+
+
+def test_names_of_messages_and_numbers_in_a_canfd_line(tmp_path: Path) -> None:
+    data = " ".join(f"{k:02x}" for k in range(12))
+    tail = "102203 130 303000 c8a4f2f9 46500250 4b140250 20012507 2001040d"
+    found, notes = read(
+        tmp_path / "m.asc", *HEAD,
+        f"30.000100 CANFD   1 Rx        11  EngineDataFD   1 1 9 12 {data} {tail.replace('303000', '7000')}",
+        f"30.000200 CANFD   1 Tx   1234567x                1 0 9 12 {data} {tail}",
+        "30.000300 CANFD   1 Rx        12                 0 0 2  2 01 02 102203 130 200040 0 0 0 0 0",
+        "30.000400 CANFD   1 Rx        13                 0 0 4  0 102203 130 10 0 0 0 0 0",
+        "30.000500 CANFD   1 Rx        14                 0 0 0  0 102203 130 1000 0 0 0 0 0",
+    )  # fmt: skip
+    assert [each.identifier for each in found] == [
+        0x11 | FD | BRS | ESI, 0x1234567 | EXTENDED | FD | BRS, 0x12, 0x13 | REMOTE, 0x14 | FD,
+    ]  # fmt: skip
+    assert notes == ()
+
+
+# Local time, in all three formats alike.
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        "Mon Sep 29 01:00:00.000 pm 2025", "Mon Sep 29 13:00:00.000 2025", "Mon Sep 29 13:00:00 2025",
+        "Mo Sep 29 13:00:00.0 2025", "Mon Sep 29 01:00:00 PM 2025", "2025-09-29 13:00:00",
+    ],
+)  # fmt: skip
+def test_headers_state_local_time(tmp_path: Path, zone: Any, stated: str) -> None:
+    zone("Asia/Shanghai")
+    path = written(tmp_path / "m.asc", *HEAD, f"Begin Triggerblock {stated}", "0.01 1 120 Rx d 1 00")
+    assert open_file(path).start_ns == 1_759_122_000 * 10**9
+    assert open_file(path, how=read_options(timezone="UTC")).start_ns == (1_759_122_000 + 8 * 3600) * 10**9
+
+
+def test_a_date_that_is_not_understood_is_noted_and_not_1970(tmp_path: Path) -> None:
+    path = written(tmp_path / "m.asc", *HEAD, "Begin Triggerblock lun. 29 sept. 2025", "0.01 1 120 Rx d 1 00")
+    log = open_file(path)
+    assert log.start_ns == 0
+    assert log.notes == ("its date 'lun. 29 sept. 2025' is not understood: no wall clock applies",)
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".blf", ".trc"])
+def test_what_we_write_has_local_time_and_is_read_so(tmp_path: Path, zone: Any, suffix: str) -> None:
+    from liftgate_hil.conversion.convert import convert
+
+    zone("America/New_York")
+    source = written(tmp_path / "m.log", "(1759122000.123000) can0 120#00")
+    convert(source, tmp_path / f"m{suffix}")
+    assert open_file(tmp_path / f"m{suffix}").start_ns == 1_759_122_000_123_000_000
+    text = (tmp_path / f"m{suffix}").read_bytes()
+    if suffix == ".asc":
+        assert b"Begin Triggerblock Mon Sep 29 01:00:00.123 2025" in text
+    elif suffix == ".trc":
+        assert b"Start time: 2025-09-29 01:00:00.123" in text
+    else:
+        assert struct.unpack_from("<8H", text, 40) == (2025, 9, 1, 29, 1, 0, 0, 123)
+
+
+# TRC.
+
+
+def test_every_version_of_trc_is_read(tmp_path: Path) -> None:
+    head = (";$STARTTIME=45929.5",)
+    first = Read(0.0171, 0x300, "0001", False)
+    for version, lines, count in (
+        ("1.0", ["1)      17  0300  2  00 01", "2) 18 18FF0102 8 RTR", "3) 19 0008 4 ERROR 00 19 08 08",
+                 "4) 20 FFFFFFFF 4 00 00 00 04 BUSLIGHT"], 3),
+        ("1.1", ["1)      17.1  Rx  0300  2  00 01", "2) 18.0 Tx 18FF0102 8 RTR", "3) 19.0 Error 0008 4 00 19",
+                 "4) 20.0 Warng FFFFFFFF 4 00 00 00 04 BUSLIGHT"], 3),
+        ("1.2", ["1)      17.1 1  Rx  0300  2  00 01", "2) 18.0 1 Tx 18FF0102 8 RTR"], 2),
+        ("1.3", ["1)      17.1 1  Rx  0300 -  2  00 01", "2) 18.0 1 Tx 18FF0102 - 8 RTR"], 2),
+    ):  # fmt: skip
+        path = tmp_path / "m.trc"
+        marked = [f";$FILEVERSION={version}", *head] if version != "1.0" else []
+        found, notes = read(path, *marked, *lines)
+        assert found[0] == (first if version != "1.0" else first._replace(time_s=0.017)), version
+        assert found[1][1:3] == (0x18FF0102 | EXTENDED | REMOTE, "R8"), version
+        assert len(found) == count, version
+        assert len(notes) == (len(lines) > 3), version
+    found, notes = read(
+        tmp_path / "m.trc", ";$FILEVERSION=2.1", ";$COLUMNS=N,O,T,B,I,d,R,L,D", *head,
+        "1 17.1 DT 1 0300 Rx - 2 00 01", "2 18.0 FB 1 0301 Rx - 9 " + "00 " * 12, "3 19.0 RR 1 0302 Tx - 3",
+        "4 20.0 ER 1 - Rx - 5 04 00 02 00 00", "5 21.0 ST 1 - Rx - 4 00 00 00 08", "6 22.0 EC 1 - Rx - 2 01 01",
+        "7 23.0 BI 1 0303 Rx - 0",
+    )  # fmt: skip
+    assert [each.identifier for each in found] == [
+        0x300, 0x301 | FD | BRS, 0x302 | REMOTE, ERROR | BUS_ERROR, 0x303 | FD | ESI,
+    ]  # fmt: skip
+    assert [note[:6] for note in notes] == ["1 line"] * 2
+
+
+# BLF.
+
+
+def blf(path: Path, *objects: bytes, inside: Sequence[bytes] = ()) -> Path:
+    """A file with objects outside of a container, and others inside one that is not compressed."""
+    body = b"".join(inside)
+    held = struct.pack("<4sHHLLH6xL4x", b"LOBJ", 16, 1, 32 + len(body), 10, 0, len(body)) + body if inside else b""
+    content = b"".join(objects) + held
+    header = struct.pack("<4sL8xQQLL8H8H", b"LOGG", 144, 144 + len(content), 0, 0, 0, *[0] * 16)
+    path.write_bytes(header.ljust(144, b"\0") + content)
+    return path
+
+
+def blf_object(kind: int, body: bytes, stamp_ns: int = 0) -> bytes:
+    text = struct.pack("<4sHHLLLHHq", b"LOBJ", 32, 1, 32 + len(body), kind, 2, 0, 0, stamp_ns) + body
+    return text + b"\0" * (len(text) % 4)
+
+
+def blf_message(number: int, flags: int = 0, stamp_ns: int = 0, channel: int = 1) -> bytes:
+    return blf_object(1, struct.pack("<HBBL8s", channel, flags, 2, number, b"\1\2"), stamp_ns)
+
+
+def test_objects_of_blf_inside_and_outside_of_containers_are_read_or_named(tmp_path: Path) -> None:
+    path = blf(
+        tmp_path / "m.blf", blf_message(0x100, 0, -500_000_000), blf_message(0x101, 1), blf_message(0x102, 2),
+        blf_object(11, b"lin"), blf_object(4, b"statistics"), blf_object(999, b"new"), blf_object(2, b"\1\0\0\0"),
+        inside=[blf_message(0x103, 0x81, 10_000_000), blf_object(96, b"marker"), blf_object(1, b"short")],
+    )  # fmt: skip
+    log = open_file(path)
+    found = frames_in(log)
+    assert [each.identifier for each in found] == [0x100, 0x101, ERROR | BUS_ERROR, 0x103 | REMOTE]
+    assert (found[0].time_s, found[1].is_sent, found[3].payload, found[3].is_sent) == (-0.5, True, "R2", True)
+    assert log.notes == (
+        "1 TxRq object left out (a request to send, which is no frame on the bus), the first in object 3",
+        "1 LIN object left out (no CAN frame), the first in object 4",
+        "1 object left out (of an unknown type, 999), the first in object 6",
+        "1 object left out (not understood), the first in object 10",
+    )
+
+
+def test_a_blf_of_other_objects_says_what_it_holds(tmp_path: Path) -> None:
+    path = blf(tmp_path / "m.blf", blf_object(71, b"frame"), blf_object(71, b"frame"))
+    with pytest.raises(ConfigError, match="neither rows nor frames, but 2 Ethernet objects left out"):
+        open_recording(path)
+
+
+# candump.
+
+
+def test_forms_of_candump_are_read_or_named(tmp_path: Path) -> None:
+    path = tmp_path / "m.log"
+    found, notes = read(
+        path, "(1607120998.528012) can0 123#1122334455667788_B", "(1607120998.628012) can0 123##D0200 T",
+        "(1607120998.728012) can0 20000004#0004000000000000", "(1607120998.738012) can0 123# 01 00",
+        "(1607120998.748012) can0 123#0100 // a door", "(1607120998.758012) can0 123#0100 R the door opens",
+        "(2020-12-04 22:29:58.768012) can0 1ABCDEF0#R", "(1607120998.778012) can0 123#01 ad hoc",
+        "(1607120998.788012) can0 123#010", "(1607120998.798012) can0 123##0" + "00" * 9,
+    )  # fmt: skip
+    assert [each[1:3] for each in found[:6]] == [
+        (0x123, "1122334455667788"), (0x123 | FD | BRS, "0200"), (ERROR | 4, "0004000000000000"),
+        (0x123, "0100"), (0x123, "0100"), (0x123, "0100"),
+    ]  # fmt: skip
+    assert found[6][1:3] == (0x1ABCDEF0 | EXTENDED | REMOTE, "R0")
+    assert len(found) == 7
+    (note,) = notes
+    assert note.startswith(
+        "3 lines left out (not understood), the first in line 8: '(1607120998.778012) can0 123#01"
+    )
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        (["  can0  123   [2]  01 00"], "candump's output on a terminal"),
+        ([" (2018-12-06 09:31:30.572475)  can0  123   [2]  01 00"], "candump's output on a terminal"),
+        (["(000.000000) can0 123#01", "(000.200074) can0 123#02", "(000.100074) can0 123#03"], "distances"),
+        (["***BUSMASTER Ver 3.2.2***", "14:09:20:1820 Rx 1 0x123 s 2 01 00"], "BUSMASTER"),
+        (["version https://git-lfs.github.com/spec/v1", "oid sha256:00"], "Git LFS"),
+    ],
+)  # fmt: skip
+def test_other_forms_under_our_ending_are_named(tmp_path: Path, lines: list[str], said: str) -> None:
+    assert said in refusal(tmp_path / "m.log", *lines)
+
+
+# Two logs of one run whose headers are in different zones.
+
+
+def test_logs_that_are_whole_hours_apart_are_refused(tmp_path: Path, zone: Any) -> None:
+    from liftgate_hil.testing.rejudge import judge
+
+    zone("Asia/Shanghai")
+    scenario = tmp_path / "s.toml"
+    scenario.write_text('duration = 0.5\n[[expect]]\nname = "x"\nalways = "Gate.Angle < 90"\n', encoding="utf-8")
+    for name, hour in (("one", "13"), ("other", "05")):
+        lines = [f"{0.01 * k:.6f} 1 220 Rx d 6 00 00 00 00 00 00" for k in range(60)]
+        written(tmp_path / f"{name}.asc", *HEAD, f"Begin Triggerblock Mon Sep 29 {hour}:00:00.000 2025", *lines)
+    files = [tmp_path / "one.asc", tmp_path / "other.asc"]
+    with pytest.raises(ConfigError, match=r"8 h after .*as if one header had another zone's time"):
+        judge(files, scenario, rig="liftgate")
+
+
+@pytest.mark.parametrize(
+    ("attribute", "own", "expected"), [("1", "", True), ("0", "", False), ("0", "true", True)]
+)
+def test_the_gate_sends_with_brs_where_database_or_rig_says_so(
+    tmp_path: Path, attribute: str, own: str, expected: bool
+) -> None:
+    from liftgate_hil.config.rig import load_rig
+
+    (tmp_path / "fd.dbc").write_text(
+        'VERSION ""\nBS_:\nBU_: ECU Gate\n'
+        'BO_ 832 Cmd: 8 ECU\n SG_ Duty : 0|8@1- (1,0) [-100|100] "%" Gate\n'
+        'BO_ 833 Sens: 12 Gate\n SG_ Curr : 0|16@1- (0.01,0) [-320|320] "A" ECU\n'
+        'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","StandardCAN_FD","ExtendedCAN_FD";\n'
+        'BA_DEF_ BO_ "CANFD_BRS" ENUM "0","1";\nBA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\n'
+        'BA_DEF_DEF_ "VFrameFormat" "StandardCAN";\nBA_DEF_DEF_ "GenMsgCycleTime" 10;\n'
+        f'BA_DEF_DEF_ "CANFD_BRS" "{attribute}";\nBA_ "VFrameFormat" BO_ 833 2;\n',
+        encoding="utf-8",
+    )
+    brs = f"[messages.Sens]\nbrs = {own}\n" if own else ""
+    (tmp_path / "rig.toml").write_text(
+        'dbc = "fd.dbc"\n[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\nleft_current = "Sens.Curr"\n' + brs,
+        encoding="utf-8",
+    )
+    config = load_rig(tmp_path / "rig.toml").output_config()
+    (row,) = config.messages
+    assert bool(row.format & BRS) is expected
+    assert row.format & FD
