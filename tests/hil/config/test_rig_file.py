@@ -307,7 +307,7 @@ def test_a_message_too_long_for_a_classic_frame_is_can_fd_or_a_fault(tmp_path: P
         assert "Out" in str(error)  # noqa: PT017
     else:
         assert rig.is_fd
-        assert rig.output_config().messages.fd.tolist() == [FD]
+        assert rig.output_config().messages.format.tolist() == [FD]
 
 
 def test_a_factor_of_zero_is_a_fault(tmp_path: Path):
