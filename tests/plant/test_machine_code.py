@@ -531,5 +531,7 @@ def test_a_start_with_machine_code_on_the_disk_does_without_the_compiler():
         "assert compiled(t.double)(3.0) == 6.0; print('numba' in sys.modules)"
     )
     for _ in range(2):
-        said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+        said = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2]
+        ).stdout
     assert said == "False\n"
