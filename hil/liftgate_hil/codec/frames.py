@@ -31,6 +31,7 @@ class Frames(NamedTuple):
 
 # Flags of a CAN FD frame as `struct liftgate_frame` and python-can's Message state them: 1 FD, 2 BRS, 4 ESI.
 FRAME_FD, FRAME_BRS, FRAME_ESI = 1, 2, 4
+_FRAME_FLAGS = FRAME_FD | FRAME_BRS | FRAME_ESI
 # And as `struct canfd_frame` of Linux does (CANFD_BRS, CANFD_ESI, CANFD_FDF).
 CANFD_BRS, CANFD_ESI, CANFD_FDF = 1, 2, 4
 
@@ -38,20 +39,13 @@ CANFD_BRS, CANFD_ESI, CANFD_FDF = 1, 2, 4
 @compilable
 def with_frame_flags(identifier: int, flags: int) -> int:
     """Return an identifier with the flags of `struct liftgate_frame`; only CAN FD frames have BRS and ESI."""
-    if flags & FRAME_FD == 0:
-        return identifier
-    identifier |= FD
-    if flags & FRAME_BRS != 0:
-        identifier |= BRS
-    if flags & FRAME_ESI != 0:
-        identifier |= ESI
-    return identifier
+    return identifier | (flags & _FRAME_FLAGS) << 32 if flags & FRAME_FD else identifier
 
 
 @compilable
 def frame_flags(identifier: int) -> int:
     """Return the flags of `struct liftgate_frame`: bits 32 to 34 of an identifier."""
-    return (identifier >> 32) & (FRAME_FD | FRAME_BRS | FRAME_ESI)
+    return identifier >> 32 & _FRAME_FLAGS
 
 
 @compilable

@@ -49,11 +49,6 @@ class Account:
         """Count a line of a text that no form of the format covers."""
         self.leave_out("line", "not understood", f"line {line}: {quoted(text)}")
 
-    @property
-    def left_out(self) -> int:
-        """Number of lines and objects left out so far."""
-        return sum(each.count for each in self._kinds.values()) + self._is_cut
-
     def notes(self) -> list[str]:
         """Return a note for each kind; kinds beyond the first dozen share one."""
         notes = [CUT] if self._is_cut else []

@@ -11,7 +11,18 @@ from typing import Any, BinaryIO
 
 from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, Frames
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.bus_log import BUS_ERROR, BusLog, Fields, Part, Sorter, is_length, length_of_code, log_of
+from liftgate_hil.formats.bus_log import (
+    BUS_ERROR,
+    REQUEST,
+    BusLog,
+    Fields,
+    Part,
+    Sorter,
+    bus_of,
+    is_length,
+    length_of_code,
+    log_of,
+)
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.local_time import local_of, stated_in
 from liftgate_hil.formats.text_blocks import lines_in
@@ -46,8 +57,7 @@ _OBJECTS = (
 )
 _WAYS = {"rx": False, "tx": True}
 # Flags of a CAN FD line, after the frame's duration and length: bits of Vector's V_CAN_RX_MSG_FLAG.
-_FLAG_REMOTE, _FLAG_FD, _FLAG_BRS, _FLAG_ESI = 0x10, 0x1000, 0x2000, 0x4000
-_REQUEST = ("TxRq line", "a request to send, which is no frame on the bus")
+_FLAG_REMOTE, _FLAG_FD = 0x10, 0x1000
 
 
 class AscWriter(StreamWriter):
@@ -186,9 +196,9 @@ class _Lines:
         """Return the frame of a line with a timestamp, from the word after it on. Raises what `read` catches."""
         kind = words[0].lower()
         if kind.isdecimal():
-            return self._classic(number, _bus(words[0]), words[1:])
+            return self._classic(number, bus_of(int(words[0])), words[1:])
         if kind == "canfd":
-            return None if words[1].lower() in _KNOWN else self._fd(number, _bus(words[1]), words[2:])
+            return None if words[1].lower() in _KNOWN else self._fd(number, bus_of(int(words[1])), words[2:])
         if kind in _KNOWN or kind.startswith("//"):
             return None
         for noun, form in _OBJECTS:
@@ -257,7 +267,7 @@ class _Lines:
         """Whether the direction is TxRq, which the account is told."""
         if way.lower() != "txrq":
             return False
-        self._account.leave_out(*_REQUEST, f"line {number}")
+        self._account.leave_out("TxRq line", REQUEST, f"line {number}")
         return True
 
     def _identifier(self, word: str) -> int:
@@ -278,9 +288,3 @@ class _Lines:
         if not is_length(length, identifier) or (not identifier & REMOTE and len(data) != length):
             raise _NotUnderstoodError
         return self._now_us * 1000, identifier, length, is_sent, data
-
-
-def _bus(word: str) -> str:
-    """Return the name of a bus by its number, which counts from 1."""
-    number = int(word)
-    return f"can{number - 1}" if number else "channel 0"

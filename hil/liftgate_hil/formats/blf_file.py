@@ -17,7 +17,18 @@ from typing import Any, BinaryIO
 from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, Frames
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.bus_log import BUS_ERROR, BusLog, Fields, Part, Sorter, is_length, length_of_code, log_of
+from liftgate_hil.formats.bus_log import (
+    BUS_ERROR,
+    REQUEST,
+    BusLog,
+    Fields,
+    Part,
+    Sorter,
+    bus_of,
+    is_length,
+    length_of_code,
+    log_of,
+)
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.local_time import as_system_time, local_of, of_system_time
 from liftgate_hil.formats.reading import as_config_errors
@@ -46,8 +57,7 @@ class BlfWriter(StreamWriter):
     def begin(self, epoch_ns: int) -> None:
         """Set the wall clock at the start of the run [ns since 1970]; the header holds whole milliseconds."""
         super().begin(epoch_ns)
-        self._start_us = epoch_ns // 1_000_000 * 1000
-        self._writer.start_timestamp = self._start_us / 1e6
+        self._writer.start_timestamp = epoch_ns // 1_000_000 / 1e3
 
     def write_frames(self, frames: Any) -> None:
         """Write frames (n,) LOGGED."""
@@ -76,13 +86,11 @@ def _writer(stream: BinaryIO) -> Any:
 
     class Writer(can.BLFWriter):
         def _write_header(self, filesize: int) -> None:
-            times = [b"".join(struct.pack("<H", each) for each in _system_time(t)) for t in self._ends()]
+            ends = self.start_timestamp, self.stop_timestamp
+            times = [struct.pack("<8H", *_system_time(each)) for each in ends]
             counts = struct.pack("<QQLL", filesize, self.uncompressed_size, self.object_count, 0)
             head = struct.pack("<4sL8B", b"LOGG", _HEADER_SIZE, self.application_id, 0, 0, 0, 2, 6, 8, 1)
             self.file.write((head + counts + b"".join(times)).ljust(_HEADER_SIZE, b"\0"))
-
-        def _ends(self) -> tuple[float | None, float | None]:
-            return self.start_timestamp, self.stop_timestamp
 
     return Writer(stream, max_container_size=_CONTAINER_BYTES)
 
@@ -96,9 +104,7 @@ def _system_time(timestamp: float | None) -> tuple[int, ...]:
 _HEADER_SIZE = 144
 _FILE = struct.Struct("<4sL8xQQLL8H8H")  # signature, header's size, file's sizes, objects, start, end
 _BASE = struct.Struct("<4sHHLL")  # signature, header's size and version, object's size and type
-_STAMP = struct.Struct(
-    "<L4xq"
-)  # flags, timestamp: in both versions of the header; before the start it is negative
+_STAMP = struct.Struct("<L4xq")  # flags, timestamp, in both versions of the header; negative before the start
 _CONTAINER = struct.Struct("<H14x")  # method of compression
 _MESSAGE = struct.Struct("<HBBL8s")  # channel, flags, data length code, identifier, data
 _FD_MESSAGE = struct.Struct("<HBBLLBBB5x")  # and duration, bits, FD flags, valid bytes
@@ -136,7 +142,6 @@ _KINDS = {
     125: "begin of a loss of data",
     126: "end of a loss of data",
 }
-_REQUESTS = ("TxRq object", "a request to send, which is no frame on the bus")
 
 
 def open_blf(path: Path) -> BusLog:
@@ -254,14 +259,14 @@ class _Objects:
             self._account.leave_out("object", "not understood", f"object {self._count}")
             return
         if way == _REQUEST:
-            self._account.leave_out(*_REQUESTS, f"object {self._count}")
+            self._account.leave_out("TxRq object", REQUEST, f"object {self._count}")
         elif way > _REQUEST or not is_length(length, identifier):
             self._account.leave_out("object", "not understood", f"object {self._count}")
         else:
             # Whole microseconds: python-can rounds down to ns what is a little less in floating point.
             time_us = stamp * 10 if flags == _TEN_MICROS else (stamp + 500) // 1000
             fields: Fields = time_us * 1000, identifier, length, way == 1, payload
-            self.is_full |= self.frames.add(f"can{channel - 1}" if channel else "channel 0", fields)
+            self.is_full |= self.frames.add(bus_of(channel), fields)
 
 
 Read = tuple[int, int, int, int, bytes]  # direction, channel, identifier, length, payload

@@ -20,6 +20,7 @@ from liftgate_hil.formats.recording import Recording, no_such_bus
 
 BUS_ERROR = 0x80  # class "bus error" of linux/can/error.h: that of an error frame whose format states no class
 LONGEST_NS = 10**18  # latest time in a log: 32 years
+REQUEST = "a request to send, which is no frame on the bus"  # why a TxRq entry is left out
 _CLASSIC_BYTES = 8
 _BLOCK = 20_000  # frames in a part
 
@@ -130,6 +131,11 @@ def frames_of(fields: Sequence[Fields]) -> NDArray[np.void]:
     text = b"".join(each[4].ljust(MAX_BYTES, b"\0") for each in fields)
     rows["payload"] = np.frombuffer(text, dtype=np.uint8).reshape(-1, MAX_BYTES)
     return rows
+
+
+def bus_of(number: int) -> str:
+    """Return the name of a bus by its number in a format that counts from 1."""
+    return f"can{number - 1}" if number else "channel 0"
 
 
 def is_length(length: int, identifier: int) -> bool:

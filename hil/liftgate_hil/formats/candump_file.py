@@ -12,7 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
+from liftgate_hil.codec.frames import (
+    CANFD_FDF,
+    ERROR,
+    EXTENDED,
+    FD,
+    FD_FLAGS,
+    LENGTHS,
+    LOGGED,
+    MAX_BYTES,
+    REMOTE,
+    canfd_flags,
+    with_canfd_flags,
+)
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.bus_log import BUS_ERROR, BusLog, Fields, Part, Sorter, is_length, log_of
@@ -22,8 +34,6 @@ from liftgate_hil.formats.text_blocks import TextBlock, text_blocks
 from liftgate_hil.formats.writer import StreamWriter
 
 _WIDTH = 2 * MAX_BYTES
-# Flags of struct canfd_frame, linux/can.h; 4 is CANFD_FDF.
-_BRS, _ESI, _FDF = 1, 2, 4
 
 
 def candump_lines(epoch_ns: int, channel: str, frames: Any) -> str:
@@ -53,7 +63,7 @@ def candump_lines(epoch_ns: int, channel: str, frames: Any) -> str:
             payload = text[row * _WIDTH : row * _WIDTH + 2 * length]
         mark = "#"
         if identifier & FD and not identifier & REMOTE:
-            mark = f"##{(_BRS if identifier & BRS else 0) | (_ESI if identifier & ESI else 0)}"
+            mark = f"##{canfd_flags(identifier) & ~CANFD_FDF}"
         way = "T" if is_sent else "R"
         lines.append(f"({seconds:010d}.{micros:06d}) {channel} {name}{mark}{payload} {way}\n")
     return "".join(lines)
@@ -215,7 +225,7 @@ class _Lines:
         time_ns = (time_us - self._start_us) * 1000
         text = frame["apart"] or frame["compact"] or ""
         if remote := _REMOTE.fullmatch(text):
-            identifier = identifier & ~(FD | BRS | ESI) | REMOTE
+            identifier = identifier & ~FD_FLAGS | REMOTE
             length, payload = int(remote["length"] or 0), b""
         else:
             payload = bytes.fromhex(text.replace(".", " "))
@@ -241,8 +251,7 @@ def _identifier(name: str) -> int | None:
 
 def _fd_flags(mark: str) -> int:
     """Return the flags of a CAN FD frame of which the mark #F tells those of struct canfd_frame."""
-    flags = int(mark[1:], 16)
-    return FD | (BRS if flags & _BRS else 0) | (ESI if flags & _ESI else 0)
+    return with_canfd_flags(0, int(mark[1:], 16))
 
 
 def _microseconds(stamp: str) -> int | None:

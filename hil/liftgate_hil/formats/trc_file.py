@@ -15,7 +15,17 @@ from typing import Any, BinaryIO
 from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LENGTHS, REMOTE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.bus_log import BUS_ERROR, BusLog, Fields, Part, Sorter, is_length, length_of_code, log_of
+from liftgate_hil.formats.bus_log import (
+    BUS_ERROR,
+    BusLog,
+    Fields,
+    Part,
+    Sorter,
+    bus_of,
+    is_length,
+    length_of_code,
+    log_of,
+)
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.local_time import as_days, local_of, of_days
 from liftgate_hil.formats.text_blocks import lines_in
@@ -265,7 +275,4 @@ def _identifier(name: str) -> int:
 
 def _bus(word: str) -> str:
     """Return the name of a bus by its number, which counts from 1; a dash stands for none."""
-    if word == "-":
-        return "can0"
-    number = int(word)
-    return f"can{number - 1}" if number else "channel 0"
+    return bus_of(1 if word == "-" else int(word))

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import FD_FLAGS, FRAME_BRS, FRAME_ESI, FRAME_FD, no_logged
+from liftgate_hil.codec.frames import FD_FLAGS, frame_flags, no_logged
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
@@ -218,7 +218,7 @@ class _CommandPlayer(Adapter):
         outbox = self.state.port.outbox.view(np.ndarray)[: len(frames)]
         outbox["id"] = frames["identifier"] & 0xFFFFFFFF
         outbox["length"] = frames["length"]
-        outbox["format"] = frames["identifier"] >> 32 & (FRAME_FD | FRAME_BRS | FRAME_ESI)
+        outbox["format"] = frame_flags(frames["identifier"])
         outbox["payload"] = frames["payload"]
 
 

@@ -52,7 +52,7 @@ def written(path: Path, *lines: str, end: str = "\n") -> Path:
 
 
 def read(path: Path, *lines: str, how: ReadOptions | None = None) -> tuple[list[Read], tuple[str, ...]]:
-    """What comes out of a text, and what is noted."""
+    """Frames that a text gives, and the notes of its reader."""
     log = open_file(written(path, *lines), how=how or ReadOptions())
     return frames_in(log), log.notes
 
