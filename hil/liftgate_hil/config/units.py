@@ -181,11 +181,52 @@ def dimensions_named(unit: str) -> list[str]:
     return [dimension for dimension, units in _known().items() if _folded(unit) in units]
 
 
+_MARKED = re.compile(
+    r"(?P<bare>.*\S)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>(?:[^()]|\([^()]*\))*)\))\s*", re.DOTALL
+)
+_ENDING = re.compile(r"[_/,\s](?=\S*$)|\s+in\s+(?=\S+$)")  # what separates a unit from the name before it
+
+
+def marked_unit(name: str) -> tuple[str, str]:
+    """Return a column's name and what follows it in brackets or parentheses, as in `U [V]`; "": nothing does."""
+    parts = _MARKED.fullmatch(name)
+    if parts is None:
+        return name, ""
+    return parts["bare"], (parts["square"] or parts["round"] or "").strip()
+
+
 @functools.lru_cache(10_000)
 def headed_unit(name: str) -> str:
-    """Return the known unit that a column's name ends with in brackets, as in `U [V]`; "" if there is none."""
-    parts = re.fullmatch(r".*\S\s*\[([^\[\]]*)\]\s*", name)
-    return parts[1].strip() if parts and parts[1].strip() and dimensions_named(parts[1]) else ""
+    """Return the known unit that a column's name ends with in brackets or parentheses; "" if there is none."""
+    unit = marked_unit(name)[1]
+    return unit if unit and dimensions_named(unit) else ""
+
+
+@functools.lru_cache(10_000)
+def unit_in(name: str, signal: Signal) -> str:
+    """Return the unit that a foreign column's name states for a quantity; "" if it states none.
+
+    In brackets or parentheses any text counts, so that one which is no unit of the quantity is refused; a number
+    is an index. After a slash (`F/kN`, `n/(1/min)`) it is a known unit; after a space or an underscore (`F_kN`,
+    `F in kN`) only one of the quantity, as such a word may belong to the name.
+    """
+    marked = marked_unit(name)[1]
+    if marked:
+        return "" if marked.isdigit() and marked != "1" else marked
+    own = {each.casefold(): each for each in spellings(signal)}
+    for slash in re.finditer("/", name):
+        unit = name[slash.end() :].strip()
+        if not unit.isdigit() and (dimensions_named(unit) or unit.casefold() in own):
+            return own.get(unit.casefold(), unit) if not dimensions_named(unit) else unit
+    for mark in _ENDING.finditer(name):
+        unit = name[mark.end() :].strip()
+        if unit.isdigit() or not name[: mark.start()].strip():
+            continue
+        if conversion(signal, unit) is not None:
+            return unit
+        if unit.casefold() in own:  # files whose headers are in lower case
+            return own[unit.casefold()]
+    return ""
 
 
 @functools.cache

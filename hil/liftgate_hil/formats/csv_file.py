@@ -6,11 +6,14 @@ time. Files of other tools may have semicolons or tabs, and empty cells (NaN).
 
 from __future__ import annotations
 
+import codecs
 import csv
+import io
 import math
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import tzinfo
 from pathlib import Path
 from typing import BinaryIO
 
@@ -21,8 +24,17 @@ from numpy.typing import NDArray
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import CUT
 from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.csv_header import COMMAS, NOT_FINITE, NUMBER, decoded, header_of
+from liftgate_hil.formats.csv_header import (
+    COMMAS,
+    NOT_FINITE,
+    NUMBER,
+    Header,
+    decoded,
+    header_of,
+    without_comments,
+)
 from liftgate_hil.formats.csv_text import CsvText
+from liftgate_hil.formats.date_column import FORMS, Stamp, seconds_since, stamp_of
 from liftgate_hil.formats.mcap_layout import START_COLUMN
 from liftgate_hil.formats.reading import as_config_errors
 from liftgate_hil.formats.recording import Floats, Recording, check_time_first, column_signal
@@ -72,6 +84,9 @@ _EMPTY = b"9.87654321e300"  # stands for an empty cell while numbers are parsed
 _LATEST_START = 1e10  # latest plausible start of a run, s since 1970
 _LONGEST = 1 << 22  # longest header, and longest last line [bytes]
 _AS_POINTS = bytes.maketrans(b",.", b".'")  # a point among decimal commas is none, so that its cell is refused
+_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # how a text begins that Excel calls Unicode
+_MOST_UTF_16 = 1 << 29  # bytes of such a file, which is decoded as a whole
+_OR_A_DATE = f", or a date in each row, such as {FORMS}"
 _BLOCK = 1 << 22  # bytes that are parsed at a time, so that an interrupt does not wait for long
 
 
@@ -84,6 +99,7 @@ class CsvFile(Recording):
     last: bytes  # last line, if it does not end with a newline
     has_commas: bool = False  # numbers have decimal commas
     encoding: str = "UTF-8"
+    moments: Mapping[str, Stamp] = field(default_factory=dict)  # columns of dates, with their first ones
     is_strict: bool = False
 
     def as_recording(self) -> CsvFile:
@@ -95,7 +111,7 @@ class CsvFile(Recording):
         found = replace(self, signals=signals, remarks=notes, is_strict=True)
         if START_COLUMN not in self.names:
             return found
-        with as_config_errors(self.path), self.path.open("rb") as stream:
+        with as_config_errors(self.path), _text_of(self.path) as stream:
             stream.seek(self.head)
             first = stream.readline(_LONGEST)
             while first and not first.strip():
@@ -105,26 +121,59 @@ class CsvFile(Recording):
         start = found._table(_with_newlines(first), 1, [self.names.index(START_COLUMN)])[0, 0]
         return replace(found, start_ns=round(start * 1e6) * 1000 if 0.0 < start < _LATEST_START else 0)
 
+    def in_zone(self, zone: tzinfo) -> CsvFile:
+        """Return the table with local times in its cells read as those of a zone."""
+        return replace(self, starts=_starts_of(self.moments, zone))
+
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these columns, one block at a time; an empty cell is NaN."""
-        places = [self.names.index(name) for name in wanted]
-        number = 1
+        order = {name: place for place, name in enumerate(self.names)}
+        dates = [(column, name) for column, name in enumerate(wanted) if name in self.moments]
+        plain = [column for column, name in enumerate(wanted) if name not in self.moments]
+        places = [order[wanted[column]] for column in plain]
+        number, before = 1, dict.fromkeys(self.moments, 0.0)
         for text in self._lines():
-            table = self._table(text, number, places)
+            if not dates:
+                table = self._table(text, number, places)
+            else:
+                rows = self._rows_of(text)
+                table = np.empty((len(rows), len(wanted)))
+                if plain:
+                    table[:, plain] = self._table(text, number, places)
+                for column, name in dates:
+                    table[:, column] = self._moments(rows, name, number, before)
             yield table
             number += len(table)
 
+    def _moments(self, rows: list[list[str]], name: str, number: int, before: dict[str, float]) -> Floats:
+        """Return a column of dates (n,) [s] from the file's first one on. Raises ConfigError."""
+        place = list(self.names).index(name)
+        short = next((row for row, cells in enumerate(rows) if len(cells) <= place), None)
+        if short is not None:
+            raise ConfigError(
+                f"{self.path}: row {number + short}: {len(rows[short])} cells; allowed: {len(self.names)}"
+            )
+        found = seconds_since(self.moments[name], [cells[place] for cells in rows], before[name])
+        if isinstance(found, int):
+            cell = rows[found][place].strip()[:40]
+            raise ConfigError(
+                f"{self.path}: {name}: {cell!r} in row {number + found}; allowed: as in the first row"
+            )
+        known = found[np.isfinite(found)]
+        before[name] = float(known[-1]) if len(known) else before[name]
+        return found
+
     def _lines(self) -> Iterator[bytes]:
         """Yield the lines below the header, some MB at a time; each block ends with the end of a line."""
-        with as_config_errors(self.path), self.path.open("rb") as stream:
+        with as_config_errors(self.path), _text_of(self.path) as stream:
             at, rest = stream.seek(self.head), b""
             while block := stream.read(_BLOCK):
                 lines, newline, rest = (rest + block).rpartition(b"\n")
-                text = _with_newlines(self._checked(lines, at))
+                text = without_comments(_with_newlines(self._checked(lines, at)))
                 at += len(lines + newline)
                 if text.strip():
                     yield text
-            text = _with_newlines(self._checked(rest, at))
+            text = without_comments(_with_newlines(self._checked(rest, at)))
             if CUT in self.notes:  # the last line is ignored
                 text = text[: text.rfind(b"\n") + 1]
             if text.strip():
@@ -247,7 +296,7 @@ class CsvFile(Recording):
 
 def open_csv(path: Path) -> CsvFile:
     """Open a CSV file: its header and rows. Raises ConfigError if it cannot be read."""
-    with as_config_errors(path), path.open("rb") as stream:
+    with as_config_errors(path), _text_of(path) as stream:
         head = stream.read(_LONGEST)
         size = stream.seek(0, os.SEEK_END)
         stream.seek(max(0, size - _LONGEST))
@@ -257,6 +306,7 @@ def open_csv(path: Path) -> CsvFile:
     # A last line that is short was cut off, as by a full disk or a kill.
     is_short = bool(last.strip()) and last.count(header.delimiter.encode()) < len(header.names) - 1
     notes = (CUT,) if is_short and size - len(last) > header.end else ()
+    moments = _moments_in(header, head[header.end :])
     return CsvFile(
         path=path,
         names=header.names,
@@ -266,7 +316,45 @@ def open_csv(path: Path) -> CsvFile:
         last=last,
         has_commas=header.has_commas,
         encoding=header.encoding,
+        moments=moments,
+        units=dict.fromkeys(moments, "s"),
+        starts=_starts_of(moments, None),
     )
+
+
+def _text_of(path: Path) -> BinaryIO:
+    """Open a text; one in UTF-16 is read as UTF-8. Raises ConfigError, OSError."""
+    stream = path.open("rb")
+    mark = stream.read(2)
+    stream.seek(0)
+    if mark not in _UTF_16:
+        return stream
+    with stream:
+        size = path.stat().st_size
+        if size > _MOST_UTF_16:
+            raise ConfigError(f"{path}: {size} bytes of UTF-16; allowed: up to {_MOST_UTF_16}, or a text in UTF-8")
+        try:
+            return io.BytesIO(stream.read().decode("utf-16").encode())
+        except UnicodeDecodeError as error:
+            raise ConfigError(f"{path}: cannot be read: not UTF-16 at byte {error.start}") from error
+
+
+def _moments_in(header: Header, text: bytes) -> dict[str, Stamp]:
+    """Return the columns of dates and times of day, with the first one of each: those of the first row."""
+    first = next(
+        (line for line in without_comments(_with_newlines(text[:_LONGEST])).split(b"\n") if line.strip()), b""
+    )
+    try:
+        cells = next(csv.reader([first.decode(header.encoding)], delimiter=header.delimiter), [])
+    except (csv.Error, UnicodeDecodeError):
+        return {}
+    found = {name: stamp_of(cell) for name, cell in zip(header.names, cells, strict=False)}
+    return {name: stamp for name, stamp in found.items() if name and stamp is not None}
+
+
+def _starts_of(moments: Mapping[str, Stamp], zone: tzinfo | None) -> dict[str, int]:
+    """Return the wall clock at the first moment of each column [ns since 1970]."""
+    return {name: stamp.epoch_ns(zone) for name, stamp in moments.items()}
 
 
 def _with_newlines(text: bytes) -> bytes:
@@ -280,7 +368,7 @@ def _refusal_of(cell: str, number: int, bad: Sequence[int]) -> str:
         text = "a finite number" if not math.isfinite(float(cell)) else "a number"
         shown = cell
     except ValueError:
-        shown, text = repr(cell[:40]), "a number"
+        shown, text = repr(cell[:40]), f"a number{_OR_A_DATE if ':' in cell or cell.count('/') == 2 else ''}"
         if "," in cell and NUMBER.fullmatch(cell.replace(",", ".", 1)):
             text = "a number with a decimal point"
     more = f" ({len(bad)} such rows)" if len(bad) > 1 else ""

@@ -1,7 +1,8 @@
 """Header of a CSV file: the columns' names and units, and how its rows are written.
 
-Files of other tools may begin with the delimiter (`sep=;`, for Excel) or have a row of units below the header. A
-header that is not UTF-8 is read as Windows-1252, as Excel writes it, and so are its rows.
+Files of other tools may begin with the delimiter (`sep=;`, for Excel) or with comments, have a row of units below
+the header, or no header at all. A header that is not UTF-8 is read as Windows-1252, as Excel writes it, and so are
+its rows.
 """
 
 from __future__ import annotations
@@ -15,10 +16,14 @@ from typing import NamedTuple
 
 from liftgate_hil.config.units import dimensions_named, headed_unit
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.date_column import stamp_of
+from liftgate_hil.formats.recording import check_width
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 COMMAS = "decimal commas are read as points"
 UNITS = "the row below the header is read as units"
+NUMBERED = "without a header: its columns are named by their numbers, from 1"
+COMMENTED = "the last comment above the rows is read as the header"
 WINDOWS = "the header is not UTF-8, and is read as Windows-1252"
 NOT_FINITE = ("nan", "inf", "-inf")  # as recordings have them of a plant that has diverged
 _MISSING = ("n/a", "#n/a", "na")  # a number that is missing; N/A is a unit, too
@@ -27,6 +32,8 @@ _UTF_8, _WINDOWS = "UTF-8", "Windows-1252"
 _BLANK = re.compile(rb"\s*[\r\n]")
 _LINE_OF = re.compile(rb"[^\r\n]*(?:\r\n|\r|\n)?")
 _SEPARATOR = re.compile(rb"\"?sep=([,;\t])\"?\s*", re.IGNORECASE)
+_COMMENT = re.compile(rb"[ \t]*(?:#(?![A-Z]+[/!?])|%|//)[^\r\n]*(?:\r\n|\r|\n|\Z)")
+_COMMENTS = re.compile(rb"^[ \t]*(?:#(?![A-Z]+[/!?])|%|//)[^\n]*(?:\n|\Z)", re.MULTILINE)
 _COMMA, _POINT = re.compile(rb"[+-]?\d*,\d+([eE][+-]?\d+)?"), re.compile(rb"[+-]?\d*\.\d+([eE][+-]?\d+)?")
 
 
@@ -48,19 +55,35 @@ def header_of(path: Path, text: bytes) -> Header:
     separator = _SEPARATOR.fullmatch(line)
     if separator is not None:
         line, end = _next_line(text, end)
-    encoding = _encoding_of(line)
+    comment = b""
+    while _COMMENT.fullmatch(line):
+        comment, (line, end) = line, _next_line(text, end)
+    encoding = _encoding_of(comment + line)
     header = decoded(path, line, end - len(line), encoding).strip()
     if not header:
         raise ConfigError(f"{path}: empty; allowed: a header and rows")
     delimiter = separator[1].decode() if separator is not None else max(",;\t", key=header.count)
+    check_width(path, header.count(delimiter) + 1)
     try:
-        names = _cells(header, delimiter)
+        names, others = _cells(header, delimiter), [each for each in ";\t" if separator is None and each in header]
+        if others and all(map(_is_value, _cells(header, others[0]))):  # a row, maybe with decimal commas
+            delimiter, names = others[0], _cells(header, others[0])
+        has_own = not all(map(_is_value, names))
+        if not has_own:
+            end, count = end - len(line), len(names)
+            names = _cells(decoded(path, comment, 0, encoding).strip().lstrip("#%/ "), delimiter)
+            is_commented = len(names) == count and not all(map(_is_value, names))
+            names = names if is_commented else [str(number + 1) for number in range(count)]
     except csv.Error as error:
         raise ConfigError(f"{path}: its first line cannot be read: {error}; allowed: a header") from error
-    if all(NUMBER.fullmatch(name) for name in names):
-        raise ConfigError(f"{path}: no header; allowed: the columns' names in the first row")
     below, after = _next_line(text, end)
-    units = _units_of(below, _next_line(text, after)[0], delimiter, len(names))
+    if (
+        len(names) == 1
+        and len(cells := below.split()) > 1
+        and all(NUMBER.fullmatch(each.decode("latin-1")) for each in cells)
+    ):
+        raise ConfigError(f"{path}: cells separated by blanks; allowed: by commas, semicolons or tabs")
+    units = _units_of(below, _next_line(text, after)[0], delimiter, len(names)) if has_own else []
     if units:
         end, encoding = after, encoding if _encoding_of(below) == _UTF_8 else _WINDOWS
         pairs = zip(names, units, strict=True)
@@ -69,7 +92,13 @@ def header_of(path: Path, text: bytes) -> Header:
     if twice:
         raise ConfigError(f"{path}: {twice[0]}: twice in the header; allowed: once")
     has_commas = delimiter != "," and _has_commas(text[end:], delimiter.encode())
-    said = ((COMMAS, has_commas), (UNITS, bool(units)), (WINDOWS, encoding != _UTF_8))
+    said = (
+        (NUMBERED, not has_own and not is_commented),
+        (COMMENTED, not has_own and is_commented),
+        (COMMAS, has_commas),
+        (UNITS, bool(units)),
+        (WINDOWS, encoding != _UTF_8),
+    )
     return Header(names, delimiter, end, has_commas, encoding, tuple(note for note, is_so in said if is_so))
 
 
@@ -81,6 +110,13 @@ def decoded(path: Path, text: bytes, at: int, encoding: str) -> str:
         return text.decode(encoding)
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: cannot be read: not {encoding} at byte {at + error.start}") from error
+
+
+def without_comments(text: bytes) -> bytes:
+    """Return whole lines of a table without those that are comments."""
+    if any(mark in text for mark in (b"#", b"%", b"//")):
+        return _COMMENTS.sub(b"", text)
+    return text
 
 
 def _next_line(text: bytes, begin: int) -> tuple[bytes, int]:
@@ -124,6 +160,11 @@ def _units_of(below: bytes, first: bytes, delimiter: str, count: int) -> list[st
     if not len(cells) == len(numbers) == count or any(map(_is_number, cells)):
         return []
     return units if units[0] and dimensions_named(units[0]) and _is_number(numbers[0]) else []
+
+
+def _is_value(cell: str) -> bool:
+    """Whether a cell is a number, a date or a time of day."""
+    return NUMBER.fullmatch(cell.replace(",", ".")) is not None or stamp_of(cell) is not None
 
 
 def _is_number(cell: str) -> bool:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from datetime import tzinfo
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -12,9 +13,17 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Batch, Content
+from liftgate_hil.formats.date_column import Stamp
 from liftgate_hil.formats.mcap_layout import ABOUT_PARQUET, START_PARQUET
 from liftgate_hil.formats.reading import foreign_reader
-from liftgate_hil.formats.recording import Floats, Recording, check_time_first, column_signal, nanoseconds_of
+from liftgate_hil.formats.recording import (
+    Floats,
+    Recording,
+    check_time_first,
+    check_width,
+    column_signal,
+    nanoseconds_of,
+)
 from liftgate_hil.formats.writer import StreamWriter
 
 _GROUP = 65_536  # rows in a row group
@@ -81,19 +90,32 @@ class ParquetTableWriter(StreamWriter):
 
 _ROWS = 1 << 16
 _EXACT = 2**53  # integers up to this are exact as floats
+_TICK_NS = {
+    "s": 10**9,
+    "ms": 10**6,
+    "us": 1000,
+    "ns": 1,
+    "[day]": 86_400 * 10**9,
+}  # by the unit of dates and times
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParquetFile(Recording):
     """Parquet file: a table of any program, or a recording of this one."""
 
-    others: Mapping[str, str]  # the columns of anything but numbers, with their types
+    others: Mapping[str, str]  # the columns of anything but numbers and times, with their types
+    # Columns of dates, times of day and durations: the moment from which they count, and their unit [ns].
+    moments: Mapping[str, tuple[Stamp, int]] = field(default_factory=dict)
 
     def as_recording(self) -> ParquetFile:
         """Return it as a recording: columns of numbers, the time first. Raises ConfigError if it is none."""
         self._check(self.names)
         check_time_first(self.path, self.names)
         return self
+
+    def in_zone(self, zone: tzinfo) -> ParquetFile:
+        """Return the table with dates that state no zone read as local times of this one."""
+        return replace(self, starts=_starts_of(self.moments, zone))
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these columns, one batch at a time; null is NaN."""
@@ -113,6 +135,11 @@ class ParquetFile(Recording):
             raise ConfigError([f"{self.path}: {each}; allowed: numbers" for each in issues])
 
     def _column(self, column: Any, name: str) -> Floats:
+        if name in self.moments:
+            first, tick_ns = self.moments[name]
+            ticks = column.cast(f"int{column.type.bit_width}").fill_null(0).to_numpy(zero_copy_only=False)
+            since = (ticks.astype(np.int64) - first.ns // tick_ns) * (tick_ns / 1e9)
+            return np.where(column.is_valid().to_numpy(zero_copy_only=False), since, np.nan)
         values = column.to_numpy(zero_copy_only=False)
         if values.dtype.kind in "iu" and len(values) and not (np.abs(values) <= _EXACT).all():
             raise ConfigError(f"{self.path}: {name}: integers beyond 2^53; allowed: up to 2^53")
@@ -126,17 +153,20 @@ def open_parquet(path: Path) -> ParquetFile:
 
         with parquet.ParquetFile(path) as file:
             schema, entries = file.schema_arrow, file.metadata.metadata or {}
+            check_width(path, len(schema))
+            moments = _moments_in(file, schema)
         whole = {each.name for each in schema if types.is_integer(each.type)}
         others = {
             each.name: str(each.type)
             for each in schema
-            if each.name not in whole and not types.is_floating(each.type) and not types.is_boolean(each.type)
+            if each.name not in {*whole, *moments} and not _is_number(types, each.type)
         }
     names = list(schema.names)
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise ConfigError(f"{path}: {twice}: twice; allowed: once")
     units = {each.name: ((each.metadata or {}).get(b"unit") or b"").decode() for each in schema}
+    units |= dict.fromkeys(moments, "s")
     signals = {name: column_signal(name, units[name], name in whole) for name in names if name not in others}
     about = (schema.metadata or {}).get(ABOUT_PARQUET.encode(), b"").decode(errors="replace")
     start = entries.get(START_PARQUET.encode(), b"").decode(errors="replace")
@@ -146,6 +176,38 @@ def open_parquet(path: Path) -> ParquetFile:
         units=units,
         signals=signals,
         others=others,
+        moments=moments,
+        starts=_starts_of(moments, None),
         about=about,
         start_ns=nanoseconds_of(start),
     )
+
+
+def _is_number(types: Any, kind: Any) -> bool:
+    return bool(types.is_floating(kind) or types.is_boolean(kind) or types.is_decimal(kind))
+
+
+def _moments_in(file: Any, schema: Any) -> dict[str, tuple[Stamp, int]]:
+    """Return the columns of dates and times, with the first moment of each and their unit [ns].
+
+    Dates count from the first row, times of day and durations from 0.
+    """
+    from pyarrow import types
+
+    found = {}
+    temporal = [each for each in schema if types.is_temporal(each.type) and not types.is_interval(each.type)]
+    first = next(file.iter_batches(1, columns=[each.name for each in temporal]), None) if temporal else None
+    for each in temporal:
+        tick_ns = _TICK_NS[str(getattr(each.type, "unit", "[day]" if types.is_date32(each.type) else "ms"))]
+        is_date = types.is_timestamp(each.type) or types.is_date(each.type)
+        begin = None
+        if is_date and first is not None:
+            begin = first[each.name].cast(f"int{each.type.bit_width}")[0].as_py()
+        is_utc = bool(types.is_timestamp(each.type) and each.type.tz)
+        found[each.name] = Stamp((begin or 0) * tick_ns, is_date and bool(begin), is_utc), tick_ns
+    return found
+
+
+def _starts_of(moments: Mapping[str, tuple[Stamp, int]], zone: tzinfo | None) -> dict[str, int]:
+    """Return the wall clock at the first moment of each column [ns since 1970]."""
+    return {name: stamp.epoch_ns(zone) for name, (stamp, _) in moments.items()}

@@ -11,7 +11,6 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.config.units import headed_unit
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
 from liftgate_hil.signals import COLUMNS
@@ -33,6 +32,7 @@ class Series:
     values: Floats  # NaN where a cell is empty
     times: Floats | None = None  # s, of a column with its own times; None: those of the file's rows
     unit: str | None = None  # None: the file does not state it
+    start_ns: int = 0  # of a column of dates: the wall clock at its 0 [ns since 1970]
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,8 @@ class Recording:
     signals: Mapping[str, Signal] = field(default_factory=dict)
     names: Sequence[str] = ()  # of all columns in the file, and FRAME if it holds frames
     units: Mapping[str, str] = field(default_factory=dict)  # of columns, if the file states them
+    # Of columns of dates: the wall clock at their 0 [ns since 1970].
+    starts: Mapping[str, int] = field(default_factory=dict)
     sample: str = "row"  # word for one sample: "sample" if each column has its own times
     channel: str | None = None  # name of the frames' bus; None: no frames
     start_ns: int = 0  # wall clock where the times begin [ns since 1970]; 0: none applies
@@ -130,7 +132,9 @@ class Recording:
                 issues.append(f"{self.path}: {name}: {text}")
             else:
                 result[name] = Series(
-                    np.ascontiguousarray(values), unit=self.units.get(name) or headed_unit(name) or None
+                    np.ascontiguousarray(values),
+                    unit=self.units.get(name) or None,
+                    start_ns=self.starts.get(name, 0),
                 )
         return result
 
@@ -138,6 +142,15 @@ class Recording:
 def no_such_bus(path: Path, name: str, buses: Sequence[str]) -> ConfigError:
     """Return the error of a bus that was chosen and is not in a file."""
     return ConfigError(f"`recording_channel` {name}: not in {path}; allowed: {', '.join(buses)}")
+
+
+MOST_COLUMNS = 20_000  # more than a sheet of Excel has (16,384)
+
+
+def check_width(path: Path, count: int) -> None:
+    """Raise ConfigError if a file has more columns than anybody looks at."""
+    if count > MOST_COLUMNS:
+        raise ConfigError(f"{path}: {count} columns; allowed: up to {MOST_COLUMNS}")
 
 
 def check_time_first(path: Path, names: Sequence[str]) -> None:

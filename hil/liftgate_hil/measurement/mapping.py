@@ -9,14 +9,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
+from numpy.typing import NDArray
+
 from liftgate_hil.config.files import check_file, is_there
 from liftgate_hil.config.kinds import Number, Subtable, Text
 from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.toml import Table, read_toml, show, table
-from liftgate_hil.config.units import headed_unit
+from liftgate_hil.config.units import headed_unit, marked_unit
 from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
-from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion
+from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, unit_of
 from liftgate_plant.signals import Signal
+
+Floats = NDArray[np.float64]
 
 _FORM = "OURS=THEIRS, OURS=THEIRS[unit], either with *scale, or FILE.toml"
 _SCALE, _OFFSET = Number(-1e9, 1e9), Number(-1e12, 1e12)
@@ -34,16 +39,34 @@ class Theirs:
     offset: float = 0.0
 
     def found_in(self, names: Collection[str]) -> str | None:
-        """Return the column's name in the file, where a unit may follow in brackets; None if it is missing.
+        """Return the column's name in the file, where a unit may follow in brackets or parentheses; None: missing.
 
         An exact name comes first, then one with the stated unit, then the only one with any unit.
         """
         choices = (self.name, f"{self.name} [{self.unit}]", f"{self.name}[{self.unit}]")
         found = next((choice for choice in choices if choice in names), None)
         if found is None:
-            alike = [name for name in names if name.partition("[")[0].rstrip() == self.name and headed_unit(name)]
+            alike = [name for name in names if headed_unit(name) and marked_unit(name)[0] == self.name]
             found = alike[0] if len(alike) == 1 else None
         return found
+
+    def converted(
+        self, values: Floats, ours: str, name: str, stated: str | None, known: Mapping[str, Signal] = KNOWN
+    ) -> Floats | str:
+        """Return the values of the file's column `name` in the unit of ours, or why they have none.
+
+        `stated` is the unit that the file states of the column, beside its name.
+        """
+        unit = unit_of(ours, name, stated, self.unit, known)
+        factors = conversion(ours, unit, known)
+        if factors is None:
+            return (
+                f"unit {show(unit)}; allowed: {allowed_units(ours, known)}; "
+                f"or `map` '{ours}={marked_unit(name)[0]}[unit]'"
+            )
+        if (self.scale, self.offset, *factors) == (1.0, 0.0, 1.0, 0.0):
+            return values
+        return factors[0] * (self.scale * values + self.offset) + factors[1]
 
 
 ColumnMap = dict[str, Theirs]
@@ -59,7 +82,7 @@ class MapTable(Record):
 class ColumnTable(Record):
     """The keys of a column in a map file."""
 
-    name: Annotated[str, Key(Text(), "name of the column in the file; there its unit may follow in brackets")]
+    name: Annotated[str, Key(Text(), "name of the column in the file; there its unit may follow, as in `I [mA]`")]
     unit: Annotated[str, Key(Text("a unit of the same quantity"), "unit of scale · value + offset",
         "that in the file, else the column's own")] = ""  # fmt: skip
     scale: Annotated[float, Key(_SCALE, "factor of the file's values; not 0")] = 1.0

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from liftgate_hil.config.units import SAME
+from liftgate_hil.config.units import SAME, marked_unit
 from liftgate_hil.errors import ConfigError, allowed_names, printable
 from liftgate_hil.formats.recording import Recording, Series
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
-from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, near_miss
+from liftgate_hil.measurement.units import KNOWN, conversion, near_miss, unit_of
 from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX
 
 SIDES = ("left", "right")
@@ -175,21 +175,13 @@ def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
 
 def _converted(reading: Reading, ours: str, series: Series, mapping: ColumnMap) -> Series:
     """Return a column in our unit."""
-    theirs = mapping.get(ours)
-    scale, offset, unit = 1.0, 0.0, series.unit
-    if theirs is not None:
-        scale, offset = theirs.scale, theirs.offset
-        unit = theirs.unit if theirs.unit is not None else unit
-    factors = conversion(ours, unit or "")
-    if factors is None:
-        name = reading.names[ours]
+    name = reading.names[ours]
+    found = mapping.get(ours, Theirs(name)).converted(series.values, ours, name, series.unit)
+    if isinstance(found, str):
         called = ours if name == ours else f"{ours} ({name})"
-        hint = f"; or `map` '{ours}={name}[unit]'" if theirs is None else ""
-        reading.issues.append(f"{reading.path}: {called}: unit {unit!r}; allowed: {allowed_units(ours)}{hint}")
-        factors = (1.0, 0.0)
-    if (scale, offset, *factors) == (1.0, 0.0, 1.0, 0.0):
+        reading.issues.append(f"{reading.path}: {called}: {found}")
         return series
-    return replace(series, values=factors[0] * (scale * series.values + offset) + factors[1])
+    return replace(series, values=found)
 
 
 def _check_range(reading: Reading, ours: str, series: Series) -> None:
@@ -206,7 +198,7 @@ def _check_range(reading: Reading, ours: str, series: Series) -> None:
         hint = ""
         rather = next((unit for ending, unit in _RATHER.items() if ours.endswith(ending)), None)
         factor = (conversion(ours, rather or "") or (1.0, 0.0))[0]
-        is_ours = conversion(ours, series.unit or "") == SAME
+        is_ours = conversion(ours, unit_of(ours, theirs, series.unit, None)) == SAME
         if rather and is_ours and low <= factor * np.nanmin(values) and factor * np.nanmax(values) <= high:
             hint = f"; is it {rather}? `map` '{ours}={theirs}[{rather}]'"
         reading.issues.append(
@@ -257,7 +249,7 @@ def misspelt(reading: Reading, ours: Iterable[str]) -> dict[str, str]:
     free = [name for name in ours if name not in (*reading.names, "time_s")]
     notes = {}
     for name in reading.file.names:
-        bare = name.partition("[")[0].strip()
+        bare = marked_unit(name)[0].strip()
         if name in taken or bare in COLUMN_PLACE or bare in KNOWN:
             continue
         if near := get_close_matches(bare, free, 1, cutoff=_NEAR):

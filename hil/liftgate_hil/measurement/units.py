@@ -23,6 +23,18 @@ def conversion(column: str, unit: str, known: Mapping[str, Signal] = KNOWN) -> C
     return units.conversion(known[column], unit)
 
 
+def unit_of(
+    ours: str, name: str, stated: str | None, mapped: str | None, known: Mapping[str, Signal] = KNOWN
+) -> str:
+    """Return the unit of a file's column `name` that is ours; "": ours.
+
+    It is what the map says, else what the file says of the column, else what its name does.
+    """
+    if mapped is not None:
+        return mapped
+    return stated or ("" if name == ours else units.unit_in(name, known[ours]))
+
+
 def allowed_units(column: str, known: Mapping[str, Signal] = KNOWN) -> str:
     """Return the units that our column may have, for a message."""
     return units.allowed_units(known[column])

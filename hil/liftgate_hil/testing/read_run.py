@@ -22,9 +22,9 @@ from liftgate_hil.judging.judge import Gap
 from liftgate_hil.measurement.bus_log import refusals_in, span_of, tracks_of, unwrapped
 from liftgate_hil.measurement.log_frames import SILENT_S, read_frames
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
-from liftgate_hil.signals import BUS_OUTPUTS, OUTPUT_COLUMNS, Bench
+from liftgate_hil.signals import BUS_OUTPUTS, COLUMNS, OUTPUT_COLUMNS, Bench
 from liftgate_hil.testing.recorded_run import RecordedRun, Track, rounded_to_us
-from liftgate_hil.testing.run_file import RunFile, converted, opened
+from liftgate_hil.testing.run_file import RunFile, opened
 
 Floats = NDArray[np.float64]
 
@@ -232,7 +232,11 @@ def _tracks(
                 continue
             times, values, unit = file.samples[name]
             times_us, path = rounded_to_us(times) - file.zero_us, file.path
-        tracks[ours] = Track(times_us, converted(values, ours, theirs, unit, path, issues))
+        found = theirs.converted(values, ours, name, unit, COLUMNS)
+        if isinstance(found, str):
+            issues.append(f"{path}: {ours} ({name}): {found}")
+        else:
+            tracks[ours] = Track(times_us, found)
     return tracks | _by_rig(_wires(places, files, asked), frames, asked.rig, notes)
 
 

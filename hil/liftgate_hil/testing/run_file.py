@@ -17,7 +17,6 @@ from liftgate_hil.formats.recording import FRAME, Recording, Series
 from liftgate_hil.measurement.log_frames import LogFrames
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
 from liftgate_hil.measurement.table import time_issue
-from liftgate_hil.measurement.units import allowed_units, conversion
 from liftgate_hil.signals import COLUMNS, Bench
 
 Floats = NDArray[np.float64]
@@ -34,16 +33,18 @@ class RunFile:
     is_ours: bool = False  # whether the table is a recording of this program with a row per tick
     has_frames: bool = False
     log: LogFrames | None = None
-    samples: dict[str, tuple[Floats, Floats, str]] = field(default_factory=dict)  # times, values, unit
+    samples: dict[str, tuple[Floats, Floats, str | None]] = field(default_factory=dict)  # times, values, unit
     span: tuple[float, float] | None = None  # s, first and last of all its times
+    start_ns: int = 0  # wall clock at time 0, of a table whose times are dates [ns since 1970]
     zero_us: int = 0  # µs, the run's start by its clock
 
     @property
     def wall_us(self) -> int | None:
         """Wall clock at the file's time 0 [µs since 1970]; None: it states none."""
         source = self.log or self.table
-        if source is not None and source.start_ns:
-            return source.start_ns // 1000
+        start_ns = self.start_ns or (source.start_ns if source is not None else 0)
+        if start_ns:
+            return start_ns // 1000
         return 0 if self.span is not None and self.span[0] > LATEST_S else None
 
     @property
@@ -105,7 +106,11 @@ class RunFile:
             series = file.read(list(dict.fromkeys([name, *names])), issues)
             if name not in series:
                 return
-            shared = converted(series[name].values, "time_s", theirs, series[name].unit, self.path, issues)
+            found = theirs.converted(series[name].values, "time_s", name, series[name].unit, COLUMNS)
+            if isinstance(found, str):
+                issues.append(f"{self.path}: time_s ({name}): {found}")
+                return
+            shared, self.start_ns = found, series[name].start_ns
             if not self._is_sound(shared, issues):
                 return
         else:
@@ -114,7 +119,7 @@ class RunFile:
             times = shared if shared is not None else each.times
             assert times is not None
             there = np.isfinite(each.values)
-            self.samples[name] = times[there], each.values[there], each.unit or ""
+            self.samples[name] = times[there], each.values[there], each.unit
         ends = [(own[0], own[-1]) for own, *_ in self.samples.values() if len(own)]
         if self.span is None and ends:
             self.span = float(min(low for low, _ in ends)), float(max(high for _, high in ends))
@@ -139,19 +144,3 @@ def _any_of(file: Recording) -> Mapping[str, Series]:
         if name != FRAME and (series := file.read([name], [])):
             return series
     return {}
-
-
-def converted(
-    values: Floats, ours: str, theirs: Theirs, unit: str | None, path: Path, issues: list[str]
-) -> Floats:
-    """Return values in our unit; where that is not possible an issue names `path`, the file."""
-    own = theirs.unit if theirs.unit is not None else unit or ""
-    factors = conversion(ours, own, COLUMNS)
-    if factors is None:
-        hint = f"; or `map` '{ours}={theirs.name}[unit]'"
-        text = f"unit {own!r}; allowed: {allowed_units(ours, COLUMNS)}{hint}"
-        issues.append(f"{path}: {ours} ({theirs.name}): {text}")
-        return values
-    if (theirs.scale, theirs.offset, *factors) == (1.0, 0.0, 1.0, 0.0):
-        return values
-    return factors[0] * (theirs.scale * values + theirs.offset) + factors[1]

@@ -12,6 +12,8 @@ from measurement_files import read, write_csv
 from liftgate_hil.errors import ConfigError, allowed_names
 from liftgate_hil.measurement.mapping import Theirs, parse_maps
 from liftgate_hil.measurement.units import KNOWN, conversion
+from liftgate_hil.signals import COLUMNS
+from liftgate_hil.testing.run_file import opened
 
 TIMES = np.arange(25) * 0.01
 
@@ -186,3 +188,42 @@ def test_all_faults_of_all_maps_come_at_once(tmp_path: Path) -> None:
 def test_a_column_may_be_mapped_once_only() -> None:
     with pytest.raises(ConfigError, match="left_current_a: mapped twice; allowed: once"):
         parse_maps(["left_current_a=a", "left_current_a=b"])
+
+
+@pytest.mark.parametrize(
+    ("header", "newtons"),
+    [
+        ("F [kN]", 350.0), ("F (kN)", 350.0), ("F(kN)", 350.0), ("F/kN", 350.0), ("<F>/kN", 350.0),
+        ("F_kN", 350.0), ("F in kN", 350.0), ("F, kN", 350.0), ("F kN", 350.0), ("f_kn", 350.0), ("F", 0.35),
+        ("Gate/Force/F", 0.35), ("F_min", 0.35), ("Motor/F (daN)", 3.5),
+    ],
+)  # fmt: skip
+def test_a_unit_in_a_columns_name_counts(tmp_path: Path, header: str, newtons: float) -> None:
+    path = tmp_path / "foreign.csv"
+    path.write_text(f'time_s,"{header}"\n0,0.35\n1,0.35\n')
+    values = _force_in(path, header)
+    assert values == pytest.approx([newtons, newtons])
+
+
+@pytest.mark.parametrize("header", ["F [kW]", "F (filtered)", "F/kW", "F (kN/s)", "F [lb]"])
+def test_a_text_in_a_columns_name_that_is_no_unit_of_ours_is_refused(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "foreign.csv"
+    path.write_text(f'time_s,"{header}"\n0,0.35\n1,0.35\n')
+    with pytest.raises(ConfigError, match=r"unit .*; allowed: N, "):
+        _force_in(path, header)
+    assert _force_in(path, f"{header}[kN]") == pytest.approx([350.0, 350.0])
+
+
+def _force_in(path: Path, theirs: str) -> list[float]:
+    """The pinch force of a file, as `judge` reads it."""
+    mapping = parse_maps([f"pinch_force_n={theirs}"], COLUMNS)
+    file, column = opened(path), mapping["pinch_force_n"]
+    name = column.found_in(file.names)
+    assert name is not None
+    issues: list[str] = []
+    file.read([name], mapping, issues)
+    _, values, unit = file.samples[name]
+    found = column.converted(values, "pinch_force_n", name, unit, COLUMNS)
+    if isinstance(found, str):
+        raise ConfigError(found)
+    return list(found)

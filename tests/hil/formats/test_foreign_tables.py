@@ -1,0 +1,146 @@
+"""Tables as other programs write them: comments, no header, dates, encodings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pytest
+
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.csv_header import COMMAS, COMMENTED, NUMBERED
+from liftgate_hil.formats.open import open_file
+from liftgate_hil.formats.recording import ReadOptions, Series
+
+
+def series_in(path: Path, *names: str, zone: str | None = None) -> dict[str, Series]:
+    """The columns of a file. Raises ConfigError with all issues."""
+    file = open_file(path, how=ReadOptions(zone=None if zone is None else ZoneInfo(zone)))
+    issues: list[str] = []
+    found = file.read(names, issues)
+    if issues:
+        raise ConfigError(issues)
+    return found
+
+
+def written(folder: Path, text: str, encoding: str = "utf-8", name: str = "t.csv") -> Path:
+    path = folder / name
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+def test_comments_are_no_rows_wherever_they_stand(tmp_path: Path) -> None:
+    path = written(tmp_path, "# by a logger\n\n// 1,2\ntime_s,F\n0,1\n# 7,7\n  % 8,8\n1,2\n#end")
+    found = series_in(path, "time_s", "F")
+    assert found["time_s"].values.tolist() == [0.0, 1.0]
+    assert found["F"].values.tolist() == [1.0, 2.0]
+
+
+def test_the_last_comment_is_the_header_where_no_other_is(tmp_path: Path) -> None:
+    """As numpy's savetxt writes it."""
+    path = tmp_path / "t.csv"
+    np.savetxt(path, [[0.0, 1.0], [1.0, 2.0]], delimiter=",", header="made by numpy\nt,F (kN)")
+    file = open_file(path)
+    assert list(file.names) == ["t", "F (kN)"]
+    assert COMMENTED in file.notes
+    assert series_in(path, "F (kN)")["F (kN)"].values.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [("0,5\n1,6\n", [5.0, 6.0]), ("0,5;1,5\n1,5;2\n", [1.5, 2.0]), ("# a\n0\t5\n1\t6\n", [5.0, 6.0])],
+)
+def test_columns_without_a_header_have_numbers(tmp_path: Path, text: str, values: list[float]) -> None:
+    path = written(tmp_path, text)
+    file = open_file(path)
+    assert list(file.names) == ["1", "2"]
+    assert NUMBERED in file.notes
+    assert (COMMAS in file.notes) == (";" in text)
+    assert series_in(path, "2")["2"].values.tolist() == values
+
+
+@pytest.mark.parametrize("text", ["0 1 2\n1 2 3\n", "t F\n0 1\n1 2\n"])
+def test_blanks_between_cells_are_named(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigError, match="cells separated by blanks; allowed: by commas, semicolons or tabs"):
+        open_file(written(tmp_path, text))
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
+def test_a_text_that_excel_calls_unicode_is_read(tmp_path: Path, encoding: str) -> None:
+    path = written(tmp_path, "time_s\tWinkel [°]\r\n0\t1,5\r\n1\t2,5", encoding, "t.txt")
+    assert series_in(path, "Winkel [°]")["Winkel [°]"].values.tolist() == [1.5, 2.5]
+
+
+@pytest.mark.parametrize(
+    ("cells", "seconds", "epoch_ns"),
+    [
+        (("2025-09-29 13:00:00.5", "2025-09-29 13:00:01.25"), 0.75, 1_759_122_000_500_000_000),
+        (("2025-09-29T13:00:00.000000001", "2025-09-29T13:00:00.000000004"), 3e-9, 1_759_122_000_000_000_001),
+        (("2025-09-29T05:00:00Z", "2025-09-30T05:00:00Z"), 86_400.0, 1_759_122_000_000_000_000),
+        (("2025-09-29T00:00:00-05:00", "2025-09-29T00:00:02-05:00"), 2.0, 1_759_122_000_000_000_000),
+        (("29.09.2025 13:00:00,5", "29.09.2025 13:00:01,5"), 1.0, 1_759_122_000_500_000_000),
+        (("2025/09/29 13:00", "2025/09/29 13:01"), 60.0, 1_759_122_000_000_000_000),
+        (("23:59:59.9", "0:00:00.1"), 0.2, 0),
+    ],
+)
+def test_dates_are_seconds_from_the_first_one(
+    tmp_path: Path, cells: tuple[str, str], seconds: float, epoch_ns: int
+) -> None:
+    """The wall clock is that of the zone, which is eight hours ahead of UTC."""
+    path = written(tmp_path, "Time;F\n" + "".join(f"{cell};1\n" for cell in cells))
+    found = series_in(path, "Time", zone="Asia/Shanghai")["Time"]
+    assert found.values.tolist() == [0.0, pytest.approx(seconds, rel=1e-12)]
+    assert found.unit == "s"
+    assert found.start_ns == epoch_ns
+
+
+@pytest.mark.parametrize("cell", ["x", "13:00:00", "2025-09-29T13:00:00Z", "2025-13-29 13:00:00"])
+def test_a_cell_of_another_form_is_named(tmp_path: Path, cell: str) -> None:
+    path = written(tmp_path, f"t,F\n2025-09-29 13:00:00,1\n{cell},2\n")
+    with pytest.raises(ConfigError, match="t: .* in row 2; allowed: as in the first row"):
+        series_in(path, "t")
+
+
+def test_a_date_whose_day_may_be_its_month_is_none(tmp_path: Path) -> None:
+    path = written(tmp_path, "t,F\n09/10/2025 13:00:00,1\n")
+    with pytest.raises(ConfigError, match="or a date in each row, such as 2025-09-29"):
+        series_in(path, "t")
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_more_columns_than_anybody_looks_at_are_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"t.{kind}"
+    names = [f"c{k}" for k in range(20_001)]
+    if kind == "csv":
+        path.write_text(",".join(names) + "\n")
+    else:
+        import pyarrow
+        from pyarrow import parquet
+
+        parquet.write_table(pyarrow.table({name: [0.0] for name in names}), path)
+    with pytest.raises(ConfigError, match="20001 columns; allowed: up to 20000"):
+        open_file(path)
+
+
+@pytest.mark.parametrize("unit", ["ns", "us", "ms", "s"])
+def test_timestamps_in_parquet_are_seconds_from_the_first_one(tmp_path: Path, unit: str) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    path = tmp_path / "t.parquet"
+    times = np.array(["2025-09-29T05:00:00", "2025-09-29T05:00:02"], dtype=f"datetime64[{unit}]")
+    spans = np.array([0, 1], dtype=f"timedelta64[{unit}]")
+    columns = {
+        "t": pyarrow.array(times, pyarrow.timestamp(unit)),
+        "t_utc": pyarrow.array(times, pyarrow.timestamp(unit, "UTC")),
+        "span": pyarrow.array(spans),
+        "F": pyarrow.array([1, 2]).cast(pyarrow.decimal128(21, 2)),
+    }
+    parquet.write_table(pyarrow.table(columns), path)
+    found = series_in(path, *columns, zone="Asia/Shanghai")
+    assert found["t"].values.tolist() == found["t_utc"].values.tolist() == [0.0, 2.0]
+    assert (found["t"].unit, found["t_utc"].start_ns) == ("s", 1_759_122_000_000_000_000)
+    assert found["t"].start_ns == found["t_utc"].start_ns - 8 * 3600 * 10**9
+    assert found["span"].values[1] == {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit]
+    assert found["F"].values.tolist() == [1.0, 2.0]
