@@ -98,7 +98,7 @@ def test_dates_are_seconds_from_the_first_one(
 @pytest.mark.parametrize("cell", ["x", "13:00:00", "2025-09-29T13:00:00Z", "2025-13-29 13:00:00"])
 def test_a_cell_of_another_form_is_named(tmp_path: Path, cell: str) -> None:
     path = written(tmp_path, f"t,F\n2025-09-29 13:00:00,1\n{cell},2\n")
-    with pytest.raises(ConfigError, match="t: .* in row 2; allowed: as in the first row"):
+    with pytest.raises(ConfigError, match=r"t: .* in row 2; allowed: as in the first row"):
         series_in(path, "t")
 
 
