@@ -1,19 +1,24 @@
-"""Opens an MF4 file by asammdf, whose errors are raised as ConfigError."""
+"""Opens an MF4 file by asammdf, whose errors are raised as ConfigError, and reads it in blocks."""
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import io
 import logging
+import shutil
 import struct
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.reading import cause_text
 
 
@@ -28,15 +33,18 @@ def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
     except ImportError as error:
         raise ConfigError(f"{path}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'") from error
     check_file(path)
+    is_finished = _check_version(path)
     _check_groups(path)
     text, logger = "", logging.getLogger("asammdf")
     level = logger.level
     # asammdf logs to stderr what it then raises, or can do without.
     logger.setLevel(logging.CRITICAL + 1)
     try:
-        # asammdf loads whole channels of a file that it has opened itself.
-        with path.open("rb") as stream, MDF(stream if in_blocks else path) as measurement:
-            yield measurement
+        with path.open("rb") as file, ExitStack() as stack:
+            stream = file if is_finished else stack.enter_context(_copy_of(file))
+            # asammdf loads whole channels of a file that it has opened itself.
+            source: Any = path if is_finished and not in_blocks else stream
+            yield stack.enter_context(MDF(source))
     except ConfigError:
         raise
     except Exception as error:  # asammdf raises what its parsers raise
@@ -47,6 +55,27 @@ def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
         logger.setLevel(level)
     if text:
         raise ConfigError(f"{path}: cannot be read: {text}")
+
+
+def _check_version(path: Path) -> bool:
+    """Return whether a file is finished. Raises ConfigError if it is none of MDF 4."""
+    with path.open("rb") as stream:
+        head = stream.read(12)
+    version = head[8:12].decode("latin-1").strip(" \0")
+    if head[:7] in (b"MDF    ", b"UnFinMF") and version[:1] in ("2", "3"):
+        raise ConfigError(
+            f"{path}: MDF {version}; allowed: MDF 4, to which asammdf converts it: "
+            f"MDF({path.name!r}).convert('4.10').save('{path.stem}-4.mf4')"
+        )
+    return head[:7] != b"UnFinMF"
+
+
+def _copy_of(file: BinaryIO) -> BinaryIO:
+    """Return a copy of a file that a logger has not finished, in which asammdf completes it."""
+    copy = tempfile.TemporaryFile()  # noqa: SIM115  # closed by the caller
+    shutil.copyfileobj(file, copy)
+    copy.seek(0)
+    return copy
 
 
 # MDF 4: address of the header block, and length of a block's own header; links follow it.
@@ -97,3 +126,45 @@ def _silent_end() -> Iterator[None]:
         gc.collect()
     finally:
         sys.unraisablehook = hook
+
+
+_BLOCK = 20_000  # rows or frames that are read at a time
+
+
+def blocks_of(measured: Any, asked: Sequence[tuple[None, int, int]], account: Account) -> Iterator[list[Any]]:
+    """Yield these channels of one group, some rows at a time; of a file that was cut off those that are whole."""
+    count = measured.groups[asked[0][1]].channel_group.cycles_nr
+
+    def read(first: int, rows: int) -> list[Any]:
+        found: list[Any] = measured.select(
+            list(asked), record_offset=first, record_count=rows, raw=True, copy_master=False
+        )
+        return found
+
+    for first in range(0, count, _BLOCK):
+        rows = min(_BLOCK, count - first)
+        try:
+            yield read(first, rows)
+        except ConfigError:
+            raise
+        except Exception:
+            whole = _most(rows, partial(read, first)) if first + rows == count else 0
+            if not whole:
+                raise
+            account.leave_out(
+                "record", "the file was cut off within it", f"record {first + whole + 1}", rows - whole
+            )
+            yield read(first, whole)
+
+
+def _most(count: int, read: Callable[[int], object]) -> int:
+    """Return how many of `count` records can be read, from the first one on."""
+    low, high = 0, count
+    while high - low > 1:
+        middle = (low + high) // 2
+        with contextlib.suppress(Exception):  # asammdf raises what its parsers raise
+            read(middle)
+            low = middle
+            continue
+        high = middle
+    return low

@@ -21,7 +21,12 @@ _FORMS = (
 )
 _WITHIN = ((b"Microchip", "a log of Microchip's CAN BUS Analyzer", "converted into candump's form or ASC"),)
 # What a binary format begins with, and its endings.
-_BINARY = ((b"LOGG", "BLF", (".blf",)), (b"MDF     ", "MDF", (".mf4",)), (b"\x89MCAP", "MCAP", (".mcap",)))
+_BINARY = (
+    (b"LOGG", "BLF", (".blf",)),
+    (b"MDF     ", "MDF", (".mf4",)),
+    (b"UnFinMF ", "MDF", (".mf4",)),
+    (b"\x89MCAP", "MCAP", (".mcap",)),
+)
 
 
 def check_form(path: Path) -> None:

@@ -20,7 +20,16 @@ from liftgate_hil.cli.main import main
 from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, logged, no_logged
 from liftgate_hil.conversion.convert import convert
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats import bus_log, csv_file, csv_text, mcap_chunks, mcap_file, mf4_file, parquet_file
+from liftgate_hil.formats import (
+    bus_log,
+    csv_file,
+    csv_text,
+    mcap_chunks,
+    mcap_file,
+    mf4_file,
+    mf4_reader,
+    parquet_file,
+)
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import FORMATS, RECORDED, TABLES, WITH_MARKS, open_recording, open_writer
 from liftgate_hil.formats.recording import ReadOptions
@@ -43,7 +52,7 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     for module, name, size in (
         (csv_file, "_BLOCK", 1 << 16), (csv_text, "_BLOCK", 100),
         (mcap_file, "_ROWS", 100), (mcap_chunks, "_CHUNK", 1 << 16),
-        (mf4_file, "_ROWS", 200), (mf4_file, "_FRAMES", 200), (mf4_file, "_BLOCK", 200),
+        (mf4_file, "_ROWS", 200), (mf4_file, "_FRAMES", 200), (mf4_reader, "_BLOCK", 200),
         (parquet_file, "_GROUP", 200), (parquet_file, "_ROWS", 200),
         (bus_log, "_BLOCK", 200),
     ):  # fmt: skip

@@ -1,0 +1,134 @@
+"""MF4 files as other programs and loggers write them: conversions, invalid samples, unfinished files, MDF 3."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.open import open_file, open_recording
+
+asammdf = pytest.importorskip("asammdf")
+
+TIMES = np.arange(6) * 0.01
+LINEAR = {"a": 0.01, "b": 0.0}
+INIT = {"val_0": 65534.0, "text_0": b"Init", "val_1": 65535.0, "text_1": b"Invalid"}
+STATES = {"val_0": 0.0, "text_0": b"closed", "val_1": 1.0, "text_1": b"open"}
+
+
+def channel(name: str, raw: Any, conversion: dict[str, Any] | None = None, unit: str = "deg", **how: Any) -> Any:
+    from asammdf.blocks.conversion_utils import from_dict
+
+    made = None if conversion is None else from_dict(dict(conversion))
+    return asammdf.Signal(np.asarray(raw), TIMES, name=name, unit=unit, conversion=made, **how)
+
+
+def saved(path: Path, *groups: list[Any]) -> Path:
+    with asammdf.MDF(version="4.10") as measured:
+        for group in groups:
+            measured.append(group, acq_name=path.stem if len(groups) == 1 else "")
+        measured.save(path, overwrite=True)
+    return path
+
+
+def default(conversion: dict[str, Any]) -> dict[str, Any]:
+    from asammdf.blocks.conversion_utils import from_dict
+
+    return {"default_addr": from_dict(dict(conversion))}
+
+
+def read(path: Path, name: str) -> list[float]:
+    issues: list[str] = []
+    found = open_file(path).read([name], issues)
+    if issues:
+        raise ConfigError(issues)
+    return found[name].values.tolist()
+
+
+def rows_of(path: Path, name: str) -> list[float]:
+    recording = open_recording(path)
+    return np.concatenate(list(recording.rows(["time_s", name])))[:, 1].tolist()
+
+
+RAW = np.array([65534, 2000, 2000, 65535, 3000, 3000], dtype="u2")
+
+
+@pytest.mark.parametrize("conversion", [INIT | default(LINEAR)])
+def test_a_text_of_a_scaled_signal_is_no_number(tmp_path: Path, conversion: dict[str, Any]) -> None:
+    """As a database's labels for single values become value texts."""
+    path = saved(tmp_path / "m.mf4", [channel("Angle", RAW, conversion)])
+    assert read(path, "Angle") == [20.0, 20.0, 30.0, 30.0]
+    assert rows_of(path, "Angle") == pytest.approx([np.nan, 20.0, 20.0, np.nan, 30.0, 30.0], nan_ok=True)
+
+
+@pytest.mark.parametrize(("conversion", "unit"), [(INIT | default(LINEAR), "deg"), (INIT, "deg"), (INIT, "")])
+def test_a_signal_that_is_a_text_throughout_is_refused(
+    tmp_path: Path, conversion: dict[str, Any], unit: str
+) -> None:
+    path = saved(tmp_path / "m.mf4", [channel("Angle", np.full(6, 65534, dtype="u2"), conversion, unit)])
+    with pytest.raises(ConfigError, match="no numbers, only value texts or invalid samples"):
+        read(path, "Angle")
+    assert np.isnan(rows_of(path, "Angle")).all()
+
+
+def test_the_names_of_a_state_leave_its_numbers(tmp_path: Path) -> None:
+    raw = np.array([0, 1, 1, 0, 0, 1], dtype="u1")
+    path = saved(tmp_path / "m.mf4", [channel("Latch", raw, STATES, "")])
+    assert read(path, "Latch") == rows_of(path, "Latch") == raw.tolist()
+
+
+@pytest.mark.parametrize("conversion", [{"a": 1.0, "b": 0.0}, {"a": 0.5, "b": -1.0}])
+def test_a_numeric_conversion_is_applied(tmp_path: Path, conversion: dict[str, float]) -> None:
+    path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6, dtype="i2"), conversion)])
+    expected = (np.arange(6) * conversion["a"] + conversion["b"]).tolist()
+    assert read(path, "Angle") == rows_of(path, "Angle") == expected
+
+
+def test_an_invalid_sample_is_no_value_in_any_command(tmp_path: Path) -> None:
+    bits = np.array([False, True, False, False, True, False])
+    path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0), invalidation_bits=bits)])
+    assert read(path, "Angle") == [0.0, 2.0, 3.0, 5.0]
+    assert rows_of(path, "Angle") == pytest.approx([0.0, np.nan, 2.0, 3.0, np.nan, 5.0], nan_ok=True)
+
+
+def test_a_channel_that_is_no_number_is_noted_and_left_out(tmp_path: Path) -> None:
+    text = channel("Remark", np.array([b"a"] * 6), unit="", encoding="utf-8")
+    path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0)), text])
+    recording = open_recording(path)
+    assert list(recording.signals) == ["time_s", "Angle"]
+    assert "Remark left out: not numeric" in recording.notes
+    with pytest.raises(ConfigError, match="Remark: not numeric"):
+        read(path, "Remark")
+
+
+def test_channels_of_one_name_have_that_of_their_group(tmp_path: Path) -> None:
+    path = tmp_path / "m.mf4"
+    with asammdf.MDF(version="4.10") as measured:
+        for group, value in (("Motor A", 1.0), ("Motor B", 2.0)):
+            measured.append([channel("I", np.full(6, value), unit="A")], acq_name=group)
+        measured.save(path)
+    assert list(open_file(path).names) == ["Motor A.I", "Motor B.I"]
+    assert read(path, "Motor B.I") == [2.0] * 6
+
+
+def test_mdf_3_is_named_with_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "m.mf4"
+    with asammdf.MDF(version="3.30") as measured:
+        measured.append([channel("Angle", np.arange(6.0))])
+        written = measured.save(tmp_path / "m.mdf")
+    Path(written).rename(path)
+    with pytest.raises(ConfigError, match=r"MDF 3\.30; allowed: MDF 4, to which asammdf converts it"):
+        open_file(path)
+
+
+def test_a_file_that_its_logger_has_not_finished_is_read_and_left_as_it_is(tmp_path: Path) -> None:
+    """The identification says so, and the count of records is missing (ASAM MDF 4.1, unfinalized flags)."""
+    path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0))])
+    content = bytearray(path.read_bytes())
+    content[:8], content[60] = b"UnFinMF ", 0b1
+    path.write_bytes(content)
+    assert read(path, "Angle") == rows_of(path, "Angle") == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert path.read_bytes() == content
