@@ -77,6 +77,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="longest gap between two samples of a column in recordings of other tools; a longer one makes "
         "windows inconclusive; default: three times the column's usual interval",
     )
+    parser.add_argument(
+        "--origin",
+        type=options.bounded(-1e10, 1e10, "s"),
+        metavar="S",
+        help="where the run begins in recordings of other tools, by their times; default: with their first sample",
+    )
     add_reports(parser, "; the recordings stay where they are")
     parser.add_argument("--quiet", action="store_true", help="print only what does not pass")
 
@@ -141,6 +147,7 @@ def _about(args: argparse.Namespace) -> Expectations:
         mapping=mapping,
         rate=args.rate,
         longest_gap=args.longest_gap,
+        origin=args.origin,
         how=reading_of(args),
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -46,6 +47,7 @@ class Asked:
     others: frozenset[int] = frozenset()  # identifiers of further frames
     may_be_silent: bool = False  # whether a silent bus is part of the scenario
     how: ReadOptions = AS_IT_IS
+    origin: float | None = None  # s, time 0 of the run in recordings of other tools; None: their first sample
 
 
 def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
@@ -68,9 +70,9 @@ def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
             ends = [each for each in (file.span, file.log.span) if each is not None]
             if ends:
                 file.span = min(low for low, _ in ends), max(high for _, high in ends)
-    _set_clocks(files)
+    _set_clocks(files, asked.origin)
     frames = _frames(files)
-    notes = [note for each in files for note in each.notes]
+    notes = [note for each in files for note in (*each.notes, *_outside(each))]
     tracks = _tracks(files, places, frames, asked, notes, issues)
     if issues:
         raise ConfigError(issues)
@@ -144,15 +146,24 @@ def _wires(places: Places, files: Sequence[RunFile], asked: Asked) -> list[Any]:
     return [wire for wire in asked.rig.outputs if OUTPUT_COLUMNS.get(wire.quantity) in wanted]
 
 
-def _set_clocks(files: Sequence[RunFile]) -> None:
+def _set_clocks(files: Sequence[RunFile], origin: float | None) -> None:
     """Set where each file's times begin, so that all count from the same moment. Raises ConfigError.
 
     Files by the wall clock are brought together by it, where all have one. A log whose header states it counts
-    from its own beginning where others have none.
+    from its own beginning where others have none. Files of other tools begin with their first sample, or at
+    `origin` by their own times; a log that begins within a second of its time 0 keeps that.
     """
     timed = [each for each in files if each.span is not None]
     walls = {each.path: wall for each in timed if (wall := each.wall_us) is not None}
+    ours = next((each for each in timed if each.is_ours), None)
+    if origin is not None and ours is not None:
+        text = f"`origin` {origin:g}: {ours.path} states its own time 0"
+        raise ConfigError(f"{text}; allowed: with recordings of other tools")
     if not walls:
+        if ours is None and timed:
+            begin_us = _begin_us(timed) if origin is None else round(1e6 * origin)
+            for each in timed:
+                each.zero_us = begin_us
         return
     start_us = max((walls[each.path] for each in timed if each.is_ours and each.path in walls), default=None)
     without = [each for each in timed if each.path not in walls]
@@ -166,9 +177,9 @@ def _set_clocks(files: Sequence[RunFile]) -> None:
             "states its start, as those of runs in real time do"
         )
     if start_us is None:
-        start_us = min(
-            math.floor(1e6 * each.span[0]) + walls[each.path] for each in timed if each.span is not None
-        )
+        begins = [(math.floor(1e6 * each.span[0]), walls[each.path]) for each in timed if each.span is not None]
+        first_us, wall_us = min(begins, key=sum)
+        start_us = wall_us + (first_us if origin is None else round(1e6 * origin))
     for each in timed:
         if each.path in walls:
             zero_us = start_us - walls[each.path]
@@ -178,6 +189,14 @@ def _set_clocks(files: Sequence[RunFile]) -> None:
     _check_hours(timed)
 
 
+def _begin_us(files: Sequence[RunFile]) -> int:
+    """Return where a run begins in files of other tools that have no wall clock [µs by their times]."""
+    first = min(each.span[0] for each in files if each.span is not None)
+    is_kept = all(each.table is None for each in files) and 0.0 <= first <= _NEAR_0_S
+    return 0 if is_kept else math.floor(1e6 * first + 1e-3)
+
+
+_NEAR_0_S = 1.0  # s, of time 0: a bus log that begins there counts from when its logger was started
 _ROUNDED, _HEADER_US = (".asc", ".trc"), 1000  # formats whose times count from a start in whole ms of the header
 _HOUR_S, _NEAR_S = 3600.0, 60.0  # s, by how much two clocks of one moment may differ, besides whole hours
 
@@ -195,6 +214,17 @@ def _check_hours(files: Sequence[RunFile]) -> None:
                 f"{late.path}: {abs(hours)} h after {early.path}, as if one header had another zone's time; "
                 "allowed: files of one run, or `timezone` for headers from elsewhere"
             )
+
+
+def _outside(file: RunFile) -> Iterable[str]:
+    """Yield notes on where a run begins in a file of another tool."""
+    if file.is_ours or file.span is None:
+        return
+    first, zero = file.span[0], 1e-6 * file.zero_us
+    if first < zero - 1e-6:
+        yield f"{file.path}: begins {zero - first:.6g} s before time 0 of the run; what precedes it is not judged"
+    elif file.zero_us and file.wall_us is None:
+        yield f"{file.path}: begins at {first:.9g} s; the run's time 0 is at {zero:.9g} s"
 
 
 def _frames(files: Iterable[RunFile]) -> Any:
@@ -318,11 +348,31 @@ def _by_rows(
     times = table.samples["time_s"][0]
     steps = np.diff(times)
     usual = float(np.median(steps)) if len(steps) else 1e-3
-    gaps = [Gap(float(times[k]), float(times[k + 1])) for k in np.flatnonzero(steps > 1.5 * usual)]
-    if times[0] > 1.5 * usual:  # a later part, or a triggered recording
+    if stated := _thinned(table, float(times[0]), usual):
+        text = f"{table.path}: a row every {1e3 * usual:.4g} ms of a run {stated}: windows are inconclusive"
+        rate, thinned = 1.0 / max(usual, 1e-4), Gap(0.0, float(times[-1]), is_thinned=True)
+        return RecordedRun(times, rate, tracks, frames, has_frames, [thinned], [*notes, text])
+    gaps = [Gap(float(times[k]), float(times[k + 1])) for k in np.flatnonzero(steps > _APART * usual)]
+    if times[0] > _APART * usual:  # a later part, or a triggered recording
         gaps.insert(0, Gap(0.0, float(times[0])))
     rate = 1.0 / max(float(steps.min()) if len(steps) else usual, 1e-4)
     return RecordedRun(times, rate, tracks, frames, has_frames, gaps, notes)
+
+
+def _thinned(table: RunFile, first: float, usual: float) -> str:
+    """Return how dense the rows of a recording of ours were where some were left out since; "": none were.
+
+    Its provenance states the rate. Without it, the first row shows it: it is a whole number of ticks after time 0.
+    """
+    about = json.loads(table.table.about) if table.table is not None and table.table.about else {}
+    if rate := float(about.get("rate_hz") or 0.0):
+        return f"with one every {1e3 / rate:.4g} ms" if usual * rate > _APART else ""
+    ticks = first / usual
+    return "with more of them" if abs(ticks - round(ticks)) > _OFF_RASTER else ""
+
+
+_APART = 1.5  # of a tick: rows that are further apart are not those of each tick
+_OFF_RASTER = 0.01  # of a tick
 
 
 def _holes(times: Floats, tracks: Mapping[str, Track]) -> Iterable[Gap]:

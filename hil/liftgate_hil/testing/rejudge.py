@@ -52,12 +52,14 @@ def judge(
     longest_gap: float | None = None,
     recording_channel: str | None = None,
     timezone: str | None = None,
+    origin: float | None = None,
 ) -> dict[str, Verdict]:
     """Return the verdicts of a scenario's expectations, by their names, from the recordings of one run.
 
     The recordings are tables (CSV, Parquet, MF4, MCAP), bus logs, or both. What was not recorded makes a verdict
     inconclusive. `duration` [s] is the run's end where it was not the scenario's. Timestamps count from the run's
-    start; those of a wall clock from when a recording of ours says that the run began, else from the first one.
+    start; those of a wall clock from when a recording of ours says that the run began. Recordings of other tools
+    begin with their first sample, or at `origin` [s] by their own times.
 
     Of recordings that are not ours, `rig` (a rig's file, or a database) defines what frames mean; its outputs
     stand for the columns that no table has. `maps` are texts as of `--map`: OURS=THEIRS[unit], a column, or a
@@ -72,7 +74,7 @@ def judge(
     about = expectations_of(scenario, parameters=parameters, vehicle=vehicle, rig=rig)
     about = replace(about, duration=duration, mapping=parse_maps(maps, COLUMNS))
     how = read_options(recording_channel, timezone)
-    about = replace(about, rate=rate, longest_gap=longest_gap, how=how)
+    about = replace(about, rate=rate, longest_gap=longest_gap, how=how, origin=origin)
     return judged([Path(each) for each in recordings], about).verdicts
 
 
@@ -92,6 +94,7 @@ class Expectations:
     rate: float = 1000.0
     longest_gap: float | None = None
     how: ReadOptions = AS_IT_IS  # to read the files
+    origin: float | None = None  # s, time 0 of the run by the files' own times; None: their first sample
 
     @property
     def asked(self) -> Asked:
@@ -106,7 +109,7 @@ class Expectations:
         others = [own.response] if own is not None else []
         if self.resets is not None:
             others += [self.resets.request, self.resets.response]
-        return Asked(*found, self.rate, self.longest_gap, frozenset(others), is_off, self.how)
+        return Asked(*found, self.rate, self.longest_gap, frozenset(others), is_off, self.how, self.origin)
 
     @property
     def resets(self) -> Diagnostics | None:

@@ -282,3 +282,58 @@ def test_stamps_of_a_wall_clock_are_refused(run: tuple[Path, lh.Result], tmp_pat
     (tmp_path / "late.log").write_text("(1700000000.000000) can0 120#0000000000000000 R\n")
     with pytest.raises(ConfigError, match="wall-clock timestamps"):
         lh.judge([folder / "run.csv", tmp_path / "late.log"], folder / "s.toml")
+
+
+def test_rows_that_were_left_out_evenly_hide_what_they_do_not_show(
+    run: tuple[Path, lh.Result], tmp_path: Path
+) -> None:
+    folder, _ = run
+    head, *lines = (folder / "run.csv").read_text().splitlines(keepends=True)
+    column = head.split(",").index("pinch_force_n")
+    peak = max(float(line.split(",")[column]) for line in lines)
+    scenario = tmp_path / "s.toml"
+    scenario.write_text(
+        (folder / "s.toml").read_text()
+        + f'\n[[expect]]\nname = "peak"\nnever = "pinch_force_n > {0.999 * peak}"\nafter = 0.0\n'
+        + '\n[[expect]]\nname = "some"\nnever = "pinch_force_n > 1"\nafter = 0.0\n'
+    )
+    whole = lh.judge([folder / "run.csv"], scenario)
+    assert whole["peak"].verdict == whole["some"].verdict == "fail"
+    for first in (0, 7, 48):
+        (tmp_path / "thin.csv").write_text(head + "".join(lines[first::50]))
+        thin = lh.judge([tmp_path / "thin.csv"], scenario)
+        assert thin["peak"].verdict in ("inconclusive", "fail")
+        assert thin["some"].verdict == "fail"
+    assert thin["peak"].reason == "" or "left out evenly" in thin["peak"].reason
+
+
+@pytest.mark.parametrize("zero", [0.0, 0.3, -1.0, 594_680.0])
+def test_a_foreign_table_begins_with_its_first_row(tmp_path: Path, zero: float) -> None:
+    """Pre-trigger rows are judged, and a file that begins late is judged as any other."""
+    path = _force_over_time(tmp_path / "f.csv", zero)
+    (tmp_path / "s.toml").write_text(_SOFT)
+    found = lh.judge([path], tmp_path / "s.toml")["soft"]
+    assert (found.verdict, found.time_s) == ("fail", pytest.approx(0.41))
+
+
+def test_an_origin_says_where_the_run_begins(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = _force_over_time(tmp_path / "f.csv", -1.0)
+    (tmp_path / "s.toml").write_text(_SOFT)
+    assert main(["judge", str(path), "--scenario", str(tmp_path / "s.toml"), "--origin", "0"]) == 0
+    assert "begins 1 s before time 0 of the run; what precedes it is not judged" in capsys.readouterr().err
+    assert lh.judge([path], tmp_path / "s.toml", origin=-0.8)["soft"].time_s == pytest.approx(0.21)
+
+
+def test_a_recording_of_ours_states_its_own_origin(run: tuple[Path, lh.Result]) -> None:
+    folder, _ = run
+    with pytest.raises(ConfigError, match=r"`origin` 1: .* states its own time 0"):
+        lh.judge([folder / "run.csv"], folder / "s.toml", origin=1.0)
+
+
+_SOFT = 'description = "x"\n[[expect]]\nname = "soft"\nnever = "pinch_force_n > 150"\n'
+
+
+def _force_over_time(path: Path, zero: float) -> Path:
+    rows = [f"{zero + 0.01 * k:.2f},{350.0 if 40 < k < 60 else 20.0}" for k in range(300)]
+    path.write_text("time_s,pinch_force_n\n" + "\n".join(rows) + "\n")
+    return path
