@@ -1,6 +1,21 @@
-"""What several tests of campaigns share: a scenario of one second, and an ECU in C that sends nothing."""
+"""What tests of campaigns share: a scenario of one second, its variants, and an ECU in C that sends nothing."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from liftgate_hil.campaign.base import Base
+from liftgate_hil.campaign.campaign import Campaign, Progress, batches_of
+from liftgate_hil.campaign.distributions import Floats
+from liftgate_hil.campaign.executors.executor import Batch, Executor
+from liftgate_hil.campaign.request import Request, prepared
+from liftgate_hil.campaign.store import Store
+
+VALUES = np.column_stack([np.linspace(60.0, 80.0, 24), np.linspace(9.5, 15.0, 24)])  # of `base_in`
 
 SHORT = """
 duration = 1.0
@@ -44,3 +59,35 @@ int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in
 def silent_ecu(each_step: str = "") -> str:
     """Return the source of an ECU that sends nothing; `each_step` is what it does in each of its `steps`."""
     return _SILENT_ECU.replace("EACH_STEP", each_step)
+
+
+def base_in(folder: Path, ecu: str = "reference") -> Base:
+    """Return the base of the scenario of one second, whose file is made in a folder."""
+    path = folder / "short.toml"
+    path.write_text(SHORT)
+    return prepared(Request(str(path), ("angle=60,80", "supply.voltage=9.5,15"), ecu=ecu)).base
+
+
+def campaign_in(
+    folder: Path, base: Base, executor: Executor, stopped: Callable[[], bool] = lambda: False
+) -> Campaign:
+    """Return a campaign whose store is a folder."""
+    store = Store(str(folder))
+    store.create()
+    return Campaign(base, executor, store, stopped, Progress(0), lambda progress: None)
+
+
+def rows_of(campaign: Campaign, batches: list[Batch]) -> pa.Table:
+    """Return the rows of batches, in their order, without the time that they took."""
+    return pa.concat_tables(list(campaign.tables(batches))).drop_columns(["wall_s"])
+
+
+def evaluated(folder: Path, base: Base, executor: Executor, values: Floats = VALUES, size: int = 5) -> pa.Table:
+    """Return the rows of variants that an executor has evaluated, and close it; see `rows_of`."""
+    campaign = campaign_in(folder, base, executor)
+    batches = batches_of(base, values, size)
+    try:
+        campaign.evaluate(batches)
+        return rows_of(campaign, batches)
+    finally:
+        executor.close()

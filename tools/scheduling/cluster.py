@@ -23,12 +23,12 @@ import numpy as np
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.executors import cluster
 from liftgate_hil.campaign.executors.executor import Batch
+from liftgate_hil.campaign.executors.task import Answer
 from liftgate_hil.campaign.store import Store
 
 ROOT = Path(__file__).parents[2]
 _START_S = 60.0  # s that scheduler and workers may take to start
 _WORKERS = 2
-_Answer = cluster._Answer
 
 
 class Passage(NamedTuple):
@@ -42,20 +42,20 @@ class Passage(NamedTuple):
     first_s: float  # s until the first batch was done, which is when all that may be in flight were
 
 
-def at_once(content: Any, identity: str, values: Any, name: str, store: Store, mark: str) -> Any:
+def at_once(content: Any, token: str, values: Any, name: str, store: Store, mark: str) -> Any:
     """Answer as the task of a batch does, without evaluating it."""
-    return _Answer(0)
+    return Answer(0)
 
 
 class Empty(cluster.Cluster):
     """Executor on a cluster whose batches are done at once."""
 
     def _submit(self, batch: Batch, store: Store, mark: str) -> Any:
-        taken, cluster._evaluated = cluster._evaluated, at_once
+        taken, cluster.evaluated = cluster.evaluated, at_once
         try:
             return super()._submit(batch, store, mark)
         finally:
-            cluster._evaluated = taken
+            cluster.evaluated = taken
 
 
 def _many(dask_scheduler: Any, count: int) -> None:

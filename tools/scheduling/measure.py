@@ -18,7 +18,7 @@ from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.campaign import batches_of
 from liftgate_hil.campaign.design import Design
 from liftgate_hil.campaign.evaluation import Row
-from liftgate_hil.campaign.executors import cluster
+from liftgate_hil.campaign.executors.task import differs
 from liftgate_hil.campaign.figures import Figures as Found
 from liftgate_hil.campaign.folder import RESULTS, Folder
 from liftgate_hil.campaign.reporting.report import report
@@ -105,7 +105,7 @@ def _brought_together(folder: Folder, store: Store, names: list[str]) -> None:
 def _task(base: Base, store: Store) -> None:
     """Do what a cluster's task does beside its variants."""
     pickle.loads(pickle.dumps(base))
-    cluster._differs(versions(), base.versions)
+    differs(versions(), base.versions)
     store.is_shared("mark")
     store.get("name")
 

@@ -6,7 +6,9 @@ import contextlib
 import fcntl
 import json
 import os
+import re
 import shlex
+import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +18,7 @@ from liftgate_hil.campaign.request import Request
 from liftgate_hil.campaign.results import VARIANT, description_of
 from liftgate_hil.campaign.store import StoreError
 from liftgate_hil.errors import ConfigError, words_of
-from liftgate_hil.report.files import write_whole
+from liftgate_hil.report.files import is_beside, name_beside, write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -24,8 +26,10 @@ if TYPE_CHECKING:
 MANIFEST, RESULTS, REPORT, BATCHES = "campaign.json", "results.parquet", "report.html", "batches"
 AGAINST, DIFFERENCES = "against.parquet", "differences.parquet"  # of another ECU
 WORST_FILE, DATA = "worst.toml", "DATA.md"
-LOCK = ".lock"  # held by the process whose campaign runs in the folder
+LOCK = ".lock"  # held by the process whose campaign runs in the folder; has the tokens of all that did
 FORMAT = 2  # of campaign.json and of the results
+_TOKENS = re.compile(r"[0-9a-f\n]*")  # LOCK: a token a line; where the disk was full, a part of one
+_MOST_BYTES = 1 << 20  # of LOCK: the tokens of 30,000 campaigns
 _SHOWN = 12  # characters of a variant's name that tell it from others
 _GROUP = 16_384  # rows of a row group at least
 
@@ -36,10 +40,14 @@ def replay_line(folder: Path | str, variant: str) -> str:
 
 
 class Folder:
-    """The folder with everything of a campaign."""
+    """The folder with everything of a campaign.
+
+    `token` is in the names of temporary files, here and in the store, so that they tell whose they are.
+    """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path, self.token = path, uuid.uuid4().hex
+        self._before: list[str] = []  # tokens of campaigns that ran here, and have ended
 
     def create(self) -> None:
         """Create the folder. Raises ConfigError."""
@@ -52,10 +60,11 @@ class Folder:
     def claimed(self) -> Iterator[None]:
         """Context in which no other campaign runs in the folder. Raises ConfigError where one does.
 
-        The kernel ends the claim with the process that has made it, however that ends.
+        The kernel ends the claim with the process that has made it, however that ends: whoever has it knows that
+        those that had it before have ended.
         """
         try:
-            descriptor = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            descriptor = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
         except OSError as error:
             raise ConfigError(f"`output` {self.path}: {error.strerror}; allowed: a folder to write to") from error
         try:
@@ -67,9 +76,31 @@ class Folder:
                 ) from None
             except OSError:  # a file system without locks: nobody can tell
                 pass
+            else:
+                self._enter(descriptor)
             yield
         finally:
             os.close(descriptor)
+
+    def _enter(self, descriptor: int) -> None:
+        """Read the tokens of the campaigns that have held the lock, and add the own one."""
+        with contextlib.suppress(OSError):  # what is not known as a campaign's stays
+            content = os.pread(descriptor, _MOST_BYTES, 0).decode("ascii", errors="replace")
+            if _TOKENS.fullmatch(content):
+                self._before = [each for each in content.split() if len(each) == len(self.token)]
+                os.write(descriptor, f"\n{self.token}".encode())
+
+    @property
+    def ended(self) -> list[str]:
+        """Tokens of this campaign, whose temporary files are of no use at its end, and of those before it."""
+        return [*self._before, self.token]
+
+    def tidy(self) -> None:
+        """Remove what killed processes have left of files that they were writing, at the end of a campaign."""
+        for each in self.path.glob(".*"):
+            if is_beside(each.name, self.ended):
+                with contextlib.suppress(OSError):
+                    each.unlink()
 
     @property
     def has_campaign(self) -> bool:
@@ -103,7 +134,7 @@ class Folder:
     def write(self, name: str, content: bytes) -> None:
         """Write a file beside its place, and rename it. Raises StoreError."""
         try:
-            write_whole(self.path / name, content)
+            write_whole(self.path / name, content, self.token)
         except OSError as error:
             raise StoreError(f"{self.path / name}: {error.strerror}") from error
 
@@ -112,7 +143,7 @@ class Folder:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        beside, writer, rows = self.path / f".{name}.{os.getpid()}", None, 0
+        beside, writer, rows = self.path / name_beside(name, self.token), None, 0
         kept: list[pa.Table] = []
         try:
             try:

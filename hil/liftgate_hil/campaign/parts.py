@@ -52,6 +52,7 @@ def run_parts(
             is_whole = len(found) == len(file.parts)
             html = combined_report(file.title, file.description, results, provenance, is_whole)
             folder.write(REPORT, html.encode())
+        folder.tidy()
     return found
 
 

@@ -98,7 +98,7 @@ def _run(
     watcher: Watcher,
 ) -> Outcome:
     """Run a campaign in a folder that is claimed for it."""
-    store = Store(places.store or str(folder.path / BATCHES))
+    store = Store(places.store or str(folder.path / BATCHES), folder.token)
     store.create()
     began = time.monotonic()
     campaign = Campaign(found.base, executor, store, watcher.stopped, Progress(0), watcher.tell)
@@ -120,7 +120,7 @@ def _run(
         except StoppedError:
             is_complete = False
     if is_complete:
-        store.tidy()
+        store.tidy(folder.ended)
     spent = time.monotonic() - began
     outcome = Outcome(
         found, folder, campaign.progress, spent, is_complete, counts, analysis, _summary(found, folder, counts)
@@ -128,6 +128,7 @@ def _run(
     _note(folder, found, pace, provenance, _results_of(outcome))
     if outcome.summary is not None:
         _report(outcome, provenance)
+    folder.tidy()
     return outcome
 
 

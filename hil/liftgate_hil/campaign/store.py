@@ -1,24 +1,26 @@
 """Store of a campaign's results: a Parquet file a batch, named by the hash of its variants.
 
 A file is written beside its place and renamed, so that it is there whole or not at all, and a batch that two
-processes have evaluated is there once.
+processes have evaluated is there once. Campaigns may share a store: the names of their temporary files tell whose
+they are.
 """
 
 from __future__ import annotations
 
 import contextlib
 import io
-import uuid
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.errors import ConfigError, LiftgateError, words_of
-from liftgate_hil.report.files import name_beside, write_whole
+from liftgate_hil.report.files import is_beside, name_beside, write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 SUFFIX = ".parquet"
+KEPT = "what is in the store is kept: go on with --resume"  # end of a message
 
 
 class StoreError(LiftgateError):
@@ -45,10 +47,13 @@ def unpacked(content: bytes) -> pa.Table | None:
 
 
 class Store:
-    """Folder of batches, on this machine or at an address of fsspec. It is picklable."""
+    """Folder of batches, on this machine or at an address of fsspec. It is picklable.
 
-    def __init__(self, address: str) -> None:
-        self.address = address
+    `owner` is the token of the campaign that writes to it: `Folder.token`.
+    """
+
+    def __init__(self, address: str, owner: str = "") -> None:
+        self.address, self._owner = address, owner
         self._is_remote = "://" in address
 
     def create(self) -> None:
@@ -66,18 +71,14 @@ class Store:
 
     def mark(self) -> str:
         """Write a file by which other machines see whether they share the store, and return its name."""
-        name = f".campaign-{uuid.uuid4().hex}"
+        name = name_beside("campaign", self._owner)
         self._write(name, b"")
         return name
 
     def unmark(self, name: str) -> None:
         """Remove the file of `mark`."""
         with contextlib.suppress(Exception):
-            if self._is_remote:
-                fs, path = self._remote()
-                fs.rm(f"{path}/{name}")
-            else:
-                (Path(self.address) / name).unlink()
+            self._remove(name)
 
     def is_shared(self, mark: str) -> bool:
         """Whether this process sees a file of `mark`."""
@@ -106,21 +107,18 @@ class Store:
     def names(self) -> set[str]:
         """Return the names of the batches that are there. Raises StoreError."""
         try:
-            if self._is_remote:
-                fs, path = self._remote()
-                found = [each.rsplit("/", 1)[-1] for each in fs.ls(path, detail=False)]
-            else:
-                found = [each.name for each in Path(self.address).iterdir()]
+            found = self._files()
         except Exception as error:
             raise StoreError(f"{self.address}: {words_of(error)}") from error
         return {each.removesuffix(SUFFIX) for each in found if each.endswith(SUFFIX) and not each.startswith(".")}
 
-    def tidy(self) -> None:
-        """Remove what killed processes have left of files that they were writing, in a folder of this machine."""
-        if not self._is_remote:
-            for each in Path(self.address).glob(f".*{SUFFIX}.*"):
-                with contextlib.suppress(OSError):
-                    each.unlink()
+    def tidy(self, owners: Collection[str]) -> None:
+        """Remove the temporary files of campaigns that have ended: what killed processes have left."""
+        with contextlib.suppress(Exception):
+            for each in self._files():
+                if is_beside(each, owners):
+                    with contextlib.suppress(Exception):
+                        self._remove(each)
 
     def _remote(self) -> tuple[Any, str]:
         try:
@@ -130,6 +128,20 @@ class Store:
                 f"`store` {self.address}: allowed: a folder; an address needs liftgate-hil[cluster]"
             ) from None
         return url_to_fs(self.address)  # type: ignore[no-any-return]
+
+    def _files(self) -> list[str]:
+        if self._is_remote:
+            fs, path = self._remote()
+            fs.invalidate_cache(path)  # other machines write there too
+            return [each.rsplit("/", 1)[-1] for each in fs.ls(path, detail=False)]
+        return [each.name for each in Path(self.address).iterdir()]
+
+    def _remove(self, name: str) -> None:
+        if self._is_remote:
+            fs, path = self._remote()
+            fs.rm(f"{path}/{name}")
+        else:
+            (Path(self.address) / name).unlink()
 
     def _read(self, name: str) -> bytes:
         if self._is_remote:
@@ -141,10 +153,10 @@ class Store:
         """Write a file beside its place, and rename it. Raises StoreError."""
         try:
             if self._is_remote:
-                (fs, path), beside = self._remote(), name_beside(name)
+                (fs, path), beside = self._remote(), name_beside(name, self._owner)
                 fs.pipe_file(f"{path}/{beside}", content)
                 fs.mv(f"{path}/{beside}", f"{path}/{name}")
             else:
-                write_whole(Path(self.address) / name, content)
+                write_whole(Path(self.address) / name, content, self._owner)
         except Exception as error:
             raise StoreError(f"{self.address}: {words_of(error)}") from error

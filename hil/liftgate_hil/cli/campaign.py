@@ -150,7 +150,7 @@ def _run_file(args: argparse.Namespace, request: Request, teller: Teller) -> int
 @contextlib.contextmanager
 def _ended_in_order(stop: StopSignals) -> Iterator[None]:
     """Context that gives a failure after a stop the exit code of the stop."""
-    from liftgate_hil.campaign.store import StoreError
+    from liftgate_hil.campaign.store import KEPT, StoreError
 
     try:
         with naming_the_flag():
@@ -158,7 +158,7 @@ def _ended_in_order(stop: StopSignals) -> Iterator[None]:
     except ConfigError:
         raise
     except StoreError as error:
-        raise stop.failure(f"{error}; what is in the store is kept: go on with --resume") from error
+        raise stop.failure(f"{error}; {KEPT}") from error
     except LiftgateError as error:
         raise stop.failure(str(error)) from error
 

@@ -6,12 +6,12 @@ import contextlib
 import errno
 import os
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from liftgate_hil.errors import ConfigError
 
-_LONGEST = 200  # bytes of a name that a temporary one holds: file systems allow 255
+_LONGEST = 180  # bytes of a name that a temporary one holds, beside two of 32: file systems allow 255
 # Errors of replacing a file that may be written to: a folder without permission, or sticky; read-only, or mounted;
 # an owner that a container does not know.
 _NOT_REPLACED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.EBUSY, errno.EINVAL)
@@ -76,27 +76,27 @@ def write_report(path: str, flag: str, text: str) -> None:
         raise ConfigError(f"{flag} {path}: cannot be written: {error.strerror}") from error
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_whole(path: Path, content: bytes, owner: str = "") -> None:
     """Write a file beside its place and rename it: it is there whole, or as it was before. Raises OSError.
 
-    What is no regular file with a name, as a pipe, or cannot be replaced, for want of permission, is written to
-    directly.
+    The name of the temporary file tells its `owner`, see `name_beside`. What is no regular file with a name, as a
+    pipe, or cannot be replaced, for want of permission, is written to directly.
     """
     place = Path(os.path.realpath(path))  # of a link, what it leads to
     if path.exists() and not (path.is_file() and place.exists() and path.samefile(place)):
         path.write_bytes(content)
         return
     try:
-        _replace(place, content)
+        _replace(place, content, owner)
     except OSError as error:
         if error.errno not in _NOT_REPLACED or not place.exists():
             raise
         place.write_bytes(content)
 
 
-def _replace(place: Path, content: bytes) -> None:
+def _replace(place: Path, content: bytes, owner: str) -> None:
     """Replace a file, or make it, with the owner and the permissions that it had. Raises OSError."""
-    beside = place.with_name(name_beside(place.name))
+    beside = place.with_name(name_beside(place.name, owner))
     try:
         with beside.open("wb") as stream:
             if place.exists():
@@ -114,7 +114,13 @@ def _replace(place: Path, content: bytes) -> None:
         raise
 
 
-def name_beside(name: str) -> str:
-    """Return the name of a temporary file for the content of another one."""
+def name_beside(name: str, owner: str = "") -> str:
+    """Return the name of a temporary file for the content of another one; `owner` is a token without dots."""
     begin = os.fsencode(name)[:_LONGEST].decode(errors="ignore")
-    return f".{begin}.{uuid.uuid4().hex}"
+    return ".".join(["", begin, *([owner] if owner else []), uuid.uuid4().hex])
+
+
+def is_beside(name: str, owners: Collection[str]) -> bool:
+    """Whether a file is a temporary one of `name_beside`, and of one of these owners."""
+    parts = name.split(".")
+    return len(parts) > 3 and not parts[0] and parts[-2] in owners

@@ -5,9 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,31 +12,23 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from c_library import build, needs_compiler
-from campaign_support import SHORT, silent_ecu
+from campaign_support import VALUES, base_in, campaign_in, evaluated, rows_of, silent_ecu
+from dask_processes import DaskProcesses
 
 from liftgate_hil.campaign.base import Base
-from liftgate_hil.campaign.campaign import Campaign, Progress, StoppedError, batches_of
+from liftgate_hil.campaign.campaign import Progress, StoppedError, batches_of
 from liftgate_hil.campaign.executors.cluster import Cluster
 from liftgate_hil.campaign.executors.executor import Executor
 from liftgate_hil.campaign.executors.local import Processes, Serial
-from liftgate_hil.campaign.request import Request, prepared
 from liftgate_hil.campaign.store import Store
 from liftgate_hil.errors import ConfigError, LiftgateError
 
-VALUES = np.column_stack([np.linspace(60.0, 80.0, 24), np.linspace(9.5, 15.0, 24)])
 KINDS = ("serial", "processes", "cluster")
-PATIENCE = 120.0  # s until something must have happened; nothing is judged by it
 
 
 @pytest.fixture(scope="module")
 def base(tmp_path_factory: pytest.TempPathFactory) -> Base:
-    path = tmp_path_factory.mktemp("executors") / "short.toml"
-    path.write_text(SHORT)
-    return base_with(path)
-
-
-def base_with(path: Path, ecu: str = "reference") -> Base:
-    return prepared(Request(str(path), ("angle=60,80", "supply.voltage=9.5,15"), ecu=ecu)).base
+    return base_in(tmp_path_factory.mktemp("executors"))
 
 
 @pytest.fixture(scope="module")
@@ -48,75 +37,9 @@ def expected(base: Base, tmp_path_factory: pytest.TempPathFactory) -> pa.Table:
     return evaluated(tmp_path_factory.mktemp("expected") / "store", base, Serial(base))
 
 
-class LocalCluster:
-    """A real scheduler and its workers, each a process of its own."""
-
-    def __init__(self, folder: Path, workers: int, *flags: str) -> None:
-        self._folder, self._flags, self._number = folder, flags, 0
-        file = folder / "scheduler.json"
-        self._scheduler = self._start("scheduler", "--scheduler-file", str(file), "--port", "0", "--no-dashboard")
-        self.address = self._address_in(file)
-        self.workers = [self.worker() for _ in range(workers)]
-
-    def _start(self, kind: str, *flags: str) -> subprocess.Popen[bytes]:
-        with (self._folder / f"{kind}.log").open("ab") as log:
-            return subprocess.Popen(
-                [sys.executable, "-m", f"distributed.cli.dask_{kind}", *flags, "--host", "127.0.0.1"],
-                cwd=self._folder, stdout=log, stderr=log, stdin=subprocess.DEVNULL, start_new_session=True,
-            )  # fmt: skip
-
-    def _address_in(self, file: Path) -> str:
-        import json
-
-        deadline = time.monotonic() + PATIENCE
-        while True:
-            try:
-                return str(json.loads(file.read_text())["address"])
-            except (OSError, ValueError, KeyError):
-                assert time.monotonic() < deadline, "no scheduler"
-                time.sleep(0.05)
-
-    def worker(self) -> subprocess.Popen[bytes]:
-        """Start another worker."""
-        self._number += 1
-        return self._start(
-            "worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard",
-            "--name", f"w{self._number}", "--local-directory", str(self._folder), *self._flags,
-        )  # fmt: skip
-
-    def wait_for(self, workers: int) -> None:
-        """Wait until so many workers are there."""
-        from distributed import Client
-
-        with Client(self.address, set_as_default=False) as client:
-            client.wait_for_workers(workers, timeout=PATIENCE)
-
-    def replace(self, worker: subprocess.Popen[bytes]) -> None:
-        """Kill a worker and start another."""
-        os.killpg(worker.pid, signal.SIGKILL)
-        worker.wait()
-        self.workers.remove(worker)
-        self.workers.append(self.worker())
-
-    def kill_scheduler(self) -> None:
-        """Kill the scheduler."""
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self._scheduler.pid, signal.SIGKILL)
-        self._scheduler.wait()
-
-    def close(self) -> None:
-        """Kill all of it."""
-        for each in (*self.workers, self._scheduler):
-            try:
-                os.killpg(each.pid, signal.SIGKILL)
-            except ProcessLookupError:
-                continue
-            each.wait()
-
-
 @pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalCluster]:
-    found = LocalCluster(tmp_path_factory.mktemp("cluster"), 2)
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskProcesses]:
+    found = DaskProcesses(tmp_path_factory.mktemp("cluster"), 2)
     found.wait_for(2)
     yield found
     found.close()
@@ -127,7 +50,7 @@ def kind(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-def executor_of(kind: str, base: Base, cluster: LocalCluster | None) -> Executor:
+def executor_of(kind: str, base: Base, cluster: DaskProcesses | None) -> Executor:
     if kind == "serial":
         return Serial(base)
     if kind == "processes":
@@ -136,25 +59,8 @@ def executor_of(kind: str, base: Base, cluster: LocalCluster | None) -> Executor
     return Cluster(base, cluster.address)
 
 
-def campaign_in(folder: Path, base: Base, executor: Executor, stopped=lambda: False) -> Campaign:
-    store = Store(str(folder))
-    store.create()
-    return Campaign(base, executor, store, stopped, Progress(0), lambda progress: None)
-
-
-def evaluated(folder: Path, base: Base, executor: Executor, values=VALUES, size: int = 5) -> pa.Table:
-    """The rows of all variants, in their order, without the time that they took."""
-    campaign = campaign_in(folder, base, executor)
-    batches = batches_of(base, values, size)
-    try:
-        campaign.evaluate(batches)
-        return pa.concat_tables(list(campaign.tables(batches))).drop_columns(["wall_s"])
-    finally:
-        executor.close()
-
-
 def test_rows_are_the_same_bit_by_bit_whoever_evaluates(
-    kind: str, base: Base, expected: pa.Table, cluster: LocalCluster, tmp_path: Path
+    kind: str, base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
 ) -> None:
     found = evaluated(tmp_path / kind, base, executor_of(kind, base, cluster), size=7)
     assert found.equals(expected)
@@ -164,7 +70,7 @@ def test_rows_are_the_same_bit_by_bit_whoever_evaluates(
 
 
 def test_what_is_in_the_store_is_not_evaluated_again(
-    kind: str, base: Base, cluster: LocalCluster, tmp_path: Path
+    kind: str, base: Base, cluster: DaskProcesses, tmp_path: Path
 ) -> None:
     campaign = campaign_in(tmp_path, base, executor_of(kind, base, cluster))
     batches = batches_of(base, VALUES, 6)
@@ -180,7 +86,7 @@ def test_what_is_in_the_store_is_not_evaluated_again(
 
 
 def test_a_stop_ends_it_and_keeps_whole_batches(
-    kind: str, base: Base, cluster: LocalCluster, tmp_path: Path
+    kind: str, base: Base, cluster: DaskProcesses, tmp_path: Path
 ) -> None:
     done = []
     campaign = campaign_in(tmp_path, base, executor_of(kind, base, cluster), lambda: len(done) > 0)
@@ -195,7 +101,7 @@ def test_a_stop_ends_it_and_keeps_whole_batches(
 
 
 def test_a_variant_that_cannot_be_run_is_an_error_row(
-    kind: str, base: Base, cluster: LocalCluster, tmp_path: Path
+    kind: str, base: Base, cluster: DaskProcesses, tmp_path: Path
 ) -> None:
     values = np.array([[70.0, 12.0], [70.0, -5.0], [71.0, 12.0]])
     found = evaluated(tmp_path, base, executor_of(kind, base, cluster), values)
@@ -227,14 +133,14 @@ def test_killed_worker_processes_lose_nothing_and_repeat_nothing(
     batches = batches_of(base, VALUES, 6)
     campaign.evaluate(batches)
     executor.close()
-    found = pa.concat_tables(list(campaign.tables(batches))).drop_columns(["wall_s"])
+    found = rows_of(campaign, batches)
     assert len(killed) == 4
     assert found.equals(expected)
     assert campaign.progress.retried >= 1
 
 
 def test_killed_workers_of_a_cluster_lose_nothing(
-    base: Base, expected: pa.Table, cluster: LocalCluster, tmp_path: Path
+    base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
 ) -> None:
     """All workers of the cluster, one after the other; each has a successor, which other tests use from then on. A
     worker takes one to two seconds to start.
@@ -252,7 +158,7 @@ def test_killed_workers_of_a_cluster_lose_nothing(
     batches = batches_of(base, VALUES, 2)
     campaign.evaluate(batches)
     executor.close()
-    found = pa.concat_tables(list(campaign.tables(batches))).drop_columns(["wall_s"])
+    found = rows_of(campaign, batches)
     assert not left
     assert found.equals(expected)
     assert len(list((tmp_path / "killed").glob("*.parquet"))) == 12
@@ -262,7 +168,7 @@ def test_a_scheduler_that_is_gone_is_told_and_what_was_stored_is_kept(
     base: Base, expected: pa.Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("liftgate_hil.campaign.executors.cluster._GONE_S", 2.0)
-    own = LocalCluster(tmp_path, 1)
+    own = DaskProcesses(tmp_path, 1)
     try:
         own.wait_for(1)
         executor = Cluster(base, own.address)
@@ -281,14 +187,14 @@ def test_a_scheduler_that_is_gone_is_told_and_what_was_stored_is_kept(
 
 
 def test_workers_that_do_not_see_the_store_hand_their_batches_back(
-    base: Base, expected: pa.Table, cluster: LocalCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Store, "mark", lambda self: "a mark that no worker sees")
     found = evaluated(tmp_path / "handed", base, Cluster(base, cluster.address))
     assert found.equals(expected)
 
 
-def test_workers_of_another_version_are_refused_by_name(base: Base, cluster: LocalCluster) -> None:
+def test_workers_of_another_version_are_refused_by_name(base: Base, cluster: DaskProcesses) -> None:
     from dataclasses import replace
 
     other = replace(base, versions={**base.versions, "liftgate-hil": "9.9"})
@@ -329,8 +235,7 @@ def test_a_library_that_crashes_does_so_in_a_child_and_its_statics_are_fresh(
     end: str, cause: str, tmp_path: Path
 ) -> None:
     library = build(tmp_path, silent_ecu(f"if (steps == 300) {end};"))
-    (tmp_path / "short.toml").write_text(SHORT)
-    own = base_with(tmp_path / "short.toml", str(library))
+    own = base_in(tmp_path, str(library))
     found = evaluated(tmp_path / "store", own, Processes(own, 1), VALUES[:3])
     if cause:
         assert found["verdict"].to_pylist() == ["error"] * 3

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import json
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from liftgate_hil.campaign.campaign import StoppedError
-from liftgate_hil.campaign.folder import MANIFEST, RESULTS, Folder
+from liftgate_hil.campaign.folder import LOCK, MANIFEST, RESULTS, Folder
 from liftgate_hil.campaign.request import Request
 from liftgate_hil.campaign.store import StoreError
 from liftgate_hil.errors import ConfigError
@@ -201,3 +204,61 @@ def test_results_of_something_else_are_refused(folder: Folder) -> None:
     pq.write_table(pa.table({"x": [1]}), folder.path / RESULTS)
     with pytest.raises(ConfigError, match="; allowed: results of a campaign"):
         folder.find("a")
+
+
+def killed_in(path: Path, monkeypatch: pytest.MonkeyPatch) -> Folder:
+    """A folder's campaign that was killed while it wrote a file."""
+
+    def killed(path: Path, *_: Path) -> None:
+        raise SystemExit
+
+    found = Folder(path)
+    with found.claimed(), monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", killed)
+        patch.setattr(Path, "unlink", killed)
+        with pytest.raises(SystemExit):
+            found.write(MANIFEST, b"half")
+    return found
+
+
+def test_what_killed_campaigns_have_left_is_removed_by_the_next_one(
+    folder: Folder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = [killed_in(folder.path, monkeypatch) for _ in range(2)]
+    assert len(names_in(folder)) == 3
+    with folder.claimed():
+        assert folder.ended == [*(each.token for each in before), folder.token]
+        folder.tidy()
+    assert names_in(folder) == [LOCK]
+
+
+def test_where_nobody_can_tell_who_runs_the_files_stay(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_locks(*_: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    killed_in(folder.path, monkeypatch)
+    before = names_in(folder)
+    monkeypatch.setattr(fcntl, "flock", no_locks)
+    with folder.claimed():
+        assert folder.ended == [folder.token]
+        folder.tidy()
+    assert names_in(folder) == before
+
+
+def test_a_token_that_was_not_written_as_a_whole_is_none(folder: Folder) -> None:
+    whole = "0" * 32
+    (folder.path / LOCK).write_text(f"\n{whole}\n01")
+    with folder.claimed():
+        assert folder.ended == [whole, folder.token]
+    with Folder(folder.path).claimed():
+        pass
+    later = Folder(folder.path)
+    with later.claimed():
+        assert later.ended[:2] == [whole, folder.token]
+
+
+def test_a_lock_of_another_program_is_not_written_to(folder: Folder) -> None:
+    (folder.path / LOCK).write_text("pid 12")
+    with folder.claimed():
+        assert folder.ended == [folder.token]
+    assert (folder.path / LOCK).read_text() == "pid 12"

@@ -317,9 +317,57 @@ def test_files_of_others_in_the_folder_are_no_batches(folder: Path) -> None:
     assert Store(str(folder)).names() == set()
 
 
-def test_what_a_killed_writer_has_left_is_removed_at_the_end(tmp_path: Path) -> None:
-    store = Store(str(tmp_path))
-    store.put("ab", pa.table({"x": [1.0]}))
-    (tmp_path / ".cd.parquet.0123").write_bytes(b"half a fi")
-    store.tidy()
-    assert [each.name for each in tmp_path.iterdir()] == ["ab.parquet"]
+OWN, OTHER = "0" * 32, "1" * 32
+
+
+def test_what_killed_writers_have_left_is_removed_at_the_end(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A batch and a mark of the campaign, and a mark of another one."""
+
+    def killed(*_: object) -> None:
+        raise SystemExit
+
+    own = Store(store.address, OWN)
+    own.put("ab", table_with(2))
+    with monkeypatch.context() as patch:
+        if "://" in store.address:
+            patch.setattr("fsspec.implementations.memory.MemoryFileSystem.mv", killed)
+        patch.setattr(Path, "replace", killed)
+        patch.setattr(Path, "unlink", killed)
+        with pytest.raises(SystemExit):
+            own.put("cd", table_with())
+    marks = own.mark(), Store(store.address, OTHER).mark()
+    assert len(own._files()) == 4
+    own.tidy([OWN])
+    assert sorted(own._files()) == sorted(["ab.parquet", marks[1]])
+
+
+def test_a_campaign_that_ends_leaves_what_another_one_is_writing(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sync = os.fsync
+
+    def others_end(descriptor: int) -> None:
+        sync(descriptor)
+        Store(str(folder), OWN).tidy([OWN])
+
+    monkeypatch.setattr(os, "fsync", others_end)
+    Store(str(folder), OTHER).put("ab", table_with())
+    assert [each.name for each in folder.iterdir()] == ["ab.parquet"]
+
+
+def test_files_of_others_are_never_removed(folder: Path) -> None:
+    names = {
+        "notes.txt",
+        ".ab.parquet.0123",
+        ".hidden",
+        f".{OWN}.txt",
+        f"ab.parquet.{OWN}.0",
+        f".ab.{OTHER}.0",
+        OWN,
+    }
+    for name in names:
+        (folder / name).write_text("")
+    Store(str(folder), OWN).tidy([OWN])
+    assert {each.name for each in folder.iterdir()} == names

@@ -9,25 +9,20 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
-import pickle
 import re
 import socket
 import threading
 import time
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import CancelledError
 from functools import partial
-from multiprocessing.connection import wait
-from typing import Any, NamedTuple
+from typing import Any
 
 from liftgate_hil.campaign.base import Base
-from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.campaign.executors.executor import Batch, Done
-from liftgate_hil.campaign.executors.slot import Slot
-from liftgate_hil.campaign.results import table_of
-from liftgate_hil.campaign.store import Store, StoreError, packed, unpacked
-from liftgate_hil.config.can_libraries import unpickled
-from liftgate_hil.errors import ConfigError, LiftgateError, words_of
+from liftgate_hil.campaign.executors.task import Answer, Content, differs, end_slots, evaluated
+from liftgate_hil.campaign.store import KEPT, Store, StoreError, unpacked
+from liftgate_hil.errors import ConfigError, LiftgateError, text_of, words_of
 from liftgate_hil.version import versions
 
 _ADDRESS = re.compile(r"(?:tcp|tls)://(\[[^\]]+\]|[^:/\[\]]+):(\d{1,5})")
@@ -36,19 +31,12 @@ _GONE_S = 30.0  # s without a connection to the scheduler until it is given up
 _NOBODY_S = 120.0  # s without any worker until the campaign is given up
 _ANSWER_S = 10.0  # s that the scheduler may take for an answer
 _ASK_S = 1.0  # s from one question for its workers to the next
-_LOOK_S, _POLL_S = 0.5, 0.02
+_POLL_S = 0.02
 _IN_FLIGHT = 2  # batches for each thread of a worker: one at work, one that waits
 _TOGETHER = 256  # answers that are fetched with one question
 _DEATHS = 100  # of workers while they have a task in hand, until Dask gives the task up
-_COMPARED = ("liftgate-hil", "python", "numba", "llvmlite", "numpy")  # packages that results depend on
-
-
-class _Answer(NamedTuple):
-    """Answer of a task; either the batch is stored, or its table is here, or it was refused."""
-
-    retried: int
-    table: bytes = b""  # Parquet; empty: the worker has stored it
-    refused: str = ""  # why this worker does not take part, with its name
+_LOST = (OSError, TimeoutError, CancelledError)  # errors of asking for an answer, not of the task
+_NO_WORKER = ("KilledWorker", "NoWorkerError", "NoValidWorkerError")  # errors with which Dask gives a task up
 
 
 class GoneError(LiftgateError):
@@ -74,7 +62,7 @@ class Cluster:
                 f"`scheduler` {address}: {words_of(error)}; allowed: the address of a Dask scheduler"
             ) from None
         self._refused: set[str] = set()
-        self._content = _Content(zlib.compress(pickle.dumps(base)))
+        self._content = Content.of(base)
         try:
             self._prepare()
         except BaseException:
@@ -96,7 +84,7 @@ class Cluster:
         issues = [
             f"worker {name}: {text}"
             for name, given in found.items()
-            if (text := _differs(given, self._base.versions))
+            if (text := differs(given, self._base.versions))
         ]
         if issues:
             raise ConfigError(issues)
@@ -152,32 +140,34 @@ class Cluster:
     def _submit(self, batch: Batch, store: Store, mark: str) -> Any:
         allowed = list(self._threads()) if self._refused else None
         return self._client.submit(
-            _evaluated, self._content, self._base.identity, batch.values, batch.name, store, mark,
+            evaluated, self._content, self._client.id, batch.values, batch.name, store, mark,
             pure=False, retries=0, workers=allowed,
         )  # fmt: skip
 
-    def _answers(self, futures: list[Any]) -> Iterator[tuple[Any, _Answer | None]]:
+    def _answers(self, futures: list[Any]) -> Iterator[tuple[Any, Answer | None]]:
         """Yield tasks that have ended, with their answers; see `_answer`. Those without a fault come at once."""
         futures = futures[:_TOGETHER]
         good = [each for each in futures if each.status == "finished"]
-        fetched: dict[Any, _Answer] = {}
+        fetched: dict[Any, Answer] = {}
         with contextlib.suppress(Exception):  # they are fetched one by one then, which tells whose it is
             answers = within(_CONNECT_S, partial(self._client.gather, good))
             fetched = dict(zip(good, answers, strict=True))
         for each in futures:
             yield each, self._answer(each, fetched.get(each))
 
-    def _answer(self, future: Any, answer: _Answer | None = None) -> _Answer | None:
+    def _answer(self, future: Any, answer: Answer | None = None) -> Answer | None:
         """Return the answer of a task; None: its batch is to be submitted again. Raises LiftgateError."""
         try:
             answer = answer or future.result(timeout=_CONNECT_S)
             assert answer is not None
-        except LiftgateError:
+        except StoreError:
             raise
         except Exception as error:
-            if type(error).__name__ in ("CancelledError", "FutureCancelledError", "KilledWorker", "TimeoutError"):
-                return None  # the scheduler was lost for a while, or workers die in rows, which `_Watch` looks at
-            raise LiftgateError(f"{self._address}: a task failed: {words_of(error)}") from error
+            is_lost = future.status != "error" and isinstance(error, _LOST)
+            if is_lost or type(error).__name__ in _NO_WORKER:
+                return None  # `_Watch` looks at whether scheduler and workers are there
+            kind = "" if isinstance(error, LiftgateError) else f"{type(error).__name__}: "
+            raise LiftgateError(f"{self._address}: a task failed: {kind}{text_of(error)}; {KEPT}") from error
         if answer.refused:
             name = answer.refused.partition(": ")[0].removeprefix("worker ")
             if name not in self._refused:
@@ -187,10 +177,10 @@ class Cluster:
         return answer
 
     def close(self) -> None:
-        """Close the connection; the cluster goes on for others."""
+        """End the own slots and close the connection; the cluster goes on for others."""
         with contextlib.suppress(Exception):  # the scheduler may be gone, with all that could be closed
             if self._client.status == "running":
-                within(_ANSWER_S, partial(self._client.run, _end_slots, on_error="ignore"))
+                within(_ANSWER_S, partial(self._client.run, end_slots, self._client.id, on_error="ignore"))
         with contextlib.suppress(Exception):
             within(_ANSWER_S, partial(self._client.close, timeout=2.0))
 
@@ -221,24 +211,10 @@ class _Watch:
         if self._threads or not self.is_there():
             self._worked = now
         if now - self._seen > _GONE_S or self._client.status == "closed":
-            raise GoneError(
-                f"the scheduler at {self._address} is gone; what is in the store is kept: go on with --resume"
-            )
+            raise GoneError(f"the scheduler at {self._address} is gone; {KEPT}")
         if now - self._worked > _NOBODY_S:
-            raise GoneError(
-                f"{self._address}: no worker for {_NOBODY_S:g} s; the store is kept: go on with --resume"
-            )
+            raise GoneError(f"{self._address}: no worker for {_NOBODY_S:g} s; {KEPT}")
         return self._threads
-
-
-class _Content(NamedTuple):
-    """A pickled base, compressed, as each task carries it: what is scattered is lost with those that hold it."""
-
-    packed: bytes
-
-    def pickled(self) -> bytes:
-        """Return the pickled base."""
-        return zlib.decompress(self.packed)
 
 
 def within(seconds: float, ask: Callable[[], Any]) -> Any:
@@ -290,64 +266,6 @@ def _distributed() -> Any:
 def _bear_deaths(dask_scheduler: Any, deaths: int) -> None:
     """Set how many workers may die of a task: all tasks of a dead worker are suspect, most without a fault."""
     dask_scheduler.allowed_failures = deaths
-
-
-def _differs(given: Any, wanted: Mapping[str, str]) -> str:
-    """Return what differs in a worker's versions, in words; "": nothing."""
-    if not isinstance(given, Mapping):
-        return f"liftgate-hil is not there: {words_of(given) if isinstance(given, BaseException) else given}"
-    wrong = [
-        f"{name} {given.get(name)}, here {wanted[name]}" for name in _COMPARED if given.get(name) != wanted[name]
-    ]
-    return f"{', '.join(wrong)}; allowed: the same versions, or results would differ" if wrong else ""
-
-
-_slots: dict[int, Slot] = {}  # of this worker of the cluster, by thread
-_slots_lock = threading.Lock()
-
-
-def _slot_for(content: _Content, identity: str) -> Slot:
-    """Return this thread's slot for a base; one of another base is closed."""
-    place = threading.get_ident()
-    with _slots_lock:
-        slot = _slots.get(place)
-        if slot is not None and slot.base.identity != identity:
-            slot.close()
-            slot = None
-        if slot is None:
-            pickled = content.pickled()
-            slot = _slots[place] = Slot(unpickled(pickled), pickled)
-        return slot
-
-
-def _end_slots() -> None:
-    with _slots_lock:
-        for slot in _slots.values():
-            slot.close()
-        _slots.clear()
-
-
-def _evaluated(content: _Content, identity: str, values: Floats, name: str, store: Store, mark: str) -> _Answer:
-    """Evaluate a batch in this worker of the cluster."""
-    from distributed import get_worker
-
-    base: Base = unpickled(content.pickled())
-    if text := _differs(versions(), base.versions):
-        return _Answer(0, refused=f"worker {get_worker().address}: {text}")
-    is_shared = store.is_shared(mark)
-    if is_shared and store.get(name) is not None:  # evaluated by a worker that died before it could say so
-        return _Answer(0)
-    slot = _slot_for(content, identity)
-    before = slot.retried
-    slot.begin(values)
-    while not slot.look():
-        if slot.connection is not None:
-            wait([slot.connection], _LOOK_S)
-    table = table_of(base, values, slot.rows)
-    if is_shared:
-        store.put(name, table)
-        return _Answer(slot.retried - before)
-    return _Answer(slot.retried - before, packed(table))
 
 
 def _keep(store: Store, name: str, content: bytes) -> None:
