@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from cantools.database.can import Message, Signal
 
+from liftgate_hil.codec.messages import Messages
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config import scenario_schema
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
@@ -166,7 +167,7 @@ def test_the_example_of_a_checksum_is_one_of_a_rig() -> None:
     example = text.partition("`checksum = {…}` of a message")[2].partition("    [messages")[2]
     content = tomllib.loads("[messages" + example.partition("\n\n`covers`")[0])
     signals = [Signal("CRC", 0, 8), Signal("BZ", 8, 4)]
-    messages = {"TheirCommand": Message(0x86, "TheirCommand", 8, signals)}
+    messages = Messages([Message(0x86, "TheirCommand", 8, signals)])
     issues = ConfigIssues("rig.md")
     options = message_options(issues, content["messages"], messages)["TheirCommand"]
     assert not issues.lines

@@ -57,6 +57,7 @@ RIG = Document(
         "messages[].cycle_ms": "cycle time [ms]; 0: none",
         "messages[].pages": "number of multiplexer values with which it is sent in turn",
         "messages[].timeout_ms": "timeout [ms]; 0: its values never expire",
+        "messages[].send_type": "`cyclic`, `cyclic while active`, `on events`",
         "messages[].protection": "counter and checksum, in words",
         "messages[].unmapped": "its other signals: by name the value with which each is sent; empty: not read",
         "messages[].signals": "its mapped signals",

@@ -27,6 +27,24 @@ reference ECU pack and check messages by the same file.
 A quantity is mapped by `quantity = "MESSAGE.SIGNAL"`, or by a table if the signal differs from the quantity in
 unit, scale or values."""
 
+_DATABASE = """\
+DBC, ARXML, KCD and SYM (version 6.0) are read by cantools. What of a file is faulty is left out, and a note of
+`rig check`, `rig draft`, `judge`, `convert`, `plot` and `compare` says what and why, with the line in a DBC:
+
+- A message whose signals overlap or go beyond its end, that has the name or the identifier of another one, or that
+  a line defines which is not understood. It is refused where the rig uses it.
+- A line of a DBC that defines no message, such as a comment or an attribute; the message that it is about stays.
+
+A file with several buses is refused with their names; `dbc = "their.kcd#Body"` takes the messages of one. A
+database in place of a rig (`convert --rig`, `judge --rig`) and `rig draft` take the same form.
+
+Send types count (`GenMsgSendType`, else `GenSigSendType` of the signals): a message that is sent on events has no
+cycle, whatever `GenMsgCycleTime` is by default, and what the gate received with it holds until the next frame. One
+that is cyclic while active does not expire either. `cycle_ms` of the rig makes any message cyclic.
+
+Messages of J1939 are matched and sent by their whole identifier, not by their PGN: the addresses in the database
+must be those of the bus."""
+
 _CHECKSUM = """\
 A cyclic redundancy check (CRC) that is defined by the parameters of the Rocksoft model (R. N. Williams, 1993).
 The Catalogue of parametrised CRC algorithms (G. Cook) lists such parameters; all its algorithms of up to 64 bits
@@ -154,6 +172,8 @@ def rig_page() -> str:
         _INTRO,
         "## The file",
         key_table(RigTable),
+        "## The database",
+        _DATABASE,
         "## A wired signal",
         key_table(MappingTable),
         "## `[inputs]`: what the gate receives",

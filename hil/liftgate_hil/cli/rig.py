@@ -44,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a first rig for a database",
         description="A first rig for a database: certain signals are mapped, uncertain ones are left to choose.",
     )
-    draft.add_argument("database", metavar="DBC", help="the database: DBC, ARXML, KCD or SYM")
+    draft.add_argument(
+        "database", metavar="DBC", help="the database: DBC, ARXML, KCD or SYM; of one with several buses FILE#BUS"
+    )
     draft.add_argument("--output", metavar="FILE", help="the file to write; default, and with -: stdout")
 
 
@@ -65,9 +67,9 @@ def _check(args: argparse.Namespace) -> int:
     with Teller(is_quiet=False, is_json=args.json).progress(f"reading {printable(path.name)}"):
         rig, issues = read_rig(path)
     # What follows from a mapping that could not be read is no news beside the reason.
-    notes: list[str] = []
+    notes = list(rig.notes)
     if not issues.lines:
-        notes = [*notes_on_fit(rig, vehicle, args.rate), *_not_for_ours(rig, vehicle), *_without_buttons(rig)]
+        notes += [*notes_on_fit(rig, vehicle, args.rate), *_not_for_ours(rig, vehicle), *_without_buttons(rig)]
     try:
         check_fit(rig, vehicle, args.rate)
     except ConfigError as error:
@@ -125,9 +127,12 @@ def _without_buttons(rig: Rig) -> list[str]:
 
 def _lines(messages: list[MappedMessage]) -> list[str]:
     """Return the table: one line per message, and below it one line per quantity."""
+    from liftgate_hil.codec.sending import SendType
+
     lines = []
     for each in messages:
         cycle = f", every {each.cycle_ms:g} ms" if each.cycle_ms else ""
+        cycle += f", {each.send_type}" if each.send_type != SendType.CYCLIC.value else ""
         cycle += f", {each.pages} multiplexer values in turn" if each.pages > 1 else ""
         stale = f", stale after {each.timeout_ms:g} ms" if each.timeout_ms else ""
         digits = 8 if each.is_extended else 3
@@ -179,21 +184,23 @@ def _cells(signal: MappedSignal) -> tuple[str, ...]:
 
 def _draft(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.config.database import database_file
     from liftgate_hil.config.drafting.draft import draft_rig
 
-    database = Path(args.database)
+    database = database_file(args.database).path
     beside = database.with_suffix(".toml") if database.name else database / "rig.toml"
     is_file = args.output not in (None, "-")
     target = Path(args.output) if is_file else beside
     if is_file and is_there(target):
         raise ConfigError(f"`output` {target}: already exists; allowed: a new file")
     with Teller(is_quiet=False).progress(f"reading {printable(database.name)}"):
-        draft = draft_rig(database, target)
+        draft = draft_rig(args.database, target)
     if is_file:
         write_text(target, draft.text)
     else:
         print(draft.text, end="")
     lines = [f"{target}: mapped: {', '.join(draft.mapped) or 'nothing'}"] if is_file else []
+    lines += [f"note: {note}" for note in draft.notes]
     lines += [f"to be filled in: {key}: {reason}" for key, reason in draft.open]
     for line in lines:
         print(printable(line), file=sys.stderr)

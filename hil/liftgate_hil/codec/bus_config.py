@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.bits import Place, write_number
-from liftgate_hil.codec.frames import BRS, EXTENDED, FD, MAX_BYTES
+from liftgate_hil.codec.frames import EXTENDED, MAX_BYTES
 from liftgate_hil.codec.multiplexing import MAX_PAGES, is_on, multiplexer_values, pages_of
 from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
+from liftgate_hil.codec.sending import LONGEST_MS, cycle_of, format_of, timeout_of
 from liftgate_hil.codec.tables import END_TO_END, MESSAGE, NAME, OWN_CHECKSUM, PLACE, SELECTOR, SIGNAL, BusConfig
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import PANEL
@@ -26,8 +27,6 @@ from liftgate_plant import signals
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
-
-LONGEST_MS = 60_000.0  # longest cycle of a message
 
 ANY = signals.Signal("", -np.inf, np.inf, "")  # quantity of an unconverted signal
 
@@ -88,6 +87,15 @@ def physical_range(signal: Signal) -> tuple[float, float]:
     if signal.minimum is not None and signal.maximum is not None and signal.minimum < signal.maximum:
         low, high = max(low, float(signal.minimum)), min(high, float(signal.maximum))
     return low, high
+
+
+def counted_range(signal: Signal) -> tuple[int, int]:
+    """Return the lowest and the highest raw value of a whole number by the database's range and its bits."""
+    factor, offset = _conversion(signal)
+    if factor == 0.0:
+        return 0, int(raw_range(signal)[1])
+    ends = sorted(round((end - offset) / factor) for end in physical_range(signal))
+    return ends[0], ends[1]
 
 
 def build_bus_config(
@@ -319,51 +327,9 @@ def _message_row(
         "format": format_of(message, options),
         "length": message.length,
         "cycle_ns": round(cycle_ms * 1e6),
-        "timeout_ns": round(options.timeout_cycles * cycle_ms * 1e6),
+        "timeout_ns": round(min(timeout_of(message, options), options.timeout_cycles * cycle_ms) * 1e6),
         **row,
     }
-
-
-def cycle_of(message: Message, options: MessageOptions) -> float:
-    """Return a message's cycle [ms]: the rig's, else the database's; 0: none, −1: the database's is invalid."""
-    if options.cycle_ms is not None:
-        return options.cycle_ms
-    try:
-        return float(message.cycle_time or 0)
-    except (TypeError, ValueError, OverflowError):  # an attribute may be any text or number
-        return -1.0
-
-
-def needs_fd(message: Message) -> bool:
-    """Whether only a CAN FD frame can carry the message, whatever its database says of the format."""
-    return bool(message.is_fd) or message.length > 8
-
-
-def format_of(message: Message, options: MessageOptions) -> int:
-    """Return the flags of a message's frames: FD, and BRS where the rig or the database switches the bit rate.
-
-    A DBC says it by the attribute CANFD_BRS, as CANdb++ has it.
-    """
-    if not needs_fd(message):
-        return 0
-    return FD | (BRS if switches_bit_rate(message, options) else 0)
-
-
-def switches_bit_rate(message: Message, options: MessageOptions) -> bool:
-    """Whether a message's CAN FD frames are sent with bit rate switch."""
-    if options.brs is not None:
-        return options.brs
-    return attribute_of(message, "CANFD_BRS") in (1, "1")
-
-
-def attribute_of(message: Message, name: str) -> Any:
-    """Return a message's attribute in a DBC, by default that of its definition; None: it has none."""
-    if message.dbc is None:
-        return None
-    if name in message.dbc.attributes:
-        return message.dbc.attributes[name].value
-    definition = message.dbc.attribute_definitions.get(name)
-    return None if definition is None else definition.default_value
 
 
 def start_payload(message: Message, page: Mapping[str, int]) -> NDArray[np.uint8]:

@@ -38,6 +38,8 @@ from liftgate_hil.signals import COLUMNS, SENSED_PREFIX
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
+    from liftgate_hil.codec.messages import Messages
+
 _LONGEST = 4000  # characters
 _KEPT = 4096  # parsed conditions that are cached
 _BUS_SIGNAL = re.compile(r"[^\W\d]\w*\.[^\W\d]\w*")
@@ -57,7 +59,7 @@ _TOKEN = re.compile(
 )
 
 
-def parsed(text: str, parameters: Mapping[str, float], messages: Mapping[str, Message] | None = None) -> Condition:
+def parsed(text: str, parameters: Mapping[str, float], messages: Messages | None = None) -> Condition:
     """Return the condition of a text.
 
     `messages` are those of the rig's database; None: they are not known yet, and it may refer to any signal.
@@ -73,6 +75,8 @@ def parsed(text: str, parameters: Mapping[str, float], messages: Mapping[str, Me
     try:
         return _parsed(text, tuple(given.items()), tuple(units))
     except _NoSuchSignalError as error:
+        if messages is not None and (why_not := messages.why_not(str(error).partition(".")[0])):
+            raise ValueError(f"{error}: {why_not}") from None
         near = near_signals(messages or {}, str(error))
         raise ValueError(
             f"{error}: no such signal in the rig's database; allowed: "

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from liftgate_hil.codec.bus_config import LONGEST_MS, identifier_of
+from liftgate_hil.codec.bus_config import identifier_of
 from liftgate_hil.codec.frames import EXTENDED
+from liftgate_hil.codec.messages import Messages
+from liftgate_hil.codec.sending import LONGEST_MS
 from liftgate_hil.config.kinds import Flag, Number, Whole
 from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.toml import Table, show
 from liftgate_hil.diagnostics.tester import STATUS_MASK, Diagnostics
 from liftgate_hil.errors import ConfigIssues
-
-if TYPE_CHECKING:
-    from cantools.database.can import Message
 
 _LAST_BASE, _LAST = 0x7FF, 0x1FFFFFFF
 
@@ -74,7 +73,7 @@ class DiagnosticsTable(Record):
 
 
 def diagnostics_of(
-    issues: ConfigIssues, section: Table | None, messages: Mapping[str, Message], mapped: Mapping[int, str]
+    issues: ConfigIssues, section: Table | None, messages: Messages, mapped: Mapping[int, str]
 ) -> Diagnostics | None:
     """Return the diagnostics of a rig; None if it has no such table. Issues are noted.
 
@@ -108,10 +107,13 @@ def diagnostics_of(
     )
 
 
-def _identifier(issues: ConfigIssues, key: str, value: str | int, messages: Mapping[str, Message]) -> int:
+def _identifier(issues: ConfigIssues, key: str, value: str | int, messages: Messages) -> int:
     """Return an identifier with SocketCAN's flag if it is extended; -1 if it is not known."""
     if isinstance(value, int):
         return value | (EXTENDED if value > _LAST_BASE else 0)
+    if why_not := messages.why_not(value):
+        issues.add(key, why_not)
+        return -1
     if value not in messages:
         issues.add(key, f"{show(value)}: no such message; allowed: {_Identifier.allowed}")
         return -1

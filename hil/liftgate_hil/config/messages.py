@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
-from liftgate_hil.codec.bus_config import LONGEST_MS
 from liftgate_hil.codec.checksum import KINDS, PROFILES
 from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.e2e.check_state import MAX_WINDOW
 from liftgate_hil.codec.e2e.profile_1 import DATA_ID_MODES
+from liftgate_hil.codec.messages import Messages
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
+from liftgate_hil.codec.sending import LONGEST_MS
 from liftgate_hil.config.kinds import Choice, Flag, Number, Raw, Subtable, Whole
 from liftgate_hil.config.protection_tables import checksum_table, counter_table
 from liftgate_hil.config.schema import Key, Record, keys_of, read_record
@@ -34,7 +34,7 @@ class UnprotectedTable(Record):
     """The keys of `[messages.NAME]` for any protection."""
 
     cycle_ms: Annotated[float | None, Key(Number(0.1, LONGEST_MS, "ms"), "cycle time of the message",
-        "the database's `GenMsgCycleTime`")] = None
+        "the database's `GenMsgCycleTime`, if it is cyclic")] = None
     timeout_cycles: Annotated[float, Key(Number(1.0, 1000.0), "number of cycles without a frame after which a "
         "command is stale")] = 3.0
     brs: Annotated[bool | None, Key(Flag(), "whether the gate sends the message's CAN FD frames with bit rate "
@@ -86,13 +86,13 @@ class StateMachineTable(Record):
 _E2E = [each.name for each in keys_of(MessageTable) if not hasattr(UnprotectedTable, each.name)]
 
 
-def message_options(
-    issues: ConfigIssues, section: Table, messages: Mapping[str, Message]
-) -> dict[str, MessageOptions]:
+def message_options(issues: ConfigIssues, section: Table, messages: Messages) -> dict[str, MessageOptions]:
     """Return the options of messages from the tables [messages.*], by name; issues are noted."""
-    known_keys(issues, "messages", section, messages)
+    known_keys(issues, "messages", section, [*messages, *messages.left_out])
     result = {}
     for name, value in section.items():
+        if why_not := messages.why_not(name):
+            issues.add(f"messages.{name}", why_not)
         if name not in messages:
             continue
         key = f"messages.{name}"

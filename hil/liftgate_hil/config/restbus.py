@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from liftgate_hil.codec.bus_config import LONGEST_MS, cycle_of, needs_fd, physical_range
+from liftgate_hil.codec.bus_config import physical_range
 from liftgate_hil.codec.frames import MAX_BYTES
 from liftgate_hil.codec.multiplexing import MAX_PAGES, pages_of
 from liftgate_hil.codec.protection import MessageOptions, signals_made
+from liftgate_hil.codec.sending import LONGEST_MS, cycle_of, needs_fd
 from liftgate_hil.config.signal_name import find_signal, listed, listed_signals
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigIssues
@@ -149,7 +150,7 @@ def _why_not(message: Message, is_taken: bool, options: MessageOptions, signal: 
         return "cannot carry a number; allowed: a factor other than 0, floats of 32 or 64 bits"
     if not 0.0 < cycle_of(message, options) <= LONGEST_MS:
         return (
-            f"has no cycle of up to {LONGEST_MS:g} ms; allowed: with GenMsgCycleTime in the database, or "
-            f"messages.{message.name}.cycle_ms in the rig"
+            f"has no cycle of up to {LONGEST_MS:g} ms; allowed: a cyclic message with GenMsgCycleTime in the "
+            f"database, or messages.{message.name}.cycle_ms in the rig"
         )
     return ""

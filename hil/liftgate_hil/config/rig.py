@@ -7,17 +7,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-from liftgate_hil.codec.bus_config import (
-    LONGEST_MS,
-    SignalMapping,
-    build_bus_config,
-    cycle_of,
-    identifier_of,
-    needs_fd,
-)
+from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config, identifier_of
+from liftgate_hil.codec.messages import Messages
 from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.codec.sending import LONGEST_MS, SendType, cycle_of, needs_fd, send_type_of, timeout_of
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.database import KINDS, find_database, load_messages
 from liftgate_hil.config.diagnostics import diagnostics_of
@@ -36,8 +31,7 @@ from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from liftgate_hil.stimuli.restbus import BusTables
 from liftgate_plant.signals import Signal
 
-if TYPE_CHECKING:
-    from cantools.database.can import Message
+_COMMAND_MS = 10.0  # cycle of the command on the shipped bus
 
 COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
 
@@ -50,7 +44,7 @@ class RigTable(Record):
     """Top-level keys of a rig file."""
 
     dbc: Annotated[str, Key(Text("a DBC, ARXML, KCD or SYM file"), "CAN database: a file beside the rig file, or "
-        "a shipped one (`liftgate.dbc`)")]
+        "a shipped one (`liftgate.dbc`); `their.kcd#Body`: the bus `Body` of a file with several")]
     bitrate: Annotated[float, Key(Number(1.0, 1e8, "bit/s"), "bit rate with which the bus is opened, and to which "
         "the bus load is related")] = 500_000.0
     inputs: Annotated[Table | None, Key(Subtable(), "quantities that the gate receives, see below")] = None
@@ -72,7 +66,7 @@ class Rig:
 
     database: Path
     bitrate: float
-    messages: Mapping[str, Message]
+    messages: Messages
     inputs: tuple[SignalMapping, ...]
     outputs: tuple[SignalMapping, ...]
     options: Mapping[str, MessageOptions]
@@ -81,6 +75,11 @@ class Rig:
     diagnostics: Diagnostics | None = None  # how trouble codes are read from the ECU
     driver: Driver = NO_DRIVER
     orders: tuple[OrderMessage, ...] = ()  # messages by which a test bench injects
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on what of the database is left out, as it is faulty."""
+        return tuple(f"{self.database}: {note}" for note in self.messages.notes)
 
     @cached_property
     def tables(self) -> BusTables:
@@ -172,8 +171,11 @@ class Rig:
         return identifier_of(self.messages[name])
 
     def command_cycle_ms(self) -> float:
-        """Return the cycle of the command message [ms]; 0 if it has none."""
-        return self.cycle_ms(self.command_message())
+        """Return how often an ECU sends the command [ms].
+
+        That is its message's cycle. A message on events has none: then that of the left motor's current, or 10 ms.
+        """
+        return self.cycle_ms(self.command_message()) or self.current_cycle_ms() or _COMMAND_MS
 
     def current_cycle_ms(self) -> float:
         """Return the cycle of the message with the left motor's current [ms]; 0 if it has none or is not sent."""
@@ -185,9 +187,8 @@ class Rig:
         return cycle_of(self.messages[name], self.options.get(name, MessageOptions()))
 
     def timeout_ms(self, name: str) -> float:
-        """Return how long a message may be missing until its last values expire [ms]; 0 if it has no cycle."""
-        options = self.options.get(name, MessageOptions())
-        return max(0.0, options.timeout_cycles * self.cycle_ms(name))
+        """Return how long a message may be missing until its last values expire [ms]; 0: they never do."""
+        return timeout_of(self.messages[name], self.options.get(name, MessageOptions()))
 
 
 def load_rig(path: Path) -> Rig:
@@ -212,9 +213,7 @@ def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
     return rig_of_content(content, path)
 
 
-def rig_of_content(
-    raw: Table, path: Path, messages: Mapping[str, Message] | None = None
-) -> tuple[Rig, ConfigIssues]:
+def rig_of_content(raw: Table, path: Path, messages: Messages | None = None) -> tuple[Rig, ConfigIssues]:
     """Return the rig of a file's content, as far as it can be read, and its issues.
 
     `path` names the content, and the database is looked for beside it; `messages` are the database's messages if
@@ -225,16 +224,17 @@ def rig_of_content(
     database = find_database(issues, given.dbc, path.parent) if given.dbc else None
     before = issues.count
     if messages is None:
-        messages = load_messages(issues, database) if database else {}
+        messages = load_messages(issues, database) if database else Messages()
+    file = database.path if database else Path()
     if not messages or issues.count > before:  # without a valid database nothing else can be checked
-        return Rig(database or Path(), given.bitrate, {}, (), (), {}, False, str(path)), issues
+        return Rig(file, given.bitrate, Messages(), (), (), {}, False, str(path)), issues
     inputs = signal_mappings(issues, given.inputs or {}, "inputs", BUS_INPUTS, messages)
     outputs = signal_mappings(issues, given.outputs or {}, "outputs", BUS_OUTPUTS, messages)
     options = message_options(issues, given.messages or {}, messages)
     wires = (*inputs, *outputs)
     mapped = {identifier_of(messages[wire.message]): wire.message for wire in wires}
     rig = Rig(
-        database or Path(),
+        file,
         given.bitrate,
         messages,
         tuple(inputs),
@@ -286,17 +286,19 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
                 f"identifier 0x{message.frame_id:X}; allowed: none that cars use for diagnostics (0x7E0 to 0x7EF, "
                 "0x18DAxxxx, 0x18DBxxxx)",
             )
-    cyclic = {wire.message for wire in rig.outputs}
-    cyclic |= {wire.message for wire in rig.inputs if wire.quantity in COMMANDS}
-    for name in sorted(cyclic | received):
+    sent = {wire.message for wire in rig.outputs}
+    commands = {wire.message for wire in rig.inputs if wire.quantity in COMMANDS}
+    for name in sorted(sent | received):
         own = rig.options.get(name, MessageOptions())
         cycle = cycle_of(rig.messages[name], own)
         if own.cycle_ms is not None:
             continue
-        if not cycle and name in cyclic:
+        is_event = send_type_of(rig.messages[name], own) is SendType.EVENT
+        if not cycle and (name in sent or (name in commands and not is_event)):
+            why = "sent on events" if is_event else "without a cycle (GenMsgCycleTime)"
             issues.add(
                 f"messages.{name}.cycle_ms",
-                "missing, and the database has no GenMsgCycleTime; allowed: 0.1 to 60000 ms",
+                f"missing, and by the database {name} is {why}; allowed: 0.1 to 60000 ms",
             )
         elif not 0 <= cycle <= LONGEST_MS:
             issues.add(

@@ -12,9 +12,11 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from liftgate_hil.codec.bus_config import LONGEST_MS, SignalMapping, cycle_of
+from liftgate_hil.codec.bus_config import SignalMapping, counted_range
 from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.codec.sending import LONGEST_MS, SendType, cycle_of, send_type_of
 from liftgate_hil.config.drafting.candidates import NOBODY, is_protection
+from liftgate_hil.config.drafting.j1939 import notes_on_j1939
 from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.inject import FAULT
@@ -23,7 +25,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.config.units import conversion
 from liftgate_hil.errors import ConfigIssues, with_unit
-from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
+from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL
 from liftgate_plant import gate
 from liftgate_plant.gate import GRAVITY
 from liftgate_plant.vehicle import DriveTables, Vehicle
@@ -163,7 +165,9 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
         *_sent_by_the_ecu(rig),
         *_coasting_drive(rig, vehicle),
         *_weak_duties(rig),
+        *_without_timeout(rig),
         *_unprotected(rig),
+        *notes_on_j1939([rig.messages[name] for name in rig.mapped], rig.source),
         *_other_counters(rig),
         *_other_scales(rig),
         *_latched_by_angle(rig),
@@ -245,11 +249,26 @@ def _other_counters(rig: Rig) -> Iterator[str]:
         if options.counter is None or options.e2e is not None or name not in rig.mapped:
             continue
         signal = rig.messages[name].get_signal_by_name(options.counter)
-        highest = options.counting.highest_value(signal.length)
-        if signal.maximum is not None and 0 < signal.maximum < highest:
+        own = options.counting.lowest, options.counting.highest_value(signal.length)
+        theirs = counted_range(signal)
+        lowest = f"lowest = {theirs[0]}" if own[0] < theirs[0] else ""
+        highest = f"highest = {theirs[1]}" if own[1] > theirs[1] else ""
+        if lowest or highest:
             yield (
-                f"{rig.source}: messages.{name}.counter: {options.counter} goes to {highest}, in the database to "
-                f"{signal.maximum:g}: is highest = {signal.maximum:g}?"
+                f"{rig.source}: messages.{name}.counter: {options.counter} goes from {own[0]} to {own[1]}, in the "
+                f"database from {theirs[0]} to {theirs[1]}: is {', '.join(filter(None, (lowest, highest)))}?"
+            )
+
+
+def _without_timeout(rig: Rig) -> Iterator[str]:
+    """Yield a note for each message of the ECU whose values hold until the next frame, by its send type."""
+    for name in dict.fromkeys(wire.message for wire in rig.inputs if wire.quantity not in PANEL):
+        send_type = send_type_of(rig.messages[name], rig.options.get(name, MessageOptions()))
+        if send_type is not SendType.CYCLIC:
+            yield (
+                f"{rig.source}: messages.{name}: by the database it is sent {send_type.value}, so its values hold "
+                "until the next frame, and an ECU that falls silent goes unnoticed; cycle_ms states a cycle, and "
+                "with it a time-out"
             )
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from liftgate_hil.codec.bus_config import SignalMapping, cycle_of, start_value
+from liftgate_hil.codec.bus_config import SignalMapping, start_value
 from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.multiplexing import is_on, multiplexer_values, pages_of
 from liftgate_hil.codec.protection import MessageOptions, signals_made
 from liftgate_hil.codec.rocksoft import Covered, Rocksoft
+from liftgate_hil.codec.sending import cycle_of, send_type_of, timeout_of
 from liftgate_hil.config.inject import REQUEST, SIGNAL
 from liftgate_hil.config.restbus import Press
 from liftgate_hil.config.rig import Rig
@@ -48,6 +49,7 @@ class MappedMessage(NamedTuple):
     cycle_ms: float  # 0: none
     pages: int  # number of multiplexer values with which it is sent in turn
     timeout_ms: float  # 0: its values never expire
+    send_type: str  # one of sending.SendType
     protection: str
     signals: Sequence[MappedSignal]
     unmapped: Mapping[str, str]  # its other signals with the value that is sent; "": they are not read
@@ -110,7 +112,8 @@ def _messages(
             length=message.length,
             cycle_ms=cycle,
             pages=len(pages_of(message, [wire.signal for wire in own])) if direction == "sent" else 1,
-            timeout_ms=options.timeout_cycles * cycle if is_stale else 0.0,
+            timeout_ms=timeout_of(message, options) if is_stale else 0.0,
+            send_type=send_type_of(message, options).value,
             protection=_protection(options),
             signals=[_signal(rig, wire, quantities[wire.quantity]) for wire in own],
             unmapped=_unmapped(message, options, own, direction == "sent"),

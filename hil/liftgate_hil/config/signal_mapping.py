@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 from liftgate_hil.codec.bus_config import SignalMapping
+from liftgate_hil.codec.messages import Messages
 from liftgate_hil.config.enumerations import check_complete, check_values
 from liftgate_hil.config.kinds import Flag, Number, Subtable, Text
 from liftgate_hil.config.schema import Key, Record, read_record
@@ -22,7 +23,6 @@ from liftgate_hil.signals import renamed_output
 from liftgate_plant.signals import Signal
 
 if TYPE_CHECKING:
-    from cantools.database.can import Message
     from cantools.database.can import Signal as DatabaseSignal
 
 _FACTOR = Number(-1e9, 1e9)
@@ -48,11 +48,7 @@ class MappingTable(Record):
 
 # fmt: on
 def signal_mappings(
-    issues: ConfigIssues,
-    given: Table,
-    section: str,
-    quantities: Mapping[str, Signal],
-    messages: Mapping[str, Message],
+    issues: ConfigIssues, given: Table, section: str, quantities: Mapping[str, Signal], messages: Messages
 ) -> list[SignalMapping]:
     """Return the mappings of a section with this content; issues are noted."""
     old = {name: renamed_output(name) for name in given if section == "outputs"}
@@ -69,7 +65,7 @@ def signal_mappings(
 
 
 def _mapping(
-    issues: ConfigIssues, section: str, quantity: str, ours: Signal, value: object, messages: Mapping[str, Message]
+    issues: ConfigIssues, section: str, quantity: str, ours: Signal, value: object, messages: Messages
 ) -> SignalMapping | None:
     key = f"{section}.{quantity}"
     before = issues.count

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
+from liftgate_hil.codec.messages import Messages
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigIssues
 
@@ -19,7 +20,7 @@ def find_signal(
     issues: ConfigIssues,
     key: str,
     name: str,
-    messages: Mapping[str, Message],
+    messages: Messages,
     offered: Collection[str] | None = None,
     left_out: Collection[str] = (),
 ) -> DatabaseSignal | None:
@@ -29,6 +30,9 @@ def find_signal(
     """
     message_name, _, signal_name = name.partition(".")
     message = messages.get(message_name)
+    if why_not := messages.why_not(message_name):
+        issues.add(key, f"{show(name)}: {why_not}")
+        return None
     if message is None:
         names = listed(sorted(messages if offered is None else offered))
         issues.add(key, f"{show(name)}: no such message; allowed: MESSAGE.SIGNAL of {names}")

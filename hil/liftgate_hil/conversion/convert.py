@@ -103,6 +103,7 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
             tables = ", ".join(each for each, other in FORMATS.items() if other.has_rows)
             raise ConfigError(f"`rig` {rig}: decodes frames into a table; allowed: OUT as {tables}")
         table = decoded(source, rig)
+        notes += table.left_out
         if source.signals:
             notes.append(
                 f"{len(source.signals)} columns omitted: with --rig the table holds the bus signals instead"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.config.database import KINDS, load_messages
+from liftgate_hil.codec.messages import Messages
+from liftgate_hil.config.database import database_file, is_database, load_messages
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.conversion.decode import Decoder, seen_in
 from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
@@ -29,11 +30,12 @@ class DecodedRows(Recording):
 
     source: Recording
     messages: tuple[Message, ...]
+    left_out: tuple[str, ...] = ()  # what of the database is faulty
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks on the file whose frames are decoded."""
-        return self.source.notes
+        """Remarks on the file whose frames are decoded, and on the database."""
+        return (*self.source.notes, *self.left_out)
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these signals; NaN: no value yet."""
@@ -47,19 +49,20 @@ def decoded(source: Recording, rig: str) -> DecodedRows:
     """Decode the frames of a recording by a rig or a database. Raises ConfigError."""
     if source.channel is None:
         raise ConfigError(f"`rig` {rig}: allowed with a recording that holds frames; this one has rows")
-    messages = tuple(seen_in(source.frames(), messages_of(rig)))
+    known = messages_of(rig)
+    left_out = tuple(f"{rig}: {note}" for note in known.notes)
+    messages = tuple(seen_in(source.frames(), known))
     if not messages:
-        raise ConfigError(f"`rig` {rig}: no frame of its messages is in {source.path}")
+        raise ConfigError([f"`rig` {rig}: no frame of its messages is in {source.path}", *left_out])
     signals = Decoder(messages).signals
-    return DecodedRows(path=source.path, signals=signals, source=source, messages=messages)
+    return DecodedRows(path=source.path, signals=signals, source=source, messages=messages, left_out=left_out)
 
 
-def messages_of(rig: str) -> Mapping[str, Message]:
+def messages_of(rig: str) -> Messages:
     """Return the messages of a rig's database, or of a database itself. Raises ConfigError."""
-    path = Path(rig)
-    if path.suffix.lower() in KINDS:
+    if is_database(rig):
         issues = ConfigIssues(f"`rig` {rig}")
-        messages = load_messages(issues, path)
+        messages = load_messages(issues, database_file(rig))
         issues.raise_if_any()
         return messages
     from liftgate_hil.config.rig import load_rig

@@ -33,7 +33,7 @@ from liftgate_hil.judging.table import (
 from liftgate_hil.stimuli.moments import Instant
 
 if TYPE_CHECKING:
-    from cantools.database.can import Message
+    from liftgate_hil.codec.messages import Messages
 
 
 FIRST_S = 0.1  # s, before which a row shows where a scenario begins: a gate of 20 deg/s has moved by 2 deg
@@ -55,7 +55,7 @@ class Expected:
     conditions: tuple[Condition, ...]  # each expectation's own, then the existing openers
     openers: tuple[int, ...]  # index of the condition that opens each window; -1: a time
     signals: tuple[str, ...]  # bus signals that they refer to
-    messages: Mapping[str, Message]
+    messages: Messages
     awaited: int = 0  # this many at the end are conditions that stimuli wait for
     codes: tuple[str, ...] = ()  # trouble codes that they refer to
     diagnostics: Diagnostics | None = None  # how the ECU is asked for trouble codes
@@ -99,7 +99,7 @@ class Expected:
 def expected_of(
     expectations: Sequence[Expectation],
     parameters: Mapping[str, float],
-    messages: Mapping[str, Message],
+    messages: Messages,
     drives: int,
     source: str,
     awaited: Sequence[Expectation] = (),

@@ -33,7 +33,7 @@ from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_plant.compiler import compilable, compiled
 
 if TYPE_CHECKING:
-    from cantools.database.can import Message
+    from liftgate_hil.codec.messages import Messages
 
 MOST_BYTES = 256e6  # of the rows that are kept in memory
 _TIME = COLUMN_PLACE["time_s"]
@@ -58,7 +58,7 @@ def trigger_of(
     after: float,
     rate: float,
     parameters: Mapping[str, float],
-    messages: Mapping[str, Message],
+    messages: Messages,
     drives: int,
 ) -> Trigger:
     """Return the trigger of conditions as texts, in the language of scenarios.

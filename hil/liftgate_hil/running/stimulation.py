@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from liftgate_hil.codec.frames import empty_frames
+from liftgate_hil.codec.messages import Messages
 from liftgate_hil.conditions.condition import Condition
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config.bus_fault import bus_faults_in
@@ -36,8 +37,6 @@ from liftgate_plant.friction_profile import friction_profile
 from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:
-    from cantools.database.can import Message
-
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.running.setup import Setup
 
@@ -220,13 +219,13 @@ def _tester(scenario: Scenario, rig: Rig | None, issues: ConfigIssues, reset: by
 
 
 def _conditions(
-    scenario: Scenario, vehicle: Vehicle, messages: Mapping[str, Message] | None, issues: ConfigIssues
+    scenario: Scenario, vehicle: Vehicle, messages: Messages | None, issues: ConfigIssues
 ) -> Callable[[Instant], Condition]:
     """Return a function that returns the condition of a scenario's instant."""
 
     def made(instant: Instant) -> Condition:
         try:
-            found = parsed(instant.condition, scenario.parameters, messages or {})
+            found = parsed(instant.condition, scenario.parameters, messages or Messages())
         except ValueError as error:
             issues.add_of(instant.source, instant.key, str(error))
             return Condition(instant.condition, ())

@@ -24,6 +24,7 @@ from liftgate_hil.codec.bus_config import (
     tables_named,
 )
 from liftgate_hil.codec.frames import Frames, empty_frames
+from liftgate_hil.codec.messages import Messages
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import Transmission, first_transmission, is_due, transmit
@@ -68,7 +69,7 @@ class SignalChange:
 class BusTables:
     """Tables of the messages that a bench sends: a rig's outputs, and the options of its messages."""
 
-    messages: Mapping[str, Message]
+    messages: Messages
     outputs: Sequence[SignalMapping]
     options: Mapping[str, MessageOptions]
     source: str = ""  # the rig's name in error messages
@@ -88,7 +89,7 @@ class BusTables:
         return build_bus_config(self.messages, mappings, self.options, quantities, issues, True)
 
 
-NO_BUS = BusTables({}, (), {})
+NO_BUS = BusTables(Messages(), (), {})
 
 
 class Restbus(NamedTuple):

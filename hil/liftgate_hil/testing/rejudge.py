@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from liftgate_hil.conditions.condition import COLUMN
-from liftgate_hil.config.database import KINDS, load_messages
+from liftgate_hil.config.database import database_file, is_database, load_messages
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.diagnostics.reset_watch import ResetWatch
@@ -193,7 +193,9 @@ def judged(
     ]
     trace_summaries = {} if sketcher is None else sketcher.trace_summaries()
     by_name = {each.name: each for each in verdicts}
-    return Judged(by_name, trace_summaries, len(run.times), last, run.notes, tuple(found.notes()))
+    return Judged(
+        by_name, trace_summaries, len(run.times), last, [*about.rig.notes, *run.notes], tuple(found.notes())
+    )
 
 
 def _stepped_again(
@@ -279,9 +281,10 @@ def _explained(verdict: Verdict, run: RecordedRun, names: Sequence[str]) -> Verd
 
 def _rig_of(rig: str | Path | Rig | None, scenario: Scenario) -> Rig:
     """Return the rig as `rig_of` does, or one made of a database alone. Raises ConfigError."""
-    if not isinstance(rig, str | Path) or Path(rig).suffix.lower() not in KINDS:
+    if not isinstance(rig, str | Path) or not is_database(rig):
         return rig_of(rig, scenario)
     issues = ConfigIssues(f"`rig` {rig}")
-    messages = load_messages(issues, Path(rig))
+    file = database_file(rig)
+    messages = load_messages(issues, file)
     issues.raise_if_any()
-    return Rig(Path(rig), _BITRATE, messages, (), (), {}, False, str(rig))
+    return Rig(file.path, _BITRATE, messages, (), (), {}, False, str(rig))

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
 from liftgate_hil.codec.counter import MOST_VALUES, product
+from liftgate_hil.codec.messages import Messages
 from liftgate_hil.codec.receive import NO_COUNTS, nothing_received
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.messages import message_options
@@ -27,7 +28,7 @@ def bus_of(bits: int, counter: Any, sending: bool = False, order: str = "little_
     signals = [Signal("Counter", start, bits, order), Signal("Value", 72, 8, "little_endian")]
     message = Message(0x123, "M", 10, signals, cycle_time=10)
     issues = ConfigIssues("rig.toml")
-    options = message_options(issues, {"M": {"counter": counter}}, {"M": message})
+    options = message_options(issues, {"M": {"counter": counter}}, Messages([message]))
     mapping = SignalMapping("v", "M", "Value")
     bus = build_bus_config({"M": message}, [mapping], options, {"v": FREE}, issues, sending)
     issues.raise_if_any()

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
 from liftgate_hil.codec.checksum import checksum_in, put_checksum
 from liftgate_hil.codec.frames import EXTENDED, FD
+from liftgate_hil.codec.messages import Messages
 from liftgate_hil.codec.receive import NO_COUNTS, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import transmit
@@ -57,7 +58,7 @@ def divided(data: Iterable[int], width: int, polynomial: int, start: int = 0, re
 def bus_of(message: Message, table: Mapping[str, Any], sending: bool = False, value: str = "Value") -> BusConfig:
     """The tables of a message with this table [messages.M] of a rig."""
     issues = ConfigIssues("rig.toml")
-    messages = {message.name: message}
+    messages = Messages([message])
     options = message_options(issues, {message.name: dict(table)}, messages)
     bus = build_bus_config(
         messages, [SignalMapping("v", message.name, value)], options, {"v": FREE}, issues, sending

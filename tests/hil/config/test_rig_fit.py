@@ -241,5 +241,5 @@ BA_DEF_DEF_ "GenMsgCycleTime" 10;
     path.write_text(f'dbc = "their.dbc"\n{text}[messages.Cmd]\ncounter = {counter}\n', encoding="utf-8")
     notes = notes_on_fit(rig_from(str(path)), vehicle_from("compact", []), 1000.0)
     said = [each for each in notes if "Count" in each]
-    told = f"{path}: messages.Cmd.counter: Count goes to 15, in the database to 14: is highest = 14?"
+    told = f"{path}: messages.Cmd.counter: Count goes from 0 to 15, in the database from 0 to 14: is highest = 14?"
     assert said == [told] * is_noted

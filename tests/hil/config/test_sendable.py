@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cantools
 
+from liftgate_hil.codec.messages import Messages
 from liftgate_hil.config.restbus import sendable
 from liftgate_hil.stimuli.restbus import BusTables
 
@@ -27,7 +28,7 @@ DATABASE = (
     'VERSION ""\nNS_ :\nBS_:\nBU_: Car Gate\n' + "".join(MESSAGES.values())
     + 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;\nBA_DEF_DEF_ "GenMsgCycleTime" 100;\n'
 )  # fmt: skip
-TABLES = BusTables({each.name: each for each in cantools.database.load_string(DATABASE, "dbc").messages}, (), {})
+TABLES = BusTables(Messages(cantools.database.load_string(DATABASE, "dbc").messages), (), {})
 
 
 def test_a_message_with_more_pages_than_fit_and_one_for_another_bus_are_left_out() -> None:

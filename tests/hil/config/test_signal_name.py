@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from cantools.database import load_string
+from cantools.database import Message, load_string
 
+from liftgate_hil.codec.messages import Messages
 from liftgate_hil.config.signal_name import find_signal
 from liftgate_hil.errors import ConfigIssues
 
@@ -17,7 +18,7 @@ BO_ 256 Body: 8 ECU
 BO_ 257 Axle: 8 ECU
  SG_ Load : 0|16@1+ (1,0) [0|0] "N" ECU
 """
-MESSAGES = {each.name: each for each in load_string(DATABASE, "dbc").messages}
+MESSAGES = Messages(load_string(DATABASE, "dbc").messages)
 
 
 def issue_with(name: str, **more: list[str]) -> str:
@@ -52,7 +53,7 @@ def test_what_is_not_for_the_caller_is_not_offered():
 
 
 def test_of_many_messages_twenty_are_reported_and_how_many_more_there_are():
-    many = {f"M{number:02}": MESSAGES["Body"] for number in range(23)}
+    many = Messages(Message(number, f"M{number:02}", 8, []) for number in range(23))
     issues = ConfigIssues("file")
     find_signal(issues, "key", "X.Y", many)
     assert issues.lines[0].endswith("M17, M18, M19 and 3 more")

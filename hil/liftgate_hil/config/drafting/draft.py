@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.config.database import load_messages
+from liftgate_hil.codec.messages import Messages
+from liftgate_hil.config.database import database_file, load_messages
 from liftgate_hil.config.drafting.candidates import Candidate, find_candidates
+from liftgate_hil.config.drafting.j1939 import notes_on_j1939
 from liftgate_hil.config.drafting.lines import Line, line_for, quoted
 from liftgate_hil.config.drafting.protections import checksums_of, open_counters_of, protection_lines
 from liftgate_hil.config.drafting.words import named_values
@@ -32,25 +34,31 @@ _WANTED = ("left_duty", "left_current", "gate_angle")  # an ECU hardly runs with
 
 @dataclass
 class Draft:
-    """The text of a rig, the mapped keys, and what has to be filled in by hand: key and reason."""
+    """The text of a rig, the mapped keys, what has to be filled in by hand (key and reason), and remarks."""
 
     text: str
     mapped: list[str] = field(default_factory=list)
     open: list[tuple[str, str]] = field(default_factory=list)
+    notes: tuple[str, ...] = ()
 
 
-def draft_rig(database: Path, target: Path) -> Draft:
-    """Return the draft of a rig for a database and a file `target`, which is not written. Raises ConfigError."""
+def draft_rig(database: str | Path, target: Path) -> Draft:
+    """Return the draft of a rig for a database, FILE or FILE#BUS, and a file `target`, which is not written.
+
+    Raises ConfigError.
+    """
+    file, bus = given = database_file(database)
     issues = ConfigIssues("draft")
-    messages = load_messages(issues, database)
+    messages = load_messages(issues, given)
     issues.raise_if_any()
     found, not_chosen = find_candidates(messages)
     tells_sides = any("right_" in name for each in found.values() for name in each)
     lines = {section: list(_lines_of(section, _by_side(each, tells_sides))) for section, each in found.items()}
     _one_quantity_a_signal(lines)
-    dbc = os.path.relpath(os.path.realpath(database), Path(os.path.realpath(target)).parent)
+    dbc = os.path.relpath(os.path.realpath(file), Path(os.path.realpath(target)).parent)
+    dbc += f"#{bus}" if bus else ""
     head = [
-        f"# A first rig for {printable(database.name)}, drafted from names, units and senders: check before use.",
+        f"# A first rig for {printable(file.name)}, drafted from names, units and senders: check before use.",
         "# Uncertain lines are commented out, each below its reason. `liftgate-hil rig check` shows the mapping.",
         "",
         f"dbc = {quoted(dbc)}",
@@ -72,7 +80,12 @@ def draft_rig(database: Path, target: Path) -> Draft:
     text += "".join(_buttons(lines, messages))
     text += "".join(_not_chosen(not_chosen))
     text += "".join(_unused(text, messages, {line.message.name for line in _all(lines)}, not_chosen))
-    return Draft(text, mapped, [*waiting.items(), *_missing(faults, waiting, mapped)])
+    used = dict.fromkeys(line.message.name for line in _all(lines))
+    notes = (
+        *(f"{file}: {note}" for note in messages.notes),
+        *notes_on_j1939([messages[each] for each in used], str(file)),
+    )
+    return Draft(text, mapped, [*waiting.items(), *_missing(faults, waiting, mapped)], notes)
 
 
 def _buttons(lines: Mapping[str, list[Line]], messages: Mapping[str, Message]) -> Iterator[str]:
@@ -181,7 +194,7 @@ def _one_quantity_a_signal(lines: dict[str, list[Line]]) -> None:
 
 
 def _text(
-    head: list[str], lines: Mapping[str, list[Line]], messages: Mapping[str, Message], target: Path
+    head: list[str], lines: Mapping[str, list[Line]], messages: Messages, target: Path
 ) -> tuple[str, dict[str, str]]:
     """Return the file's text, and why a rig made of it is refused: reasons by key."""
     parts = list(head)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from liftgate_hil.codec.bus_config import cycle_of
+from liftgate_hil.codec.bus_config import counted_range
 from liftgate_hil.codec.checksum import KINDS, PROFILES
 from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.codec.sending import SendType, cycle_of, send_type_of
 from liftgate_hil.config.drafting.candidates import is_protection
 from liftgate_hil.config.drafting.lines import quoted
 
@@ -32,7 +33,17 @@ def open_counters_of(message: Message) -> list[Signal]:
 
 def _ends_early(counter: Signal) -> bool:
     """Whether the database says that a counter goes less far than its length allows."""
-    return bool(0 < (counter.maximum or 0) < 2**counter.length - 1)
+    return counted_range(counter) != (0, 2**counter.length - 1)
+
+
+def _restricted(counter: Signal) -> str:
+    """Return the remark on a counter that goes less far than its length allows."""
+    (low, high), most, name = counted_range(counter), 2**counter.length - 1, quoted(counter.name)
+    if low > 0:
+        table = f"{{ signal = {name}, lowest = {low}, highest = {high} }}"
+        return f"goes from {low} to {high}, not from 0 to {most}: counter = {table}"
+    table = f"{{ signal = {name}, highest = {high} }}"
+    return f"goes to {high}, not to {most}: as it stands with an E2E profile, else counter = {table}"
 
 
 def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[str]:
@@ -40,14 +51,15 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
     counters = counters_of(message)
     lines = []
     if is_cyclic and not 0.0 < cycle_of(message, MessageOptions()) <= 60_000.0:
-        lines.append("# cycle_ms = 10                         # not in the database: fill it in")
+        is_event = send_type_of(message, MessageOptions()) is SendType.EVENT
+        why = "by the database it is sent on events" if is_event else "not in the database"
+        lines.append(f"# cycle_ms = 10                         # {why}: fill it in")
     for signal in counters:
         line, why = f"counter = {quoted(signal.name)}", ""
         if len(counters) > 1:
             why = "one of several with such a name"
         elif _ends_early(signal):
-            why = f"goes to {signal.maximum:g}, not to {2**signal.length - 1}: as it stands with an E2E profile, "
-            why += f"else counter = {{ signal = {quoted(signal.name)}, highest = {signal.maximum:g} }}"
+            why = _restricted(signal)
         lines.append(f"# {line}  # {why}" if why else line)
     for signal in checksums_of(message):
         lines += _checksum_lines(signal)

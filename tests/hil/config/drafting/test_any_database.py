@@ -52,7 +52,7 @@ def test_a_mangled_database_is_drafted_or_refused(tmp_path: Path):
     chance = random.Random(3)
     path, target = tmp_path / "their.dbc", tmp_path / "rig.toml"
     drafted = 0
-    for turn in range(400):
+    for turn in range(200):
         lines = mangled(chance, texts[turn % len(texts)].splitlines(), words)
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         try:

@@ -1,0 +1,120 @@
+"""How a message is sent by its database and the rig: cycle, time-out, send type, flags of its frames."""
+
+from __future__ import annotations
+
+import enum
+import re
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.codec.frames import BRS, FD
+from liftgate_hil.codec.protection import MessageOptions
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message, Signal
+
+LONGEST_MS = 60_000.0  # longest cycle of a message
+
+
+class SendType(enum.Enum):
+    """When a message is sent by its database."""
+
+    CYCLIC = "cyclic"
+    IF_ACTIVE = "cyclic while active"
+    EVENT = "on events"
+
+
+# Parts of the names that makers give to values of GenMsgSendType and GenSigSendType: those of Vector's CANdb++
+# (cyclic, spontaneous, cyclicIfActive, IfActive, OnWrite, OnChange, NoMsgSendType), and of others (FixedPeriodic,
+# Event, EnabledPeriodic, cyclicWithRepeatOnDemand, spontanX, BAF).
+_CYCLIC = re.compile(r"cycl|period|zykl")
+_NOT_CYCLIC = re.compile(r"acycl|azykl|aperiod|no[nt]?cycl|no[nt]?period")
+_EVENT = re.compile(r"spontan|event|change|write|demand|request|trigger")
+_ACTIVE = re.compile(r"active|aktiv|enabled|^baf$")
+
+
+def send_type_of(message: Message, options: MessageOptions) -> SendType:
+    """Return when a message is sent: in the rig's cycle, else as its send type or those of its signals say.
+
+    These are GenMsgSendType and GenSigSendType in a DBC. If none says anything, it is cyclic.
+    """
+    if options.cycle_ms is not None:
+        return SendType.CYCLIC
+    own = _meant(message.send_type)
+    if own is not None:
+        return own
+    found = {_meant(_labelled(each, "GenSigSendType")) for each in message.signals} - {None}
+    if not found or SendType.CYCLIC in found:
+        return SendType.CYCLIC
+    return SendType.IF_ACTIVE if SendType.IF_ACTIVE in found else SendType.EVENT
+
+
+def _meant(name: object) -> SendType | None:
+    """Return the send type of a name; None: it does not say, as NotUsed."""
+    plain = re.sub(r"[\W_\d]", "", name.casefold()) if isinstance(name, str) else ""
+    is_cyclic = bool(_CYCLIC.search(plain)) and not _NOT_CYCLIC.search(plain)
+    if is_cyclic:
+        return SendType.IF_ACTIVE if _ACTIVE.search(plain) else SendType.CYCLIC
+    if _EVENT.search(plain) or _NOT_CYCLIC.search(plain):
+        return SendType.EVENT
+    return SendType.IF_ACTIVE if _ACTIVE.search(plain) else None
+
+
+def cycle_of(message: Message, options: MessageOptions) -> float:
+    """Return a message's cycle [ms]: the rig's, else the database's; 0: none, −1: the database's is invalid.
+
+    By the database a message that is sent on events has none, whatever its GenMsgCycleTime is.
+    """
+    if options.cycle_ms is not None:
+        return options.cycle_ms
+    if not message.cycle_time or send_type_of(message, options) is SendType.EVENT:
+        return 0.0
+    try:
+        return float(message.cycle_time)
+    except (TypeError, ValueError, OverflowError):  # an attribute may be any text or number
+        return -1.0
+
+
+def timeout_of(message: Message, options: MessageOptions) -> float:
+    """Return how long a message may be missing until its last values expire [ms]; 0: they never do."""
+    if send_type_of(message, options) is not SendType.CYCLIC:
+        return 0.0
+    return max(0.0, options.timeout_cycles * cycle_of(message, options))
+
+
+def needs_fd(message: Message) -> bool:
+    """Whether only a CAN FD frame can carry the message, whatever its database says of the format."""
+    return bool(message.is_fd) or message.length > 8
+
+
+def format_of(message: Message, options: MessageOptions) -> int:
+    """Return the flags of a message's frames: FD, and BRS where the rig or the database switches the bit rate.
+
+    A DBC says it by the attribute CANFD_BRS, as CANdb++ has it.
+    """
+    if not needs_fd(message):
+        return 0
+    return FD | (BRS if switches_bit_rate(message, options) else 0)
+
+
+def switches_bit_rate(message: Message, options: MessageOptions) -> bool:
+    """Whether a message's CAN FD frames are sent with bit rate switch."""
+    if options.brs is not None:
+        return options.brs
+    return attribute_of(message, "CANFD_BRS") in (1, "1")
+
+
+def attribute_of(item: Message | Signal, name: str) -> Any:
+    """Return an attribute in a DBC, by default that of its definition; None: it has none."""
+    if item.dbc is None:
+        return None
+    if name in item.dbc.attributes:
+        return item.dbc.attributes[name].value
+    definition = item.dbc.attribute_definitions.get(name)
+    return None if definition is None else definition.default_value
+
+
+def _labelled(item: Message | Signal, name: str) -> Any:
+    """Return an attribute of an enumeration by its label."""
+    value = attribute_of(item, name)
+    choices = item.dbc.attribute_definitions[name].choices if isinstance(value, int) and item.dbc else None
+    return choices[value] if choices and 0 <= value < len(choices) else value
