@@ -126,7 +126,7 @@ def _drive(
     from liftgate_hil.transport.find import find_way, open_transport
 
     way = find_way(options.wire_choice(args), rig)
-    transport = open_transport(way)
+    transport, lost_before = open_transport(way), 0
     try:
         if args.realtime:
             _ask_for_priority(args)
@@ -139,10 +139,12 @@ def _drive(
             teller.say(f"note: {note}")
         peer = Peer(adapter, transport, asked)
         waiting = _Waiting(rig, transport.name, way.within, teller)
-        _take_turns(peer, adapter, waiting, args.duration, stop, teller)
+        lost_before = peer.dropped  # while machine code was compiled
+        _take_turns(peer, adapter, waiting, _Losses(peer, transport.name, teller), args.duration, stop, teller)
     finally:
         transport.close()
-        if faults := transport.counts().in_words():
+        counts = transport.counts()
+        if faults := counts._replace(dropped=counts.dropped - lost_before).in_words():
             teller.say(f"link: {', '.join(faults.values())}")
 
 
@@ -184,8 +186,32 @@ class _Waiting:
             self._is_told, self._has_told_other = True, other >= 0
 
 
+class _Losses:
+    """Message on the first frames that are dropped from now on before this process reads them."""
+
+    def __init__(self, peer: Peer, bus: str, teller: Teller) -> None:
+        self._peer, self._bus, self._teller = peer, bus, teller
+        self._before = peer.dropped
+        self._is_told = False
+
+    def look(self, now: int) -> None:
+        """Report the loss, once."""
+        if not self._is_told and self._peer.dropped > self._before:
+            self._is_told = True
+            self._teller.say(
+                f"{now * 1e-9:.3f} s: frames on {self._bus} are dropped before this process reads them: "
+                "what the ECU does from now on may be the bench's fault"
+            )
+
+
 def _take_turns(
-    peer: Peer, adapter: Adapter, waiting: _Waiting, duration: float | None, stop: StopSignals, teller: Teller
+    peer: Peer,
+    adapter: Adapter,
+    waiting: _Waiting,
+    losses: _Losses,
+    duration: float | None,
+    stop: StopSignals,
+    teller: Teller,
 ) -> None:
     """Poll the ECU for `duration` [s] from the start; None: until it is stopped."""
     gc.collect()  # collects garbage of the start now, not for some 50 ms during a motion
@@ -196,6 +222,7 @@ def _take_turns(
         while not stop():
             now = time.monotonic_ns() - start
             peer.poll(now)
+            losses.look(now)
             if duration is not None and now * 1e-9 >= duration:
                 break
             for event in adapter.events(shown):

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from liftgate_hil.doctor.check import Check, number, read
 from liftgate_hil.loop.priority import PRIORITY
+from liftgate_hil.transport.receive_buffer import RECEIVE_BUFFER
 
 _CAP_NET_ADMIN, _CAP_IPC_LOCK, _CAP_SYS_NICE = 12, 14, 23  # linux/capability.h
 _KERNEL_THREAD = 0x00200000  # PF_KTHREAD
 _FIFO, _ROUND_ROBIN = 1, 2
 _UNLIMITED = 2**63
 RUN_MAPS = 4 << 30  # bytes; mlockall counts all mapped memory, 2 to 3 GB in a run
-RECEIVE_BUFFER = 8 << 20  # bytes that the CAN socket requests
 _FILE = "/etc/security/limits.d/90-liftgate.conf"
 
 
@@ -137,7 +137,7 @@ def rivals(root: Path) -> Check:
 
 
 def receive_buffer(root: Path) -> Check:
-    """Check whether a CAN socket gets the receive buffer that it requests."""
+    """Check whether the socket of a bus gets the receive buffer that it requests."""
     allowed = number(read(root, "proc/sys/net/core/rmem_max"), 0)
     if has_capability(root, _CAP_NET_ADMIN) or allowed >= RECEIVE_BUFFER:
         return Check("receive buffer", "ok", f"CAN sockets get {RECEIVE_BUFFER >> 20} MiB")

@@ -70,6 +70,11 @@ class Peer:
         """Whether it is the reference ECU, and not an ECU under test."""
         return self._adapter.kind == REFERENCE
 
+    @property
+    def dropped(self) -> int:
+        """Frames that were dropped before this process could read them."""
+        return self._transport.counts().dropped
+
     def poll(self, now_ns: int) -> None:
         """Receive frames, run the ECU at a time [ns], and send its frames. Raises EcuError."""
         adapter = self._adapter

@@ -26,7 +26,7 @@ POSSIBLE = sys.platform == "linux" and sys.maxsize > 2**32 and sys.byteorder == 
 BATCH = 64  # frames per system call
 CAPACITY = MOST  # frames per tick; more wait in the kernel for the next one
 CLASSIC, LONG = 16, 72  # bytes of the two structs
-_ROW = LONG + 8  # bytes of a row: a frame, and the timestamp of this project's pump
+_ROW = LONG + 16  # bytes of a row: a frame, and the timestamp and drop counter of this project's pump
 _CONTROL = 64  # bytes of ancillary data: a timestamp and a drop counter
 
 _PAUSE_NS = 1_000_000
@@ -46,7 +46,7 @@ class Buffers(NamedTuple):
 
     headers: NDArray[np.int64]  # (n, 8): name, name length, iovec, its length, control, its length, flags, length
     vectors: NDArray[np.int64]  # (n, 2): address, bytes
-    rows: NDArray[np.uint8]  # (n, 80) frames
+    rows: NDArray[np.uint8]  # (n, 88) frames
     control: NDArray[np.int64]  # (n, 8) ancillary data
     pause: NDArray[np.int64]  # (2,) struct timespec: pause between two attempts to send
 
@@ -56,7 +56,7 @@ class Reading(NamedTuple):
 
     count: int  # type: ignore[assignment]  # shadows tuple.count
     error: int  # errno of a failure, 0: none
-    dropped: int  # the kernel's count of frames it dropped since the socket was opened; -1: not reported
+    dropped: int  # frames dropped so far before they could be read, by the kernel or the pump; -1: not reported
 
 
 class Writing(NamedTuple):
@@ -139,8 +139,10 @@ def _ancillary(buffers: Buffers, i: int, size: int, dropped: int) -> tuple[int, 
     """Return (timestamp, drop counter) that came with a frame."""
     stamp = 0
     if size == _ROW:  # from this project's pump
+        dropped = 0
         for k in range(8):
             stamp |= int(np.int64(buffers.rows[i, LONG + k])) << (8 * k)
+            dropped |= int(np.int64(buffers.rows[i, LONG + 8 + k])) << (8 * k)
         return stamp, dropped
     words = buffers.control[i]
     end = buffers.headers[i, 5] // 8

@@ -34,6 +34,10 @@ class Peer(Protocol):
     def is_ours(self) -> bool:
         """Whether it is the reference ECU: where that is late, the bench is; an ECU under test is judged."""
 
+    @property
+    def dropped(self) -> int:
+        """Frames for it that were dropped before it could read them."""
+
     def poll(self, now_ns: int) -> None:
         """Take a turn at a model time [ns]: receive the frames that have arrived, send own ones."""
 
@@ -90,6 +94,7 @@ class Loop:
     command: int = -1  # identifier of the drive command; -1: commands are not counted
     before_start: int = 0  # frames that came before the loop was ready
     commands_before: int = 0  # commands among these
+    _lost_before: int = 0  # frames dropped before this run, see `_lost`
     _tick: Callable[..., tuple[LoopState, Frames, Frames, bool]] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -106,16 +111,17 @@ class Loop:
         if is_first:
             count, self.commands_before = drained(self.transport, self.command)
             self.before_start += count
+        self._lost_before = self._lost()
         for peer in self.peers if self.state.tick == 0 else ():
             peer.poll(0)
 
-    def advance(self, frames: Frames, steps: int, stop: bool = False) -> None:
+    def advance(self, frames: Frames, steps: int) -> None:
         """Make `steps` steps; all but the last make up for missed ticks and send nothing.
 
         The first step receives the frames. Raises PlantDivergedError.
         """
         for missed in range(steps - 1, -1, -1):
-            self._step(frames, missed > 0, stop)
+            self._step(frames, is_silent=missed > 0, is_stop=False)
             frames = empty_frames(0)
         for peer in self.peers:
             peer.poll(self.state.tick * self.config.step_ns)
@@ -172,9 +178,13 @@ class Loop:
         is_silent: bool,
         is_stop: bool,
     ) -> tuple[LoopState, Frames, Frames, bool]:
-        dropped = float(self.frames_dropped + self.frames_stale)
+        dropped = float(self._lost() - self._lost_before + self.frames_dropped + self.frames_stale)
         counts = Bench(float(self.ticks_missed), dropped, 0.0, 0.0)
         return self._tick(self.config, state, frames, stimuli, row, counts, is_silent, is_stop)
+
+    def _lost(self) -> int:
+        """Return how many frames were dropped before the transport, or a peer, could read them."""
+        return self.transport.counts().dropped + sum(each.dropped for each in self.peers)
 
     @property
     def ticks(self) -> int:
@@ -188,8 +198,7 @@ class Loop:
 
     def finish(self) -> None:
         """Send the last frames, which say that the motors are off."""
-        self.peers = ()
-        self.advance(empty_frames(0), 1, stop=True)
+        self._step(empty_frames(0), is_silent=False, is_stop=True)
 
     def summary(self, clock: str, timing: Timing = NO_TIMING) -> Summary:
         """Return the figures so far."""
@@ -206,7 +215,7 @@ class Loop:
             command_timeouts=self.state.timeouts,
             received=self.state.counts,
             link=link._replace(
-                dropped=link.dropped + self.frames_dropped,
+                dropped=self._lost() - self._lost_before + self.frames_dropped,
                 before_start=link.before_start + self.before_start,
                 stale_frames=link.stale_frames + self.frames_stale,
             ),

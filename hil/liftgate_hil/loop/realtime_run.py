@@ -111,6 +111,8 @@ class RealtimeRun:
     is_first: bool = True  # False: another run has used the line before
     outcome: int = realtime_loop.ENDED
     _failure: BaseException | None = None
+    _dropped_before: int = 0  # frames dropped before this run, by the count of the line; -1: not known
+    _ecu_dropped_before: int = 0  # frames dropped on the way to peers before this run
     _unseen: int = 0  # rows and frames that were overwritten before `sinks` got them
     _room: realtime_loop.Room = field(default_factory=realtime_loop.make_room)
     _entered: threading.Event = field(default_factory=threading.Event)
@@ -136,6 +138,8 @@ class RealtimeRun:
             self.line.drain()
             for peer in self.peers if self.state.tick == 0 else ():
                 peer.poll(0)
+        self._room.drops[0] = self._dropped_before = self.line.dropped()
+        self._ecu_dropped_before = self._dropped_for_peers()
         thread = threading.Thread(
             target=self._in_thread, args=(_FOREVER if ticks is None else ticks,), name="real-time loop"
         )
@@ -181,9 +185,22 @@ class RealtimeRun:
             send_failures=int(control.unsent) + line.send_failures,
             send_queue_full=int(control.unsent_full) + line.send_queue_full,
             receive_failures=int(control.receive_errors) + line.receive_failures,
-            dropped=int(control.dropped) + line.dropped,
+            dropped=self._dropped(),
             stale_frames=int(control.stale) + line.stale_frames,
         )
+
+    def _dropped(self) -> int:
+        """Return how many frames were dropped in this run: on the way to the loop, or to an ECU in this process.
+
+        The loop has those that came before a frame that it has read, the line all.
+        """
+        found, before = int(self.memory.shared.control[0].dropped), self._dropped_before
+        if before >= 0:
+            found = max(found, self.line.dropped() - before)
+        return found + self._dropped_for_peers() - self._ecu_dropped_before
+
+    def _dropped_for_peers(self) -> int:
+        return sum(each.dropped for each in self.peers)
 
     def _sent(self) -> int:
         """Return how many frames were sent: those that the loop gave to the line, less its failures."""

@@ -93,8 +93,11 @@ class Line(Protocol):
         the wire can no longer be used.
         """
 
+    def dropped(self) -> int:
+        """Return the count of dropped frames, as `read_frames` gives it with a frame that comes; -1: not known."""
+
     def counts(self) -> LinkCounts:
-        """Return the counts of errors so far, without those that the loop sees itself."""
+        """Return the counts of errors so far, without those that the loop sees itself, and dropped frames."""
 
     def close(self) -> None:
         """Close the wire once all that was sent is on it."""

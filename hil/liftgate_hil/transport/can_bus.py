@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import socket
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from liftgate_hil.errors import TransportError, words_of
 from liftgate_hil.transport import multicast
 from liftgate_hil.transport.base import WAIT_S, LinkCounts, age_of, drained
 from liftgate_hil.transport.messages import fields_of, message_of, put
+from liftgate_hil.transport.receive_buffer import DropCounter, enlarge
 from liftgate_hil.transport.socketcan import check_kernel
 
 if TYPE_CHECKING:
@@ -54,11 +56,12 @@ class CanTransport:
         self.came_ns = np.zeros(CAPACITY, dtype=np.int64)
         self._emptied_ns = time.monotonic_ns()  # when all arrived frames were last read
         self._recv: Callable[[float], can.Message | None]
+        self._drops: DropCounter | None  # of the kernel; None: the bus has no socket
         self._bus = self._open()
         self.is_up = True
 
     def _open(self) -> can.BusABC:
-        """Return an open bus, and set `_recv`, which receives its messages."""
+        """Return an open bus; set `_recv`, which receives its messages, and `_drops`, which counts lost ones."""
         said: list[str] = []
         if self._interface == "socketcan":
             check_kernel(self.name)
@@ -75,6 +78,10 @@ class CanTransport:
                 self._recv = lambda timeout: bus._recv_internal(timeout)[0]
             else:
                 self._recv = bus.recv
+            wire = _socket_of(bus)
+            if wire is not None:
+                enlarge(wire)
+            self._drops = None if wire is None else DropCounter(wire)
         except Exception as error:  # drivers may raise anything
             why = "; ".join(dict.fromkeys([words_of(error), *(" ".join(each.split()) for each in said)]))
             raise TransportError(f"{self._interface}:{self.name}: cannot be opened: {why}") from error
@@ -103,6 +110,7 @@ class CanTransport:
 
     def _fail(self, error: Exception) -> None:
         """Count a failure to receive; an OSError, or many errors in a row, means that the bus is lost."""
+        self._note_drops()
         counts = self._receiving
         self._receiving = counts._replace(receive_failures=counts.receive_failures + 1)
         self._failures += 1
@@ -118,6 +126,12 @@ class CanTransport:
         """Count a received message that cannot be used, in the field `name` of LinkCounts."""
         counts = self._receiving
         self._receiving = counts._replace(**{name: getattr(counts, name) + 1})
+
+    def _note_drops(self) -> None:
+        """Count the frames that the kernel has dropped since the last look."""
+        dropped = 0 if self._drops is None else self._drops.take()
+        if dropped:
+            self._receiving = self._receiving._replace(dropped=self._receiving.dropped + dropped)
 
     def receive(self, timeout: float = 0.0) -> Frames:
         """Return the frames that have arrived, up to CAPACITY; wait up to `timeout` [s] for the first."""
@@ -158,6 +172,7 @@ class CanTransport:
                 count += 1
             if count == CAPACITY:
                 break
+        self._note_drops()
         return Frames(count, buffer.identifiers, buffer.lengths, buffer.data)
 
     def send(self, frames: Frames) -> None:
@@ -186,3 +201,9 @@ class CanTransport:
         if self.is_up:
             with contextlib.suppress(Exception):  # the run is over, so that errors no longer matter
                 self._bus.shutdown()
+
+
+def _socket_of(bus: Any) -> socket.socket | None:
+    """Return the socket that python-can reads a bus from (udp_multicast, socketcan); None: it has none."""
+    wire = getattr(getattr(bus, "_multicast", None), "_socket", None) or getattr(bus, "socket", None)
+    return wire if isinstance(wire, socket.socket) else None

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from liftgate_hil.config.can_libraries import can as _can
 from liftgate_hil.errors import ConfigError, TransportError
 from liftgate_hil.transport.messages import NotAFrameError
+from liftgate_hil.transport.receive_buffer import tells_drops
 
 if TYPE_CHECKING:
     import can
@@ -28,6 +29,7 @@ _MAX_HOPS = 255
 # linux/in.h, linux/in6.h; Python has no names for them.
 _IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29
 _ECHOES = 256
+_UNNOTICED = "this kernel does not tell how many frames it drops: lost ones go unnoticed (Linux 4.12 tells it)"
 _KNOWN_S = 1.0  # s for which it is remembered whether an address is this machine's
 _KNOWN = 64  # addresses that are remembered at most
 
@@ -59,13 +61,14 @@ def checked(arguments: dict[str, Any]) -> dict[str, Any]:
 
 
 def reach(arguments: dict[str, Any]) -> str:
-    """Return in words how far a bus reaches."""
-    if arguments["hop_limit"]:
-        return "reaches the network: any machine there can command the gate"
-    return (
+    """Return in words how far a bus reaches, and whether frames can be lost on it unnoticed."""
+    found = (
         "reaches this machine only, others are refused; allowed for a network: hop_limit above 0 in can.conf, or "
         "CAN_CONFIG='{\"hop_limit\": 1}'"
     )
+    if arguments["hop_limit"]:
+        found = "reaches the network: any machine there can command the gate"
+    return found if tells_drops() else f"{found}; {_UNNOTICED}"
 
 
 def apart(arguments: dict[str, Any]) -> str:

@@ -19,8 +19,9 @@ from liftgate_hil.codec.frames import CANFD_FDF, FD_FLAGS, Frames, canfd_flags, 
 from liftgate_hil.errors import TransportError, words_of
 from liftgate_hil.transport.base import SO_TIMESTAMPNS, LinkCounts, Transport, drained
 
-# struct canfd_frame (linux/can.h), and the time of arrival [ns] on the monotonic clock.
-_ROW = struct.Struct("<IBBBB64sq")
+# struct canfd_frame (linux/can.h), the time of arrival [ns] on the monotonic clock, and how many frames were
+# dropped before the transport read them, as SO_RXQ_OVFL gives it with a frame of a CAN socket.
+_ROW = struct.Struct("<IBBBB64sqq")
 _HEAD = struct.Struct("<IBB")
 # struct timespec: the kernel's timestamp of when the loop has sent a datagram (CLOCK_REALTIME).
 _STAMP = struct.Struct("<qq")
@@ -56,6 +57,7 @@ class Pump:
         self._is_open = False  # whether frames are passed on
         self._wanted, self._drained = threading.Event(), threading.Event()
         self._before_start = 0
+        self._dropped_before = 0  # frames that were dropped before the loop was ready
         self._was_up = True
         self._failure: BaseException | None = None  # exception that ended a thread
         self._control: Any = None  # row of the loop's CONTROL, into which the delay of its frames is written
@@ -93,10 +95,14 @@ class Pump:
             while time.monotonic() < until and self._theirs.recv(_ROW.size, socket.MSG_DONTWAIT):
                 self._before_start += 1
 
+    def dropped(self) -> int:
+        """Return how many frames were dropped before the transport read them, since the line was drained."""
+        return self._transport.counts().dropped - self._dropped_before
+
     def counts(self) -> LinkCounts:
         """Return the counts of the transport, with the frames that were dropped here in `before_start`."""
         counts = self._transport.counts()
-        return counts._replace(before_start=counts.before_start + self._before_start)
+        return counts._replace(before_start=counts.before_start + self._before_start, dropped=0)
 
     def close(self) -> None:
         """Send what is left, end the threads and close the transport."""
@@ -139,6 +145,7 @@ class Pump:
         while not self._stopping:
             if self._wanted.is_set():
                 self._before_start += drained(self._transport)[0]
+                self._dropped_before = self._transport.counts().dropped
                 self._wanted.clear()
                 self._is_open = True
                 self._drained.set()
@@ -146,13 +153,14 @@ class Pump:
             if not self._is_open:
                 self._before_start += frames.count
                 continue
+            dropped = self.dropped() if frames.count else 0
             for row in range(frames.count):
                 identifier = int(frames.identifiers[row])
                 flags = canfd_flags(identifier)
                 data = frames.data[row].tobytes()
                 length = int(frames.lengths[row])
                 came = int(self._transport.came_ns[row])
-                datagram = _ROW.pack(identifier & ~FD_FLAGS, length, flags, 0, 0, data, came)
+                datagram = _ROW.pack(identifier & ~FD_FLAGS, length, flags, 0, 0, data, came, dropped)
                 try:
                     self._ours.send(datagram)
                 except OSError:  # the loop has ended

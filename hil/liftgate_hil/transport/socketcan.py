@@ -19,6 +19,7 @@ from typing import Any
 
 from liftgate_hil.errors import TransportError
 from liftgate_hil.transport.base import DRAIN_S, SO_TIMESTAMPNS, LinkCounts
+from liftgate_hil.transport.receive_buffer import enlarge, kernel_drops
 
 _SIOCGIFFLAGS, _SIOCGIFMTU = 0x8913, 0x8921  # linux/sockios.h
 _IFF_UP, _IFF_RUNNING = 0x1, 0x40
@@ -29,10 +30,9 @@ _NETLINK_ROUTE, _RTMGRP_LINK = 0, 1
 _NEWLINK, _DELLINK, _IFLA_IFNAME = 16, 17, 3
 # struct nlmsghdr and struct ifinfomsg: length, kind, index, flags.
 _HEADER = struct.Struct("IH10x4xiI4x")
-_SO_RCVBUFFORCE, _SO_RXQ_OVFL = 33, 40  # asm-generic/socket.h
+_SO_RXQ_OVFL = 40  # asm-generic/socket.h
 _CAN_RAW_ERR_FILTER = 2  # linux/can/raw.h
 _ALL_ERRORS = 0x1FFFFFFF  # CAN_ERR_MASK
-_BUFFER = 8 << 20  # bytes; the default of 208 KiB is 25 to 75 ms of a full bus
 
 ABSENT, DOWN, STOPPED, UP = "is gone", "is down", "is not running (bus-off?)", "is back"
 BUS_OFF = "is bus-off"
@@ -72,10 +72,7 @@ def open_socket(name: str, is_fd: bool) -> socket.socket:
         raw.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ALL_ERRORS)
         raw.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
         raw.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        try:
-            raw.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER)
-        except OSError:  # not permitted; as much as the kernel allows
-            raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+        enlarge(raw)
         raw.bind((name,))
         raw.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)  # clears the error "is down", which is known already
     except OSError:
@@ -200,6 +197,10 @@ class SocketCan:
             restart = f"to restart it automatically: ip link set {self.name} type can restart-ms 100"
             return f"{self._state}; {restart}"
         return self._state
+
+    def dropped(self) -> int:
+        """Return the kernel's count of frames that it has dropped; -1: not known."""
+        return kernel_drops(self._socket)
 
     def counts(self) -> LinkCounts:
         """Return the counts of losses, bus-offs and frames before the start."""

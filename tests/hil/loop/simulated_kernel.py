@@ -27,9 +27,9 @@ class Datagram(NamedTuple):
     control: bytes = b""
 
 
-def from_a_pump(identifier: int, payload: bytes, stamp_ns: int) -> Datagram:
-    """A frame from this project's pump, with its stamp on the monotonic clock."""
-    return Datagram(struct.pack("<IB3x64sq", identifier, len(payload), payload, stamp_ns))
+def from_a_pump(identifier: int, payload: bytes, stamp_ns: int, dropped: int = 0) -> Datagram:
+    """A frame from this project's pump, with its stamp on the monotonic clock, and its count of dropped frames."""
+    return Datagram(struct.pack("<IB3x64sqq", identifier, len(payload), payload, stamp_ns, dropped))
 
 
 def from_a_can_socket(identifier: int, payload: bytes, stamp_ns: int, dropped: int) -> Datagram:

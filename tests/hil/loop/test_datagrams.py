@@ -172,15 +172,16 @@ def test_what_there_is_no_room_for_waits_for_the_next_read(wire: SignalMapping, 
         assert got == many(200)
 
 
-def test_our_pumps_rows_carry_their_arrival(wire: SignalMapping, pair: Pair):
+def test_our_pumps_rows_carry_their_arrival_and_what_was_dropped(wire: SignalMapping, pair: Pair):
     ours, theirs = pair
     stamps = [1, 2**62, 123_456_789_012_345]
     for number, stamp in enumerate(stamps):
         flags = 0x04 if number == 1 else 0
-        theirs.send(struct.pack("<IBBBB64sq", 0x100 + number, 5, flags, 0, 0, b"abcde", stamp))
-    rows, arrivals, _ = wire.read(ours)
+        theirs.send(struct.pack("<IBBBB64sqq", 0x100 + number, 5, flags, 0, 0, b"abcde", stamp, stamp - 1))
+    rows, arrivals, reading = wire.read(ours)
     assert rows == [(0x100, b"abcde"), (0x101 | FD, b"abcde"), (0x102, b"abcde")]
     assert arrivals == stamps
+    assert reading.dropped == stamps[-1] - 1
 
 
 def test_the_kernels_arrival_and_drop_count_are_read_from_what_comes_with_a_frame(wire: SignalMapping):

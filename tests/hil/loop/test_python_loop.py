@@ -58,6 +58,7 @@ from liftgate_hil.running.recording_sink import RecordingSink
 from liftgate_hil.signals import columns_of
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request, by_the_clock
+from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.can_bus import CanTransport
 
 # Clocked runs.
@@ -102,7 +103,7 @@ def test_frames_of_a_skipped_time_are_received_and_nothing_is_sent_twice(rig: Ri
     transport = Memory([[command(rig, 1)]])
 
     class Slow:
-        is_ours = False
+        is_ours, dropped = False, 0
 
         def poll(self, now_ns: int) -> None:
             now[0] += 3_300_000
@@ -137,11 +138,34 @@ def test_an_overrun_past_the_limit_ends_the_run(rig: Rig):
         run_clocked(loop, clock, 100, never)
 
 
+def test_dropped_frames_are_in_the_rows_and_the_figures_those_before_the_start_are_not(rig: Rig):
+    class Lossy(Memory):
+        dropped = 100
+
+        def counts(self) -> LinkCounts:
+            return LinkCounts(dropped=self.dropped)
+
+    class Peer:
+        is_ours, dropped = False, 20
+
+        def poll(self, now_ns: int) -> None:
+            if now_ns == 5_000_000:
+                transport.dropped, self.dropped = 103, 21
+
+    shown, transport = Trace(), Lossy()
+    loop = loop_of(transport, loop_config(rig=rig), peers=[Peer()], sinks=[shown])
+    loop.begin()
+    run_free(loop, 10, never)
+    loop.finish()
+    assert shown.columns()["frames_dropped"].tolist() == [*(5 * [0.0]), *(6 * [4.0])]
+    assert loop.summary("lockstep").link == LinkCounts(dropped=4)
+
+
 def test_finishing_sends_everything_with_the_motors_off_and_silences_the_peers(rig: Rig):
     polled: list[int] = []
 
     class Peer:
-        is_ours = False
+        is_ours, dropped = False, 0
 
         def poll(self, now_ns: int) -> None:
             polled.append(now_ns)

@@ -133,7 +133,7 @@ class Rehearsal(SimulatedKernel):
             write_frames(self.theirs.fileno(), make_buffers(), frames_of(rows), 0)
             return
         for identifier, payload in rows:
-            row = struct.pack("<IB3x64sq", identifier, len(payload), payload, self.now - age)
+            row = struct.pack("<IB3x64sqq", identifier, len(payload), payload, self.now - age, 0)
             self.theirs.send(row)
 
     def arrived(self) -> Rows:
@@ -713,7 +713,10 @@ class SocketLine:
             end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
         self.descriptor = self._ours.fileno()
         self.news = list(news)
-        self.looks = self.drains = 0
+        self.looks = self.drains = self.lost = 0
+
+    def dropped(self) -> int:
+        return self.lost
 
     def drain(self) -> None:
         self.drains += 1
@@ -723,7 +726,7 @@ class SocketLine:
         return self.news.pop(0) if self.news else None
 
     def counts(self) -> LinkCounts:
-        return LinkCounts(send_failures=10, dropped=7, losses=3)
+        return LinkCounts(send_failures=10, losses=3)
 
     def close(self) -> None:
         self._ours.close()
@@ -828,7 +831,7 @@ def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(ready: Callable
     assert summary.timing.execution.count == summary.timing.lateness.count
     assert summary.timing.delay.count == 1
     assert (summary.received.accepted, summary.received.foreign) == (1, 1)
-    assert summary.link == LinkCounts(send_failures=10, dropped=7, losses=3)
+    assert summary.link == LinkCounts(send_failures=10, losses=3)
     assert shown.rows().shape == (201, ROW_WIDTH)
     # Each tick once, the missed ones too.
     assert shown.rows()[:, 0] == pytest.approx([0.001 * (1 + n) for n in range(201)])
@@ -872,7 +875,7 @@ def test_peers_get_turns_and_the_models_time(ready: Callable[..., RealtimeRun]):
     turns: list[int] = []
 
     class Peer:
-        is_ours = False
+        is_ours, dropped = False, 0
 
         def poll(self, now_ns: int) -> None:
             turns.append(now_ns)
@@ -889,7 +892,7 @@ class Slow:
     """A peer whose fifth turn takes long."""
 
     def __init__(self, is_ours: bool, seconds: float) -> None:
-        self.is_ours, self.seconds, self.turns = is_ours, seconds, 0
+        self.is_ours, self.seconds, self.turns, self.dropped = is_ours, seconds, 0, 0
 
     def poll(self, now_ns: int) -> None:
         self.turns += 1
@@ -906,6 +909,30 @@ class SlowTaker:
     def take(self, rows: Any, frames: Any) -> None:
         time.sleep(self.seconds)
         self.seconds = 0.0
+
+
+def test_frames_that_were_dropped_before_the_run_do_not_count_all_others_do(
+    ready: Callable[..., RealtimeRun], rig: Rig
+):
+    """Those that the line knows of, the loop has read a frame after them or not, and an ECU's in this process."""
+    peer = Slow(False, 0.0)
+    run = ready(peers=[peer])
+    line: Any = run.line
+    line.lost, peer.dropped = 1000, 50
+    line.other.send(from_a_pump(0x55, b"x", 0, dropped=1004).data)
+
+    def stopped() -> bool:
+        if peer.turns == 10:
+            line.lost, peer.dropped = 1009, 52
+        return peer.turns > 20
+
+    run.begin()
+    run.run(None, stopped)
+    assert run.memory.shared.control[0].dropped == 4
+    assert run.memory.shared.rows[:, COLUMN_PLACE["frames_dropped"]].max() == 4.0
+    assert run.summary().link.dropped == 9 + 2
+    line.lost = -1  # closed
+    assert run.summary().link.dropped == 4 + 2
 
 
 def test_rows_that_were_overwritten_before_they_were_judged_are_counted(ready: Callable[..., RealtimeRun]):

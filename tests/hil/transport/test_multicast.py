@@ -12,16 +12,20 @@ from typing import Any
 
 import can
 import msgpack
+import numpy as np
 import pytest
 from hil_support import EXTENDED, frames_of, rows_of
 
+from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError, TransportError
+from liftgate_hil.loop.datagrams import CAPACITY, Reading, make_buffers, read_frames
 from liftgate_hil.transport import multicast
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.can_arguments import WireChoice, bus_arguments
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_hil.transport.find import find_way
+from liftgate_hil.transport.pump import Pump
 
 GOOD = can.Message(arbitration_id=0x77, is_extended_id=False, data=b"ok")
 
@@ -86,6 +90,65 @@ def test_datagrams_that_are_no_frames_are_counted_and_survived(pair: tuple[CanTr
     assert got == [(0x77, b"ok")] * len(JUNK)
     assert transport.is_up
     assert transport.counts() == LinkCounts(unreadable_frames=len(JUNK))
+
+
+BURST = 3000  # more than the socket of `small` has room for
+
+
+def small(transport: CanTransport) -> None:
+    """Give a transport's socket a buffer that a burst fills."""
+    transport._bus._multicast._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65_536)
+
+
+def flood(other: Any) -> None:
+    for number in range(BURST):
+        other.send(can.Message(arbitration_id=number, is_extended_id=True))
+
+
+def test_frames_that_the_kernel_drops_are_counted(pair: tuple[CanTransport, Any]):
+    transport, other = pair
+    small(transport)
+    flood(other)
+    read = 0
+    while come := transport.receive().count:
+        read += come
+    assert 0 < read < BURST
+    assert transport.counts() == LinkCounts(dropped=BURST - read)
+
+
+def test_dropped_frames_come_to_the_loop_with_the_next_one_those_before_the_start_do_not(
+    pair: tuple[CanTransport, Any],
+):
+    transport, other = pair
+    small(transport)
+    pump = Pump(transport)
+    flood(other)
+    pump.drain()
+    before = transport.counts().dropped
+    assert pump.dropped() == 0
+    transport._receiving = transport._receiving._replace(dropped=before + 123)  # the kernel's count goes on
+    other.send(GOOD)
+    frames, stamps, reading = empty_frames(CAPACITY), np.zeros(CAPACITY, dtype=np.int64), Reading(0, 0, -1)
+    while reading.count == 0:
+        reading = read_frames(pump.descriptor, make_buffers(), frames, stamps)
+    assert (reading.count, reading.dropped) == (1, 123)
+    assert pump.dropped() == 123
+    assert pump.counts().dropped == 0  # the loop has counted them
+    pump.close()
+
+
+def test_a_bus_has_a_large_buffer(pair: tuple[CanTransport, Any]):
+    transport, other = pair
+    ours, usual = (
+        each._multicast._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) for each in (transport._bus, other)
+    )
+    assert ours > usual
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_a_kernel_that_does_not_tell_what_it_drops_is_named(monkeypatch: pytest.MonkeyPatch, is_told: bool):
+    monkeypatch.setattr(multicast, "tells_drops", lambda: is_told)
+    assert ("lost ones go unnoticed" in multicast.reach({"hop_limit": 0})) is not is_told
 
 
 def test_a_number_as_data_is_not_that_much_memory(pair: tuple[CanTransport, Any]):
