@@ -7,6 +7,7 @@ import gc
 import itertools
 import os
 import signal
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -102,6 +103,16 @@ def dealt(first: list[pytest.Item], others: list[pytest.Item], processes: int) -
 def is_on_its_own(path: Path, root: Path) -> bool:
     """Whether the tests of a file disturb, or are disturbed by, others on a bus of multicast datagrams."""
     return path.is_relative_to(root / "system") or "udp_multicast" in path.read_text("utf-8")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def runs_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Folders of this process for the sockets of its tests' runs: else they would find those of other tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))
+        patch.setenv("TMPDIR", str(tmp_path_factory.mktemp("temporary")))
+        patch.setattr(tempfile, "tempdir", None)  # which keeps the folder that was found first
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -160,6 +160,6 @@ def _chosen() -> int:
         which = ", ".join(map(str, found))
         raise ConfigError(f"`attach` missing: several runs are active; allowed: one of {which}")
     raise ConfigError(
-        "no emulator of yours is running on this machine; allowed: beside a running one (liftgate-hil --bus …), "
-        "or with `recording` FILE or `scenarios` FOLDER"
+        f"no emulator of yours is running on this machine{endpoint.unusable()}; allowed: beside a running one "
+        "(liftgate-hil --bus …), or with `recording` FILE or `scenarios` FOLDER"
     )

@@ -19,11 +19,7 @@ class Following:
 
     def look(self) -> Client | None:
         """Return a client of the run; None: there is none yet."""
-        try:
-            found = endpoint.sockets()
-        except ConfigError:
-            return None
-        for pid, made_ns in found.items():
+        for pid, made_ns in endpoint.sockets().items():
             if pid == self._ended or (pid, made_ns) in self._elsewhere:
                 continue
             try:

@@ -163,4 +163,6 @@ def _reached(pid: int, patience: float) -> socket.socket:
 
 def _others() -> str:
     runs: Sequence[int] = endpoint.runs()
-    return ", ".join(map(str, runs)) or "the process of a run (liftgate-hil --bus …); none is running"
+    return ", ".join(map(str, runs)) or (
+        f"the process of a run (liftgate-hil --bus …); none is running{endpoint.unusable()}"
+    )

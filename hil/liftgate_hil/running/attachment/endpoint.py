@@ -19,49 +19,93 @@ from liftgate_hil.errors import ConfigError
 SUFFIX = ".socket"
 LONGEST = 1_000_000  # bytes of a message, either way
 _PATIENCE_S = 1.0
+_NAME = "liftgate-hil"  # of the folder
+_RUNTIME = "/run/user/{}"  # of a user, made at login (pam_systemd(8))
+_ELSEWHERE = "allowed: with XDG_RUNTIME_DIR, a folder of yours with mode 700 (for the run and for what attaches)"
 _HEAD = struct.Struct("<I")  # header of a message: its length
 
 
-def folder() -> Path:
-    """Return the folder of the sockets, which no other user can read; create it if needed. Raises ConfigError."""
-    given = os.environ.get("XDG_RUNTIME_DIR")
-    path = Path(given) / "liftgate-hil" if given else _in_temporary()
+def _places() -> list[Path]:
+    """Return the folders in which a user's sockets may be; a run listens in the first one that it can use.
+
+    What attaches may have another environment than the run, for example without XDG_RUNTIME_DIR.
+    """
+    given, own, runtime = os.environ.get("XDG_RUNTIME_DIR"), os.getuid(), Path(_RUNTIME.format(os.getuid()))
+    found = [Path(given) / _NAME] if given and not _is_foreign(Path(given)) else []
+    found += [runtime / _NAME] if not _objection(runtime) else []
+    return list(dict.fromkeys([*found, Path(tempfile.gettempdir()) / f"{_NAME}-{own}"]))
+
+
+def _is_foreign(path: Path) -> bool:
+    """Whether a folder belongs to somebody else, as XDG_RUNTIME_DIR does after `sudo` or `su`."""
     try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        return path.stat().st_uid != os.getuid()
+    except OSError:
+        return False
+
+
+def _objection(path: Path) -> str:
+    """Return why sockets cannot be in a folder, and what helps; "": it is private, and this user's."""
+    try:
         found = path.lstat()
     except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}; allowed: a folder that you own (XDG_RUNTIME_DIR)") from error
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
-        raise ConfigError(
-            f"{path}: not a private folder of yours; allowed: a folder that you own (XDG_RUNTIME_DIR), mode 700"
-        )
-    return path
+        return f"{path}: {error.strerror}; {_ELSEWHERE}"
+    if not stat.S_ISDIR(found.st_mode):
+        return f"{path}: not a folder; allowed: after it is removed, or {_ELSEWHERE.removeprefix('allowed: ')}"
+    if found.st_uid != os.getuid():
+        return f"{path}: not yours, it belongs to user {found.st_uid}; {_ELSEWHERE}"
+    if found.st_mode & 0o077:
+        return f"{path}: not private (mode {stat.S_IMODE(found.st_mode):o}); allowed after: chmod 700 {path}"
+    return ""
 
 
-def _in_temporary() -> Path:
-    return Path(tempfile.gettempdir()) / f"liftgate-hil-{os.getuid()}"
+def folder() -> Path:
+    """Return the folder in which runs of this process listen, which no other user can read; create it if needed.
+
+    Raises ConfigError where no place can be used, with the reason for each.
+    """
+    issues = []
+    for path in _places():
+        with contextlib.suppress(OSError):  # the folder is looked at in any case
+            path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        issue = _objection(path)
+        if not issue:
+            return path
+        issues.append(issue)
+    raise ConfigError("; ".join(issues))
+
+
+def _folders() -> list[Path]:
+    """Return the folders in which sockets of this user's runs may be."""
+    return [path for path in _places() if not _objection(path)]
+
+
+def unusable() -> str:
+    """Return in parentheses which folders could hold this user's sockets, but must not; "": there is none."""
+    issues = [_objection(path) for path in _places() if os.path.lexists(path)]
+    return f" ({'; '.join(filter(None, issues))})" if any(issues) else ""
 
 
 def path_of(pid: int) -> Path:
-    """Return the socket of a run. Raises ConfigError."""
+    """Return the socket of a run of this process. Raises ConfigError."""
     return folder() / f"{pid}{SUFFIX}"
 
 
 def sockets() -> dict[int, int]:
     """Return the ids of the processes with a socket, in rising order, and when each was made [ns since 1970].
 
-    A run that was killed leaves its socket. Raises ConfigError.
+    A run that was killed leaves its socket.
     """
-    found = {}
-    for path in folder().glob(f"*{SUFFIX}"):
+    found: dict[int, int] = {}
+    for path in (each for place in _folders() for each in place.glob(f"*{SUFFIX}")):
         with contextlib.suppress(FileNotFoundError):
             if path.stem.isdecimal():
-                found[int(path.stem)] = path.lstat().st_ctime_ns
+                found[int(path.stem)] = max(path.lstat().st_ctime_ns, found.get(int(path.stem), 0))
     return dict(sorted(found.items()))
 
 
 def runs() -> list[int]:
-    """Return the ids of the processes whose runs clients can attach to, in rising order. Raises ConfigError."""
+    """Return the ids of the processes whose runs clients can attach to, in rising order."""
     return [pid for pid in sockets() if _is_heard(pid)]
 
 
@@ -71,15 +115,16 @@ def _is_heard(pid: int) -> bool:
         connected(pid).close()
     except OSError:
         if not Path(f"/proc/{pid}").exists():
-            path_of(pid).unlink(missing_ok=True)
+            for place in _folders():
+                (place / f"{pid}{SUFFIX}").unlink(missing_ok=True)
         return False
     return True
 
 
 @contextlib.contextmanager
-def _address(pid: int) -> Iterator[str]:
-    """Context with a short path of a run's socket: a socket's address holds only 107 bytes."""
-    there = os.open(folder(), os.O_PATH | os.O_DIRECTORY)
+def _address(place: Path, pid: int) -> Iterator[str]:
+    """Context with a short path of a run's socket in a folder: a socket's address holds only 107 bytes."""
+    there = os.open(place, os.O_PATH | os.O_DIRECTORY)
     try:
         yield f"/proc/self/fd/{there}/{pid}{SUFFIX}"
     finally:
@@ -88,10 +133,23 @@ def _address(pid: int) -> Iterator[str]:
 
 def connected(pid: int) -> socket.socket:
     """Return a connection to a run. Raises OSError."""
+    failure: OSError = FileNotFoundError(f"no socket of {pid}")
+    for place in _folders():
+        try:
+            return _connected_in(place, pid)
+        except FileNotFoundError:
+            continue
+        except OSError as error:  # one that a killed run has left in this folder, perhaps
+            failure = error
+    raise failure
+
+
+def _connected_in(place: Path, pid: int) -> socket.socket:
+    """Return a connection to a run that listens in a folder. Raises OSError."""
     wire = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         wire.settimeout(_PATIENCE_S)  # a run that stands still accepts no connection
-        with _address(pid) as address:
+        with _address(place, pid) as address:
             wire.connect(address)
     except BaseException:
         wire.close()
@@ -106,7 +164,7 @@ def listening(pid: int) -> Iterator[socket.socket]:
     with contextlib.suppress(FileNotFoundError):  # left by a process that had this id before
         path.unlink()
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as wire:
-        with _address(pid) as address:
+        with _address(path.parent, pid) as address:
             wire.bind(address)
         wire.listen(8)
         try:

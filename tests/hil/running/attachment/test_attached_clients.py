@@ -5,8 +5,10 @@ from __future__ import annotations
 import gc
 import math
 import os
+import re
 import socket
 import struct
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -292,16 +294,102 @@ def test_a_socket_that_somebody_left_behind_is_no_run(folder: Path) -> None:
     assert not path.exists()
 
 
-def test_a_folder_that_others_may_open_is_refused_and_the_run_goes_on(folder: Path) -> None:
-    folder.mkdir(mode=0o755)
+@pytest.fixture
+def nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The temp folder of a machine on which no other folder can hold sockets."""
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.setattr(endpoint, "_RUNTIME", str(tmp_path / "none" / "{}"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path / f"liftgate-hil-{os.getuid()}"
+
+
+def belonging_to_another(monkeypatch: pytest.MonkeyPatch, *folders: Path) -> None:
+    """Let `lstat` and `stat` say that folders are another user's, which only root could make so."""
+    for name in ("lstat", "stat"):
+        real = getattr(Path, name)
+
+        def told(path: Path, *, real: Any = real, **more: Any) -> Any:
+            found = real(path, **more)
+            return os.stat_result([*found[:4], os.getuid() + 1000, *found[5:]]) if path in folders else found
+
+        monkeypatch.setattr(Path, name, told)
+
+
+@pytest.mark.parametrize("is_foreign", [True, False])
+def test_a_folder_that_is_not_ours_is_named_with_what_to_do_and_the_run_goes_on(
+    nowhere: Path, monkeypatch: pytest.MonkeyPatch, is_foreign: bool
+) -> None:
+    nowhere.mkdir(mode=0o700 if is_foreign else 0o755)
+    belonging_to_another(monkeypatch, *([nowhere] if is_foreign else []))
     heard, memory = Heard(), Memory(64, 64)
     found = Server(heard, os.getpid())
     about: Any = Description(setup_of(None), RIG, RunOptions(), "virtual", 5e5)
     found.open(about, memory, Operator(RIG, Nobody(), 1.0))
     found.close()
     memory.close()
-    assert "nobody can attach to this run" in heard.said[0]
-    assert "not a private folder of yours" in heard.said[0]
+    (said,) = heard.said
+    why = f"not yours, it belongs to user {os.getuid() + 1000}; allowed: with XDG_RUNTIME_DIR, a folder of yours"
+    if not is_foreign:
+        why = f"not private (mode 755); allowed after: chmod 700 {nowhere}"
+    assert said.startswith(f"nobody can attach to this run: {nowhere}: {why}")
+    assert "\n" not in said
+    # What would attach is told why it finds nothing.
+    with pytest.raises(ConfigError, match=f"none is running \\({re.escape(f'{nowhere}: {why}')}"):
+        Client(4711)
+
+
+def test_another_users_folder_in_the_temp_folder_keeps_nobody_from_attaching(
+    nowhere: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nowhere.mkdir(mode=0o700)
+    runtime = tmp_path / str(os.getuid())
+    runtime.mkdir(mode=0o700)
+    monkeypatch.setattr(endpoint, "_RUNTIME", str(tmp_path / "{}"))
+    belonging_to_another(monkeypatch, nowhere)
+    with endpoint.listening(4711):
+        assert endpoint.path_of(4711).parent == runtime / "liftgate-hil"
+        assert endpoint.runs() == [4711]
+
+
+def test_what_attaches_looks_wherever_the_run_may_listen(
+    nowhere: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run and its page may be started from shells with and without XDG_RUNTIME_DIR."""
+    given = tmp_path / "given"
+    with endpoint.listening(4711):
+        assert endpoint.path_of(4711).parent == nowhere
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(given))
+        with endpoint.listening(4712):
+            assert endpoint.path_of(4712).parent == given / "liftgate-hil"
+            assert endpoint.runs() == [4711, 4712]
+            endpoint.connected(4711).close()
+            monkeypatch.delenv("XDG_RUNTIME_DIR")
+            assert endpoint.runs() == [4711]  # the other one's folder cannot be known
+    assert not list(tmp_path.rglob("*.socket"))
+
+
+def test_a_socket_that_a_killed_run_left_in_one_folder_hides_no_run_in_another(
+    nowhere: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "given"))
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(endpoint.path_of(4711)))
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    with endpoint.listening(4711):
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "given"))
+        assert endpoint.runs() == [4711]
+
+
+def test_the_runtime_folder_of_another_user_is_left_alone(
+    nowhere: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As `sudo` leaves it in the environment."""
+    theirs = tmp_path / "theirs"
+    theirs.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(theirs))
+    belonging_to_another(monkeypatch, theirs)
+    assert endpoint.folder() == nowhere
+    assert list(theirs.iterdir()) == []
 
 
 def test_lines_are_reported_once_and_the_last_two_hundred_are_kept(server: tuple[Server, Memory]) -> None:
