@@ -33,8 +33,12 @@ _CODES = (
     ("422", "a value that is not allowed; `issues` say what is"),
 )
 _CONNECTIONS = """\
-A connection on which nothing comes for ten seconds is closed, as is a WebSocket whose client takes nothing, or
-does not answer pings, for that long. A client that is slower than the stream gets one state in place of
+A connection on which no request comes within two seconds is closed, after one with the token within ten; so is
+a WebSocket whose client takes nothing, or does not answer pings, for ten seconds. A request without the token
+ends its connection. Of more than 200 connections the oldest one is dropped on which no request with the token
+has come.
+
+A client that is slower than the stream gets one state in place of
 several: the latest, with all lines of the log, and the lowest and highest values (`span`) of all of them."""
 
 

@@ -23,6 +23,8 @@ POLICY = (
     "img-src data:; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 
+AUTHORISED = "liftgate_hil.authorised"  # extension of a scope: called where a request has the token
+
 
 class Guard:
     """ASGI middleware: 403 for other hosts and origins, 401 without the token."""
@@ -37,10 +39,12 @@ class Guard:
             return
         status, why = self._refusal(scope)
         if not status:
+            scope.get("extensions", {}).get(AUTHORISED, lambda: None)()
             await self._app(scope, receive, send)
             return
         is_page = scope["type"] == "http" and scope["path"] == "/"
         response: Response = PlainTextResponse(why, status) if is_page else JSONResponse({"issues": [why]}, status)
+        response.headers["Connection"] = "close"
         if scope["type"] == "websocket":
             await WebSocket(scope, receive, send).send_denial_response(response)
         else:

@@ -1,11 +1,10 @@
-"""Process of a page's server: it serves on a socket until a signal, and drops connections that stand still."""
+"""Process of a page's server: it serves on a socket until a signal."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import logging
-import resource
 import signal
 import socket
 from collections.abc import Callable
@@ -13,15 +12,13 @@ from typing import Any
 
 import uvicorn
 
+from liftgate_hil.dashboard.connections import watched
 from liftgate_hil.dashboard.guard import Guard, hosts_of
 from liftgate_hil.dashboard.server import LARGEST, Page
 
-_MOST = 200  # connections; fewer where the process may have fewer descriptors
-_RESERVED = 64  # descriptors for everything else
 _BACKLOG = 64
 _PING_S = 5.0  # s between two pings, and for the answer to one: a viewer that is gone is dropped after ten seconds
 _FAREWELL_S = 1.0  # s for viewers to take the last state
-_REQUEST_S = 10.0  # s for a request to come on a connection
 
 
 class _Server(uvicorn.Server):
@@ -45,8 +42,7 @@ def serve(page: Page, wire: socket.socket, host: str, token: str, ready: Callabl
     )  # fmt: skip
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # it reports each connection that it cannot accept
     config.load()
-    most = max(1, min(_MOST, resource.getrlimit(resource.RLIMIT_NOFILE)[0] - _RESERVED))
-    config.http_protocol_class = _impatient(config.http_protocol_class, most)
+    config.http_protocol_class = watched(config.http_protocol_class)
     server = _Server(config)
 
     async def run() -> None:
@@ -67,34 +63,3 @@ def serve(page: Page, wire: socket.socket, host: str, token: str, ready: Callabl
     with wire:
         asyncio.run(run())
     page.check()
-
-
-def _impatient(protocol: Any, most: int) -> Any:
-    """Return uvicorn's protocol of an HTTP connection, which closes one that stands still between two requests.
-
-    One above the first `most` is dropped at once.
-    """
-
-    class Impatient(protocol):  # type: ignore[misc]
-        def connection_made(self, transport: Any) -> None:
-            super().connection_made(transport)
-            self._watch(self.cycle)
-            if len(self.connections) > most:
-                transport.abort()
-
-        def _watch(self, cycle: Any) -> None:
-            self._limit = asyncio.get_running_loop().call_later(_REQUEST_S, self._look, cycle)
-
-        def _look(self, cycle: Any) -> None:
-            if self not in self.connections:  # it is a WebSocket's now, or closed
-                return
-            if self.cycle is cycle and (cycle is None or cycle.response_complete):
-                self.transport.close()
-            else:
-                self._watch(self.cycle)
-
-        def connection_lost(self, exc: Exception | None) -> None:
-            self._limit.cancel()
-            super().connection_lost(exc)
-
-    return Impatient

@@ -702,16 +702,28 @@ def test_connections_that_stand_still_are_dropped(client: Client) -> None:
         wire.close()
 
 
-def test_more_connections_than_the_page_takes_are_dropped_and_it_goes_on(
+def request(client: Client, token: str) -> bytes:
+    """A request on a connection that stays open."""
+    return f"GET /api/about?token={token} HTTP/1.1\r\nHost: {client.host}\r\n\r\n".encode()
+
+
+def test_connections_without_the_token_keep_nobody_out_however_many(
     folder: Path, run: subprocess.Popen[str]
 ) -> None:
-    """Nobody needs a token to connect; the page's terminal stays silent about it."""
+    """Nobody needs a token to connect: of too many the oldest is dropped on which no request with it has come. The
+    page's terminal stays silent about it.
+    """
     arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
     with process("dashboard", *arguments, folder=folder) as child:
         client = Client(address_in(child))
         until(client, is_going)
         host, port = client.host.split(":")
-        wires = [socket.create_connection((host, int(port)), timeout=30) for _ in range(400)]
+        with streamed(client) as viewer:
+            wires = [socket.create_connection((host, int(port)), timeout=30) for _ in range(400)]
+            with socket.create_connection((host, int(port)), timeout=30) as newest:
+                newest.sendall(request(client, client.token))
+                assert newest.recv(65_536).startswith(b"HTTP/1.1 200 OK")
+            viewer.recv(timeout=30)
         deadline = time.monotonic() + 30
         while len(served(int(port))) > 250:
             assert time.monotonic() < deadline
@@ -723,6 +735,16 @@ def test_more_connections_than_the_page_takes_are_dropped_and_it_goes_on(
         assert child.wait(30) == 0
         assert child.stderr is not None
         assert child.stderr.read() == ""
+
+
+def test_a_request_without_the_token_ends_its_connection(client: Client) -> None:
+    host, port = client.host.split(":")
+    with socket.create_connection((host, int(port)), timeout=30) as wire:
+        wire.sendall(request(client, "wrong") * 2)
+        come = b""
+        while part := wire.recv(65_536):
+            come += part
+    assert come.count(b"HTTP/1.1 401 ") == 1
 
 
 def served(port: int) -> set[int]:
