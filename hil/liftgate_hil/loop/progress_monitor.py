@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 _EVERY_S = 0.1  # between two looks
 _MANY, _MISSING = 50, 0.3  # frames of the command, and share that is missing, from which on that is reported
 _PATIENCE_S = 2.0  # without a command, after which it reports that it waits
-_WHY_FULL = ": the queue is full, as no other node acknowledges them or the bus is overloaded"
 _CALM_S = 1.0  # without a failure to send, after which it reports that frames are sent again
 _ANGLE, _LEFT, _RIGHT = (COLUMN_PLACE[name] for name in ("gate_angle_deg", "left_current_a", "right_current_a"))
 
@@ -47,7 +46,7 @@ class ProgressMonitor:
 
     `events` returns what the ECU in this process has reported after the first so many events. The scenario's time
     0 is `ticks_before` ticks after the loop's. `apart` says how to keep the bus apart from another bench's,
-    `within` why the ECU that is waited for cannot be reached.
+    `within` why the ECU that is waited for cannot be reached, `why_full` why frames may find no room.
     """
 
     def __init__(
@@ -61,6 +60,7 @@ class ProgressMonitor:
         ticks_before: int = 0,
         apart: str = "",
         within: str = "",
+        why_full: str = "",
     ) -> None:
         self._before = ticks_before
         self._config = config
@@ -73,6 +73,7 @@ class ProgressMonitor:
         self._listed_causes: set[int] = set()
         self._apart = f"; {apart}" if apart else ""
         self._within = f"; {within}" if within else ""
+        self._why_full = f": {why_full}" if why_full else ""
         self._has_reported_another = False
         self._has_reported_gaps = False
         self._command = rig.command_message()
@@ -166,7 +167,7 @@ class ProgressMonitor:
             return
         if not self._is_failure_reported and link.losses == since.losses:
             is_full = link.send_queue_full > since.send_queue_full
-            self._listener.say(f"{time_s:.3f} s: frames cannot be sent{_WHY_FULL if is_full else ''}")
+            self._listener.say(f"{time_s:.3f} s: frames cannot be sent{self._why_full if is_full else ''}")
             self._is_failure_reported = True
         if now - self._failed > _CALM_S:
             if self._is_failure_reported:

@@ -118,6 +118,7 @@ class BusRun:
             ticks_before=int(self.stimuli.origin[0]),
             apart=self.way.apart,
             within="" if self.peers else self.way.within,
+            why_full=self.way.why_full,
         )
 
     def prepare(self, begun: Callable[[Phase, bool], Going]) -> bool:

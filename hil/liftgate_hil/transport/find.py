@@ -46,6 +46,15 @@ class Way(NamedTuple):
         """In words, how to separate the wire from that of another bench; "" if they cannot meet by accident."""
         return self._about_multicast("apart")
 
+    @property
+    def why_full(self) -> str:
+        """In words, why frames may find no room on the wire."""
+        if self.serial is not None:
+            return "the line has no room, as its other end does not read, or its rate is too low"
+        if self.is_interface("udp_multicast") or self.is_interface("virtual"):
+            return "this machine is too busy to carry them"
+        return "the queue is full, as no other node acknowledges them or the bus is overloaded"
+
     def _about_multicast(self, what: str) -> str:
         if self.can is None or not self.is_interface("udp_multicast"):
             return ""

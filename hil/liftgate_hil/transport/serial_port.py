@@ -65,6 +65,7 @@ class SerialTransport:
         self._before_start = 0
         self._between = False  # whether the last byte written was a zero; not known at first
         self._send_failures = 0
+        self._send_queue_full = 0  # those of them for which the port had no room
         self._losses = 0
         self._reopener: Reopener | None = None
         self._lock = threading.Lock()
@@ -118,6 +119,7 @@ class SerialTransport:
             # A frame that lacks only its zero gets that with the next write.
             if written < end - 1:
                 self._send_failures += len(coded) - number
+                self._send_queue_full += len(coded) - number if self.is_up else 0
                 break
         if written:
             self._between = written == end
@@ -127,6 +129,7 @@ class SerialTransport:
         bad = self._decoder.counts
         return LinkCounts(
             send_failures=self._send_failures,
+            send_queue_full=self._send_queue_full,
             losses=self._losses,
             before_start=self._before_start,
             cut_frames=bad.cut,

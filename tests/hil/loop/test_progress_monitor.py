@@ -58,6 +58,7 @@ class Bench:
             lambda: self.now,
             apart=apart,
             within=within,
+            why_full="the line has no room",
         )
         self.sum_at = int(self.config.inputs.messages[0].checksum_byte)
         self.row = np.zeros(ROW_WIDTH)
@@ -131,10 +132,7 @@ def test_frames_that_cannot_be_sent_are_reported_once_and_again_when_they_can(be
     assert bench.look(tick=200) == []
     assert bench.told.seen[-1].unsent == 12
     bench.link = LinkCounts(send_failures=40, send_queue_full=40)
-    assert bench.look(tick=300, after=0.1) == [
-        "0.300 s: frames cannot be sent: the queue is full, as no other node acknowledges them or the bus is "
-        "overloaded"
-    ]
+    assert bench.look(tick=300, after=0.1) == ["0.300 s: frames cannot be sent: the line has no room"]
     assert bench.look(tick=400, after=0.5) == []
     assert bench.look(tick=500, after=0.6) == ["0.500 s: frames are sent again; 40 were not sent"]
     assert bench.look(tick=600) == []

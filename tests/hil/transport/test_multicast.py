@@ -323,3 +323,12 @@ def test_another_group_keeps_two_benches_of_one_machine_apart(rig: Rig, own: str
     assert f"--bus udp_multicast:{other} for one of them" in way.apart
     find_way(WireChoice(bus=f"udp_multicast:{other}"), rig)
     assert find_way(WireChoice(bus="virtual:here"), rig).apart == ""
+
+
+def test_each_wire_says_why_frames_may_find_no_room(rig: Rig):
+    def why(**choice: Any) -> str:
+        return find_way(WireChoice(**choice), rig).why_full
+
+    assert "acknowledges" in why(bus="socketcan:vcan0")
+    assert why(serial="socket://127.0.0.1:1") == why(serial="/dev/null") != why(bus="virtual:a")
+    assert "acknowledges" not in why(serial="loop://") + why(bus="udp_multicast:239.0.0.7")

@@ -23,7 +23,7 @@ from liftgate_hil.loop.datagrams import CAPACITY, Writing, make_buffers, read_fr
 from liftgate_hil.transport.base import LinkCounts, age_of
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_hil.transport.messages import message_of
-from liftgate_hil.transport.pump import Pump
+from liftgate_hil.transport.pump import Pump, _Stint
 
 Rows = list[tuple[int, bytes]]
 PATIENCE = 60.0  # s until something must have happened; nothing is judged by it
@@ -547,3 +547,24 @@ def test_a_thread_that_ends_is_reported_with_its_cause(way: str, cause: str):
         pump.watch(None)
     pump.close()
     assert transport.closed == 1
+
+
+@pytest.mark.parametrize(
+    ("computes_ns", "waits_ns", "pauses"),
+    [(100_000, 0, 5), (100_000, 90_000, 4), (100_000, 110_000, 0), (10_000, 1_000_000, 0)],
+)
+def test_a_thread_that_never_waits_gives_way_and_others_are_not_held_up(
+    monkeypatch: pytest.MonkeyPatch, computes_ns: int, waits_ns: int, pauses: int
+):
+    """Under FIFO scheduling on one CPU the thread that sends would not run at all."""
+    now, computed, slept = 0, 0, list[float]()
+    monkeypatch.setattr(time, "monotonic_ns", lambda: now)
+    monkeypatch.setattr(time, "thread_time_ns", lambda: computed)
+    monkeypatch.setattr(time, "sleep", slept.append)
+    stint = _Stint()
+    while now < 25_000_000:
+        now += computes_ns + waits_ns
+        computed += computes_ns
+        stint.give_way()
+    assert len(slept) == pauses
+    assert set(slept) <= {0.002}
