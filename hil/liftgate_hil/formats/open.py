@@ -198,15 +198,17 @@ def open_writer(
     say: Say = silent,
     argument: str = "record",
     is_salvaged: bool = True,
+    patience: float | None = None,
 ) -> GuardedWriter:
     """Open the writer of a file, or of several of a limited size.
 
     `is_salvaged`: text is written beside formats that a kill corrupts, so that a kill loses next to nothing.
+    A pipe fails whose reader reads nothing for `patience` [s] (None: it is waited for).
     Raises ConfigError if the file cannot be written.
     """
     what = f"`{argument}` {path}"
     try:
-        parts = Parts(path, partial(_open_part, content, is_salvaged), limit)
+        parts = Parts(path, partial(_open_part, content, is_salvaged, patience), limit)
     except ConfigError as error:
         raise ConfigError(f"`{argument}` {error}") from error
     except OSError as error:
@@ -226,7 +228,7 @@ def open_writers(
     return recorders
 
 
-def _open_part(content: Content, is_salvaged: bool, path: Path) -> Part:
+def _open_part(content: Content, is_salvaged: bool, patience: float | None, path: Path) -> Part:
     """Open one file of a recording. Raises ConfigError, OSError."""
     form = FORMATS[path.suffix]
     texts: list[tuple[Path, Writer]] = []
@@ -235,7 +237,7 @@ def _open_part(content: Content, is_salvaged: bool, path: Path) -> Part:
             if has_it and is_salvaged and not form.is_text:
                 salvage = path.with_name(path.name + suffix)
                 texts.append((salvage, _writer(suffix, open_salvage(salvage), content)))
-        return SalvagedWriter(_writer(path.suffix, open_target(path), content), texts)
+        return SalvagedWriter(_writer(path.suffix, open_target(path, patience), content), texts)
     except BaseException:
         for salvage, text in texts:
             text.close()

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import io
 import os
+import select
 import stat
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from liftgate_hil.errors import ConfigError
 
@@ -29,8 +31,45 @@ def why(error: OSError) -> str:
     return _WORDS.get(error.errno or 0) or error.strerror or str(error)
 
 
-def open_target(path: Path) -> BinaryIO:
-    """Open an empty file and lock it against other recorders until it is closed. Raises ConfigError."""
+class PatientStream(io.RawIOBase):
+    """Stream to a pipe or a device whose reader is waited for no longer than `patience` [s] without any progress.
+
+    Writing raises TimeoutError then, and at once from then on.
+    """
+
+    def __init__(self, descriptor: int, patience: float) -> None:
+        self._descriptor, self._patience = descriptor, patience
+        self._has_given_up = False
+
+    def writable(self) -> bool:
+        """Whether it can be written to: yes."""
+        return True
+
+    def write(self, data: Any) -> int:
+        """Write as many bytes as there is room for, at least one; return how many. Raises OSError."""
+        while not self._has_given_up:
+            with suppress(BlockingIOError):
+                return os.write(self._descriptor, data)
+            poll = select.poll()
+            poll.register(self._descriptor, select.POLLOUT)
+            self._has_given_up = not poll.poll(1000.0 * self._patience)
+        raise TimeoutError(
+            errno.ETIMEDOUT,
+            f"nobody has read from it for {self._patience:g} s; what was not read, and all that follows, is lost",
+        )
+
+    def close(self) -> None:
+        """Close the descriptor."""
+        if not self.closed:
+            super().close()
+            os.close(self._descriptor)
+
+
+def open_target(path: Path, patience: float | None = None) -> BinaryIO:
+    """Open an empty file and lock it against other recorders until it is closed. Raises ConfigError.
+
+    `patience` is how long [s] the reader of a pipe may read nothing before writing fails; None: without limit.
+    """
     # Non-blocking: opening a pipe that nobody reads would block everything, signals included.
     flags = os.O_RDWR | os.O_CREAT | os.O_NONBLOCK | os.O_CLOEXEC
     try:
@@ -43,6 +82,8 @@ def open_target(path: Path) -> BinaryIO:
         _lock(descriptor, path)
         if stat.S_ISREG(os.fstat(descriptor).st_mode):
             os.ftruncate(descriptor, 0)
+        elif patience is not None:
+            return io.BufferedWriter(PatientStream(descriptor, patience))
         os.set_blocking(descriptor, True)
         return _named(descriptor, path)
     except BaseException:

@@ -45,6 +45,7 @@ from liftgate_hil.running.recording_trigger import Trigger, Triggered
 _PAUSE = 0.05  # s between two reads of the rings
 _READY_S = 60.0  # s that it may take to start and to open its files
 _COMPLETE_S = 60.0  # s that completing the files may take, plus the run's length
+_PATIENCE_S = 2.0  # s for the reader of a pipe: the rings hold 4 s, of which other files shall lose nothing
 _EXIT_S = 5.0  # s that it may take to end after its last reply
 _LATE_NS = 100_000_000  # ns that a frame may be out of order: received ones are logged a tick late
 
@@ -291,7 +292,7 @@ def main() -> int:
     writers: list[GuardedWriter] = []
     try:
         for path in paths:
-            writers.append(open_writer(path, content, limit, lambda text: tell(failed=text)))
+            writers.append(open_writer(path, content, limit, lambda text: tell(failed=text), patience=_PATIENCE_S))
     except ConfigError as error:
         for writer in writers:  # files left behind would look like a recording
             writer.close()

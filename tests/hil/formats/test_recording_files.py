@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,45 @@ def test_a_pipe_without_a_reader_is_reported_and_holds_nothing_up(tmp_path: Path
     os.mkfifo(path)
     with pytest.raises(ConfigError, match="a pipe without a reader"):
         open_writer(check_file("record", str(path)), BOTH)
+
+
+def test_a_pipe_that_nobody_reads_ends_its_recording_once_and_closes_at_once(tmp_path: Path) -> None:
+    path, told = tmp_path / "pipe.csv", list[str]()
+    os.mkfifo(path)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        recorder = open_writer(path, BOTH, say=told.append, patience=0.01)
+        for first in range(0, 3000, 100):  # more than a pipe holds
+            recorder.write_rows(rows_from(first, 100))
+            recorder.flush()
+        recorder.close()
+        said = "nobody has read from it for 0.01 s; what was not read, and all that follows, is lost"
+        assert told == [recorder.failure]
+        assert recorder.failure.endswith(said)
+        assert "recording ended at 0." in recorder.failure
+    finally:
+        os.close(reader)
+
+
+def test_a_pipe_whose_reader_is_slow_gets_all_of_it(tmp_path: Path) -> None:
+    path, got = tmp_path / "pipe.csv", list[bytes]()
+    os.mkfifo(path)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+
+    def read() -> None:
+        os.set_blocking(reader, True)
+        while come := os.read(reader, 4096):
+            got.append(come)
+
+    recorder = open_writer(path, BOTH, patience=60.0)
+    thread = threading.Thread(target=read)
+    thread.start()
+    recorder.write_rows(rows_from(0, 3000))
+    recorder.close()
+    thread.join()
+    os.close(reader)
+    assert recorder.failure == ""
+    assert b"".join(got).count(b"\n") == 3001
 
 
 def test_a_pipe_with_a_reader_gets_the_text(tmp_path: Path) -> None:
