@@ -15,12 +15,13 @@ from liftgate_hil.codec.bits import extract_long, place_at, read_number
 from liftgate_hil.codec.checksum import checksum_in, expected_checksum
 from liftgate_hil.codec.counter import turn_of, value_at
 from liftgate_hil.codec.e2e import check_state
-from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE, Frames
+from liftgate_hil.codec.frames import ERROR, FD, FD_FLAGS, REMOTE, Frames
 from liftgate_hil.codec.refusals import (
     ACCEPTED,
     BAD_CHECKSUM,
     BAD_COUNTER,
     ERROR_FRAME,
+    FD_FRAME,
     FOREIGN,
     OUT_OF_RANGE,
     REMOTE_FRAME,
@@ -75,7 +76,7 @@ class Reception(NamedTuple):
     memory: NDArray[np.int64]  # (messages, check_state.MEMORY) E2E check states
     stale_ns: NDArray[np.int64]  # (1,) time at which the first message goes stale
     read: NDArray[np.float64]  # per signal, value in the current frame
-    refusals: Any  # (9,) refusals.REFUSAL
+    refusals: Any  # (10,) refusals.REFUSAL
     foreign: NDArray[np.int64]  # (FOREIGN_SLOTS,) identifiers that are not received, each at its slot; -1: none
 
 
@@ -291,6 +292,10 @@ def receive(bus: BusConfig, reception: Reception, counts: Counts, frames: Frames
         cause, message, lost = judge(bus, reception, frames, frame, now_ns, reception.read)
         counts = counted(counts, cause, lost)
         note_outcome(reception.refusals, cause, message, now_ns)
+        identifier = int(frames.identifiers[frame])
+        if identifier & FD:
+            note_evidence(reception.refusals, FD_FRAME, -1, float(identifier & ~FD_FLAGS), np.nan)
+            note_outcome(reception.refusals, FD_FRAME, message, now_ns)
         if message >= 0 and is_counted(bus.messages[message], cause):
             reception.cycles[message] += 1 + lost
             reception.lost[message] += lost

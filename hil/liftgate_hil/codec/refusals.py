@@ -20,6 +20,9 @@ from liftgate_plant.compiler import compilable
     BAD_COUNTER,
     UNQUALIFIED,
 ) = range(9)
+# Besides its cause: that it is a CAN FD frame, which no controller of a classic bus could have received.
+FD_FRAME = 9
+_ROWS = 10
 
 REFUSAL = np.dtype(
     [
@@ -36,8 +39,8 @@ REFUSAL = np.dtype(
 
 
 def no_refusals() -> Any:
-    """Return (9,) REFUSAL by cause, before the first frame; written in place."""
-    return np.zeros(9, dtype=REFUSAL).view(np.recarray)
+    """Return (10,) REFUSAL by cause, and FD_FRAME, before the first frame; written in place."""
+    return np.zeros(_ROWS, dtype=REFUSAL).view(np.recarray)
 
 
 @compilable

@@ -9,6 +9,7 @@ from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.refusals import (
     BAD_CHECKSUM,
     BAD_COUNTER,
+    FD_FRAME,
     FOREIGN,
     OUT_OF_RANGE,
     REMOTE_FRAME,
@@ -72,6 +73,7 @@ class RefusalTexts:
         summary.first_refused = [self.of_first(refusals, cause) for cause in REFUSED if refusals[cause].count]
         summary.first_foreign = self.first_foreign(refusals)
         summary.awaited = self.awaited()
+        summary.fd_frames, summary.first_fd_frame = int(refusals[FD_FRAME].count), self._first_fd_frame(refusals)
 
     def first_foreign(self, refusals: Any) -> str:
         """Return the first identifier that the rig does not receive; "": none, or that of a test bench."""
@@ -81,11 +83,30 @@ class RefusalTexts:
         sent = f", which this gate sends: {self._whose}" if int(others.found) in self.sent else ""
         return identifier_text(int(others.found)) + sent
 
+    def _first_fd_frame(self, refusals: Any) -> str:
+        """Return the first CAN FD frame by name and identifier, with its time; "": there was none."""
+        first = refusals[FD_FRAME]
+        if not first.count:
+            return ""
+        identifier = int(first.found)
+        names = [
+            name
+            for name, each in self._rig.messages.items()
+            if each.frame_id == identifier & ~EXTENDED and each.is_extended_frame == bool(identifier & EXTENDED)
+        ]
+        text, time_s = identifier_text(identifier), self._time_of(first)
+        when = f"at {time_s:.3f} s" if time_s >= 0.0 else "in the precondition"
+        return f"{f'{names[0]} ({text})' if names else text} {when}"
+
+    def _time_of(self, refusal: Any) -> float:
+        """Return the time [s] of a frame, from the scenario's time 0 on."""
+        return float(refusal.time_ns * 1e-9 - self._began_s)
+
     def of_first(self, refusals: Any, cause: int) -> str:
         """Return a text on the first frame that was refused for a cause."""
         refusal = refusals[cause]
         name = self._message_name(int(refusal.message))
-        time_s = refusal.time_ns * 1e-9 - self._began_s
+        time_s = self._time_of(refusal)
         head = f"{f'{time_s:.3f} s' if time_s >= 0.0 else 'precondition'}: {name} refused"
         options = self._rig.options.get(name)
         if cause == REMOTE_FRAME:

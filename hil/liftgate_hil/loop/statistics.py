@@ -70,6 +70,8 @@ _USUAL_FAULTS = ("losses", "send_failures", "send_queue_full", "receive_failures
 # What became of received frames that never acted; the page says the same.
 DROPPED = "dropped as the bench did not read in time"
 STALE = "ignored for a wait longer than the message's time-out"
+# Figures that a note on the run or a line of its summary words.
+_OF_NOTES = ("timing", "awaited", "commands_missing", "command_cycles", "fd_frames", "first_fd_frame")
 _NO_FAULTS = ("before_start",)
 
 
@@ -88,6 +90,8 @@ class Summary:
     received: Counts = NO_COUNTS
     first_refused: list[str] = field(default_factory=list)  # the first frame refused for each cause, with its time
     first_foreign: str = ""  # the first frame with an identifier that the rig does not receive; "": there is none
+    fd_frames: int = 0  # CAN FD frames received, whatever became of them
+    first_fd_frame: str = ""  # the first of them, with its time
     awaited: str = ""  # the command message, with its identifier
     commands_missing: int = 0  # frames of that message that are missing by its counter
     command_cycles: int = 0  # its cycles so far, those included
@@ -104,16 +108,16 @@ class Summary:
     commanded: list[str] = field(default_factory=list)  # the first of them, with their times
     ecu_dropped_frames: int = 0  # frames for which an ECU in this process had no room
 
-    def _load(self) -> float:
+    def load(self) -> float:
         """Return the bus load [%] where there is one; NaN for a run that is shorter than a cycle."""
         return math.nan if 0.0 < self.model_time_s < _CYCLES_S else self.bus_load_percent
 
     def as_dict(self) -> dict[str, Any]:
         """Return the figures for --json."""
         figures = asdict(self)
-        for name in ("timing", "awaited", "commands_missing", "command_cycles"):
+        for name in _OF_NOTES:
             del figures[name]
-        if math.isnan(self._load()):
+        if math.isnan(self.load()):
             figures["bus_load_percent"] = None
         for name, each in self.timing._asdict().items():
             prefix = "command_delay" if name == "delay" else name
@@ -181,7 +185,7 @@ class Summary:
         """Return the figures as lines of text for a person."""
         received = self.received
         why = self.refusals_text()
-        percent = self._load()
+        percent = self.load()
         load = "" if math.isnan(percent) else f", bus load {percent:.1f} %"
         lines = [
             f"ticks {self.ticks}, model time {self.model_time_s:.3f} s, clock {self.clock}",

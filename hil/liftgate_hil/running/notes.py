@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.ecu.needs import SIDES
 from liftgate_hil.ecu.node import PORT
+from liftgate_hil.errors import number_of
 from liftgate_hil.judging.verdict import PASS
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.stimuli.requests import BUTTONS
@@ -17,11 +18,14 @@ if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.scenario import Scenario
     from liftgate_hil.ecu.adapter import Adapter
+    from liftgate_hil.loop.statistics import Summary
+    from liftgate_hil.running.plan import Plan
     from liftgate_hil.running.result import Result
     from liftgate_hil.running.setup import Setup
 
 _ITSELF = re.compile(r"(?<![\w.])(\w+)\s*[!=]=\s*\1(?![\w.])")
 _LEAST_MS = 1.0  # s, a period of 1 ms that is taken for s
+_FULL_PERCENT = 100.0  # of the time of a bus
 _STILL_DEG = 0.5  # less is a gate that presses against its latch or seal
 
 
@@ -77,6 +81,25 @@ def without_contact(setup: Setup, result: Result) -> list[str]:
     places = ", ".join(f"{math.degrees(each.obstacle.angle):.4g}°" for each in obstacles)
     what = "never met the obstacle" if len(obstacles) == 1 else "met none of the obstacles"
     return [f"the gate {what} ({places}): the pinch force was 0 all the time"]
+
+
+def on_the_bus(plan: Plan, summary: Summary) -> list[str]:
+    """Return notes on what a bus of CAN would not have carried, or did not carry, in a list."""
+    rig, way, link = plan.rig, plan.way, summary.link
+    has_fd = rig.is_fd if way is None else way.is_fd or way.serial is not None
+    found = []
+    if summary.fd_frames and not has_fd:
+        first = (
+            f"{number_of(summary.fd_frames, 'CAN FD frame')} on a classic bus, the first {summary.first_fd_frame}"
+        )
+        found.append(f"{first}: on a real one every controller answers that with an error frame")
+    # Without stuff bits, so that a real load is higher; with CAN FD it is an upper bound, which shows nothing.
+    if not has_fd and summary.load() > _FULL_PERCENT:
+        load = f"{summary.load():.0f} % of its {1e-3 * rig.bitrate:g} kbit/s on average"
+        found.append(f"the bus was overloaded, with {load}: on a real one frames come late, or not at all")
+    if link.send_queue_full and way is not None:
+        found.append(f"{number_of(link.send_queue_full, 'frame')} of the gate not sent: {way.why_full}")
+    return found
 
 
 def _span(side: str, low: float, high: float) -> str:

@@ -26,7 +26,7 @@ from liftgate_hil.running.compilation import reporting_compilation
 from liftgate_hil.running.driver import Driver
 from liftgate_hil.running.episode_driver import EpisodeDriver
 from liftgate_hil.running.execution import Execution
-from liftgate_hil.running.notes import notes_on, too_rare, without_contact, without_motion
+from liftgate_hil.running.notes import notes_on, on_the_bus, too_rare, without_contact, without_motion
 from liftgate_hil.running.result import Result, nothing_of, result_of, silence_of, tolerance_of
 from liftgate_hil.running.signs_of_life import foreign_code
 from liftgate_hil.running.stepping import StepsAgain, relevant_frames
@@ -168,6 +168,7 @@ class _Run:
         execution = self._execution
         setup, adapter = self._plan.setup, execution.adapter
         notes = [*notes_on(setup, adapter), *too_rare(self._plan.rig, adapter)]
+        notes += on_the_bus(self._plan, result.summary)
         notes += without_motion(setup, result)
         whole, step = setup.scenario.duration, 1.0 / self._plan.options.rate
         if whole is None or result.summary.model_time_s > whole - 1.5 * step:  # not of a part

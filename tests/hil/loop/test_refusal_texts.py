@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from hil_support import frames_of
 
-from liftgate_hil.codec.frames import EXTENDED
+from liftgate_hil.codec.frames import BRS, EXTENDED, FD
+from liftgate_hil.codec.receive import NO_COUNTS, receive
 from liftgate_hil.codec.refusals import (
     BAD_CHECKSUM,
     FOREIGN,
@@ -71,3 +74,24 @@ def test_the_first_foreign_identifier_may_be_that_of_another_gate(rig: Rig) -> N
     )
     without = RefusalTexts(rig, texts(rig)._config, is_bus=False)
     assert without.first_foreign(refusals) == "0x210, which this gate sends: it must not come from the ECU"
+
+
+@pytest.mark.parametrize(
+    ("identifier", "began_s", "said"),
+    [
+        (0x120, 0.0, "DriveCommand (0x120) at 2.500 s"),
+        (0x120, 3.0, "DriveCommand (0x120) in the precondition"),
+        (0x120 | EXTENDED, 0.0, "0x120 (extended, 29 bits) at 2.500 s"),
+        (0x55, 0.0, "0x55 at 2.500 s"),
+    ],
+)
+def test_a_summary_names_the_first_can_fd_frame(rig: Rig, identifier: int, began_s: float, said: str) -> None:
+    config = loop_config_of(suv(), rig, 1000.0, 0)
+    reception = start_of(config).reception
+    summary = Summary()
+    texts(rig, began_s).tell(summary, reception)
+    assert (summary.fd_frames, summary.first_fd_frame) == (0, "")
+    rows = [(0x44, b""), (identifier | FD, bytes(8)), (0x33 | FD | BRS, bytes(8))]
+    receive(config.inputs, reception, NO_COUNTS, frames_of(rows), 2_500_000_000)
+    texts(rig, began_s).tell(summary, reception)
+    assert (summary.fd_frames, summary.first_fd_frame) == (2, said)

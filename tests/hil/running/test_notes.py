@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import can
 import pytest
 from hil_support import both, command_frame
 from run_support import ScriptedEcu, message
 
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.running.notes import on_the_bus
 from liftgate_hil.running.setup import rig_from
+from liftgate_hil.transport.base import LinkCounts
+from liftgate_hil.transport.can_arguments import WireChoice
+from liftgate_hil.transport.find import Way, find_way
 
 
 class Asked(ScriptedEcu):
@@ -120,3 +130,38 @@ def test_a_parameter_that_no_key_takes_is_named(tmp_path: Path) -> None:
     )
     (note, *_) = notes_of(tmp_path, text, ScriptedEcu(lambda turn: []))
     assert note == "parameters.free: not used: $free stands nowhere"
+
+
+def flooding(frames: int, identifier: int = 0x55) -> ScriptedEcu:
+    """An ECU that sends so many frames of 8 bytes in each cycle of 10 ms."""
+    return ScriptedEcu(lambda turn: [message(identifier, bytes(8))] * frames)
+
+
+@pytest.mark.parametrize("clock", ["free", "lockstep"])
+def test_a_bus_that_could_not_carry_it_all_is_noted_with_its_load(tmp_path: Path, clock: str) -> None:
+    (note,) = notes_of(tmp_path, "", flooding(100), clock)  # 11,100 bits in 10 ms
+    assert re.fullmatch(
+        r"the bus was overloaded, with 2[56]\d % of its 500 kbit/s on average: on a real one frames come late, .*",
+        note,
+    )
+    assert notes_of(tmp_path, "", flooding(1), clock) == ()
+
+
+@pytest.mark.parametrize(
+    ("identifier", "name"), [(0x120, r"DriveCommand \(0x120\)"), (0x55, "0x55")], ids=["ours", "foreign"]
+)
+def test_can_fd_frames_on_a_classic_bus_are_named(tmp_path: Path, identifier: int, name: str) -> None:
+    frame = can.Message(arbitration_id=identifier, is_extended_id=False, is_fd=True, data=bytes(8))
+    (note,) = notes_of(tmp_path, "", ScriptedEcu(lambda turn: [frame]))
+    assert re.fullmatch(
+        rf"(49|50|51) CAN FD frames on a classic bus, the first {name} at 0\.0\d\d s: on a real one .*frame", note
+    )
+
+
+def test_frames_of_the_gate_for_which_the_wire_had_no_room_are_noted(rig: Rig) -> None:
+    summary = Summary(link=LinkCounts(send_failures=3, send_queue_full=2))
+    way = find_way(WireChoice(serial="loop://"), rig)
+    plan: Any = SimpleNamespace(rig=rig, way=way)
+    assert on_the_bus(plan, summary) == [f"2 frames of the gate not sent: {way.why_full}"]
+    fd: Any = SimpleNamespace(rig=rig, way=Way({"interface": "virtual"}, None, is_fd=True))
+    assert on_the_bus(fd, Summary(fd_frames=5, model_time_s=1.0, bus_load_percent=200.0)) == []
