@@ -131,6 +131,10 @@ class PairLine:
     def drain(self) -> None:
         """Do nothing: no frames from before the start are dropped."""
 
+    def dropped(self) -> int:
+        """Return that nothing was dropped: a pair of sockets waits."""
+        return 0
+
     def watch(self, control: object) -> str | None:
         """Return None: the state of this wire never changes."""
         return None
