@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
 import signal
 import subprocess
@@ -26,6 +28,7 @@ from liftgate_plant.compiler import (
     compilable,
     compiled,
     enabled,
+    files,
     obtaining,
     packing,
     storage,
@@ -406,6 +409,27 @@ def test_who_waits_for_another_process_can_give_up(impatient: None, cache: Path)
         assert turn.taken()
         with pytest.raises(KeyboardInterrupt):
             obtaining.machine_code_of(double, (Number("f"),))
+
+
+def test_a_file_system_without_locks_keeps_machine_code(cache: Path, monkeypatch: pytest.MonkeyPatch):
+    """Lustre says ENOSYS: several processes may then compile the same."""
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    kinds = (Number("f"),)
+    obtaining.machine_code_of(double, kinds)
+    assert storage.read(building.file_of(double, kinds)) is not None
+
+
+def test_what_a_killed_process_has_left_in_the_cache_is_removed(cache: Path):
+    folder = building.folder_of(double)
+    with storage.turn(folder):
+        left = folder / files.name_beside("code")
+        left.touch()
+    obtaining.machine_code_of(double, (Number("f"),))
+    assert not left.exists()
 
 
 @pytest.fixture

@@ -5,11 +5,9 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
-import tempfile
-from pathlib import Path
 
 from liftgate_plant.compiler import storage
+from liftgate_plant.compiler.files import write_whole
 
 _NAME = "durations.json"
 _LONGEST = 24 * 3600.0  # s; longer values are ignored as implausible
@@ -26,10 +24,7 @@ def note(name: str, seconds: float) -> None:
     found = {**_known(), name: round(seconds, 1)}
     with contextlib.suppress(OSError):
         storage.check_ours(storage.root())
-        descriptor, draft = tempfile.mkstemp(dir=storage.root(), prefix=_NAME)
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            json.dump(found, stream)
-        Path(draft).replace(storage.root() / _NAME)
+        write_whole(storage.root() / _NAME, json.dumps(found).encode(), mode=0o600)
 
 
 def _known() -> dict[str, float]:

@@ -6,7 +6,6 @@ Nothing that another user could have written is read, since it would be executed
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import os
@@ -15,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from liftgate_plant.compiler.files import lock, remove_leftovers, write_whole
 from liftgate_plant.compiler.kinds import Kind, from_plain, plain
 
 SUFFIX = ".code"
@@ -73,15 +73,8 @@ def read(path: Path) -> Stored | None:
 def keep(path: Path, stored: Stored) -> None:
     """Store machine code and the kind of its result in a file, completely or not at all. Raises OSError."""
     content = json.dumps(plain(stored.result)).encode() + b"\n" + stored.code
-    draft = path.with_suffix(f".{os.getpid()}")
-    try:
-        draft.write_bytes(_digest_of(path, content) + content)
-        draft.chmod(0o600)
-        draft.replace(path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            draft.unlink()
-        raise
+    write_whole(path, _digest_of(path, content) + content, mode=0o600)
+    remove_leftovers(path.parent)
 
 
 def _digest_of(path: Path, content: bytes) -> bytes:
@@ -129,9 +122,12 @@ class Turn:
         self._descriptor = descriptor
 
     def taken(self) -> bool:
-        """Whether it is this process's turn now; takes the lock if it is free."""
+        """Whether it is this process's turn now; takes the lock if it is free.
+
+        On a file system without locks it always is: several processes may then compile the same.
+        """
         try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(self._descriptor)
         except BlockingIOError:
             return False
         return True
