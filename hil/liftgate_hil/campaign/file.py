@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from liftgate_hil.campaign.design import METHODS
+from liftgate_hil.campaign.folder import OWN
 from liftgate_hil.campaign.request import Request
 from liftgate_hil.campaign.space import COVARIANCE
 from liftgate_hil.config.file_kinds import check_kind
@@ -57,6 +58,7 @@ class Part:
 class CampaignFile:
     """Several campaigns with one report."""
 
+    path: Path
     title: str
     description: str
     parts: tuple[Part, ...]
@@ -96,7 +98,7 @@ def read_campaign_file(name: str, template: Request) -> CampaignFile:
     unused = [text for text in template.vary if not any(text in each.request.vary for each in parts)]
     if unused:
         raise ConfigError([f"`vary` {text}: allowed: names that a part of {path} varies" for text in unused])
-    return CampaignFile(given.title or path.stem, given.description, tuple(parts))
+    return CampaignFile(path, given.title or path.stem, given.description, tuple(parts))
 
 
 def _path_of(name: str) -> Path:
@@ -114,6 +116,8 @@ def _part_of(path: Path, issues: ConfigIssues, key: str, content: Any, template:
     part = read_record(issues, key, own, PartTable)
     if part.name and (Path(part.name).name != part.name or part.name.startswith(".")):
         issues.add(f"{key}.name", f"{show(part.name)}; allowed: a name of a folder")
+    if part.name.casefold() in map(str.casefold, OWN):
+        issues.add(f"{key}.name", f"{show(part.name)}: a campaign's own file; allowed: another name")
     beside = path.parent / part.scenario
     vary = tuple(_replaced(each, template.vary) for each in part.vary)
     has_samples = any("~" in each or each.strip() == COVARIANCE for each in vary)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
+import itertools
 import json
 import os
 import re
@@ -18,7 +18,10 @@ from liftgate_hil.campaign.request import Request
 from liftgate_hil.campaign.results import VARIANT, description_of
 from liftgate_hil.campaign.store import StoreError
 from liftgate_hil.errors import ConfigError, words_of
-from liftgate_hil.report.files import is_beside, name_beside, write_whole
+from liftgate_hil.formats.guarded import Say, silent
+from liftgate_hil.formats.target import is_one_of
+from liftgate_hil.report.files import make_way
+from liftgate_plant.compiler.files import lock, remove_leftovers, whole_file, write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -26,6 +29,7 @@ if TYPE_CHECKING:
 MANIFEST, RESULTS, REPORT, BATCHES = "campaign.json", "results.parquet", "report.html", "batches"
 AGAINST, DIFFERENCES = "against.parquet", "differences.parquet"  # of another ECU
 WORST_FILE, DATA = "worst.toml", "DATA.md"
+OWN = (MANIFEST, RESULTS, REPORT, BATCHES, AGAINST, DIFFERENCES, WORST_FILE, DATA)  # names in the folder
 LOCK = ".lock"  # held by the process whose campaign runs in the folder; has the tokens of all that did
 FORMAT = 2  # of campaign.json and of the results
 _TOKENS = re.compile(r"[0-9a-f\n]*")  # LOCK: a token a line; where the disk was full, a part of one
@@ -42,7 +46,7 @@ def replay_line(folder: Path | str, variant: str) -> str:
 class Folder:
     """The folder with everything of a campaign.
 
-    `token` is in the names of temporary files, here and in the store, so that they tell whose they are.
+    `token` is in the names of temporary files in the store, so that they tell whose they are.
     """
 
     def __init__(self, path: Path) -> None:
@@ -57,11 +61,11 @@ class Folder:
             raise ConfigError(f"`output` {self.path}: {error.strerror}; allowed: a folder to write to") from error
 
     @contextlib.contextmanager
-    def claimed(self) -> Iterator[None]:
+    def claimed(self) -> Iterator[bool]:
         """Context in which no other campaign runs in the folder. Raises ConfigError where one does.
 
-        The kernel ends the claim with the process that has made it, however that ends: whoever has it knows that
-        those that had it before have ended.
+        False: its file system has no locks, so that nobody can tell. The kernel ends the claim with the process
+        that has made it, however that ends: whoever has it knows that those that had it before have ended.
         """
         try:
             descriptor = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
@@ -69,16 +73,14 @@ class Folder:
             raise ConfigError(f"`output` {self.path}: {error.strerror}; allowed: a folder to write to") from error
         try:
             try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                is_claimed = lock(descriptor)
             except BlockingIOError:
                 raise ConfigError(
                     f"`output` {self.path}: another campaign is running there; allowed: another folder"
                 ) from None
-            except OSError:  # a file system without locks: nobody can tell
-                pass
-            else:
+            if is_claimed:
                 self._enter(descriptor)
-            yield
+            yield is_claimed
         finally:
             os.close(descriptor)
 
@@ -97,10 +99,7 @@ class Folder:
 
     def tidy(self) -> None:
         """Remove what killed processes have left of files that they were writing, at the end of a campaign."""
-        for each in self.path.glob(".*"):
-            if is_beside(each.name, self.ended):
-                with contextlib.suppress(OSError):
-                    each.unlink()
+        remove_leftovers(self.path)
 
     @property
     def has_campaign(self) -> bool:
@@ -126,6 +125,23 @@ class Folder:
         """Return the request in campaign.json. Raises ConfigError."""
         return Request.from_dict(self.manifest().get("request"))
 
+    def make_way(self, names: Iterable[str], inputs: Iterable[Path], say: Say = silent) -> None:
+        """Set aside what is in the place of files to be written and is no report of ours; `say` is told.
+
+        Raises ConfigError, also for one of the `inputs`.
+        """
+        inputs = list(inputs)
+        paths = [self.path / name for name in names]
+        issues = [
+            f"`output` {each}: is an input file; allowed: another folder"
+            for each in paths
+            if is_one_of(each, inputs)
+        ]
+        if issues:
+            raise ConfigError(issues)
+        for each in paths:
+            make_way(each, say)
+
     def write_manifest(self, content: dict[str, Any]) -> None:
         """Write campaign.json. Raises StoreError."""
         text = json.dumps({"format": FORMAT, **content}, indent=2, ensure_ascii=False, allow_nan=False)
@@ -134,7 +150,7 @@ class Folder:
     def write(self, name: str, content: bytes) -> None:
         """Write a file beside its place, and rename it. Raises StoreError."""
         try:
-            write_whole(self.path / name, content, self.token)
+            write_whole(self.path / name, content)
         except OSError as error:
             raise StoreError(f"{self.path / name}: {error.strerror}") from error
 
@@ -143,25 +159,24 @@ class Folder:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        beside, writer, rows = self.path / name_beside(name, self.token), None, 0
+        coming, rows = iter(tables), 0
         kept: list[pa.Table] = []
         try:
-            try:
-                for table in tables:
+            first = next(coming, None)
+            if first is None:
+                return 0
+            with (
+                whole_file(self.path / name) as stream,
+                pq.ParquetWriter(stream, first.schema, compression="zstd") as writer,
+            ):
+                for table in itertools.chain([first], coming):
                     kept.append(table)
                     rows += table.num_rows
-                    writer = writer or pq.ParquetWriter(beside, table.schema, compression="zstd")
                     if sum(each.num_rows for each in kept) >= _GROUP:
                         writer.write_table(pa.concat_tables(kept))
                         kept.clear()
-                if writer is not None:
-                    if kept:
-                        writer.write_table(pa.concat_tables(kept))
-                    writer.close()
-                    beside.replace(self.path / name)
-            finally:
-                with contextlib.suppress(OSError):
-                    beside.unlink()
+                if kept:
+                    writer.write_table(pa.concat_tables(kept))
         except OSError as error:
             raise StoreError(f"{self.path / name}: {error.strerror or error}") from error
         return rows

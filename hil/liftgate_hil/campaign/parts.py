@@ -9,7 +9,7 @@ from typing import NamedTuple
 from liftgate_hil.campaign.file import CampaignFile, Part
 from liftgate_hil.campaign.folder import REPORT, Folder
 from liftgate_hil.campaign.reporting.combined import PartResult, combined_report
-from liftgate_hil.campaign.request import prepared
+from liftgate_hil.campaign.request import inputs_of, prepared
 from liftgate_hil.campaign.run import NOBODY, Outcome, Places, Watcher, choice_of, run_campaign, units_of
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.provenance import Provenance
@@ -32,11 +32,13 @@ def run_parts(
     folder = Folder(places.output)
     if folder.has_campaign:
         raise ConfigError(f"`output` {folder.path}: has a campaign; allowed: another folder")
+    inputs = [file.path]
     for part in file.parts:  # all, before the first has run for hours
-        prepared(part.request)
+        inputs += inputs_of(prepared(part.request))
     folder.create()
     found: list[PartOutcome] = []
     with folder.claimed():
+        folder.make_way([REPORT], inputs, watcher.say)
         for part in file.parts:
             own = Folder(places.output / part.name)
             # A part that has not begun yet begins; the others go on.

@@ -9,12 +9,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.campaign.folder import Folder
+from liftgate_hil.campaign.folder import OWN, Folder
 from liftgate_hil.campaign.request import prepared
 from liftgate_hil.campaign.results import JUDGED, MARGIN, VARIANT, VERDICT
 from liftgate_hil.campaign.resumption import differences
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.target import is_one_of
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE
+from liftgate_hil.loop.listener import Listener
 from liftgate_hil.running.plan import plan_of
 from liftgate_hil.running.result import Result
 from liftgate_hil.running.run import execute
@@ -28,7 +30,12 @@ class Replayed:
     lines: Sequence[str]  # in words
 
 
-def replayed(path: Path, variant: str, record: Sequence[Path] = ()) -> Replayed:
+def replayed(
+    path: Path,
+    variant: str,
+    record: Sequence[Path] = (),
+    listener: Listener = Listener(),  # noqa: B008  # it holds nothing
+) -> Replayed:
     """Run a variant of the campaign in a folder as a run of its own, and compare it. Raises ConfigError."""
     folder = Folder(path)
     found = prepared(folder.request())
@@ -42,7 +49,11 @@ def replayed(path: Path, variant: str, record: Sequence[Path] = ()) -> Replayed:
     if found.base.variant(values) != row[VARIANT]:
         raise ConfigError(f"{path}: variant {row[VARIANT]}: its values were changed")
     job = found.base.job_of(values)
-    result = execute(plan_of(replace(job, trace=1, options=replace(job.options, record=tuple(record)))))
+    for target in record:
+        if is_one_of(target, [path / name for name in OWN]):
+            raise ConfigError(f"`record` {target}: belongs to the campaign; allowed: another file")
+    options = replace(job.options, record=tuple(record))
+    result = execute(plan_of(replace(job, trace=1, options=options, listener=listener)))
     seen = _columns_of(result, found.base.expectations)
     wrong = [
         f"{name}: {_shown(each)}, the campaign saw {_shown(row.get(name))}"

@@ -63,26 +63,37 @@ class Request:
         own = cls("", ())
         if not isinstance(given, Mapping) or set(given) != {each.name for each in fields(cls)}:
             raise ConfigError("campaign.json: request: not one; allowed: that of a campaign of this version")
-        for name, value in given.items():
-            if not _is_like(value, getattr(own, name)):
-                raise ConfigError(f"campaign.json: request.{name}: {show(value)}: allowed: as it was written")
+        issues = [
+            f"campaign.json: request.{name}: {show(value)}; allowed: as it was written"
+            for name, value in given.items()
+            if not _is_like(value, getattr(own, name), _KINDS.get(name))
+        ]
+        if issues:
+            raise ConfigError(issues)
         values: dict[str, Any] = {
             name: tuple(each) if isinstance(each, list) else each for name, each in given.items()
         }
         return cls(**values)
 
 
-def _is_like(value: Any, default: Any) -> bool:
-    """Whether a value of a request may stand in place of its default."""
+# Kinds of the values whose default is None.
+_KINDS = {"vehicle": str, "rig": str, "seed": int, "draw": int, "duration": float}
+
+
+def _is_like(value: Any, default: Any, kind: type | None) -> bool:
+    """Whether a value of a request may stand in place of its default; `kind` is that of a value beside None."""
+    if isinstance(value, bool) and not isinstance(default, bool):
+        return False
+    if default is None:
+        return value is None or isinstance(value, int | float if kind is float else kind or ())
     if isinstance(default, tuple):
         return isinstance(value, list | tuple) and all(isinstance(each, str) for each in value)
     if isinstance(default, Mapping):
-        return isinstance(value, Mapping) and all(isinstance(each, int | float) for each in value.values())
-    if default is None:
-        return value is None or isinstance(value, str | int | float)
+        numbers = value.values() if isinstance(value, Mapping) else [None]
+        return all(isinstance(each, int | float) and not isinstance(each, bool) for each in numbers)
     if isinstance(default, float):
         return isinstance(value, int | float)
-    return type(value) is type(default)
+    return type(value) is type(default) and (not isinstance(value, int) or value >= 0)  # counts and a seed
 
 
 @dataclass(frozen=True)
@@ -117,6 +128,11 @@ def prepared(request: Request) -> Prepared:
         check_expectation(request, base, {each.name: each for each in plan.setup.scenario.expectations})
     against = _against(request, base) if request.against else None
     return Prepared(request, base, space, plan, design, against)
+
+
+def inputs_of(found: Prepared) -> list[Path]:
+    """Return the files of a request, with the library of the other ECU, none of which a campaign writes."""
+    return [*found.plan.inputs, *([] if found.against is None else [Path(found.request.against)])]
 
 
 def _check_once(request: Request, space: Space) -> None:

@@ -14,10 +14,10 @@ from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.campaign import Campaign, Progress, StoppedError
 from liftgate_hil.campaign.executors.executor import Executor
 from liftgate_hil.campaign.executors.local import local_executor
-from liftgate_hil.campaign.folder import BATCHES, DATA, REPORT, RESULTS, Folder, data_text
+from liftgate_hil.campaign.folder import BATCHES, DATA, OWN, REPORT, RESULTS, Folder, data_text
 from liftgate_hil.campaign.reporting.report import Choice, incomplete, report
 from liftgate_hil.campaign.reporting.summary import Summary, summary_of
-from liftgate_hil.campaign.request import Prepared, Request, absolute, prepared
+from liftgate_hil.campaign.request import Prepared, Request, absolute, inputs_of, prepared
 from liftgate_hil.campaign.results import VERDICT
 from liftgate_hil.campaign.resumption import Pace, as_json, pace_before
 from liftgate_hil.campaign.store import Store
@@ -80,9 +80,14 @@ def run_campaign(request: Request, places: Places, provenance: Provenance, watch
     executor = executor_for(found.base, places, watcher.say)
     try:
         folder.create()
-        with folder.claimed():
+        with folder.claimed() as is_claimed:
+            if not is_claimed:
+                watcher.say(f"{folder.path}: no locks on its file system: no other campaign may run there")
             # Looked at again, as another campaign may have begun there since.
-            pace = pace_before(folder, found, places.is_resumed) or Pace(seconds, executor.workers)
+            before = pace_before(folder, found, places.is_resumed)
+            if before is None:
+                folder.make_way(OWN, inputs_of(found), watcher.say)
+            pace = before or Pace(seconds, executor.workers)
             return _run(found, folder, places, pace, executor, provenance, watcher)
     finally:
         executor.close()

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import contextlib
 import io
+import uuid
 from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.errors import ConfigError, LiftgateError, words_of
-from liftgate_hil.report.files import is_beside, name_beside, write_whole
+from liftgate_plant.compiler.files import remove_leftovers, write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -71,7 +72,7 @@ class Store:
 
     def mark(self) -> str:
         """Write a file by which other machines see whether they share the store, and return its name."""
-        name = name_beside("campaign", self._owner)
+        name = _beside("campaign", self._owner)
         self._write(name, b"")
         return name
 
@@ -114,9 +115,11 @@ class Store:
 
     def tidy(self, owners: Collection[str]) -> None:
         """Remove the temporary files of campaigns that have ended: what killed processes have left."""
+        if not self._is_remote:
+            remove_leftovers(Path(self.address))  # by their locks
         with contextlib.suppress(Exception):
             for each in self._files():
-                if is_beside(each, owners):
+                if _is_beside(each, owners):
                     with contextlib.suppress(Exception):
                         self._remove(each)
 
@@ -153,10 +156,21 @@ class Store:
         """Write a file beside its place, and rename it. Raises StoreError."""
         try:
             if self._is_remote:
-                (fs, path), beside = self._remote(), name_beside(name, self._owner)
+                (fs, path), beside = self._remote(), _beside(name, self._owner)
                 fs.pipe_file(f"{path}/{beside}", content)
                 fs.mv(f"{path}/{beside}", f"{path}/{name}")
             else:
-                write_whole(Path(self.address) / name, content, self._owner)
+                write_whole(Path(self.address) / name, content)
         except Exception as error:
             raise StoreError(f"{self.address}: {words_of(error)}") from error
+
+
+def _beside(name: str, owner: str) -> str:
+    """Return the name of a temporary file where there are no locks; `owner` is a token without dots."""
+    return f".{name}.{owner}.{uuid.uuid4().hex}"
+
+
+def _is_beside(name: str, owners: Collection[str]) -> bool:
+    """Whether a file is a temporary one of `_beside`, and of one of these owners."""
+    parts = name.split(".")
+    return len(parts) > 3 and not parts[0] and parts[-2] in owners

@@ -262,11 +262,12 @@ def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:
 def _replay(args: argparse.Namespace) -> int:
     """Run a variant of a campaign again; exit code 0: it is as the campaign saw it, to the bit."""
     from liftgate_hil.campaign.replay import replayed
+    from liftgate_hil.cli.suite_line import QuietListener
     from liftgate_hil.cli.teller import Teller
 
-    record = options.run_options(args).record
-    with Teller(args.quiet).progress("replay"):
-        found = replayed(Path(args.scenario), args.replay, record)
+    record, teller = options.run_options(args).record, Teller(args.quiet)
+    with teller.progress("replay"):
+        found = replayed(Path(args.scenario), args.replay, record, QuietListener(teller))
     for line in found.lines:
         print(printable(line), flush=True)
     return 0 if found.is_equal else 1

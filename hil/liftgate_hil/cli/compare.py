@@ -22,6 +22,7 @@ from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
     from liftgate_hil.cli.progress import Progress
+    from liftgate_hil.cli.teller import Teller
     from liftgate_hil.conversion.compare import Comparison
     from liftgate_hil.conversion.table import Window
     from liftgate_hil.formats.recording import ReadOptions, Recording
@@ -49,14 +50,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.conversion.table import files_of
 
     columns, window = recordings.columns_of(args), recordings.window_of(args)
     how = recordings.reading_of(args)
     tolerances = _tolerances(args.tolerance)
     paths = (Path(args.first), Path(args.second))
-    target = recordings.check_picture(args.output, [*map(str, paths)]) if args.output else None
-    with Teller(args.quiet, args.json).progress("compare") as progress:
-        found = _compared(paths, args.rig, how, columns, window, tolerances, target, progress, args.quiet)
+    sources = [*paths, *([] if args.rig is None else files_of(args.rig))]
+    target = recordings.check_picture(args.output, sources) if args.output else None
+    teller = Teller(args.quiet, args.json)
+    with teller.progress("compare") as progress:
+        found = _compared(paths, args.rig, how, columns, window, tolerances, target, progress, teller, args.quiet)
     if args.json:
         print(json.dumps(_as_json(found), indent=2, allow_nan=False))
     elif not args.quiet:
@@ -74,6 +78,7 @@ def _compared(
     tolerances: tuple[float, dict[str, float]],
     target: Path | None,
     progress: Progress,
+    teller: Teller,
     is_quiet: bool,
 ) -> Comparison:
     """Return the comparison of two recordings, and draw it into the file `target`. Raises ConfigError."""
@@ -100,7 +105,7 @@ def _compared(
         )
         recordings.tell_notes("compare", tables, is_quiet)
         if target is not None:
-            _draw(target, tables, found, columns, window)
+            _draw(target, tables, found, columns, window, teller)
     elif target is not None:
         raise ConfigError(f"--output {target}: allowed with recordings that hold rows, or with --rig")
     if have_frames and not columns and window == Window() and rig is None:
@@ -130,7 +135,12 @@ def _tolerances(given: Sequence[str]) -> tuple[float, dict[str, float]]:
 
 
 def _draw(
-    target: Path, tables: tuple[Recording, Recording], found: Comparison, columns: Sequence[str], window: Window
+    target: Path,
+    tables: tuple[Recording, Recording],
+    found: Comparison,
+    columns: Sequence[str],
+    window: Window,
+    teller: Teller,
 ) -> None:
     """Draw columns of both recordings into the file `target`.
 
@@ -155,7 +165,7 @@ def _draw(
         titles = (str(tables[0].path), str(tables[1].path))
     units = {name: tables[0].signals[name].unit for name in names}
     figure = picture.two_pictures(titles, both, names, units)
-    write_picture(target, figure, " and ".join(titles), ", ".join(names))
+    write_picture(target, figure, " and ".join(titles), ", ".join(names), teller.say)
 
 
 def _lines(found: Comparison, names: tuple[str, str]) -> list[str]:

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     parser.add_argument("source", metavar="FILE", help="a recording, or a bus log of another tool")
     parser.add_argument(
-        "target", metavar="OUT_FILE", help="the file to write; an existing out.mf4 is kept as out.previous.mf4"
+        "target", metavar="OUT_FILE", help="the file to write; what is there is kept, as out.previous.mf4"
     )
     parser.add_argument(
         "--rig", metavar="NAME|FILE", help="a rig, or its database: decodes the frames into a table of signals"
@@ -36,8 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()  # stops between two blocks; an unfinished file is removed
-    from liftgate_hil.cli.teller import Teller, set_aside_text
+    from liftgate_hil.cli.teller import Teller
     from liftgate_hil.conversion.convert import convert
+    from liftgate_hil.formats.target import set_aside_text
 
     how = reading_of(args)
     with Teller(args.quiet).progress("convert") as progress:

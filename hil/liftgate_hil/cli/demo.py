@@ -121,8 +121,9 @@ def _present(args: argparse.Namespace, shown: Result, stopped: StopSignals, fold
     """
     event = event_of(shown)
     if not args.no_record and len(shown.trace["time_s"]) > 1:  # not stopped before it began
-        with Teller(args.quiet, args.json).progress("picture"):
-            _draw(options.setup_of(args), shown, event, folder, mark)
+        teller = Teller(args.quiet, args.json)
+        with teller.progress("picture"):
+            _draw(options.setup_of(args), shown, event, folder, mark, teller)
     if not args.quiet and not args.json:
         _tell(args, shown, event, folder)
     report(args, shown, stopped, pinch=None if event is None else event.as_dict())
@@ -170,7 +171,7 @@ def _folder(args: argparse.Namespace) -> Path:
     return folder
 
 
-def _draw(setup: Setup, shown: Result, event: PinchEvent | None, folder: Path, mark: str) -> None:
+def _draw(setup: Setup, shown: Result, event: PinchEvent | None, folder: Path, mark: str, teller: Teller) -> None:
     """Write the picture. Raises ConfigError."""
     from liftgate_hil.report.run_plot import RunPicture, plot_run
     from liftgate_hil.signals import columns_of
@@ -184,7 +185,7 @@ def _draw(setup: Setup, shown: Result, event: PinchEvent | None, folder: Path, m
         marks=[(each.time, "reversal") for each in shown.events if "reversing" in each.text],
     )
     try:
-        plot_run(folder / "demo.png", picture)
+        plot_run(folder / "demo.png", picture, teller.say)
     except OSError as error:
         raise ConfigError(f"`output` {folder}: demo.png: {error.strerror}") from error
 

@@ -190,10 +190,21 @@ def _thinned(data: Sequence[Data], args: argparse.Namespace, vehicle: Vehicle) -
 
 def origin_of(args: argparse.Namespace) -> Provenance:
     """Return the provenance of the result of these flags, with the present contents of the files."""
-    from liftgate_hil.config.shipped import find_config
     from liftgate_hil.config.sources import sources_of
-    from liftgate_hil.measurement.read import needs_rig
     from liftgate_hil.report.provenance import provenance_of
+
+    return provenance_of(args.command_line, sources_of(_files_of(args)))
+
+
+def inputs_of(args: argparse.Namespace) -> list[Path]:
+    """Return the files that these flags have read, none of which is written."""
+    return [*_files_of(args).values()]
+
+
+def _files_of(args: argparse.Namespace) -> dict[str, Path]:
+    """Return the files that these flags name, by purpose."""
+    from liftgate_hil.config.shipped import find_config
+    from liftgate_hil.measurement.read import needs_rig
     from liftgate_hil.running.setup import rig_from
 
     files = {f"measurement {k + 1}": Path(name) for k, name in enumerate(args.files)}
@@ -205,7 +216,7 @@ def origin_of(args: argparse.Namespace) -> Provenance:
         if any(needs_rig(Path(name), {}) for name in args.files):
             rig = rig_from(args.rig)
             files |= {"rig": Path(rig.source), "dbc": rig.database}
-    return provenance_of(args.command_line, sources_of(files))
+    return files
 
 
 def deliver(
@@ -227,9 +238,9 @@ def deliver(
     content = {**content, "provenance": provenance.as_dict()}
     writers: list[Callable[[], None]] = []
     if args.result:
-        writers.append(lambda: write_json(args.result, "--result", content))
+        writers.append(lambda: write_json(args.result, "--result", content, teller.say))
     if args.html:
-        writers.append(lambda: write_report(args.html, "--html", page()))
+        writers.append(lambda: write_report(args.html, "--html", page(), teller.say))
     writers += more
     issues: list[str] = []
     with teller.progress("report"):

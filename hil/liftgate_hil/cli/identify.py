@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -133,7 +133,7 @@ def _run(args: argparse.Namespace, teller: Teller) -> int:
     from liftgate_hil.report.numbers import significant
 
     targets = {"--result": args.result, "--save-vehicle": args.save_vehicle, "--html": args.html}
-    check_targets(targets, [*args.files, args.vehicle] if Path(args.vehicle).is_file() else args.files)
+    check_targets(targets, fitting.inputs_of(args))
     origin = fitting.origin_of(args)
     if args.plan:
         return _plan(args, teller, origin)
@@ -279,7 +279,7 @@ def _deliver(args: argparse.Namespace, teller: Teller, origin: Provenance, resul
         return identification_html(result, origin)
 
     def save() -> None:
-        write_report(args.save_vehicle, "--save-vehicle", _vehicle_text(args, result))
+        write_report(args.save_vehicle, "--save-vehicle", _vehicle_text(args, result), teller.say)
         kept = [each.name for each in result.parameters if not each.identifiable and not each.is_held]
         if kept:
             teller.say(
@@ -345,17 +345,20 @@ def _check_saved(text: str, target: str, sought: Sequence[str], identifiable: Ma
         ) from error
 
 
-def _write_inputs(folder: Path, result: Plan) -> Iterator[str]:
-    """Write the inputs of the best sequence, and yield a line on each file. Raises ConfigError."""
+def _write_inputs(folder: Path, inputs: Sequence[Path], result: Plan, say: Callable[[str], None]) -> None:
+    """Write the inputs of the best sequence, and tell each file. Raises ConfigError, also for one of `inputs`."""
+    from liftgate_hil.formats.target import check_no_input
     from liftgate_hil.identify.reporting.plan import input_csv, input_name
+    from liftgate_hil.report.files import put_report
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for number, each in enumerate(result.order, 1):
             planned, path = each.candidate, folder / f"{number}-{input_name(each.candidate)}.csv"
-            path.write_text(input_csv(planned), encoding="utf-8")
+            check_no_input(path, inputs)
+            put_report(path, input_csv(planned).encode(), say)
             where = f"from rest at {planned.angle_deg:g} deg, road_slope_deg {planned.road_slope_deg:g}"
-            yield f"written: {path}: {where}"
+            say(f"written: {path}: {where}")
     except OSError as error:
         raise ConfigError(f"`save_inputs` {folder}: {error.strerror}; allowed: a folder") from error
 
@@ -383,8 +386,7 @@ def _plan(args: argparse.Namespace, teller: Teller, origin: Provenance) -> int:
         result = plan(vehicle, model, sought, columns, candidates(vehicle, args.duration, 1000.0))
 
     def save() -> None:
-        for line in _write_inputs(Path(args.save_inputs), result):
-            teller.say(line)
+        _write_inputs(Path(args.save_inputs), fitting.inputs_of(args), result, teller.say)
 
     # No page: --html is refused above.
     files = [save] if args.save_inputs is not None else []

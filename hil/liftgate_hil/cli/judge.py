@@ -25,7 +25,8 @@ from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.suite_reports import (
     Output,
     add_reports,
-    remove_earlier,
+    clear_the_way,
+    refuse_inputs,
     reporting_issues,
     summary_of,
     targets_of,
@@ -101,10 +102,13 @@ def run(args: argparse.Namespace) -> int:
     report, outcomes = SuiteReport(), []
     teller = Teller(args.quiet, args.json == "-")
     with reporting_issues(targets):
+        read = (*args.recordings, *args.maps, args.scenario, args.vehicle, args.rig)
+        refuse_inputs(targets, [each for each in read if each])
         about = _about(args)
         runs = judged_suite.runs_of(args.recordings, args.one_run)
         cases = judged_suite.cases_of(runs, about, is_reported=any(targets.values()))
-        remove_earlier(targets)
+        refuse_inputs(targets, [path for case in cases for path in case.plan.inputs])
+        clear_the_way(targets, teller.say)
         with teller.progress("judge", len(cases)) as progress:
             for outcome, notes in judged_suite.judge_suite(cases, about, bool(targets["html"]), stop):
                 outcomes.append(report.take(outcome))

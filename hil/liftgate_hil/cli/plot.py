@@ -49,14 +49,17 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.conversion.figures.catalogue import drawn
     from liftgate_hil.conversion.sheet import write_picture
+    from liftgate_hil.conversion.table import files_of
 
     _check(args)
-    sources = [] if args.recording is None else [args.recording]
+    sources = [each for each in (args.recording, args.vehicle) if each is not None]
+    sources += [] if args.rig is None else files_of(args.rig)
     target = recordings.check_picture(args.output or _target(args), sources)
-    with Teller(args.quiet).progress("plot"):
+    teller = Teller(args.quiet)
+    with teller.progress("plot"):
         subject = _subject(args)
         made = drawn(args.figure, subject)
-        write_picture(target, made.figure, subject.title, made.caption)
+        write_picture(target, made.figure, subject.title, made.caption, teller.say)
     if not args.quiet:
         print(printable(f"written: {target}"))
         if made.note:

@@ -91,7 +91,7 @@ def window_of(args: argparse.Namespace) -> Window:
     return window
 
 
-def check_picture(name: str, sources: Sequence[str]) -> Path:
+def check_picture(name: str, sources: Sequence[str | Path]) -> Path:
     """Return the path of a picture. Raises ConfigError where no picture can be written there."""
     from liftgate_hil.conversion.sheet import SUFFIXES
     from liftgate_hil.errors import ConfigError

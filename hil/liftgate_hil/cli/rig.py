@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
-from liftgate_hil.config.files import is_there, write_text
+from liftgate_hil.config.files import is_there
 from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
@@ -186,6 +186,7 @@ def _draft(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.config.database import database_file
     from liftgate_hil.config.drafting.draft import draft_rig
+    from liftgate_plant.compiler.files import write_whole
 
     database = database_file(args.database).path
     beside = database.with_suffix(".toml") if database.name else database / "rig.toml"
@@ -196,7 +197,10 @@ def _draft(args: argparse.Namespace) -> int:
     with Teller(is_quiet=False).progress(f"reading {printable(database.name)}"):
         draft = draft_rig(args.database, target)
     if is_file:
-        write_text(target, draft.text)
+        try:
+            write_whole(target, draft.text.encode(), is_new=True)
+        except OSError as error:
+            raise ConfigError(f"{target}: cannot be written: {error.strerror}") from error
     else:
         print(draft.text, end="")
     lines = [f"{target}: mapped: {', '.join(draft.mapped) or 'nothing'}"] if is_file else []

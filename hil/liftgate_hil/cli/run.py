@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()
-    result = run_loop(args, stopped, RUN_EXIT_CODES, keeps_recordings=True)
+    result = run_loop(args, stopped, RUN_EXIT_CODES)
     raise_error(args, result, stopped)
     report(args, result, stopped)
     return exit_code_of(result, RUN_EXIT_CODES)

@@ -9,7 +9,7 @@ import argparse
 import contextlib
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from liftgate_hil.cli.progress import Progress
+    from liftgate_hil.cli.teller import Teller
     from liftgate_hil.formats.content import Content
     from liftgate_hil.formats.edges import EdgeFile
     from liftgate_hil.loop.simulation import Block
@@ -84,7 +85,6 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.config.plausibility import notes_on_vehicle
     from liftgate_hil.formats.content import Content
-    from liftgate_hil.formats.edges import EdgeFile
     from liftgate_hil.loop.simulation import simulate
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.measurement.mapping import parse_maps
@@ -97,10 +97,8 @@ def run(args: argparse.Namespace) -> int:
 
     setup = options.setup_of(args)
     vehicle, scenario = setup.vehicle, setup.scenario
-    output = _output_of(args.output)
-    if args.input and output is not None:
-        _check_apart("output", args.output, "input", args.input)
-    edges = _edges_of(args)
+    inputs = [*setup.inputs, *(Path(name) for name in (args.input, *args.maps) if name)]
+    output, edges = _targets_of(args, inputs)
     if args.maps and not args.input:
         raise ConfigError("`map`: allowed with `input`")
     samples = constant_voltage(args.voltage or 0.0)
@@ -127,14 +125,15 @@ def run(args: argparse.Namespace) -> int:
         title="liftgate-hil simulate",
         remark=course.remark,
         about=_about(args, setup, output, duration),
+        inputs=inputs,
     )
     with (
         progress,
         reporting_compilation(teller, stopped),
         contextlib.suppress(GivenUpError),
-        contextlib.nullcontext() if edges is None else contextlib.closing(EdgeFile("edges", edges)) as edge_file,
+        contextlib.nullcontext() if edges is None else _opened(edges, inputs, teller) as edge_file,
     ):
-        _write(output, content, _rows_of(course.over(blocks, stopped), edge_file))
+        _write(output, content, _rows_of(course.over(blocks, stopped), edge_file), teller.say)
     if course.is_complete:
         if output is not None and sys.stderr is not None and sys.stderr.isatty():  # to a person
             teller.say(f"written: {output}, {course.rows} rows to {course.time:.3f} s")
@@ -218,6 +217,21 @@ def _length_of(args: argparse.Namespace, times: NDArray[np.float64]) -> float:
     return length
 
 
+def _targets_of(args: argparse.Namespace, inputs: Sequence[Path]) -> tuple[Path | None, Path | None]:
+    """Return the files for the table, None: stdout, and for the edges, None: none. Raises ConfigError."""
+    output, edges = _output_of(args.output), _edges_of(args)
+    for name, path in (("output", output), ("edges", edges)):
+        _check_no_input(name, path, inputs, args.input)
+    return output, edges
+
+
+def _opened(path: Path, inputs: Sequence[Path], teller: Teller) -> contextlib.closing[EdgeFile]:
+    """Return a context with the file for the edges. Raises ConfigError."""
+    from liftgate_hil.formats.edges import EdgeFile
+
+    return contextlib.closing(EdgeFile("edges", path, inputs, teller.say))
+
+
 def _output_of(name: str) -> Path | None:
     """Return the file to write; None: stdout. Raises ConfigError."""
     from liftgate_hil.formats.open import TABLES, check_file
@@ -236,15 +250,23 @@ def _edges_of(args: argparse.Namespace) -> Path | None:
     if args.edges is None:
         return None
     path = check_file("edges", args.edges, (".csv",))
-    for name in ("input", "output"):
-        if other := getattr(args, name):
-            _check_apart("edges", args.edges, name, other)
+    if os.path.realpath(path) == os.path.realpath(args.output):
+        raise ConfigError(f"`edges` {args.edges}: allowed: another file than `output`")
     return path
 
 
-def _check_apart(flag: str, name: str, other_flag: str, other: str) -> None:
-    if os.path.realpath(name) == os.path.realpath(other):
-        raise ConfigError(f"`{flag}` {name}: allowed: another file than `{other_flag}`")
+def _check_no_input(flag: str, path: Path | None, inputs: Sequence[Path], given: str | None) -> None:
+    """Raise ConfigError where a file to write is one that is read."""
+    from liftgate_hil.formats.target import check_no_input, is_one_of
+
+    if path is None:
+        return
+    if given and is_one_of(path, [Path(given)]):
+        raise ConfigError(f"`{flag}` {path}: allowed: another file than `input`")
+    try:
+        check_no_input(path, inputs)
+    except ConfigError as error:
+        raise ConfigError(f"`{flag}` {error}") from error
 
 
 def _rows_of(blocks: Iterable[Block], edge_file: EdgeFile | None) -> Iterator[NDArray[np.float64]]:
@@ -255,7 +277,9 @@ def _rows_of(blocks: Iterable[Block], edge_file: EdgeFile | None) -> Iterator[ND
         yield block.rows
 
 
-def _write(output: Path | None, content: Content, blocks: Iterable[NDArray[np.float64]]) -> None:
+def _write(
+    output: Path | None, content: Content, blocks: Iterable[NDArray[np.float64]], say: Callable[[str], None]
+) -> None:
     """Write all rows, until writing fails. Raises ConfigError, RecordingError."""
     from liftgate_hil.formats.csv_file import CsvWriter
     from liftgate_hil.formats.guarded import raise_failures
@@ -273,7 +297,7 @@ def _write(output: Path | None, content: Content, blocks: Iterable[NDArray[np.fl
         except OSError as error:
             raise RecordingError(f"`output` -: {why(error)}") from error
         return
-    recorder = open_writer(output, content, argument="output", is_salvaged=False)
+    recorder = open_writer(output, content, None, say, "output", is_salvaged=False)
     try:
         recorder.begin(0)
         for rows in blocks:

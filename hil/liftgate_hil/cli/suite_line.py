@@ -15,11 +15,15 @@ if TYPE_CHECKING:
     from liftgate_hil.testing.suite import Case, Outcome
 
 
-class CompilingOnly(Listener):
-    """Listener of one run among many that reports only compilation, for which all runs wait."""
+class QuietListener(Listener):
+    """Listener of one run among many that reports alarms, and compilation, for which all runs wait."""
 
     def __init__(self, teller: Teller) -> None:
         self._teller = teller
+
+    def alarm(self, text: str) -> None:
+        """Pass on an alarm."""
+        self._teller.say(text)
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
         """Pass the progress of a compilation on."""

@@ -12,19 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.cli import streams
 from liftgate_hil.cli.options import as_flags
-from liftgate_hil.errors import ConfigError, number_of
-from liftgate_hil.report.files import write_whole
-from liftgate_hil.report.page import GENERATOR
+from liftgate_hil.errors import ConfigError, number_of, printable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from liftgate_hil.formats.guarded import Say
     from liftgate_hil.testing.suite import Outcome
 
 
 _IN_RESULTS = {"json": "verdicts.json", "junit": "junit.xml", "html": "report.html"}  # files of --results
-# Bytes near the beginning of our own reports.
-_BEGINS = {"json": b'{\n  "verdict"', "junit": b'<testsuites name="liftgate-hil', "html": GENERATOR.encode()}
 
 
 class Output:
@@ -100,6 +97,8 @@ def _issue_with(kind: str, given: str) -> str:
         if kind == "html":
             return "`html` -: allowed: a file"
         return f"`{kind}` -: stdout is closed; allowed: a file" if sys.stdout is None else ""
+    from liftgate_hil.report.files import is_of_another_kind
+
     path = Path(given)
     if not path.parent.is_dir():
         return f"`{kind}` {given}: no such folder; allowed: a file in an existing folder"
@@ -107,26 +106,30 @@ def _issue_with(kind: str, given: str) -> str:
         return f"`{kind}` {given}: is a folder; allowed: a file"
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         return f"`{kind}` {given}: cannot be written; allowed: a file that can"
-    if path.is_file() and not _is_report(path, kind):
+    if is_of_another_kind(path, kind):
         return f"`{kind}` {given}: holds something else; allowed: a new file, or an earlier report of this kind"
     return ""
 
 
-def _is_report(path: Path, kind: str) -> bool:
-    """Whether a file begins as a report of a kind does, or is empty: a scenario or a recording does not."""
-    try:
-        with path.open("rb") as stream:
-            begin = stream.read(64).lstrip(b"\xef\xbb\xbf \t\r\n")
-    except OSError:
-        return True  # it will be said when it is written
-    return not begin or begin.startswith(b"{" if kind == "json" else b"<")
+def refuse_inputs(targets: Mapping[str, list[str]], inputs: Iterable[str | Path]) -> None:
+    """Take away the targets that are files to be read, and raise ConfigError with them, if there are any."""
+    from liftgate_hil.formats.target import is_one_of
+
+    known, issues = [Path(each) for each in inputs], []
+    for kind, paths in targets.items():
+        for given in [each for each in paths if each != "-" and is_one_of(Path(each), known)]:
+            paths.remove(given)
+            issues.append(f"`{kind}` {given}: is an input file; allowed: another file")
+    if issues:
+        raise ConfigError(issues)
 
 
 @contextlib.contextmanager
 def reporting_issues(targets: Mapping[str, list[str]]) -> Iterator[None]:
     """Context that writes a ConfigError into the JUnit files: earlier, green ones would be taken for its result.
 
-    Earlier files of the other kinds are removed; what is no file, such as /dev/null, stays.
+    Earlier files of the other kinds are removed; what is no file, such as /dev/null, stays. What is not ours in
+    the place of a JUnit file is set aside.
     """
     try:
         yield
@@ -140,21 +143,34 @@ def reporting_issues(targets: Mapping[str, list[str]]) -> Iterator[None]:
 
 
 def remove_earlier(targets: Mapping[str, list[str]]) -> None:
-    """Remove earlier reports of ours: a run that is killed would leave them as its own. All else stays."""
-    for kind, paths in targets.items():
-        for path in map(Path, paths):
-            if path.is_file() and _is_ours(path, kind):
-                with contextlib.suppress(OSError):
-                    Path(os.path.realpath(path)).unlink()
+    """Remove earlier reports of ours: a run that is killed would leave them as its own. All else stays.
+
+    What killed processes have left beside them is removed, too.
+    """
+    from liftgate_hil.report.ours import is_ours
+    from liftgate_plant.compiler.files import remove_leftovers
+
+    for path in _files_in(targets):
+        if path.is_file() and is_ours(path):
+            with contextlib.suppress(OSError):
+                Path(os.path.realpath(path)).unlink()
+        remove_leftovers(path.parent, path.name)
 
 
-def _is_ours(path: Path, kind: str) -> bool:
-    """Whether a file begins as our own reports of a kind do."""
-    try:
-        with path.open("rb") as stream:
-            return _BEGINS[kind] in stream.read(400)
-    except OSError:
-        return False
+def clear_the_way(targets: Mapping[str, list[str]], say: Say) -> None:
+    """Remove earlier reports of ours, and set aside other content of their places, which `say` is told.
+
+    Raises ConfigError.
+    """
+    from liftgate_hil.report.files import make_way
+
+    remove_earlier(targets)
+    for path in _files_in(targets):
+        make_way(path, say)
+
+
+def _files_in(targets: Mapping[str, list[str]]) -> list[Path]:
+    return [Path(each) for paths in targets.values() for each in paths if each != "-"]
 
 
 def report_flags(arguments: Sequence[str], message: str) -> None:
@@ -164,7 +180,13 @@ def report_flags(arguments: Sequence[str], message: str) -> None:
         parser.add_argument(f"--{name}", nargs="?")  # the value may be what is missing
     with contextlib.suppress(argparse.ArgumentError, ConfigError):
         args, _ = parser.parse_known_args(arguments)
-        with reporting_issues(targets_of(args)):
+        others = list(arguments)
+        for given in (args.json, args.junit, args.html):
+            if given in others:
+                others.remove(given)
+        targets = targets_of(args)
+        with reporting_issues(targets):
+            refuse_inputs(targets, others)
             raise ConfigError(message)
 
 
@@ -186,14 +208,21 @@ def write_all(targets: Mapping[str, list[str]], contents: Mapping[str, Callable[
         raise ConfigError(issues)
 
 
+def _tell(text: str) -> None:
+    if sys.stderr is not None:
+        print(printable(text), file=sys.stderr)
+
+
 def _write(target: str, content: bytes) -> None:
     if target == "-":
         out = Output()
         out.put([content.decode()])
         out.raise_if_lost()
         return
+    from liftgate_hil.report.files import put_report
+
     try:
-        write_whole(Path(target), content)
+        put_report(Path(target), content, _tell)
     except OSError as error:
         raise ConfigError(f"{target}: cannot be written: {error.strerror}") from error
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from liftgate_hil.cli.options import as_flags
@@ -15,11 +14,6 @@ from liftgate_hil.cli.screen import Screen
 from liftgate_hil.loop.listener import Listener, Status
 
 _EVERY_S = 0.2  # between two drawings of the panel
-
-
-def set_aside_text(path: Path, aside: Path) -> str:
-    """Return a text on a file that was there, and what it is called now."""
-    return f"{path}: the recording that was there is now {aside}"
 
 
 class Teller(Listener):

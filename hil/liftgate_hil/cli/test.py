@@ -12,7 +12,7 @@ import itertools
 import math
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,7 +23,8 @@ from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.suite_reports import (
     Output,
     add_reports,
-    remove_earlier,
+    clear_the_way,
+    refuse_inputs,
     reporting_issues,
     summary_of,
     targets_of,
@@ -93,7 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
-    from liftgate_hil.cli.suite_line import CompilingOnly, SuiteLine
+    from liftgate_hil.cli.suite_line import QuietListener, SuiteLine
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.report.provenance import provenance_of
     from liftgate_hil.testing import suite
@@ -103,16 +104,12 @@ def run(args: argparse.Namespace) -> int:
 
     targets, out = targets_of(args), Output()
     teller = Teller(args.quiet, is_json=args.json == "-")
-    with reporting_issues(targets):
-        template = _template(args, CompilingOnly(teller))
-        files = suite.scenario_files(args.paths)
-        with naming_the_flag():
-            cases = suite.cases_of(files, template)
-    remove_earlier(targets)
-    _tell_fit(cases, teller)
     keeps = args.recordings or "all"
-    if args.results and keeps != "none":
-        cases = _recorded(cases, Path(args.results), args.retry_inconclusive)
+    with reporting_issues(targets):
+        template = _template(args, QuietListener(teller))
+        cases = _cases_of(args, template, targets)
+    clear_the_way(targets, teller.say)
+    _tell_fit(cases, teller)
     stop = StopSignals()
     jobs = 1 if suite.is_alone(template) else args.jobs or len(os.sched_getaffinity(0))
     report = SuiteReport()
@@ -150,6 +147,21 @@ def run(args: argparse.Namespace) -> int:
     if mutation is not None and mutation.verdict != PASS:
         print(f"liftgate-hil: {mutation.reason}", file=sys.stderr)
     return stop.exit_code if stop.received else EXIT_CODES[verdict]
+
+
+def _cases_of(args: argparse.Namespace, template: Job, targets: Mapping[str, list[str]]) -> list[Case]:
+    """Return the cases of these flags, with recordings. Raises ConfigError, also for a target that is read."""
+    from liftgate_hil.testing import suite
+
+    refuse_inputs(targets, [each for each in (*args.paths, args.vehicle, args.rig, args.ecu) if each])
+    files = suite.scenario_files(args.paths)
+    with naming_the_flag():
+        cases = suite.cases_of(files, template)
+    inputs = [*files, *(path for case in cases for path in case.plan.inputs)]
+    refuse_inputs(targets, inputs)
+    if args.results and args.recordings != "none":
+        return _recorded(cases, Path(args.results), args.retry_inconclusive, inputs)
+    return cases
 
 
 def _tell_fit(cases: Sequence[Case], teller: Teller) -> None:
@@ -248,16 +260,19 @@ def parameters_of(given: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def _recorded(cases: Sequence[Case], folder: Path, attempts: int) -> list[Case]:
+def _recorded(cases: Sequence[Case], folder: Path, attempts: int, inputs: Sequence[Path]) -> list[Case]:
     """Return the cases with recordings of each in a folder: frames, and one row per tick.
 
-    No two have a name in common, those of up to `attempts` earlier attempts included.
+    No two have a name in common, those of up to `attempts` earlier attempts included. Raises ConfigError where one
+    is among the `inputs`.
     """
+    from liftgate_hil.formats.target import is_one_of
     from liftgate_hil.running.plan import Plan
     from liftgate_hil.testing.suite import attempt_stem
 
     kept: list[Case] = []
     names: set[str] = set()
+    issues: list[str] = []
     for case in cases:
         stem = Path(case.file).stem
         for count in itertools.count(1):
@@ -267,9 +282,17 @@ def _recorded(cases: Sequence[Case], folder: Path, attempts: int) -> list[Case]:
                 break
         names |= own
         records = (folder / f"{name}.log", folder / f"{name}.csv")
+        targets = [folder / f"{each}{path.suffix}" for each in sorted(own) for path in records]
+        issues += [
+            f"`results` {each}: is an input file; allowed: another folder"
+            for each in targets
+            if is_one_of(each, inputs)
+        ]
         job = replace(case.job, options=replace(case.job.options, record=records))
         assert isinstance(case.plan, Plan)
         kept.append(replace(case, plan=case.plan.varied(job)))
+    if issues:
+        raise ConfigError(issues)
     return kept
 
 

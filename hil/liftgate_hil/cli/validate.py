@@ -47,7 +47,7 @@ def _run(args: argparse.Namespace, teller: Teller) -> int:
     from liftgate_hil.identify.reporting.json_result import validation_json
     from liftgate_hil.report.files import check_targets
 
-    check_targets({"--result": args.result, "--html": args.html}, args.files)
+    check_targets({"--result": args.result, "--html": args.html}, fitting.inputs_of(args))
     with teller.progress("validate"):
         origin = fitting.origin_of(args)
         vehicle = options.vehicle_of(args)

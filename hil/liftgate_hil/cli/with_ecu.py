@@ -20,10 +20,9 @@ from liftgate_hil.cli import options
 from liftgate_hil.cli.panel import View
 from liftgate_hil.cli.progress import AFTER_S
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.teller import Teller, set_aside_text
+from liftgate_hil.cli.teller import Teller
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, EcuError
-from liftgate_hil.formats.target import set_aside
 from liftgate_hil.judging.verdict import ERROR
 from liftgate_hil.running.processes.children import end, foreign_output
 from liftgate_hil.running.processes.supervisor import dies_with_parent
@@ -50,13 +49,11 @@ def run_loop(
     exit_codes: Mapping[str, int],
     has_wire: bool = True,
     trace: int = 0,
-    keeps_recordings: bool = False,
 ) -> Result:
     """Run the gate with its ECU and return the result; `exit_codes` of the command are told on the page.
 
-    With `keeps_recordings` files that have the names of the run's recordings are set aside. Without a wire and on
-    a virtual bus the ECU is in this process, or in a worker of its own; on any other bus it is a second process
-    there. Raises LiftgateError; what went wrong in the run is in the result.
+    Without a wire and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus it
+    is a second process there. Raises LiftgateError; what went wrong in the run is in the result.
     """
     from liftgate_hil.config.after_the_end import stimuli_after
     from liftgate_hil.config.rig_fit import notes_on_fit
@@ -69,10 +66,6 @@ def run_loop(
     job = _job_of(args, exit_codes, has_wire, trace, teller)
     with teller.progress("preparing the run"):
         plan = plan_of(job)
-    if keeps_recordings:
-        for path in plan.options.record:
-            if (aside := set_aside(path)) is not None:
-                teller.say(set_aside_text(path, aside))
     vehicle = plan.setup.vehicle
     after_s = AFTER_S if args.clock == "free" else 0.0  # in real time the first seconds count, too
     teller.sees(View(math.degrees(vehicle.gate.open_angle), plan.duration, vehicle.drives, after_s))

@@ -1,4 +1,4 @@
-"""Read and write files that a user names, and report what is wrong with them."""
+"""Read files that a user names, and report what is wrong with them."""
 
 from __future__ import annotations
 
@@ -58,12 +58,3 @@ def read_bytes(path: Path, most: int | None = None, called: str = "") -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{called or path}: cannot be read: {error.strerror}") from error
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a new file. Raises ConfigError, also if it exists."""
-    try:
-        with path.open("x", encoding="utf-8") as stream:
-            stream.write(text)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error

@@ -18,6 +18,11 @@ class PointsReader:
     def __init__(self) -> None:
         self._kept: dict[tuple[Path, str], list[list[float]]] = {}
 
+    @property
+    def files(self) -> list[Path]:
+        """The files that were read."""
+        return list(dict.fromkeys(path for path, _ in self._kept))
+
     def read(self, path: Path, quantity: str) -> list[list[float]]:
         """Return the points [time, value]. Raises ConfigError."""
         if (path, quantity) not in self._kept:

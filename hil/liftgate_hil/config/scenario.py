@@ -54,6 +54,7 @@ class Scenario:
     requirement: tuple[str, ...] = ()
     source: str = ""  # the file
     included: tuple[str, ...] = ()  # files that it includes
+    tables: tuple[str, ...] = ()  # files with points of its profiles
 
     def awaited(self) -> list[Expectation]:
         """Return the conditions that its stimuli wait for, as expectations."""
@@ -125,7 +126,7 @@ class ScenarioFile:
 
 def read_scenario(path: Path) -> ScenarioFile:
     """Read a scenario file and those that it includes. Raises ConfigError if the file itself cannot be read."""
-    return ScenarioFile(path, tuple(_parts(path, [])))
+    return ScenarioFile(path, tuple(_parts(path, [], set())))
 
 
 def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Scenario:
@@ -183,6 +184,7 @@ def _scenario_of(file: ScenarioFile, replaced: Mapping[str, float]) -> Scenario:
         requirement=top.requirement,
         source=str(file.path),
         included=tuple(str(part.path) for part in parts[:-1]),
+        tables=tuple(map(str, file.points.files)),
     )
 
 
@@ -237,8 +239,11 @@ def _issues_of(part: _Part) -> ConfigIssues:
     return issues
 
 
-def _parts(path: Path, above: Sequence[Path]) -> list[_Part]:
-    """Return the files of a scenario, each once, after those that it includes. Raises ConfigError."""
+def _parts(path: Path, above: Sequence[Path], known: set[Path]) -> list[_Part]:
+    """Return the files of a scenario, each once, after those that it includes. Raises ConfigError.
+
+    `above` are the files that include this one; those that are `known` have been read, and it becomes one of them.
+    """
     raw = read_toml(path)
     check_kind(path, raw, "scenario", [key.name for key in keys_of(ScenarioTable)])
     above = [*above, path.resolve()]
@@ -249,18 +254,20 @@ def _parts(path: Path, above: Sequence[Path]) -> list[_Part]:
         file = path.parent / name
         try:
             issue = issue_with(file)
-            if not issue and file.resolve() in above:
+            real = file if issue else file.resolve()
+            if not issue and real in above:
                 issue = "includes this file itself; allowed: files that do not"
+            if not issue and real in known:
+                continue
             if issue or len(above) > _MOST_FILES:
                 issues.append(
                     (f"include[{place}]", f"{show(name)}: {issue or 'files include each other too deeply'}")
                 )
                 continue
-            for part in _parts(file, above):
-                if all(part.path.resolve() != each.path.resolve() for each in found):
-                    found.append(part)
+            found += _parts(file, above, known)
         except ConfigError as error:
             lines += error.issues
+    known.add(above[-1])
     return [*found, _Part(path, raw, tuple(issues), tuple(lines))]
 
 

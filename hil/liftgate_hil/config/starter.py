@@ -7,6 +7,7 @@ from pathlib import Path
 
 from liftgate_hil.config.shipped import c_headers, data_root, ecu_sources
 from liftgate_hil.errors import ConfigError
+from liftgate_plant.compiler.files import write_whole
 
 # Name in the new folder: the shipped file that is copied. The rig finds its database beside itself by this name.
 _FILES = {
@@ -50,7 +51,7 @@ def create_starter(folder: Path) -> list[Path]:
             target = folder / name
             target.parent.mkdir(parents=True, exist_ok=True)
             # Only the content is copied: an installed file may be read-only.
-            target.write_bytes(source.read_bytes())
+            write_whole(target, source.read_bytes(), is_new=True)
     except OSError as error:
         where = error.filename or folder
         raise ConfigError(f"{folder}: cannot be written: {where}: {error.strerror}") from error

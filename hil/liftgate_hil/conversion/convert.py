@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR
-from liftgate_hil.conversion.table import decoded
+from liftgate_hil.conversion.table import decoded, files_of
 from liftgate_hil.errors import ConfigError, RecordingError, number_of, printable
 from liftgate_hil.formats.bus_log import BUS_ERROR
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.guarded import raise_failures
 from liftgate_hil.formats.open import FORMATS, WITH_MARKS, check_file, open_recording, open_writer
+from liftgate_hil.formats.ours import is_ours
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
-from liftgate_hil.formats.target import aside_of, is_special, set_aside
+from liftgate_hil.formats.target import is_one_of, is_special, set_aside, why
 from liftgate_hil.formats.writer import Writer
+from liftgate_plant.compiler.files import remove_leftovers, whole_file
 
 # Formats whose error frames have neither class nor data: they hold those alone that state none either.
 _WITHOUT_CLASS = (".asc", ".blf")
@@ -77,12 +79,11 @@ def convert(
     Raises ConfigError, RecordingError.
     """
     target = _checked(target)
-    if os.path.realpath(source) == os.path.realpath(target):
+    inputs = [source] if rig is None else [source, *files_of(rig)]
+    if is_one_of(target, inputs):
         raise ConfigError(f"{target}: is the input file; allowed: another file")
-    if target.exists() and os.path.realpath(source) == os.path.realpath(aside_of(target)):
-        raise ConfigError(f"{target}: {source} would be replaced by the file that is there; allowed: another name")
     plan = _plan(open_recording(source, how), target, rig)
-    return _written(plan, target, stopped, report)
+    return _written(plan, target, inputs, stopped, report)
 
 
 def _checked(target: Path) -> Path:
@@ -165,13 +166,48 @@ def _marks_for(source: Recording, target: Path) -> tuple[tuple[float, str], ...]
     return tuple((time_s, printable(text)) for time_s, text in sorted(source.marks, key=lambda mark: mark[0]))
 
 
+class _StoppedError(Exception):
+    """Raised to leave a file that is not complete."""
+
+
 def _written(
-    plan: _Plan, target: Path, stopped: Callable[[], bool], report: Callable[[int, int], None]
+    plan: _Plan,
+    target: Path,
+    inputs: Sequence[Path],
+    stopped: Callable[[], bool],
+    report: Callable[[int, int], None],
 ) -> Converted:
     """Write to a file beside the target; once that is complete, set an older target aside and take its name."""
-    path = target
-    if not is_special(target):
-        path = target.with_name(f"{target.stem}.part-{os.getpid()}{target.suffix}")
+    is_file, asides = not is_special(target), list[Path | None]()
+
+    def make_way() -> None:
+        asides.append(set_aside(target, is_ours, inputs))
+
+    try:
+        if is_file:
+            remove_leftovers(target.parent, target.name)
+            with contextlib.suppress(_StoppedError), whole_file(target, make_way=make_way) as stream:
+                copied = _copied(plan, target, stream, stopped, report)
+                if stopped():
+                    raise _StoppedError
+        else:
+            copied = _copied(plan, target, None, stopped, report)
+    except (RecordingError, OSError) as error:
+        text = f"{error.filename or target}: {why(error)}" if isinstance(error, OSError) else str(error)
+        text = text.removeprefix("`OUT` ")
+        raise RecordingError(f"{text}; no file was written" if is_file else text) from error
+    notes = (*plan.source.notes, *plan.notes)  # what the reader left out is known at the end
+    return Converted(copied.rows, copied.frames, copied.marks, notes, not stopped(), next(iter(asides), None))
+
+
+def _copied(
+    plan: _Plan,
+    target: Path,
+    stream: BinaryIO | None,
+    stopped: Callable[[], bool],
+    report: Callable[[int, int], None],
+) -> _Copied:
+    """Copy all into a stream, or the target itself, until stopped. Raises RecordingError, ConfigError."""
     signals = plan.table.signals if plan.table else {}
     content = Content(
         columns=list(signals),
@@ -180,28 +216,15 @@ def _written(
         about=plan.source.about,
         row=signals,
     )
-    recorder = open_writer(path, content, argument="OUT", is_salvaged=False)
-    aside = None
+    recorder = open_writer(target, content, argument="OUT", is_salvaged=False, stream=stream)
     try:
-        try:
-            recorder.begin(plan.source.start_ns)
-            copied = _Copied(plan, recorder, target, lambda: stopped() or bool(recorder.failure), report)
-            copied.all()
-        finally:
-            recorder.close()
-        raise_failures([recorder])
-        if path != target and not stopped():
-            aside = set_aside(target)
-            path.replace(target)
-    except RecordingError as error:
-        text = str(error).removeprefix("`OUT` ").replace(str(path), str(target))
-        raise RecordingError(text if path == target else f"{text}; no file was written") from error
+        recorder.begin(plan.source.start_ns)
+        copied = _Copied(plan, recorder, target, lambda: stopped() or bool(recorder.failure), report)
+        copied.all()
     finally:
-        if path != target:
-            with suppress(FileNotFoundError):
-                path.unlink()
-    notes = (*plan.source.notes, *plan.notes)  # what the reader left out is known at the end
-    return Converted(copied.rows, copied.frames, copied.marks, notes, not stopped(), aside)
+        recorder.close()
+    raise_failures([recorder])
+    return copied
 
 
 class _Copied:

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.report.drawing import pdf, png, style, svg
-from liftgate_hil.report.files import write_whole
+from liftgate_hil.report.files import put_report
 from liftgate_hil.report.numbers import clean
+from liftgate_hil.report.ours import SOFTWARE
 from liftgate_hil.report.page import figure as figure_html
 from liftgate_hil.report.page import page
 
@@ -63,10 +65,13 @@ def legend_above(axis: Axes, handles: list[Any] | None = None, columns: int = 5)
     )
 
 
-def write_picture(path: Path, figure: Figure, title: str, caption: str) -> None:
-    """Write the plot in the format of its suffix, one of SUFFIXES. Raises ConfigError if it cannot be written."""
+def write_picture(path: Path, figure: Figure, title: str, caption: str, say: Say = silent) -> None:
+    """Write the plot in the format of its suffix, one of SUFFIXES; see `put_report`.
+
+    Raises ConfigError if it cannot be written.
+    """
     try:
-        write_whole(path, _drawn_as(path.suffix.lower(), figure, title, caption))
+        put_report(path, _drawn_as(path.suffix.lower(), figure, title, caption), say)
     except OSError as error:
         raise ConfigError(f"`output` {path}: cannot be written: {error.strerror}") from error
 
@@ -80,7 +85,7 @@ def _drawn_as(suffix: str, figure: Figure, title: str, caption: str) -> bytes:
     if suffix == ".svg":
         stream = io.BytesIO()
         with style():
-            nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-            figure.savefig(stream, format="svg", metadata=nothing, facecolor="white")
+            about = {**dict.fromkeys(("Date", "Format", "Type")), "Creator": SOFTWARE}
+            figure.savefig(stream, format="svg", metadata=about, facecolor="white")
         return stream.getvalue()
     return page(title, "", [figure_html(svg(figure, "picture", title), caption)]).encode()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,6 +69,18 @@ def messages_of(rig: str) -> Messages:
     from liftgate_hil.config.rig import load_rig
 
     return load_rig(find_config("rigs", rig)).messages
+
+
+def files_of(rig: str) -> list[Path]:
+    """Return the files of a rig, or a database itself, as far as they can be found."""
+    if is_database(rig):
+        return [database_file(rig).path]
+    from liftgate_hil.config.rig import load_rig
+
+    with contextlib.suppress(ConfigError):  # which is raised where it is used
+        found = load_rig(find_config("rigs", rig))
+        return [Path(found.source), found.database]
+    return []
 
 
 def open_table(path: Path, rig: str | None = None, how: ReadOptions = AS_IT_IS) -> Recording:

@@ -81,7 +81,7 @@ class AscWriter(StreamWriter):
         """Write the wall clock at the start of the run [ns since 1970], and the provenance as comments."""
         super().begin(epoch_ns)
         self._writer.begin(epoch_ns // 1000)
-        for line in lines_about(self._content.about):
+        for line in lines_about(self._content.about) or [self._content.title]:  # `ours` looks for the name
             self._writer.file.write(f"// {line}\n")
 
     def write_frames(self, frames: Any) -> None:

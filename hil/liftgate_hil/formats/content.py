@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ class Content:
     title: str = "liftgate-hil"
     remark: Callable[[], str] = no_remark  # remark on the recording, called on closing
     about: str = ""  # provenance of the run, as JSON; empty: unknown
+    inputs: Sequence[Path] = ()  # files that it is made from, none of which is written
     # The columns of a row, in their order.
     row: Mapping[str, Signal] = field(default_factory=lambda: COLUMNS)
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from liftgate_hil.errors import ConfigError, RecordingError
-from liftgate_hil.formats.target import open_target, why
+from liftgate_hil.formats.guarded import Say, silent
+from liftgate_hil.formats.target import open_free, why
 from liftgate_plant.edge_ring import EdgeRing, edges_after
 
 DRIVES = ("left", "right")
@@ -31,16 +32,31 @@ def edges_since(ring: EdgeRing, seen: int) -> list[Edge]:
     ]
 
 
-class EdgeFile:
-    """File that edges are written to, their times to the nanosecond. Raises ConfigError."""
+_HEADER = ",".join(Edge._fields) + "\n"
 
-    def __init__(self, argument: str, path: Path) -> None:
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file holds edges."""
+    try:
+        with path.open("rb") as stream:
+            return stream.readline(2 * len(_HEADER)) == _HEADER.encode()
+    except OSError:
+        return False
+
+
+class EdgeFile:
+    """File that edges are written to, their times to the nanosecond; what is there is set aside.
+
+    Raises ConfigError, also for one of the `inputs`.
+    """
+
+    def __init__(self, argument: str, path: Path, inputs: Iterable[Path] = (), say: Say = silent) -> None:
         self._what = f"`{argument}` {path}"
         try:
-            self._stream = open_target(path)
+            self._stream = open_free(path, inputs, say, _is_ours)
         except ConfigError as error:
             raise ConfigError(f"`{argument}` {error}") from error
-        self._write(",".join(Edge._fields) + "\n")
+        self._write(_HEADER)
 
     def write(self, edges: Any) -> None:
         """Write edges (n,) EDGE. Raises RecordingError."""

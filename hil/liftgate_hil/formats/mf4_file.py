@@ -26,6 +26,7 @@ from liftgate_hil.formats.mf4_content import about_in, buses_in, columns_in, mar
 from liftgate_hil.formats.mf4_frames import KINDS, field_of, logged, merged, samples_of
 from liftgate_hil.formats.mf4_reader import blocks_of, opened_mf4
 from liftgate_hil.formats.mf4_values import NO_NUMBERS, NOT_NUMERIC, values_of
+from liftgate_hil.formats.ours import MF4_PROGRAM
 from liftgate_hil.formats.reading import cause_text
 from liftgate_hil.formats.recording import (
     FRAME,
@@ -55,6 +56,7 @@ class Mf4Writer(StreamWriter):
         folder = str(Path(stream.name).resolve().parent)
         self._mdf: Any = MDF(version="4.10", temporary_folder=folder)
         _make_nameless(self._mdf, folder)
+        self._mdf._mdf.identification.program_identification = MF4_PROGRAM
         self._groups: dict[str, int] = {}
         self._rows, self._frames = Batch(_ROWS), Batch(_FRAMES)
         self._extended = 0  # bytes passed to asammdf

@@ -6,10 +6,9 @@ import contextlib
 import importlib.util
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 from liftgate_hil.config.files import check_file as check_readable
 from liftgate_hil.errors import ConfigError
@@ -17,10 +16,11 @@ from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.guarded import GuardedWriter, Say, silent
 from liftgate_hil.formats.limit import Limit
 from liftgate_hil.formats.other_forms import check_form
+from liftgate_hil.formats.ours import SIGNED
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.formats.rotation import Part, Parts
 from liftgate_hil.formats.salvage import SalvagedWriter
-from liftgate_hil.formats.target import is_special, open_salvage, open_target, why
+from liftgate_hil.formats.target import check_no_input, is_special, open_free, open_salvage, why
 from liftgate_hil.formats.writer import Writer
 
 
@@ -198,17 +198,20 @@ def open_writer(
     say: Say = silent,
     argument: str = "record",
     is_salvaged: bool = True,
+    stream: BinaryIO | None = None,
     patience: float | None = None,
 ) -> GuardedWriter:
-    """Open the writer of a file, or of several of a limited size.
+    """Open the writer of a file, or of several of a limited size, or of a `stream` that gets a file's content.
 
-    `is_salvaged`: text is written beside formats that a kill corrupts, so that a kill loses next to nothing.
-    A pipe fails whose reader reads nothing for `patience` [s] (None: it is waited for).
-    Raises ConfigError if the file cannot be written.
+    What is at a file's place is set aside (see `set_aside`), and `say` told. `is_salvaged`: text is written beside
+    formats that a kill corrupts, so that a kill loses next to nothing. A pipe fails whose reader reads nothing for
+    `patience` [s] (None: it is waited for). Raises ConfigError if the file cannot be written, or is one of those
+    that the content is made from.
     """
     what = f"`{argument}` {path}"
+    opened = _Target(content, is_salvaged and stream is None, say, stream, patience)
     try:
-        parts = Parts(path, partial(_open_part, content, is_salvaged, patience), limit)
+        parts = Parts(path, opened.part, limit, content.inputs)
     except ConfigError as error:
         raise ConfigError(f"`{argument}` {error}") from error
     except OSError as error:
@@ -228,21 +231,33 @@ def open_writers(
     return recorders
 
 
-def _open_part(content: Content, is_salvaged: bool, patience: float | None, path: Path) -> Part:
-    """Open one file of a recording. Raises ConfigError, OSError."""
-    form = FORMATS[path.suffix]
-    texts: list[tuple[Path, Writer]] = []
-    try:
-        for suffix, has_it in zip(_SALVAGE_SUFFIXES, (form.has_frames, form.has_rows), strict=True):
-            if has_it and is_salvaged and not form.is_text:
-                salvage = path.with_name(path.name + suffix)
-                texts.append((salvage, _writer(suffix, open_salvage(salvage), content)))
-        return SalvagedWriter(_writer(path.suffix, open_target(path, patience), content), texts)
-    except BaseException:
-        for salvage, text in texts:
-            text.close()
-            salvage.unlink()
-        raise
+class _Target(NamedTuple):
+    """What the files of a recording get, and how they are opened."""
+
+    content: Content
+    is_salvaged: bool
+    say: Say
+    stream: BinaryIO | None  # that gets the content instead of a file
+    patience: float | None  # s, with the reader of a pipe
+
+    def part(self, path: Path) -> Part:
+        """Open one file of a recording. Raises ConfigError, OSError."""
+        form, content = FORMATS[path.suffix], self.content
+        texts: list[tuple[Path, Writer]] = []
+        check_no_input(path, content.inputs)  # before text is written beside it
+        try:
+            for suffix, has_it in zip(_SALVAGE_SUFFIXES, (form.has_frames, form.has_rows), strict=True):
+                if has_it and self.is_salvaged and not form.is_text:
+                    salvage = path.with_name(path.name + suffix)
+                    texts.append((salvage, _writer(suffix, open_salvage(salvage), content)))
+            stream = self.stream or open_free(path, content.inputs, self.say, patience=self.patience)
+            signed = Path(stream.name) if path.suffix in SIGNED else None
+            return SalvagedWriter(_writer(path.suffix, stream, content), texts, signed)
+        except BaseException:
+            for salvage, text in texts:
+                text.close()
+                salvage.unlink()
+            raise
 
 
 def _writer(suffix: str, stream: BinaryIO, content: Content) -> Writer:

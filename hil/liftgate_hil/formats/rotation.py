@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -12,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.formats.limit import Limit
-from liftgate_hil.formats.target import remove_targets
+from liftgate_hil.formats.ours import is_ours
+from liftgate_hil.formats.target import aside_of, check_free, is_one_of, set_aside
 from liftgate_hil.formats.writer import Writer
 
 _SLICE = 512  # rows or frames after which the size is checked
@@ -32,10 +34,13 @@ class Part(Writer, Protocol):
 class Parts:
     """Writer of one file or, with a limit, of several one after the other.
 
-    Closing a file does not delay the next one.
+    Closing a file does not delay the next one. The files of an earlier recording are set aside; they count among
+    those that a limit keeps, and are the first to be deleted. None of the `inputs` is.
     """
 
-    def __init__(self, path: Path, open_part: Callable[[Path], Part], limit: Limit | None) -> None:
+    def __init__(
+        self, path: Path, open_part: Callable[[Path], Part], limit: Limit | None, inputs: Sequence[Path] = ()
+    ) -> None:
         self._path = path
         self._open_part = open_part
         self._limit = limit
@@ -45,9 +50,10 @@ class Parts:
         self._closing: list[Future[None]] = []
         self._pool = ThreadPoolExecutor(1)
         self._written: list[Path] = []
-        if limit is not None:
-            remove_targets(_parts_of(path))
+        self._earlier = [] if limit is None else _earlier_set_aside(path, inputs)  # the oldest first
         self._part = self._next()
+        if limit is not None:
+            self._delete_beyond(limit)
 
     @property
     def files(self) -> list[str]:
@@ -110,11 +116,17 @@ class Parts:
         self._closing.append(self._pool.submit(self._part.close))
         self._part = self._next()
         self._part.begin(self._epoch_ns)
-        while limit.keep is not None and len(self._written) > limit.keep:
-            self._closing.append(self._pool.submit(self._written.pop(0).unlink))
+        self._delete_beyond(limit)
         for each in [each for each in self._closing if each.done()]:
             self._closing.remove(each)
             each.result()
+
+    def _delete_beyond(self, limit: Limit) -> None:
+        """Delete the oldest files, as far as there are more than the limit keeps."""
+        while limit.keep is not None and len(self._earlier) + len(self._written) > limit.keep:
+            remove = _remove_ours if self._earlier else Path.unlink
+            oldest = (self._earlier or self._written).pop(0)
+            self._closing.append(self._pool.submit(remove, oldest))
 
     def _next(self) -> Part:
         path = self._path
@@ -126,7 +138,44 @@ class Parts:
         return part
 
 
-def _parts_of(path: Path) -> list[Path]:
-    """Return the files that an earlier run with a limit has left."""
-    pattern = re.compile(rf"{re.escape(path.stem)}\.\d{{4,}}{re.escape(path.suffix)}")
-    return [each for each in path.parent.iterdir() if pattern.fullmatch(each.name)]
+def _remove_ours(path: Path) -> None:
+    """Delete a file of an earlier recording, unless it was replaced meanwhile. Raises OSError."""
+    if is_ours(path):
+        path.unlink()
+
+
+def _earlier_set_aside(path: Path, inputs: Sequence[Path]) -> list[Path]:
+    """Set aside the files of an earlier recording with a limit, and return their new paths, the oldest first.
+
+    They replace those of the one before. Files of others stay, and so do `inputs`. Raises ConfigError if another
+    recorder writes to one of them, OSError.
+    """
+    earlier, before = (
+        [each for each in _parts_of(path, is_aside) if not is_one_of(each, inputs)] for is_aside in (False, True)
+    )
+    if not earlier:
+        return before
+    for each in earlier:
+        check_free(each)
+    asides = {aside_of(each) for each in earlier}
+    for each in before:
+        if each not in asides:
+            each.unlink()
+    return [aside for each in earlier if (aside := set_aside(each, is_ours, inputs)) is not None]
+
+
+def _parts_of(path: Path, is_aside: bool = False) -> list[Path]:
+    """Return the files of an earlier recording with a limit, the oldest first; those set aside with `is_aside`.
+
+    They are ours, and their numbers follow each other. A file alone whose number is not the first is no part, as
+    a rotation keeps two at least: `drive.2024.csv` may be a recording of that year.
+    """
+    stem, suffix = map(re.escape, (path.stem, f".previous{path.suffix}" if is_aside else path.suffix))
+    pattern = re.compile(rf"{stem}\.(\d{{4,}}){suffix}")
+    found: dict[int, Path] = {}
+    for each in path.parent.iterdir():
+        match = pattern.fullmatch(each.name)
+        if match is not None and not each.is_symlink() and is_ours(each):
+            found[int(match[1])] = each
+    numbers = list(itertools.takewhile(found.__contains__, itertools.count(min(found, default=1))))
+    return [found[k] for k in numbers] if numbers[:1] == [1] or len(numbers) > 1 else []

@@ -13,15 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.errors import RecordingError
+from liftgate_hil.formats.ours import sign
 from liftgate_hil.formats.target import why
 from liftgate_hil.formats.writer import Writer
 
 
 class SalvagedWriter:
-    """Writer of a file with text files beside it, which are deleted once the file itself is complete."""
+    """Writer of a file with text files beside it, which are deleted once the file itself is complete.
 
-    def __init__(self, recorder: Writer, texts: Sequence[tuple[Path, Writer]] = ()) -> None:
-        self._recorder = recorder
+    `signed` is the file if it is then noted that it is ours, see `ours`.
+    """
+
+    def __init__(
+        self, recorder: Writer, texts: Sequence[tuple[Path, Writer]] = (), signed: Path | None = None
+    ) -> None:
+        self._recorder, self._signed = recorder, signed
         self._texts = texts
         self._all = [*(text for _, text in texts), recorder]  # the text files first
 
@@ -71,6 +77,8 @@ class SalvagedWriter:
                 raise
             reason = why(error) if isinstance(error, OSError) else str(error)
             raise RecordingError(f"{reason}; the data recorded so far is in {' and '.join(self.texts)}") from error
+        if self._signed is not None:
+            sign(self._signed)
         for path, text in self._texts:
             text.close()
             path.unlink()

@@ -1,19 +1,21 @@
-"""Files to write to: those that cannot be written are reported before anything is lost."""
+"""Files to write to: inputs are refused, other content is set aside, and what cannot be written is reported."""
 
 from __future__ import annotations
 
 import errno
-import fcntl
 import io
+import itertools
 import os
 import select
 import stat
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.ours import is_ours
+from liftgate_plant.compiler.files import lock, rename_new
 
 _WORDS = {errno.ENXIO: "a pipe without a reader", errno.EISDIR: "is a folder"}
 
@@ -65,8 +67,49 @@ class PatientStream(io.RawIOBase):
             os.close(self._descriptor)
 
 
+def is_one_of(path: Path, others: Iterable[Path]) -> bool:
+    """Whether a path leads to one of other files, by whatever name or link."""
+    with suppress(OSError, ValueError):  # ValueError: a NUL in the name
+        own = path.stat()
+        if stat.S_ISREG(own.st_mode):
+            return any(_is_same(own, each) for each in others)
+    return False
+
+
+def _is_same(own: os.stat_result, other: Path) -> bool:
+    with suppress(OSError, ValueError):
+        return os.path.samestat(own, other.stat())
+    return False
+
+
+def check_no_input(path: Path, inputs: Iterable[Path]) -> None:
+    """Raise ConfigError where a file to write is one that is read, by whatever name or link."""
+    if is_one_of(path, inputs):
+        raise ConfigError(f"{path}: is an input file; allowed: another file")
+
+
+def open_free(
+    path: Path,
+    inputs: Iterable[Path],
+    say: Callable[[str], None],
+    known: Callable[[Path], bool] = is_ours,
+    patience: float | None = None,
+) -> BinaryIO:
+    """Open an empty file for a recording, locked against other recorders until it is closed.
+
+    What is there is set aside, which is told, see `set_aside`. `patience`: see `open_target`. Raises ConfigError,
+    also for one of the `inputs`.
+    """
+    inputs = list(inputs)
+    check_no_input(path, inputs)
+    aside = set_aside(path, known, inputs)
+    if aside is not None:
+        say(set_aside_text(path, aside))
+    return open_target(path, patience)
+
+
 def open_target(path: Path, patience: float | None = None) -> BinaryIO:
-    """Open an empty file and lock it against other recorders until it is closed. Raises ConfigError.
+    """Open a file without content, and lock it against other recorders until it is closed. Raises ConfigError.
 
     `patience` is how long [s] the reader of a pipe may read nothing before writing fails; None: without limit.
     """
@@ -80,9 +123,11 @@ def open_target(path: Path, patience: float | None = None) -> BinaryIO:
         raise ConfigError(f"{path}: cannot be written: {why(error)}") from error
     try:
         _lock(descriptor, path)
-        if stat.S_ISREG(os.fstat(descriptor).st_mode):
-            os.ftruncate(descriptor, 0)
-        elif patience is not None:
+        found = os.fstat(descriptor)
+        is_file = stat.S_ISREG(found.st_mode)
+        if is_file and found.st_size:  # that another program has written meanwhile
+            raise _taken(path)
+        if not is_file and patience is not None:
             return io.BufferedWriter(PatientStream(descriptor, patience))
         os.set_blocking(descriptor, True)
         return _named(descriptor, path)
@@ -99,7 +144,7 @@ def open_salvage(path: Path) -> BinaryIO:
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
     except FileExistsError as error:
-        _check_free(path)
+        check_free(path)
         raise ConfigError(
             f"{path}: already exists, left by a recording that was not completed; "
             "allowed: after it is moved or deleted"
@@ -115,7 +160,7 @@ def _named(descriptor: int, path: Path) -> BinaryIO:
     return open(path, "wb", opener=lambda *_: descriptor)  # Path.open has no opener
 
 
-def _check_free(path: Path) -> None:
+def check_free(path: Path) -> None:
     """Raise ConfigError if another recorder writes to the file."""
     with suppress(OSError):  # if it cannot be opened, it counts as unlocked
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -125,44 +170,66 @@ def _check_free(path: Path) -> None:
             os.close(descriptor)
 
 
-def remove_targets(paths: Sequence[Path]) -> None:
-    """Delete what an earlier run has left. Raises ConfigError if another recorder writes to one of them."""
-    for path in paths:
-        _check_free(path)
-    for path in paths:
-        path.unlink(missing_ok=True)
-
-
 def aside_of(path: Path) -> Path:
     """Return the name under which a file is set aside: `run.previous.mf4` for `run.mf4`."""
     return path.with_name(f"{path.stem}.previous{path.suffix}")
 
 
-def set_aside(path: Path) -> Path | None:
-    """Rename a file that an earlier recording has left there, so that a new one does not replace it.
+def set_aside_text(path: Path, aside: Path) -> str:
+    """Return a text on a file that was there, and what it is called now."""
+    return f"{path}: the recording that was there is now {aside}"
 
-    It gets the name `aside_of` it; the previous one of that name is replaced. Return the new path; None: there was
-    no regular file, or an empty one. Raises ConfigError.
+
+def nothing(path: Path) -> bool:
+    """Recognise no file: the default of `known`."""
+    return False
+
+
+def set_aside(path: Path, known: Callable[[Path], bool] = nothing, kept: Iterable[Path] = ()) -> Path | None:
+    """Rename the file at a place, so that a new one replaces nothing; of a link, the file that it leads to.
+
+    It gets the name `aside_of` it, or with a number where that is taken. A file that is `known` to be ours takes
+    the place of an earlier one that is, unless that is among the `kept` ones: one is kept. Return the new path;
+    None: there was no regular file, or an empty one. Raises ConfigError.
     """
+    place = Path(os.path.realpath(path)) if path.is_symlink() else path
     try:
-        if is_special(path) or not path.exists() or not path.stat().st_size:
+        if is_special(place) or not place.exists() or not place.stat().st_size:
             return None
-        _check_free(path)
-        return path.rename(aside_of(path))
+        check_free(place)
+        return _renamed(place, known if known(place) else nothing, kept)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be renamed: {why(error)}") from error
 
 
+def _renamed(place: Path, is_replaced: Callable[[Path], bool], kept: Iterable[Path]) -> Path:
+    """Rename a file to the first name that is free, or whose file is replaced; return the name. Raises OSError."""
+    aside = first = aside_of(place)
+    for number in itertools.count(2):
+        if os.path.lexists(aside):
+            if not aside.is_symlink() and is_replaced(aside) and not is_one_of(aside, kept):
+                if place.samefile(aside):  # two names of one file: renaming would leave both
+                    place.unlink()
+                else:
+                    place.rename(aside)
+                return aside
+        else:
+            with suppress(FileExistsError):  # it has come meanwhile
+                rename_new(place, aside)
+                return aside
+        aside = first.with_name(f"{first.stem}.{number}{first.suffix}")
+    raise AssertionError
+
+
 def _lock(descriptor: int, path: Path) -> None:
     """Lock a file. Raises ConfigError if another recorder has locked it."""
-    # Regular files only: everybody may write to /dev/null. Some network file systems have no locks.
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):  # everybody may write to /dev/null
         return
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(descriptor)
     except BlockingIOError as error:
-        raise ConfigError(
-            f"{path}: another recording is being written to it; allowed: a different file"
-        ) from error
-    except OSError:
-        pass
+        raise _taken(path) from error
+
+
+def _taken(path: Path) -> ConfigError:
+    return ConfigError(f"{path}: another recording is being written to it; allowed: a different file")

@@ -31,7 +31,10 @@ class Listener:
         """Called with events of the link, what is waited for or refused, and what the machine does not grant."""
 
     def alarm(self, text: str) -> None:
-        """Called with what nobody may miss: the link is lost, or back; a recording has ended before its run."""
+        """Called with what nobody may miss.
+
+        The link is lost, or back; a recording has ended before its run; a file was set aside for one.
+        """
         self.say(text)
 
     def starts(self, what: str) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.report.numbers import clean
+from liftgate_hil.report.ours import SOFTWARE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -179,7 +180,7 @@ def png(figure: Figure, dpi: int = 130) -> bytes:
     """Return a figure as PNG on white, for a file."""
     stream = io.BytesIO()
     with style():
-        figure.savefig(stream, format="png", dpi=dpi, facecolor="white")
+        figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": SOFTWARE}, facecolor="white")
     return stream.getvalue()
 
 
@@ -187,6 +188,6 @@ def pdf(figure: Figure) -> bytes:
     """Return a figure as PDF, for a file: the same bytes each time."""
     stream = io.BytesIO()
     with style():
-        nothing = dict.fromkeys(("Creator", "Producer", "CreationDate"))
-        figure.savefig(stream, format="pdf", metadata=nothing, facecolor="white")
+        about = {"Creator": SOFTWARE, "Producer": None, "CreationDate": None}
+        figure.savefig(stream, format="pdf", metadata=about, facecolor="white")
     return stream.getvalue()

@@ -1,31 +1,43 @@
-"""Report files: their paths are checked before a long computation, and written after it."""
+"""Report files: their paths are checked before a long computation, and written after it.
+
+A report of this program is replaced, whatever else is at its place is set aside.
+"""
 
 from __future__ import annotations
 
-import contextlib
-import errno
+import functools
 import os
-import uuid
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.guarded import Say, silent
+from liftgate_hil.formats.target import is_one_of, set_aside
+from liftgate_hil.report.ours import is_ours
+from liftgate_plant.compiler.files import remove_leftovers, whole_file
 
-_LONGEST = 180  # bytes of a name that a temporary one holds, beside two of 32: file systems allow 255
-# Errors of replacing a file that may be written to: a folder without permission, or sticky; read-only, or mounted;
-# an owner that a container does not know.
-_NOT_REPLACED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.EBUSY, errno.EINVAL)
-# Suffixes of files that a report may replace.
-_KINDS = {"--html": (".html", ".htm"), "--save-vehicle": (".toml",), "--result": (".json",)}
+# Suffixes of the files that a report may take the place of.
+_KINDS = {
+    "html": (".html", ".htm"), "junit": (".xml",), "json": (".json",), "result": (".json",),
+    "save_vehicle": (".toml",),
+}  # fmt: skip
 
 
-def check_targets(targets: Mapping[str, str | None], sources: Sequence[str]) -> None:
+def is_of_another_kind(path: Path, kind: str) -> bool:
+    """Whether a file is there, neither ours nor empty, whose suffix is not that of a kind of reports."""
+    if kind not in _KINDS or path.suffix.lower() in _KINDS[kind] or not path.is_file():
+        return False
+    return path.stat().st_size > 0 and not is_ours(path)
+
+
+def check_targets(targets: Mapping[str, str | None], sources: Iterable[str | Path]) -> None:
     """Raise ConfigError with all issues of the files that flags name, where they are given.
 
-    No file may be written twice, and none may be one that is read (`sources`).
+    No file may be written twice, and none may be one that is read (`sources`). What killed processes have left
+    beside them is removed.
     """
     issues: list[str] = []
-    taken = {_place(each): "is an input file" for each in sources}
+    taken, inputs = dict[str, str](), [Path(each) for each in sources]
     for flag, path in targets.items():
         if path is None:
             continue
@@ -34,20 +46,20 @@ def check_targets(targets: Mapping[str, str | None], sources: Sequence[str]) -> 
         except ConfigError as error:
             issues += error.issues
             continue
-        kinds = _KINDS.get(flag)
-        if kinds and Path(path).suffix.lower() not in kinds and Path(path).is_file():
+        kind, place = flag.removeprefix("--").replace("-", "_"), os.path.realpath(path)
+        if is_one_of(Path(path), inputs):
+            issues.append(f"{flag} {path}: is an input file; allowed: a separate file")
+        elif is_of_another_kind(Path(path), kind):
             issues.append(
-                f"{flag} {path}: is a file of another kind; allowed: a new file, or a {kinds[0]} to replace"
+                f"{flag} {path}: is a file of another kind; allowed: a new file, or a {_KINDS[kind][0]} to replace"
             )
-        if _place(path) in taken:
-            issues.append(f"{flag} {path}: {taken[_place(path)]}; allowed: a separate file")
-        taken.setdefault(_place(path), f"{flag} writes it")
+        elif place in taken:
+            issues.append(f"{flag} {path}: {taken[place]}; allowed: a separate file")
+        else:
+            remove_leftovers(Path(path).parent, Path(path).name)
+        taken.setdefault(place, f"{flag} writes it")
     if issues:
         raise ConfigError(issues)
-
-
-def _place(path: str) -> str:
-    return os.path.realpath(path)
 
 
 def check_target(path: str, flag: str) -> None:
@@ -68,59 +80,32 @@ def check_target(path: str, flag: str) -> None:
         raise ConfigError(f"{flag} {path}: no permission to write {what}")
 
 
-def write_report(path: str, flag: str, text: str) -> None:
-    """Write a text file; raise ConfigError where that fails."""
+def put_report(path: Path, content: bytes, say: Say = silent) -> None:
+    """Write a report: one of ours is replaced, other content set aside, which `say` is told.
+
+    Raises OSError, ConfigError.
+    """
+    if _holds(path, content):
+        return
+    is_foreign = path.is_file() and path.stat().st_size > 0 and not is_ours(path)
+    with whole_file(path, make_way=functools.partial(make_way, path, say) if is_foreign else None) as stream:
+        stream.write(content)
+
+
+def make_way(path: Path, say: Say = silent) -> None:
+    """Set aside what is in the place of a report, unless it is an earlier one of ours. Raises ConfigError."""
+    if path.is_file() and not is_ours(path) and (aside := set_aside(path)) is not None:
+        say(f"{path}: the file that was there is now {aside}")
+
+
+def _holds(path: Path, content: bytes) -> bool:
+    """Whether a file has this content already."""
+    return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
+
+
+def write_report(path: str, flag: str, text: str, say: Say = silent) -> None:
+    """Write a text file as `put_report` does; raise ConfigError where that fails."""
     try:
-        write_whole(Path(path), text.encode())
+        put_report(Path(path), text.encode(), say)
     except OSError as error:
         raise ConfigError(f"{flag} {path}: cannot be written: {error.strerror}") from error
-
-
-def write_whole(path: Path, content: bytes, owner: str = "") -> None:
-    """Write a file beside its place and rename it: it is there whole, or as it was before. Raises OSError.
-
-    The name of the temporary file tells its `owner`, see `name_beside`. What is no regular file with a name, as a
-    pipe, or cannot be replaced, for want of permission, is written to directly.
-    """
-    place = Path(os.path.realpath(path))  # of a link, what it leads to
-    if path.exists() and not (path.is_file() and place.exists() and path.samefile(place)):
-        path.write_bytes(content)
-        return
-    try:
-        _replace(place, content, owner)
-    except OSError as error:
-        if error.errno not in _NOT_REPLACED or not place.exists():
-            raise
-        place.write_bytes(content)
-
-
-def _replace(place: Path, content: bytes, owner: str) -> None:
-    """Replace a file, or make it, with the owner and the permissions that it had. Raises OSError."""
-    beside = place.with_name(name_beside(place.name, owner))
-    try:
-        with beside.open("wb") as stream:
-            if place.exists():
-                before, own = place.stat(), os.fstat(stream.fileno())
-                if (before.st_uid, before.st_gid) != (own.st_uid, own.st_gid):
-                    os.fchown(stream.fileno(), before.st_uid, before.st_gid)
-                os.fchmod(stream.fileno(), before.st_mode)
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())  # else a power cut may leave a renamed file that is empty
-        beside.replace(place)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            beside.unlink()
-        raise
-
-
-def name_beside(name: str, owner: str = "") -> str:
-    """Return the name of a temporary file for the content of another one; `owner` is a token without dots."""
-    begin = os.fsencode(name)[:_LONGEST].decode(errors="ignore")
-    return ".".join(["", begin, *([owner] if owner else []), uuid.uuid4().hex])
-
-
-def is_beside(name: str, owners: Collection[str]) -> bool:
-    """Whether a file is a temporary one of `name_beside`, and of one of these owners."""
-    parts = name.split(".")
-    return len(parts) > 3 and not parts[0] and parts[-2] in owners

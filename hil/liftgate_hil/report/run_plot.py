@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.report.drawing import DRIVES, FINAL, GRID, INITIAL, INK, MARK, line, new_figure, png, style
-from liftgate_hil.report.files import write_whole
+from liftgate_hil.report.files import put_report
 from liftgate_hil.report.pinch import LIMITS, Limit, PinchEvent
 
 if TYPE_CHECKING:
@@ -64,9 +65,9 @@ def hall_speed(times: Floats, counts: Floats) -> Floats:
     return speed
 
 
-def plot_run(path: Path, picture: RunPicture) -> None:
-    """Draw a run into a PNG file. Raises OSError."""
-    write_whole(path, png(run_figure(picture), _DPI))
+def plot_run(path: Path, picture: RunPicture, say: Say = silent) -> None:
+    """Draw a run into a PNG file; see `put_report`. Raises OSError, ConfigError."""
+    put_report(path, png(run_figure(picture), _DPI), say)
 
 
 def run_figure(picture: RunPicture) -> Figure:

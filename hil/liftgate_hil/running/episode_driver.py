@@ -38,7 +38,7 @@ class EpisodeDriver:
         if plan.ticks is None:
             raise ConfigError("`duration`: missing; allowed: in the scenario, or as an argument")
         listener = plan.job.listener
-        self._recordings = Recordings(plan, content_of(plan, PRIVATE_BUS), listener.say, stack)
+        self._recordings = Recordings(plan, content_of(plan, PRIVATE_BUS), listener.alarm, stack)
         stimuli, state = execution.start()
         self._stimuli = stimuli
         sinks = [*execution.sinks, *self._recordings.sinks]

@@ -54,6 +54,11 @@ class Subject:
         return self.setup.scenario.duration if given is None else given
 
     @property
+    def inputs(self) -> list[Path]:
+        """Files that it is made from, to which no run may write."""
+        return [*(Path(each.path) for each in self.sources.values()), *self.setup.inputs]
+
+    @property
     def ecu_identity(self) -> Mapping[str, Any]:
         """Identity of the ECU for recordings."""
         return _identity_of(self.job, self.setup)

@@ -33,13 +33,14 @@ def content_of(plan: Plan, channel: str, bus: str = "") -> Content:
     It has no provenance where nothing is recorded.
     """
     if not plan.options.record:
-        return Content(columns_of(plan.setup.vehicle.drives), channel)
+        return Content(columns_of(plan.setup.vehicle.drives), channel, inputs=plan.inputs)
     return whole_content_of(plan, channel, bus)
 
 
 def whole_content_of(plan: Plan, channel: str, bus: str) -> Content:
     """Return the content of a recording, as `content_of`, with the provenance of the run in any case."""
-    return Content(columns_of(plan.setup.vehicle.drives), channel, about=origin_of(plan, bus))
+    columns, about = columns_of(plan.setup.vehicle.drives), origin_of(plan, bus)
+    return Content(columns, channel, about=about, inputs=plan.inputs)
 
 
 def origin_of(plan: Plan, bus: str = "") -> str:

@@ -48,7 +48,7 @@ class PythonDriver:
         transport = run.opened(open_transport, stack)
         # Only wall time has an epoch; the other clocks' recordings are the same every time.
         epoch_ns = time.time_ns() if options.clock == "realtime" else 0
-        channel, say = run.channel(transport), run.listener.say
+        channel, say = run.channel(transport), run.listener.alarm
         self._recordings = Recordings(plan, content_of(plan, channel, run.way.interface), say, stack, epoch_ns)
         sinks = [*run.sinks, *self._recordings.sinks, *self._shown(channel, epoch_ns, stack)]
         has_run = run.prepare(functools.partial(self._phase_begun, transport))

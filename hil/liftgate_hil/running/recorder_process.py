@@ -189,9 +189,9 @@ class RecorderProcess:
             with os.fdopen(heard, encoding="utf-8", errors="replace") as stream:
                 for line in stream:
                     answer = _decoded(line)
-                    if "failed" in answer:
-                        self._failed += 1
-                        self._say(str(answer["failed"]))
+                    if "said" in answer:
+                        self._failed = answer["failed"]
+                        self._say(str(answer["said"]))
                     elif answer:
                         is_complete = "files" in answer
                         self._answers.put(answer)
@@ -290,9 +290,13 @@ def main() -> int:
     memory = Memory(*order.sizes, memory_descriptor)
     triggered = None if order.trigger is None else Triggered(order.trigger)
     writers: list[GuardedWriter] = []
+
+    def say(text: str) -> None:
+        tell(said=text, failed=len(failures_of(writers)))
+
     try:
         for path in paths:
-            writers.append(open_writer(path, content, limit, lambda text: tell(failed=text), patience=_PATIENCE_S))
+            writers.append(open_writer(path, content, limit, say, patience=_PATIENCE_S))
     except ConfigError as error:
         for writer in writers:  # files left behind would look like a recording
             writer.close()

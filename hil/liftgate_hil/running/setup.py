@@ -152,6 +152,12 @@ class Setup:
             found |= {f"included {k}": Path(name) for k, name in enumerate(self.scenario.included, 1)}
         return found
 
+    @property
+    def inputs(self) -> list[Path]:
+        """All files that it was made from, those of a loaded scenario and of its profiles too."""
+        own = self.scenario
+        return [*self.files.values(), *(Path(name) for name in (own.source, *own.included, *own.tables) if name)]
+
     def varied(
         self, scenario: Scenario, vehicle: Vehicle, *, initial: float | str | None = None, seed: int | None = None
     ) -> Setup:

@@ -23,6 +23,8 @@ from liftgate_hil.config.toml import read_toml
 from liftgate_hil.ecu.find import is_foreign
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError, LiftgateError, causes
+from liftgate_hil.formats.ours import is_ours
+from liftgate_hil.formats.target import set_aside, set_aside_text
 from liftgate_hil.judging.expectation import KINDS
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, PASS, Verdict, worst
 from liftgate_hil.loop.refusal_texts import gaps_text
@@ -39,7 +41,7 @@ _OURS = {
     "fault",
     "precondition",
 }  # keys that scenarios have, and hardly another file
-_MOST_FILES = 100  # files in a chain of includes
+_MOST_FILES = 100  # files that include each other
 # A line of a scenario that other tools' files do not have.
 _LIKE_ONE = re.compile(
     rb"^[ \t]*((precondition|requirement|duration)[ \t]*=|\[\[(request|obstacle|fault|profile)\]\])", re.M
@@ -171,16 +173,24 @@ def _is_like_expect(key: str) -> bool:
     return bool(difflib.get_close_matches(key.lower()[:12], ("expect", "expectation"), 1, 0.75))
 
 
-def is_scenario(path: Path, above: tuple[Path, ...] = ()) -> bool:
+def is_scenario(path: Path) -> bool:
     """Whether a TOML file has expectations of a gate, itself or in a file that it includes.
 
     It has [[expect]], and either no key that a scenario does not have, or an expectation of one of our kinds. A
     file that cannot be read is not one, nor are other tools' files.
     """
+    return _is_scenario(path, set())
+
+
+def _is_scenario(path: Path, seen: set[Path]) -> bool:
+    """Whether a TOML file is a scenario; `seen` are the files that were looked at, and it becomes one of them."""
     try:
         content = read_toml(path)
     except ConfigError:
         return False
+    if path.resolve() in seen:
+        return False
+    seen.add(path.resolve())
     expected = content.get("expect")
     misspelt = expected is None and any(_is_like_expect(each) for each in content)
     if (misspelt or isinstance(expected, dict)) and _OURS & {*content}:
@@ -188,9 +198,9 @@ def is_scenario(path: Path, above: tuple[Path, ...] = ()) -> bool:
     is_known = len(content) > 1 and {*content} <= _KNOWN
     if is_known and not expected:
         included = content.get("include", [])
-        names = [included] if isinstance(included, str) else included
+        names = included if isinstance(included, list) else [included]
         files = [path.parent / each for each in names if isinstance(each, str)]
-        return len(above) < _MOST_FILES and any(is_scenario(each, (*above, path)) for each in files)
+        return len(seen) < _MOST_FILES and any(_is_scenario(each, seen) for each in files)
     if not isinstance(expected, list) or not all(isinstance(each, dict) for each in expected):
         return False
     return bool(expected) and (is_known or any({*each} & {*KINDS} for each in expected))
@@ -299,7 +309,9 @@ def _kept(outcome: Outcome, number: int) -> Outcome:
     kept = []
     for path in outcome.result.recording:
         other = path.with_stem(attempt_stem(path.stem, number))
-        with contextlib.suppress(OSError):  # the file was never created
+        with contextlib.suppress(OSError, ConfigError):  # the file was never created, or its new name is taken
+            if (aside := set_aside(other, is_ours)) is not None:
+                outcome.case.job.listener.alarm(set_aside_text(other, aside))
             path.rename(other)
             kept.append(other)
     return replace(outcome, result=replace(outcome.result, recording=tuple(kept)))

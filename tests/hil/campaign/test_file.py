@@ -207,3 +207,11 @@ def test_a_shorter_trap_matrix_is_a_matter_of_flags() -> None:
     assert {"angle=40", "seed=1,2", "environment.road_slope_deg=0,8"} < set(rods.vary)
     assert undisturbed.samples == 8
     assert len(rods.vary) == 6
+
+
+@pytest.mark.parametrize(
+    "name", ["campaign.json", "results.parquet", "report.html", "batches", "DATA.md", "Report.HTML"]
+)
+def test_a_part_cannot_have_the_name_of_a_campaigns_own_file(tmp_path: Path, name: str) -> None:
+    (line,) = refusal(tmp_path, TWO.replace('"second"', f'"{name}"'))
+    assert line.endswith(f"part[1].name: '{name}': a campaign's own file; allowed: another name")

@@ -15,10 +15,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from liftgate_hil.campaign.campaign import StoppedError
-from liftgate_hil.campaign.folder import LOCK, MANIFEST, RESULTS, Folder
+from liftgate_hil.campaign.folder import BATCHES, LOCK, MANIFEST, OWN, REPORT, RESULTS, Folder
 from liftgate_hil.campaign.request import Request
 from liftgate_hil.campaign.store import StoreError
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.report.page import page
 
 
 def table_of(*names: str) -> pa.Table:
@@ -262,3 +263,51 @@ def test_a_lock_of_another_program_is_not_written_to(folder: Folder) -> None:
     with folder.claimed():
         assert folder.ended == [folder.token]
     assert (folder.path / LOCK).read_text() == "pid 12"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("vehicle", True), ("vehicle", 5), ("rig", False), ("seed", True), ("seed", 2.5), ("draw", "3"),
+        ("rate", True), ("duration", "1"), ("samples", True), ("samples", -1), ("ideal", 1), ("vary", [True]),
+        ("parameters", {"rod": True}), ("scenario", None), ("kind", True),
+    ],
+)  # fmt: skip
+def test_a_value_that_no_campaign_has_written_is_named(folder: Folder, name: str, value: object) -> None:
+    folder.write_manifest({"request": {**Request("demo", ("rod=1,2",)).as_dict(), name: value, "method": 3}})
+    with pytest.raises(ConfigError) as caught:
+        folder.request()
+    issues = [
+        f"campaign.json: request.{key}: {each!r}; allowed: as it was written"
+        for key, each in ((name, value), ("method", 3))
+    ]
+    assert caught.value.issues == issues
+
+
+@pytest.mark.parametrize("number", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
+def test_a_folder_without_locks_is_used_and_says_so(
+    folder: Folder, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    with folder.claimed() as is_claimed:
+        assert is_claimed
+        with pytest.raises(ConfigError, match="another campaign is running there"), folder.claimed():
+            pass
+
+    def refuse(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with folder.claimed() as is_claimed:
+        assert not is_claimed
+
+
+def test_files_of_others_in_the_place_of_a_campaigns_are_set_aside(folder: Folder) -> None:
+    (folder.path / RESULTS).write_bytes(b"somebody's")
+    (folder.path / REPORT).write_text(page("ours", "", []))
+    (folder.path / BATCHES).mkdir()
+    said: list[str] = []
+    folder.make_way(OWN, [], said.append)
+    aside = folder.path / "results.previous.parquet"
+    assert aside.read_bytes() == b"somebody's"
+    assert said == [f"{folder.path / RESULTS}: the file that was there is now {aside}"]
+    assert names_in(folder) == [BATCHES, REPORT, "results.previous.parquet"]

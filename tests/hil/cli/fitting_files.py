@@ -67,7 +67,9 @@ def simulated(folder: Path, inputs: Mapping[str, Floats], *flags: object) -> dic
     write_columns(given, inputs)
     step = ("--step", 0.0005, "--every", 4)
     assert call("simulate", "--input", given, "--output", out, *step, *flags) == 0
-    return read_columns(out)
+    columns = read_columns(out)
+    out.unlink()  # else the next one would say that it is set aside
+    return columns
 
 
 def settings(values: Mapping[str, float]) -> list[str]:

@@ -158,10 +158,10 @@ def test_copies_may_be_changed_where_the_shipped_files_may_not(tmp_path: Path, m
 
 
 def test_a_failed_write_says_where(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def full(path: Path, data: bytes) -> int:
-        raise OSError(28, "No space left on device", str(path))
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(ConfigError, match=r"liftgate\.dbc: No space left on device"):
         create_starter(tmp_path / "gate")
 

@@ -12,7 +12,7 @@ import pytest
 from pseudo_terminal import as_stderr, at_once
 
 from liftgate_hil.cli.main import main
-from liftgate_hil.cli.suite_line import CompilingOnly, SuiteLine
+from liftgate_hil.cli.suite_line import QuietListener, SuiteLine
 from liftgate_hil.cli.teller import Teller
 
 PASSES = 'duration = 0.05\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n'
@@ -98,9 +98,9 @@ def test_who_waits_for_machine_code_is_reported() -> None:
         def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
             said.append(name)
 
-    listener = pickle.loads(pickle.dumps(CompilingOnly(Teller(is_quiet=True))))
+    listener = pickle.loads(pickle.dumps(QuietListener(Teller(is_quiet=True))))
     listener.compiles("the loop", 1.0)
-    listener = CompilingOnly(Hears(is_quiet=False))
+    listener = QuietListener(Hears(is_quiet=False))
     listener.compiles("compiling the loop", 1.0)
     listener.starts("suv without a bus")
     assert said == ["compiling the loop"]

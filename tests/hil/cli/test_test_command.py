@@ -600,3 +600,38 @@ def test_a_further_attempt_does_not_take_the_recording_of_another_scenario() -> 
     ]
     assert len(files) == len(set(files)) == 6
     assert all(Path(name).is_file() for name in files)
+
+
+def test_results_in_a_folder_with_files_of_others_keep_them_all(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    theirs = {"verdicts.json": '{"verdict": "theirs"}', "junit.xml": "<testsuites name='pytest'/>"}
+    theirs |= {
+        "report.html": "<html/>",
+        "s.csv": "time_s,mine\n0,1\n",
+        "s.log": "(0.1) can0 120#00\n",
+        "s.txt": "notes",
+    }
+    for name, text in theirs.items():
+        Path(name).write_text(text)
+    flags = ["test", scenario("s.toml", RESTS), "--results", "."]
+    for more in ([], ["--recordings", "failed"], ["--recordings", "none"], []):
+        assert main([*flags, *more]) == 0
+    found = {each.name: each.read_text(errors="replace") for each in here.iterdir()}
+    for name, text in theirs.items():
+        stem, _, suffix = name.partition(".")
+        assert text in (found[name], found.get(f"{stem}.previous.{suffix}"))
+    err = capsys.readouterr().err
+    assert "junit.xml: the file that was there is now junit.previous.xml" in err
+    assert "s.csv: the recording that was there is now s.previous.csv" in err
+    assert json.loads(found["verdicts.json"])["verdict"] == "pass"
+    own = ("s.csv", "s.log", "verdicts.json", "junit.xml", "report.html", "s.toml", "s.txt")
+    # Of each kind theirs is set aside, and of the recordings one of ours.
+    assert len(found) == len(own) + 5 + 2
+
+
+def test_a_wrong_flag_sets_foreign_junit_aside(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("junit.xml").write_text("<testsuites name='pytest'/>")
+    assert main(["test", scenario("s.toml", RESTS), "--junit", "junit.xml", "--jobs", "0"]) == 2
+    assert Path("junit.previous.xml").read_text() == "<testsuites name='pytest'/>"
+    assert "junit.xml: the file that was there is now junit.previous.xml" in capsys.readouterr().err

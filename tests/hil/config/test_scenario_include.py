@@ -9,7 +9,9 @@ import pytest
 
 import liftgate_hil as lh
 from liftgate_hil.config.scenario import load_scenario
+from liftgate_hil.config.toml import read_toml
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.testing.suite import is_scenario
 
 
 def test_tables_merge_arrays_append_expectations_replace(tmp_path: Path) -> None:
@@ -169,3 +171,26 @@ def test_points_or_csv_not_both_not_none(tmp_path: Path) -> None:
         path.write_text(f'[[profile]]\nquantity = "supply_voltage_v"\n{more}')
         with pytest.raises(ConfigError, match=r"profile\[0\].points: .*allowed: \[\[time, value\]"):
             load_scenario(path)
+
+
+def test_files_that_include_the_next_twice_are_read_once_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two to the power of forty paths lead through them."""
+    for k in range(40):
+        (tmp_path / f"{k}.toml").write_text(f'include = ["{k + 1}.toml", "{k + 1}.toml"]\nduration = {k + 1}\n')
+    (tmp_path / "40.toml").write_text('[[request]]\ntime = 1.0\naction = "open"\n')
+    reads: list[Path] = []
+
+    def read(path: Path) -> object:
+        reads.append(path)
+        return read_toml(path)
+
+    monkeypatch.setattr("liftgate_hil.config.scenario.read_toml", read)
+    monkeypatch.setattr("liftgate_hil.testing.suite.read_toml", read)
+    found = load_scenario(tmp_path / "0.toml")
+    assert (len(found.included), found.duration, len(found.requests)) == (40, 1.0, 1)
+    assert len(reads) == 41
+    reads.clear()
+    assert not is_scenario(tmp_path / "0.toml")
+    assert len(reads) == 81  # each as often as it is included

@@ -151,7 +151,7 @@ def test_two_cannot_record_to_one_file(tmp_path: Path, suffix: str) -> None:
     first.close()
     assert first.failure == ""
     assert path.stat().st_size > 30
-    open_writer(path, BOTH).close()  # it is free again, and an existing file is replaced
+    open_writer(path, BOTH).close()  # it is free again, and what is there is set aside
 
 
 @pytest.mark.parametrize("suffix", SPOILT)

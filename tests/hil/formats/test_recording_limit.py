@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from recording_support import BOTH, messages_in, read_csv, rows_from, sent
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.open import FORMATS, open_writer
 from liftgate_hil.formats.rotation import Limit
+from liftgate_hil.formats.target import aside_of
 from liftgate_hil.running.options import RunOptions
 
 LIMIT = 300_000
@@ -68,12 +70,77 @@ def test_the_last_files_are_kept(tmp_path: Path) -> None:
     assert int(files[0].name.split(".")[1]) > 1
 
 
-def test_what_an_earlier_run_left_is_not_mixed_with_this_one(tmp_path: Path) -> None:
-    assert len(recorded(tmp_path / "run.csv", Limit(LIMIT), 3000, 0)) > 2
-    other = tmp_path / "run.final.0001.csv"
-    other.write_text("somebody's")
-    files = recorded(tmp_path / "run.csv", Limit(LIMIT), 100, 0)
-    assert sorted(tmp_path.iterdir()) == sorted([*files, other])
+def names_in(folder: Path) -> list[str]:
+    return sorted(each.name for each in folder.iterdir())
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".log", ".blf"])
+def test_of_earlier_recordings_one_is_kept(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"run{suffix}"
+    first = recorded(path, Limit(LIMIT), 3000, 30_000)
+    assert len(first) > 2
+    contents = [each.read_bytes() for each in first]
+    (second,) = recorded(path, Limit(LIMIT), 100, 100)
+    asides = [aside_of(each) for each in first]
+    assert [each.read_bytes() for each in asides] == contents
+    assert names_in(tmp_path) == sorted(each.name for each in (second, *asides))
+    content = second.read_bytes()
+    assert recorded(path, Limit(LIMIT), 100, 100) == [second]
+    assert names_in(tmp_path) == [second.name, aside_of(second).name]
+    assert aside_of(second).read_bytes() == content
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".log"])
+def test_files_of_others_are_neither_counted_nor_deleted(tmp_path: Path, suffix: str) -> None:
+    """Neither are a recording of ours whose name is that of a part by chance, and a link."""
+    path = tmp_path / f"drive{suffix}"
+    (whole,) = recorded(path, Limit(LIMIT), 100, 100)
+    others = [tmp_path / f"drive.{name}{suffix}" for name in ("2024", "final.0001", "0004", "0003.previous")]
+    whole.rename(others[0])
+    for each in others[1:]:
+        each.write_text("somebody's")
+    (tmp_path / f"drive.0002{suffix}").symlink_to(others[1])
+    contents = [each.read_bytes() for each in others]
+    for _ in range(2):
+        files = recorded(path, Limit(LIMIT, keep=2), 3000, 30_000)
+        assert len(files) == 2
+    found = [each.read_bytes() for each in tmp_path.iterdir() if not each.is_symlink()]
+    assert all(each in found for each in contents)
+    assert others[0].read_bytes() == contents[0]
+
+
+def test_an_earlier_recording_counts_among_the_files_that_are_kept(tmp_path: Path) -> None:
+    path, limit = tmp_path / "run.csv", Limit(LIMIT, keep=4)
+    first = recorded(path, limit, 5000, 0)
+    assert len(first) == 4
+    open_writer(path, BOTH, limit).close()
+    assert names_in(tmp_path) == sorted(["run.0001.csv", *(aside_of(each).name for each in first[1:])])
+    files = recorded(path, limit, 5000, 0)
+    assert names_in(tmp_path) == [each.name for each in files]
+
+
+def test_what_has_replaced_an_earlier_file_meanwhile_is_not_deleted(tmp_path: Path) -> None:
+    path, limit = tmp_path / "run.csv", Limit(LIMIT, keep=3)
+    first = recorded(path, limit, 5000, 0)
+    recorder = open_writer(path, BOTH, limit)
+    aside_of(first[-1]).write_text("somebody's")
+    for k in range(30):
+        recorder.write_rows(rows_from(100 * k, 100))
+    recorder.close()
+    assert recorder.failure == ""
+    assert len(recorder.files) == 3
+    assert aside_of(first[-1]).read_text() == "somebody's"
+
+
+def test_an_input_stays_whatever_it_is_called(tmp_path: Path) -> None:
+    path, limit = tmp_path / "run.csv", Limit(LIMIT, keep=2)
+    files = recorded(path, limit, 5000, 0)
+    content = files[0].read_bytes()
+    recorder = open_writer(path, replace(BOTH, inputs=[files[0]]), limit)
+    for k in range(30):
+        recorder.write_rows(rows_from(100 * k, 100))
+    recorder.close()
+    assert files[0].read_bytes() == content
 
 
 def test_two_cannot_record_to_one_row_of_files(tmp_path: Path) -> None:

@@ -1,90 +1,129 @@
-"""Files of reports and pictures: whole, or as they were before."""
+"""Reports and pictures: ours are replaced, other content is set aside, and a failure leaves what was there."""
 
 from __future__ import annotations
 
 import errno
 import os
-import threading
 from pathlib import Path
 
 import pytest
 
-from liftgate_hil.report.files import write_whole
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.report.drawing import new_figure, pdf, png
+from liftgate_hil.report.files import check_targets, put_report
+from liftgate_hil.report.ours import is_ours
+from liftgate_hil.report.page import page
+from liftgate_hil.testing.junit import issues_as_junit
+from liftgate_plant.compiler.files import name_beside
+
+OURS = {
+    "report.html": page("a title", "", ["<p>text</p>"]).encode(),
+    "junit.xml": issues_as_junit(["an issue"]),
+    "verdicts.json": b'{\n  "verdict": "pass", "provenance": {"versions": {"liftgate-hil": "1"}}}',
+    "fit.json": b'{"model": "full", "provenance": {"versions": {"liftgate-hil": "1"}}}',
+}
+THEIRS = {
+    "report.html": b"<!DOCTYPE html><html><head><title>liftgate-hil</title></head></html>",
+    "junit.xml": b'<?xml version="1.0"?><testsuites name="pytest tests"></testsuites>',
+    "verdicts.json": b'{\n  "verdict": "pass"\n}',
+    "package.json": b'{"name": "liftgate-hil", "provenance": ["versions"]}',
+    "list.json": b'["liftgate-hil"]',
+    "vehicle.toml": b"[identification]\n",
+    "photo.png": b"\x89PNG\r\n\x1a\n",
+    "paper.pdf": b"%PDF-1.4\n/Creator (LaTeX)\n",
+    "figure.svg": b"<svg><dc:title>Inkscape</dc:title></svg>",
+}
 
 
-def test_a_file_is_replaced_with_its_permissions(tmp_path: Path) -> None:
-    path = tmp_path / "report.html"
-    path.write_bytes(b"before")
-    path.chmod(0o600)
-    write_whole(path, b"after")
-    assert (path.read_bytes(), path.stat().st_mode & 0o777) == (b"after", 0o600)
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_link_stays_and_what_it_leads_to_is_written(tmp_path: Path) -> None:
-    path, link = tmp_path / "report.html", tmp_path / "latest.html"
-    link.symlink_to(path.name)
-    write_whole(link, b"content")
-    assert link.is_symlink()
-    assert path.read_bytes() == b"content"
-
-
-@pytest.mark.parametrize("name", ["ä" * 127, "x" * 255])
-def test_a_name_may_be_as_long_as_the_file_system_allows(tmp_path: Path, name: str) -> None:
-    write_whole(tmp_path / name, b"content")
-    assert [each.name for each in tmp_path.iterdir()] == [name]
-
-
-def test_a_pipe_is_written_to(tmp_path: Path) -> None:
-    path, read = tmp_path / "pipe", []
-    os.mkfifo(path)
-    reader = threading.Thread(target=lambda: read.append(path.read_bytes()))
-    reader.start()
-    write_whole(path, b"content")
-    reader.join(60.0)
-    assert read == [b"content"]
-    assert path.is_fifo()
-
-
-def test_a_pipe_by_the_name_of_its_descriptor_is_written_to() -> None:
-    read, write = os.pipe()
-    write_whole(Path(f"/dev/fd/{write}"), b"content")
-    os.close(write)
-    with os.fdopen(read, "rb") as stream:
-        assert stream.read() == b"content"
-
-
-def test_a_file_without_a_name_is_written_to(tmp_path: Path) -> None:
-    with (tmp_path / "gone").open("w+b") as stream:
-        (tmp_path / "gone").unlink()
-        write_whole(Path(f"/dev/fd/{stream.fileno()}"), b"content")
-        assert stream.read() == b"content"
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("number", [errno.EBUSY, errno.EPERM, errno.EACCES, errno.EROFS, errno.EINVAL])
-def test_a_file_that_cannot_be_replaced_is_written_to(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
-) -> None:
-    def refuse(*_: object) -> None:
-        raise OSError(number, os.strerror(number))
-
-    path = tmp_path / "mounted.xml"
-    path.write_bytes(b"before, and longer")
-    monkeypatch.setattr(Path, "replace", refuse)
-    write_whole(path, b"after")
+@pytest.mark.parametrize("name", OURS)
+def test_a_report_of_ours_is_replaced(tmp_path: Path, name: str) -> None:
+    path, said = tmp_path / name, list[str]()
+    path.write_bytes(OURS[name])
+    put_report(path, b"after", said.append)
     assert path.read_bytes() == b"after"
     assert list(tmp_path.iterdir()) == [path]
-    with pytest.raises(OSError, match=os.strerror(number)):
-        write_whole(tmp_path / "new.xml", b"content")
+    assert said == []
+
+
+def test_a_picture_of_ours_is_replaced(tmp_path: Path) -> None:
+    for path, content in (
+        (tmp_path / "a.png", png(new_figure(1.0, 1.0))),
+        (tmp_path / "a.pdf", pdf(new_figure(1.0, 1.0))),
+    ):
+        path.write_bytes(content)
+        assert is_ours(path)
+
+
+@pytest.mark.parametrize("name", THEIRS)
+def test_other_content_is_set_aside_every_time(tmp_path: Path, name: str) -> None:
+    path, said = tmp_path / name, list[str]()
+    aside, second = (path.with_name(f"{path.stem}.previous{end}{path.suffix}") for end in ("", ".2"))
+    for content in (THEIRS[name], b"not ours either"):
+        path.write_bytes(content)
+        put_report(path, b"after", said.append)
+    assert path.read_bytes() == b"after"
+    assert (aside.read_bytes(), second.read_bytes()) == (THEIRS[name], b"not ours either")
+    assert said == [f"{path}: the file that was there is now {each}" for each in (aside, second)]
+
+
+def test_the_same_content_is_not_written_again(tmp_path: Path) -> None:
+    path = tmp_path / "vehicle.toml"
+    put_report(path, b"[motor]\n")
+    before = path.stat()
+    put_report(path, b"[motor]\n")
     assert list(tmp_path.iterdir()) == [path]
+    assert path.stat().st_mtime_ns == before.st_mtime_ns
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
-def test_a_file_keeps_its_owner(tmp_path: Path) -> None:
+@pytest.mark.parametrize("operation", ["fsync", "link", "replace"])
+def test_a_failure_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str) -> None:
+    path = tmp_path / "photo.png"
+    path.write_bytes(b"somebody's")
+
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, operation, fail)
+    with pytest.raises((OSError, ConfigError)):
+        put_report(path, b"after")
+    assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"somebody's"]
+    assert path.exists() == (operation != "replace")
+
+
+def test_a_file_of_others_in_a_folder_that_cannot_be_written_to_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of ours would be written to directly."""
+    real = os.open
+
+    def refuse(path: object, flags: int, *more: int, **others: object) -> int:
+        if flags & os.O_CREAT:
+            raise OSError(errno.EACCES, os.strerror(errno.EACCES))
+        return real(path, flags, *more, **others)  # type: ignore[arg-type]
+
     path = tmp_path / "report.html"
-    path.write_bytes(b"before")
-    os.chown(path, 65534, 65534)
-    path.chmod(0o600)
-    write_whole(path, b"after")
-    assert (path.stat().st_uid, path.stat().st_gid, path.stat().st_mode & 0o777) == (65534, 65534, 0o600)
+    monkeypatch.setattr(os, "open", refuse)
+    path.write_bytes(THEIRS["report.html"])
+    with pytest.raises(OSError, match="Permission denied"):
+        put_report(path, b"after")
+    assert path.read_bytes() == THEIRS["report.html"]
+    path.write_bytes(OURS["report.html"])
+    put_report(path, b"after")
+    assert path.read_bytes() == b"after"
+
+
+def test_what_a_killed_process_has_left_beside_a_target_is_removed(tmp_path: Path) -> None:
+    left, other = tmp_path / name_beside("fit.json"), tmp_path / name_beside("other.json")
+    left.touch()
+    other.touch()
+    check_targets({"--result": str(tmp_path / "fit.json")}, [])
+    assert list(tmp_path.iterdir()) == [other]
+
+
+@pytest.mark.parametrize("link", [os.link, os.symlink])
+def test_a_target_that_is_read_is_refused(tmp_path: Path, link: object) -> None:
+    source, target = tmp_path / "in.csv", tmp_path / "out.json"
+    source.write_text("time_s\n")
+    link(source, target)  # type: ignore[operator]
+    with pytest.raises(ConfigError, match=r"--result .*out\.json: is an input file; allowed: a separate file"):
+        check_targets({"--result": str(target)}, [tmp_path / "not there", source])

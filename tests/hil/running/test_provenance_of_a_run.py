@@ -98,7 +98,7 @@ def test_the_same_run_gives_the_same_bytes(tmp_path: Path) -> None:
     run(tmp_path, ".mcap", ".parquet")
     first = {path: path.read_bytes() for path in tmp_path.glob("run.*")}
     run(tmp_path, ".mcap", ".parquet")
-    assert {path: path.read_bytes() for path in tmp_path.glob("run.*")} == first
+    assert {path: path.read_bytes() for path in first} == first
 
 
 @pytest.mark.parametrize(("suffix", "mark"), [(".asc", "// "), (".trc", "; ")])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.identify.reporting.findings import (
     columns_of,
     mean_over,
@@ -102,9 +103,9 @@ def validation_json(result: Validation) -> dict[str, Any]:
     }
 
 
-def write_json(path: str, flag: str, content: Mapping[str, Any]) -> None:
-    """Write the content as JSON; raise ConfigError where that fails."""
-    write_report(path, flag, json.dumps(content, indent=2, allow_nan=False) + "\n")
+def write_json(path: str, flag: str, content: Mapping[str, Any], say: Say = silent) -> None:
+    """Write the content as JSON, as `write_report` does; raise ConfigError where that fails."""
+    write_report(path, flag, json.dumps(content, indent=2, allow_nan=False) + "\n", say)
 
 
 def _number(value: float) -> float | None:

@@ -1,0 +1,36 @@
+"""Reports and pictures of this program, told from other content by what they hold."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from liftgate_hil.report.page import GENERATOR
+
+SOFTWARE = "liftgate-hil"  # what pictures name as the program that made them
+SUITES = "liftgate-hil"  # begin of the name of JUnit's root element
+_HEAD = 2000  # bytes in which these stand, but for a PDF's
+_MARKS = (GENERATOR, f'<testsuites name="{SUITES}', f"Software\0{SOFTWARE}", f"<dc:title>{SOFTWARE}</dc:title>")
+_PDF = f"/Creator ({SOFTWARE})"
+
+
+def is_ours(path: Path) -> bool:
+    """Whether a file is a report or a picture of this program; false if nobody can tell."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(_HEAD)
+            if head.startswith(b"%PDF"):
+                return _PDF.encode() in head + stream.read()
+            if head.lstrip().startswith(b"{"):
+                return _is_our_json(head + stream.read())
+    except OSError:
+        return False
+    return any(mark.encode() in head for mark in _MARKS)
+
+
+def _is_our_json(content: bytes) -> bool:
+    """Whether JSON has a provenance with the version of this program."""
+    try:
+        return "liftgate-hil" in json.loads(content)["provenance"]["versions"]
+    except (ValueError, LookupError, TypeError, RecursionError):
+        return False
