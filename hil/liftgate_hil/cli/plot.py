@@ -108,7 +108,7 @@ def _vehicle_name(args: argparse.Namespace) -> str:
 def _subject(args: argparse.Namespace) -> Subject:
     """Return what the figure is of. Raises ConfigError."""
     from liftgate_hil.conversion.figures.subject import Subject
-    from liftgate_hil.conversion.table import open_table
+    from liftgate_hil.conversion.table import open_whole
 
     kind, name = FIGURES[args.figure], _vehicle_name(args)
     vehicle = None
@@ -121,7 +121,8 @@ def _subject(args: argparse.Namespace) -> Subject:
     window, table = recordings.window_of(args), None
     title = f"{stem}, changed" if changes else stem
     if kind.of_recording:
-        table = open_table(Path(args.recording), args.rig, recordings.reading_of(args))
+        reading, columns = recordings.reading_of(args), recordings.columns_of(args)
+        table = open_whole(Path(args.recording), args.rig, reading, columns or ())
         title = Path(args.recording).name
     if args.figure != "columns":
         title = f"{title}: {kind.meaning}"

@@ -18,6 +18,7 @@ from liftgate_hil.conversion.decode import Decoder, seen_in
 from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
 from liftgate_hil.formats.open import open_recording
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
+from liftgate_hil.running.recorded_setup import recorded_setup
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -44,6 +45,34 @@ class DecodedRows(Recording):
         places = [order.index(name) for name in wanted]
         for rows in Decoder(self.messages, str(self.path)).rows(self.source.frames()):
             yield rows[:, places]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RowsAndSignals(Recording):
+    """Rows of a recording and what is decoded from its frames, each value held until the next one."""
+
+    source: Recording
+    decoded: DecodedRows
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on the file and on the database."""
+        return self.decoded.notes
+
+    def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
+        """Yield rows (n, len(wanted)), one at each time of either; NaN: no value yet."""
+        parts = []
+        for each in (self.source, self.decoded):
+            own = [name for name in wanted if name in each.signals and name != "time_s"]
+            if own:
+                parts.append((own, np.concatenate([np.empty((0, 1 + len(own))), *each.rows(["time_s", *own])])))
+        times = np.unique(np.concatenate([rows[:, 0] for _, rows in parts]))
+        found = {"time_s": times}
+        for own, rows in parts:
+            place = np.searchsorted(rows[:, 0], times, side="right") - 1
+            held = np.where(place[:, np.newaxis] >= 0, rows[np.maximum(place, 0), 1:], np.nan)
+            found |= {name: held[:, k] for k, name in enumerate(own)}
+        yield np.column_stack([found[name] for name in wanted])
 
 
 def decoded(source: Recording, rig: str) -> DecodedRows:
@@ -91,6 +120,35 @@ def open_table(path: Path, rig: str | None = None, how: ReadOptions = AS_IT_IS) 
     if not source.signals:
         raise ConfigError(f"{path}: holds only frames; allowed: with `rig`, which decodes them")
     return source
+
+
+def open_whole(
+    path: Path, rig: str | None = None, how: ReadOptions = AS_IT_IS, columns: Sequence[str] = ()
+) -> Recording:
+    """Open the columns of a recording, its rows and what its frames say. Raises ConfigError.
+
+    Frames are decoded by `rig`, else by that of the run where one of the `columns` is none of the rows.
+    """
+    source = open_recording(path, how)
+    if not source.signals or source.channel is None:
+        return open_table(path, rig, how)
+    if rig is None and any(name not in source.signals for name in columns):
+        recorded = recorded_setup([path]).rig
+        rig = None if recorded is None else recorded.source
+    if rig is None:
+        return source
+    found = decoded(source, rig)
+    own = {name: signal for name, signal in found.signals.items() if name not in source.signals}
+    return RowsAndSignals(
+        path=path,
+        signals={**source.signals, **own},
+        names=source.names,
+        start_ns=source.start_ns,
+        about=source.about,
+        marks=source.marks,
+        source=source,
+        decoded=found,
+    )
 
 
 class Window(NamedTuple):

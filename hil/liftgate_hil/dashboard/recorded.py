@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from liftgate_hil.conversion.ours import ours_in
-from liftgate_hil.conversion.table import open_table
+from liftgate_hil.conversion.table import open_whole
 from liftgate_hil.dashboard.source import JsonObject, check_columns, in_stretches, nothing_known, split
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
@@ -35,7 +35,7 @@ class RecordingSource:
     def __init__(
         self, path: Path, rig: str | None = None, vehicle: str | None = None, how: ReadOptions = AS_IT_IS
     ) -> None:
-        table = open_table(path, rig, how)
+        table = open_whole(path, rig, how)
         self._path = path
         self._names = ["time_s", *(each for each in table.signals if each != "time_s")]
         self._units = {name: table.signals[name].unit for name in self._names}

@@ -17,7 +17,7 @@ from liftgate_hil.running.job import Job
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import Subject
 from liftgate_hil.running.result import Result, reason_of
-from liftgate_hil.testing.rejudge import Expectations, StoppedJudgingError, judged
+from liftgate_hil.testing.rejudge import Expectations, StoppedJudgingError, as_recorded, judged
 from liftgate_hil.testing.suite import Case, Outcome, not_run
 
 _CLOCK = "recorded"
@@ -44,19 +44,17 @@ def runs_of(names: Sequence[str], is_one: bool = False) -> list[tuple[Path, ...]
 
 def cases_of(runs: Sequence[tuple[Path, ...]], about: Expectations, is_reported: bool = True) -> list[Case]:
     """Return a case for each run; `is_reported`: with its files' hashes."""
-    scenario = about.setup.scenario
+    return [Case(str(paths[0]), _subject_of(paths, about, is_reported), paths) for paths in runs]
+
+
+def _subject_of(paths: tuple[Path, ...], about: Expectations, is_reported: bool) -> Subject:
+    about, _ = as_recorded(paths, about)
     files = about.setup.files | {"rig": Path(about.rig.source), "dbc": about.rig.database}
     files.pop("vehicle", None)  # the recording may be of another one
-    sources = sources_of(files) if is_reported else {}
+    files |= {f"recording {k}": path for k, path in enumerate(paths, 1)}
     options = RunOptions(rate=about.rate, clock=_CLOCK, duration=about.duration)
-    job = Job(scenario=scenario, ecu="", rig=about.rig, options=options)
-    cases = []
-    for paths in runs:
-        recorded = {f"recording {k}": path for k, path in enumerate(paths, 1)}
-        own = sources_of(recorded) if is_reported else {}
-        subject = Subject(job, about.setup, about.rig, {**sources, **own})
-        cases.append(Case(str(paths[0]), subject, paths))
-    return cases
+    job = Job(scenario=about.setup.scenario, ecu="", rig=about.rig, options=options)
+    return Subject(job, about.setup, about.rig, sources_of(files) if is_reported else {})
 
 
 def judge_suite(

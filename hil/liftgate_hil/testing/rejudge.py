@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from liftgate_hil.conditions.condition import COLUMN
 from liftgate_hil.config.database import database_file, is_database, load_messages
@@ -27,6 +28,7 @@ from liftgate_hil.loop.begun import Begun
 from liftgate_hil.measurement.mapping import ColumnMap, parse_maps
 from liftgate_hil.running.loop_start import loop_config_of, start_of
 from liftgate_hil.running.plan import expected_in
+from liftgate_hil.running.recorded_setup import recorded_setup
 from liftgate_hil.running.result import silence_of, tolerance_of
 from liftgate_hil.running.setup import Setup, rig_of, setup_of
 from liftgate_hil.running.stepping import StepsAgain, relevant_frames
@@ -78,6 +80,15 @@ def judge(
     return judged([Path(each) for each in recordings], about).verdicts
 
 
+class Request(NamedTuple):
+    """Arguments of `expectations_of` as they were given; None: what the recording says, else the scenario."""
+
+    scenario: str | Path | Scenario
+    parameters: Mapping[str, float] | None = None
+    vehicle: str | Path | Vehicle | None = None
+    rig: str | Path | Rig | None = None
+
+
 class StoppedJudgingError(Exception):
     """Raised where judging was stopped before its end."""
 
@@ -86,6 +97,7 @@ class StoppedJudgingError(Exception):
 class Expectations:
     """Expectations that recordings are judged by, and how these are read."""
 
+    request: Request
     setup: Setup
     rig: Rig
     expected: Expected
@@ -140,10 +152,56 @@ def expectations_of(
     """Return what a scenario expects, see `judge`. Raises ConfigError."""
     setup = setup_of(scenario, parameters=parameters, vehicle=vehicle)
     chosen = _rig_of(rig, setup.scenario)
-    expected = expected_in(setup, chosen)
+    return Expectations(Request(scenario, parameters, vehicle, rig), setup, chosen, _expected_in(setup, chosen))
+
+
+def _expected_in(setup: Setup, rig: Rig) -> Expected:
+    expected = expected_in(setup, rig)
     if not expected.expectations:
         raise ConfigError(f"{setup.scenario.source}: expect: missing; allowed: [[expect]] tables")
-    return Expectations(setup, chosen, expected)
+    return expected
+
+
+def as_recorded(paths: Sequence[Path], about: Expectations) -> tuple[Expectations, list[str]]:
+    """Return the expectations with what the recordings of a run say of it, and notes on what differs.
+
+    What was given comes first, then the vehicle, the rig and the parameters that the provenance states, then the
+    scenario's. Raises ConfigError.
+    """
+    found, given, notes = recorded_setup(paths), about.request, list[str]()
+
+    def noted(what: str, recorded: object, other: object, is_given: bool) -> None:
+        used, unused = (other, f"{recorded} as recorded") if is_given else (recorded, other)
+        how = "given" if is_given else "recorded"
+        notes.append(f"{found.path}: {what} {used} as {how}, not {unused}")
+
+    own = {name: value for name, value in found.parameters.items() if name in about.setup.scenario.parameters}
+    for name, value in own.items():
+        other = about.setup.scenario.parameters[name]
+        if value != other:
+            noted(name, value, other, name in (given.parameters or {}))
+    setup = about.setup
+    if any(setup.scenario.parameters[name] != value for name, value in own.items()):
+        chosen = {**own, **(given.parameters or {})}
+        setup = setup_of(given.scenario, parameters=chosen, vehicle=given.vehicle)
+    rig = about.rig
+    if found.rig is not None and found.rig.source != rig.source:
+        noted("rig", Path(found.rig.source).stem, Path(rig.source).stem, given.rig is not None)
+        rig = found.rig if given.rig is None else rig
+    elif found.states_rig and found.rig is None and given.rig is None:
+        notes.append(f"{found.path}: its rig is not there as it was; judged by {Path(rig.source).stem}")
+    if found.vehicle is not None and found.vehicle != setup.vehicle:
+        same = " with its changes" if found.vehicle_name == setup.vehicle_name else ""
+        noted("vehicle", found.vehicle_name + same, setup.vehicle_name, given.vehicle is not None)
+        if given.vehicle is None:
+            changed = setup.varied(setup.scenario, found.vehicle)
+            setup = replace(changed, vehicle_name=found.vehicle_name, vehicle_file=None)
+    elif found.content and found.vehicle is None and given.vehicle is None:
+        text = "its vehicle has other parameters than those of this version"
+        notes.append(f"{found.path}: {text}; judged as {setup.vehicle_name}")
+    if setup is about.setup and rig is about.rig:
+        return about, notes
+    return replace(about, setup=setup, rig=rig, expected=_expected_in(setup, rig)), notes
 
 
 def judged(
@@ -162,7 +220,9 @@ def judged(
         reason = "nothing was recorded"
         nothing = {name: Verdict(name, INCONCLUSIVE, reason=reason) for name in names}
         return Judged(nothing, {}, 0, 0.0, ())
+    about, differences = as_recorded(paths, about)
     run = read_run(paths, about.asked)
+    run.notes[:0] = differences
     scenario = about.setup.scenario
     end = scenario.duration if about.duration is None else about.duration
     last = float(run.times[-1])

@@ -15,14 +15,15 @@ import pytest
 from conversion_support import FRAMES, ROWS, STAMPS, log, table
 from recording_support import rows_from
 
+import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.conversion import picture
 from liftgate_hil.conversion.figures.catalogue import drawn
 from liftgate_hil.conversion.figures.subject import Subject
-from liftgate_hil.conversion.table import Window, chosen, columns_in, open_table
+from liftgate_hil.conversion.table import Window, chosen, columns_in, open_table, open_whole
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.open import open_writer
+from liftgate_hil.formats.open import open_recording, open_writer
 
 HEAD = "time_s,left_current_a,right_current_a,sensed_left_current_a,gate_angle_deg,left_hall_count\n"
 RUN = [(t, a, -a, a + 0.1, b, float(k)) for k, (t, a, b) in enumerate(ROWS)]
@@ -255,3 +256,20 @@ def test_a_recording_without_a_column_is_refused(tmp_path: Path, capsys: pytest.
     path.write_text("time_s\n0\n1\n")
     assert main(["plot", str(path)]) == 2
     assert "no column besides time_s" in capsys.readouterr().err
+
+
+def test_rows_and_frames_of_one_file_are_in_one_table(tmp_path: Path) -> None:
+    """With a rig, or by the run's own where a signal is asked for; each value holds until the next one."""
+    path = tmp_path / "run.mf4"
+    lh.run("demo", ecu="reference", record=[path], duration=0.05)
+    assert "Gate.Angle" not in open_whole(path).signals
+    for whole in (open_whole(path, "liftgate"), open_whole(path, columns=["Gate.Angle"])):
+        both = np.concatenate(list(whole.rows(["time_s", "gate_angle_deg", "Gate.Angle"])))
+        own = np.concatenate(list(open_recording(path).rows(["time_s", "gate_angle_deg"])))
+        decoded = np.concatenate(list(open_table(path, "liftgate").rows(["time_s", "Gate.Angle"])))
+        assert both[:, 0].tolist() == sorted({*own[:, 0], *decoded[:, 0]})
+        assert both[np.isin(both[:, 0], own[:, 0]), 1].tolist() == own[:, 1].tolist()
+        at = np.isin(both[:, 0], decoded[:, 0])
+        np.testing.assert_array_equal(both[at, 2], decoded[:, 1])
+        alone = next(whole.rows(["time_s", "gate_angle_deg"]))
+        assert len(alone) <= len(own)

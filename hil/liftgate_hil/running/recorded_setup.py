@@ -1,0 +1,106 @@
+"""Setup of a recorded run as its provenance states it: vehicle, rig, and parameters of the scenario."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from liftgate_hil.config.rig import Rig, load_rig
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.sources import sources_of
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.open import FORMATS, open_file
+from liftgate_plant.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class RecordedSetup:
+    """Provenance of a recorded run; empty where no file of the run states any."""
+
+    path: Path = Path()
+    content: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def vehicle(self) -> Vehicle | None:
+        """The vehicle as it was used, with all settings; None: not stated, or with other parameters than now."""
+        with contextlib.suppress(TypeError, ValueError, KeyError, AttributeError):
+            found = _built(Vehicle, self.content["vehicle"])
+            return found if isinstance(found, Vehicle) else None
+        return None
+
+    @property
+    def vehicle_name(self) -> str:
+        """The name of the vehicle's file."""
+        return Path(self._file("vehicle").get("path", "as recorded")).stem
+
+    @cached_property
+    def rig(self) -> Rig | None:
+        """The rig with which it was recorded; None: not stated, or its files are not there as they were."""
+        own = self._file("rig")
+        name = own.get("path", "")
+        for path in (Path(name), *_shipped(Path(name).stem)) if name else ():
+            with contextlib.suppress(ConfigError):
+                rig = load_rig(path)
+                now = sources_of({"rig": path, "dbc": rig.database})
+                if all(now[each].sha256 == self._file(each).get("sha256") for each in now):
+                    return rig
+        return None
+
+    @property
+    def states_rig(self) -> bool:
+        """Whether it was recorded with a rig at all."""
+        return bool(self._file("rig"))
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The parameters of the scenario, by name."""
+        found = self.content.get("parameters")
+        return found if isinstance(found, dict) else {}
+
+    def _file(self, purpose: str) -> Mapping[str, str]:
+        files = self.content.get("files")
+        found = files.get(purpose) if isinstance(files, dict) else None
+        return found if isinstance(found, dict) else {}
+
+
+def recorded_setup(paths: Sequence[Path]) -> RecordedSetup:
+    """Return the setup that the first file of a run states which holds any; what cannot be read states none."""
+    for path in paths:
+        form = FORMATS.get(path.suffix.lower())
+        if form is None or not form.holds_about:
+            continue
+        with contextlib.suppress(ConfigError, ValueError, RecursionError):  # reported by its reader
+            content = json.loads(open_file(path).about or "{}")
+            if isinstance(content, dict) and content:
+                return RecordedSetup(path, content)
+    return RecordedSetup()
+
+
+def _shipped(name: str) -> list[Path]:
+    with contextlib.suppress(ConfigError):
+        return [find_config("rigs", name)]
+    return []
+
+
+def _built(kind: Any, value: Any) -> Any:
+    """Return a value of JSON as a NamedTuple of this kind, with those in it; others as they were written.
+
+    Raises TypeError, KeyError, AttributeError where it has other fields.
+    """
+    if hasattr(kind, "_fields"):
+        if {*value} != {*kind._fields}:
+            raise TypeError
+        hints = typing.get_type_hints(kind)
+        return kind(**{name: _built(hints[name], value[name]) for name in kind._fields})
+    if isinstance(value, list):
+        return tuple(_built(None, each) for each in value)
+    if value in ("inf", "-inf", "nan"):
+        return math.inf if value == "inf" else -math.inf if value == "-inf" else math.nan
+    return value

@@ -1,0 +1,93 @@
+"""What a recording says of its run comes before what the scenario says, and after what is given."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import liftgate_hil as lh
+from liftgate_hil.cli.main import main
+from liftgate_hil.running.recorded_setup import RecordedSetup, recorded_setup
+from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.testing.rejudge import as_recorded, expectations_of
+
+SCENARIO = """description = "opens"
+duration = 0.2
+rig = "liftgate"
+[parameters]
+limit = 50.0
+[[expect]]
+name = "soft"
+never = "pinch_force_n > $limit"
+"""
+
+
+@pytest.fixture(scope="module", params=["parquet", "mf4", "mcap"])
+def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of a compact car with a changed motor, by a rig of its own, with another limit."""
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "s.toml").write_text(SCENARIO)
+    rig = Path(__file__).parents[3] / "configs" / "rigs" / "liftgate.toml"
+    (folder / "own.toml").write_text(rig.read_text() + "\n")
+    path = folder / f"run.{request.param}"
+    lh.run(
+        folder / "s.toml", vehicle="compact", settings=["motor.resistance=0.9"], ecu="reference", record=[path],
+        rig=folder / "own.toml", parameters={"limit": 70.0},
+    )  # fmt: skip
+    return path
+
+
+def test_the_recording_comes_before_the_scenario(recording: Path) -> None:
+    about, notes = as_recorded([recording], expectations_of(recording.parent / "s.toml"))
+    assert about.setup.vehicle == vehicle_from("compact", ["motor.resistance=0.9"])
+    assert about.setup.scenario.parameters == {"limit": 70.0}
+    assert Path(about.rig.source) == recording.parent / "own.toml"
+    assert [note.removeprefix(f"{recording}: ") for note in notes] == [
+        "limit 70.0 as recorded, not 50.0",
+        "rig own as recorded, not liftgate",
+        "vehicle compact as recorded, not suv",
+    ]
+
+
+def test_what_is_given_comes_before_the_recording(recording: Path) -> None:
+    given = expectations_of(recording.parent / "s.toml", vehicle="suv", rig="liftgate", parameters={"limit": 60.0})
+    about, notes = as_recorded([recording], given)
+    assert about is given or about.setup.vehicle == given.setup.vehicle
+    assert about.setup.scenario.parameters == {"limit": 60.0}
+    assert [note.removeprefix(f"{recording}: ") for note in notes] == [
+        "limit 60.0 as given, not 70.0 as recorded",
+        "rig liftgate as given, not own as recorded",
+        "vehicle suv as given, not compact as recorded",
+    ]
+
+
+def test_the_command_tells_what_it_takes_from_the_recording(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["judge", str(recording), "--scenario", str(recording.parent / "s.toml")]) == 0
+    assert "note: " in (said := capsys.readouterr().err)
+    assert "vehicle compact as recorded, not suv" in said
+
+
+def test_a_rig_that_has_changed_since_is_not_taken(recording: Path) -> None:
+    own = recording.parent / "own.toml"
+    before = own.read_text()
+    own.write_text(before + "\n# changed\n")
+    try:
+        about, notes = as_recorded([recording], expectations_of(recording.parent / "s.toml"))
+    finally:
+        own.write_text(before)
+    assert Path(about.rig.source).name == "liftgate.toml"
+    assert f"{recording}: its rig is not there as it was; judged by liftgate" in notes
+
+
+@pytest.mark.parametrize("vehicle", [{}, {"drives": 2}, None, 5, {"drives": 2, "left": 1}])
+def test_a_vehicle_of_other_parameters_is_none(vehicle: object) -> None:
+    assert RecordedSetup(Path("x"), {"vehicle": vehicle}).vehicle is None
+
+
+def test_files_without_provenance_state_nothing(tmp_path: Path) -> None:
+    (tmp_path / "x.mf4").write_text("no MF4")
+    (tmp_path / "x.csv").write_text("time_s,a\n0,1\n")
+    assert recorded_setup([tmp_path / "x.mf4", tmp_path / "x.csv"]).content == {}
