@@ -135,11 +135,9 @@ def _lines(messages: list[MappedMessage]) -> list[str]:
         cycle += f", {each.send_type}" if each.send_type != SendType.CYCLIC.value else ""
         cycle += f", {each.pages} multiplexer values in turn" if each.pages > 1 else ""
         stale = f", stale after {each.timeout_ms:g} ms" if each.timeout_ms else ""
-        digits = 8 if each.is_extended else 3
-        lines.append(
-            f"{each.direction} {each.message} 0x{each.identifier:0{digits}X}, {each.length} bytes{cycle}{stale}; "
-            f"protection: {each.protection}"
-        )
+        digits, form = 8 if each.is_extended else 3, f", {each.format}" if each.format != "classic" else ""
+        called = f"{each.direction} {each.message} 0x{each.identifier:0{digits}X}"
+        lines.append(f"{called}, {each.length} bytes{form}{cycle}{stale}; protection: {each.protection}")
         rows = [_cells(signal) for signal in each.signals]
         widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
         lines += ["    " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]

@@ -17,7 +17,7 @@ from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import run_loop
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import printable
-from liftgate_hil.judging.verdict import ERROR
+from liftgate_hil.judging.verdict import ERROR, GIVEN_UP
 
 if TYPE_CHECKING:
     from liftgate_hil.running.result import Result
@@ -82,7 +82,7 @@ def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> 
 
     return {
         **result.summary.as_dict(),
-        "stop_reason": stopped.name or "duration",
+        "stop_reason": stopped.name or (GIVEN_UP if result.is_given_up else "duration"),
         "maxima": _known(result.maxima),
         "minima": _known(result.minima),
         "verdict": result.verdict if result.expectations else None,

@@ -288,6 +288,8 @@ class _Parser:
 
     def _primary(self) -> _Part:
         kind, token, _ = self._here()
+        if kind == "name" and self.tokens[self.next + 1][1] == "(":
+            raise ValueError(f"{token}(): no such function; allowed: abs()")
         if kind in ("number", "parameter", "name"):
             self.next += 1
             return getattr(self, f"_{kind}_named")(token)  # type: ignore[no-any-return]

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from liftgate_hil.codec.bus_config import SignalMapping, start_value
 from liftgate_hil.codec.counter import Counting
-from liftgate_hil.codec.frames import EXTENDED
+from liftgate_hil.codec.frames import BRS, EXTENDED, FD
 from liftgate_hil.codec.multiplexing import is_on, multiplexer_values, pages_of
 from liftgate_hil.codec.protection import MessageOptions, signals_made
 from liftgate_hil.codec.rocksoft import Covered, Rocksoft
-from liftgate_hil.codec.sending import cycle_of, send_type_of, timeout_of
+from liftgate_hil.codec.sending import cycle_of, format_of, send_type_of, timeout_of
 from liftgate_hil.config.inject import REQUEST, SIGNAL
 from liftgate_hil.config.restbus import Press
 from liftgate_hil.config.rig import Rig
@@ -38,6 +38,9 @@ class MappedSignal(NamedTuple):
     step: float  # 0: a floating-point signal
 
 
+_FORMATS = {0: "classic", FD: "CAN FD", FD | BRS: "CAN FD with BRS"}
+
+
 class MappedMessage(NamedTuple):
     """A message that carries quantities."""
 
@@ -46,6 +49,7 @@ class MappedMessage(NamedTuple):
     is_extended: bool
     direction: str  # "received" or "sent" by the gate
     length: int  # bytes
+    format: str  # of its frames as the gate sends them: "classic", "CAN FD" or "CAN FD with BRS"
     cycle_ms: float  # 0: none
     pages: int  # number of multiplexer values with which it is sent in turn
     timeout_ms: float  # 0: its values never expire
@@ -110,6 +114,7 @@ def _messages(
             is_extended=bool(message.is_extended_frame),
             direction=direction,
             length=message.length,
+            format=_FORMATS[format_of(message, options)],
             cycle_ms=cycle,
             pages=len(pages_of(message, [wire.signal for wire in own])) if direction == "sent" else 1,
             timeout_ms=timeout_of(message, options) if is_stale else 0.0,

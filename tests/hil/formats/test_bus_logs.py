@@ -443,6 +443,7 @@ def test_the_gate_sends_with_brs_where_database_or_rig_says_so(
     tmp_path: Path, attribute: str, own: str, expected: bool
 ) -> None:
     from liftgate_hil.config.rig import load_rig
+    from liftgate_hil.config.rig_table import mapped_messages
 
     (tmp_path / "fd.dbc").write_text(
         'VERSION ""\nBS_:\nBU_: ECU Gate\n'
@@ -463,3 +464,5 @@ def test_the_gate_sends_with_brs_where_database_or_rig_says_so(
     (row,) = config.messages
     assert bool(row.format & BRS) is expected
     assert row.format & FD
+    shown = {each.message: each.format for each in mapped_messages(load_rig(tmp_path / "rig.toml"))}
+    assert shown == {"Cmd": "classic", "Sens": "CAN FD with BRS" if expected else "CAN FD"}
