@@ -55,6 +55,7 @@ RIG = Document(
         "messages[].direction": "`received` or `sent` by the gate",
         "messages[].length": "length [bytes]",
         "messages[].cycle_ms": "cycle time [ms]; 0: none",
+        "messages[].format": "of the frames as the gate sends them: `classic`, `CAN FD`, `CAN FD with BRS`",
         "messages[].pages": "number of multiplexer values with which it is sent in turn",
         "messages[].timeout_ms": "timeout [ms]; 0: its values never expire",
         "messages[].send_type": "`cyclic`, `cyclic while active`, `on events`",

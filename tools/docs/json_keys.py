@@ -160,8 +160,8 @@ RUN = Document(
         "command_delay_force_n": "pinch force that grows during the largest command delay, on the rod of 10 N/mm "
         "[N]; null: no delay was measured",
         "rejected_frames": "all rejected frames: remote, wrong length, out of range, checksum, counter",
-        "stop_reason": "signal that stopped the run: `SIGINT`, `SIGTERM`; else `duration`, also if the bench "
-        "gave up (exit code 3)",
+        "stop_reason": "signal that stopped the run: `SIGINT`, `SIGTERM`; else `given up`, if the bench ended it "
+        "early (exit code 3), or `duration`",
         "maxima": "largest value of each column of recordings",
         "maxima.COLUMN": "in the unit of the [signal](signals.md); null: unknown",
         "minima": "smallest value of each column of recordings",
