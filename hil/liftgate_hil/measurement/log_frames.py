@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.formats.open import open_file
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions
 
+_ENOUGH, _OFTEN = 20, 1.8  # frames of which the rate is told, and times its cycle from which it is that of two
 SILENT_S = 0.1  # longest silence that is normal: messages come more often
 
 
@@ -44,7 +45,23 @@ def read_frames(
         ours.append(frames[mine] if not mine.all() else frames)
     found = np.concatenate(ours)
     plain = Frames(len(found), found["identifier"], found["length"], found["payload"])
-    return LogFrames(found["time_ns"], plain, tuple(log.notes), log.start_ns, watch.span, tuple(watch.silences))
+    notes = (*log.notes, *_doubled(found, messages, rig))
+    return LogFrames(found["time_ns"], plain, notes, log.start_ns, watch.span, tuple(watch.silences))
+
+
+def _doubled(frames: NDArray[np.void], messages: Collection[str], rig: Rig) -> Iterator[str]:
+    """Yield a note for each message that comes much more often than its cycle says: two nodes may send it."""
+    identifiers = frames["identifier"] & ~(FD_FLAGS | REMOTE)
+    for name in messages:
+        times, cycle_ns = frames["time_ns"][identifiers == rig.identifier(name)], 1e6 * rig.cycle_ms(name)
+        if len(times) < _ENOUGH or not cycle_ns:
+            continue
+        often = (len(times) - 1) * cycle_ns / max(int(times.max() - times.min()), 1)
+        if often > _OFTEN:
+            yield (
+                f"{name} comes {often:.3g} times as often as every {1e-6 * cycle_ns:g} ms, its cycle: "
+                "are two benches in the log, under the name of one bus?"
+            )
 
 
 class _Watch:

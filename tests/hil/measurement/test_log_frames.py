@@ -58,3 +58,14 @@ def test_a_block_may_end_within_a_line(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(text_blocks, "_FIRST", 37)
     monkeypatch.setattr(text_blocks, "_BLOCK", 41)
     same(read_frames(path, NAMES, shipped_rig()), whole)
+
+
+@pytest.mark.parametrize(("benches", "notes"), [(1, 0), (2, 1)])
+def test_two_benches_under_the_name_of_one_bus_are_noted(tmp_path: Path, benches: int, notes: int) -> None:
+    rig, path = shipped_rig(), tmp_path / "m.log"
+    cycle = 1e-3 * rig.cycle_ms("Gate")
+    lines = [f"({cycle * k:.6f}) can0 220#{k % 16:02X}00000000 T\n" * benches for k in range(50)]
+    path.write_text("".join(lines))
+    said = [note for note in read_frames(path, NAMES, rig).notes if "times as often" in note]
+    assert len(said) == notes
+    assert all(note.startswith("Gate comes ") and "two benches" in note for note in said)
