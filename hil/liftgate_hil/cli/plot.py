@@ -39,7 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     recordings.add_columns(
         parser, "angle, currents, speeds, pinch force and voltage as far as they change, or the first few"
     )
-    options.add_vehicle(parser, None, f"with --figure {', '.join(_figures('of_vehicle'))}; default: suv")
+    of_vehicle = ", ".join(_figures("of_vehicle"))
+    options.add_vehicle(parser, None, f"with --figure {of_vehicle}; default: the recording's, else suv")
     recordings.add_picture(parser, "FILE.png, FILE.FIGURE.png, VEHICLE.FIGURE.png")
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 
@@ -109,12 +110,20 @@ def _subject(args: argparse.Namespace) -> Subject:
     """Return what the figure is of. Raises ConfigError."""
     from liftgate_hil.conversion.figures.subject import Subject
     from liftgate_hil.conversion.table import open_whole
+    from liftgate_hil.running.recorded_setup import RecordedSetup, recorded_setup
 
     kind, name = FIGURES[args.figure], _vehicle_name(args)
+    recorded = RecordedSetup()
+    if kind.of_vehicle and kind.of_recording and args.vehicle is None:
+        recorded = recorded_setup([Path(args.recording)])
     vehicle = None
     if kind.of_vehicle:
-        args.vehicle = name
-        vehicle = options.vehicle_of(args)
+        is_changed = bool(args.settings) or args.draw is not None or args.ideal
+        if recorded.vehicle is not None and not is_changed:
+            vehicle, name = recorded.vehicle, recorded.vehicle_name
+        else:
+            args.vehicle = name
+            vehicle = options.vehicle_of(args)
     changes = ", ".join(args.settings + ([f"draw {args.draw}"] if args.draw is not None else []))
     stem = f"{Path(name).stem}{' (ideal)' if args.ideal else ''}"
     called = f"{stem} with {changes}" if changes else stem

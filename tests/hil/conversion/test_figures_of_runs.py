@@ -11,8 +11,11 @@ import pytest
 from conversion_support import table
 from hil_support import frames_of
 
+import liftgate_hil as lh
+from liftgate_hil.cli.main import main
 from liftgate_hil.codec.frames import logged
 from liftgate_hil.config.rig import load_rig
+from liftgate_hil.conversion.figures import catalogue
 from liftgate_hil.conversion.figures.catalogue import FIGURES, drawn
 from liftgate_hil.conversion.figures.pinch import contact_of
 from liftgate_hil.conversion.figures.subject import Drawn, Subject, taken
@@ -335,3 +338,16 @@ def test_a_bus_log_names_what_its_rig_does_not_map(tmp_path: Path) -> None:
         f"{path}: pinch_force_n, left_current_a: missing; allowed: a rig that maps true_pinch_force, "
         "left_current, with frames of these in the log"
     ]
+
+
+@pytest.mark.parametrize(("flags", "limit"), [([], 77.0), (["--vehicle", "suv"], None)])
+def test_the_limit_is_that_of_the_recorded_vehicle_unless_one_is_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flags: list[str], limit: float | None
+) -> None:
+    path, seen = tmp_path / "run.mf4", list[Subject]()
+    lh.run("demo", ecu="reference", settings=["gate.pinch_limit=77"], record=[path])
+    real = catalogue.drawn
+    monkeypatch.setattr(catalogue, "drawn", lambda name, subject: (seen.append(subject), real(name, subject))[1])
+    assert main(["plot", str(path), "--figure", "pinch", "--output", str(tmp_path / "p.png"), *flags]) == 0
+    assert seen[0].vehicle is not None
+    assert seen[0].vehicle.gate.pinch_limit == (limit or vehicle_from("suv").gate.pinch_limit)
