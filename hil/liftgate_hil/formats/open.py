@@ -126,7 +126,10 @@ def open_recording(path: Path, how: ReadOptions = AS_IT_IS) -> Recording:
 
 def _instead(found: Recording) -> str:
     """Return what a file without frames holds, as far as its reader can tell."""
-    return f", but {'; '.join(found.notes)}" if found.notes else ""
+    if found.notes:
+        return f", but {'; '.join(found.notes)}"
+    is_log = found.path.suffix.lower() in BUS_LOGS  # its reader accounts for each line and object
+    return ", at most comments, statistics, markers and the like" if is_log else ""
 
 
 def holds_nothing(path: Path) -> bool:

@@ -466,3 +466,13 @@ def test_the_gate_sends_with_brs_where_database_or_rig_says_so(
     assert row.format & FD
     shown = {each.message: each.format for each in mapped_messages(load_rig(tmp_path / "rig.toml"))}
     assert shown == {"Cmd": "classic", "Sens": "CAN FD with BRS" if expected else "CAN FD"}
+
+
+def test_a_log_of_comments_and_statistics_says_that_it_holds_no_more(tmp_path: Path) -> None:
+    path = tmp_path / "t.asc"
+    path.write_text(
+        "date Mon Sep 29 01:00:00.000 pm 2025\nbase hex  timestamps absolute\n// a comment\n"
+        "   1.000000 1  Statistic: D 0 R 0 XD 0 XR 0 E 0 O 0 B 0.00%\n"
+    )
+    with pytest.raises(ConfigError, match="neither rows nor frames, at most comments, statistics, markers"):
+        open_recording(path)
