@@ -254,7 +254,7 @@ class _Target(NamedTuple):
                     salvage = path.with_name(path.name + suffix)
                     texts.append((salvage, _writer(suffix, open_salvage(salvage), content)))
             stream = self.stream or open_free(path, content.inputs, self.say, patience=self.patience)
-            signed = Path(stream.name) if path.suffix in SIGNED else None
+            signed = Path(stream.name) if path.suffix in SIGNED and not is_special(path) else None
             return SalvagedWriter(_writer(path.suffix, stream, content), texts, signed)
         except BaseException:
             for salvage, text in texts:

@@ -61,7 +61,9 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def contents(folder: Path) -> Mapping[str, bytes]:
-    return {str(each.relative_to(folder)): each.read_bytes() for each in folder.rglob("*") if each.is_file()}
+    """The files of a folder by name, without the bytecode of an ECU in Python."""
+    files = [each for each in folder.rglob("*") if each.is_file() and each.parent.name != "__pycache__"]
+    return {str(each.relative_to(folder)): each.read_bytes() for each in files}
 
 
 # Commands, with OUT for the file to write; its name, and the inputs that it must not be: all where it is the first
