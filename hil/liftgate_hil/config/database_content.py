@@ -102,6 +102,9 @@ def _fault_of(message: Message) -> str:
     names = [each.name for each in message.signals]
     if len(set(names)) < len(names):
         return f"it has several signals {next(name for name in names if names.count(name) > 1)}"
+    before = next((each for each in message.signals if each.start < 0), None)
+    if before is not None:
+        return f"{before.name} begins at bit {before.start}"
     return next(_too_large_numbers(message), "")
 
 

@@ -50,7 +50,7 @@ _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
     },
     "time": {
         Unit(1): ("s", "sec", "secs", "second", "seconds", "Sek", "Sekunde", "Sekunden"),
-        Unit(1, 1000): ("ms", "msec", "millisecond", "milliseconds", "Millisekunden"),
+        Unit(1, 1000): ("ms", "msec", "millis", "millisecond", "milliseconds", "Millisekunden"),
         Unit(1, 1_000_000): ("µs", "us", "usec", "µsec", "microsecond", "microseconds"),
         Unit(1, 1_000_000_000): ("ns", "nsec"),
         Unit(60): ("min", "minute", "minutes", "Minuten"),
@@ -62,6 +62,8 @@ _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
         Unit(1, 360): ("deg", "°", "degree", "degrees", "Grad", "degs", "ang_deg", "Winkelgrad",
                        "degreofarc"),
         Unit(1, _TURN): ("rad", "radian", "radians"),
+        Unit(1, 360_000): ("mdeg", "millidegree", "millidegrees"),
+        Unit(1, 1_296_000): ("arcsec",),
         Unit(1, 1000.0 * _TURN): ("mrad",),
         Unit(1, 21_600): ("arcmin",),
     },
@@ -70,7 +72,7 @@ _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
                   "hertz"),
         Unit(1, 60): ("rpm", "1/min", "rev/min", "U/min", "min-1", "/min", "r/min", "Umdr/min", "upm",
                       "1/minute", "minutinver", "revs/min", "rotations/min"),
-        Unit(1, _TURN): ("rad/s", "rad/sec", "rads/s", "rad/second"),
+        Unit(1, _TURN): ("rad/s", "rad/sec", "rads/s", "rad/second", "radps"),
         Unit(1, 360): ("deg/s", "°/s", "deg/sec", "degree/s", "degrees/s", "Grad/s", "dps", "deg/second",
                        "degree/sec", "degps", "degrees/sec"),
         Unit(1, 360_000): ("mdeg/s",),
@@ -184,7 +186,10 @@ def dimensions_named(unit: str) -> list[str]:
 _MARKED = re.compile(
     r"(?P<bare>.*\S)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>(?:[^()]|\([^()]*\))*)\))\s*", re.DOTALL
 )
-_ENDING = re.compile(r"[_/,\s](?=\S*$)|\s+in\s+(?=\S+$)")  # what separates a unit from the name before it
+_BRACKETS = re.compile(r"\[([^\[\]]*)\]|\(((?:[^()]|\([^()]*\))*)\)|\{([^{}]*)\}|<([^<>]*)>")
+_ENDING = re.compile(r"\s+in\s+(?=\S+$)|[_/,:|.\s-]+(?=\S)")  # what separates a unit from the name before it
+_WORD = re.compile(r"[^\W\d_]{2,}")
+_PER = re.compile(r"_per_|_p_|_(?=s$|min$|sec$|m$|mm$)")  # rad_per_s, rad_s
 
 
 def marked_unit(name: str) -> tuple[str, str]:
@@ -206,27 +211,33 @@ def headed_unit(name: str) -> str:
 def unit_in(name: str, signal: Signal) -> str:
     """Return the unit that a foreign column's name states for a quantity; "" if it states none.
 
-    In brackets or parentheses any text counts, so that one which is no unit of the quantity is refused; a number
-    is an index. After a slash (`F/kN`, `n/(1/min)`) it is a known unit; after a space or an underscore (`F_kN`,
-    `F in kN`) only one of the quantity, as such a word may belong to the name.
+    In brackets of any kind a known unit counts, and any text behind the name but a number, which is an index.
+    After a slash, a space, an underscore and the like (`F/kN`, `F_kN`, `w_rad_s`) a unit of the quantity counts,
+    after a slash also another one. What is stated and no unit of the quantity is refused where it is used; so is
+    `mV?` of `U_mV_raw`, a word that may be one.
     """
+    inner = [next(filter(None, found.groups()), "").strip() for found in _BRACKETS.finditer(name)]
+    if known := [each for each in inner if not each.isdigit() and dimensions_named(each)]:
+        return known[-1]
     marked = marked_unit(name)[1]
-    if marked:
-        return "" if marked.isdigit() and marked != "1" else marked
+    if marked and (not marked.isdigit() or marked == "1"):
+        return marked
     own = {each.casefold(): each for each in spellings(signal)}
+    endings = [name[mark.end() :].strip() for mark in _ENDING.finditer(name) if name[: mark.start()].strip()]
+    for ending in endings:
+        for unit in (ending, _PER.sub("/", ending)):
+            if unit.isdigit():
+                continue
+            if conversion(signal, unit) is not None:
+                return unit
+            if unit.casefold() in own:  # files whose headers are in lower case
+                return own[unit.casefold()]
     for slash in re.finditer("/", name):
         unit = name[slash.end() :].strip()
-        if not unit.isdigit() and (dimensions_named(unit) or unit.casefold() in own):
-            return own.get(unit.casefold(), unit) if not dimensions_named(unit) else unit
-    for mark in _ENDING.finditer(name):
-        unit = name[mark.end() :].strip()
-        if unit.isdigit() or not name[: mark.start()].strip():
-            continue
-        if conversion(signal, unit) is not None:
+        if not unit.isdigit() and dimensions_named(unit):
             return unit
-        if unit.casefold() in own:  # files whose headers are in lower case
-            return own[unit.casefold()]
-    return ""
+    words = [word for word in _WORD.findall(name) if conversion(signal, word) not in (None, SAME)]
+    return f"{words[-1]}?" if words else ""
 
 
 @functools.cache

@@ -122,11 +122,18 @@ def put_lines(
     return at
 
 
+def _quoted(name: str) -> str:
+    """Return a name of a header, in quotes where it has a delimiter or a quote (RFC 4180)."""
+    if any(sign in name for sign in ',"\r\n;\t'):
+        return '"' + name.replace('"', '""') + '"'
+    return name
+
+
 class CsvText:
     """Formatter of some columns of rows (n, m) of `row` as lines of CSV."""
 
     def __init__(self, names: Sequence[str], row: Mapping[str, Signal] = COLUMNS) -> None:
-        self.head = (",".join(names) + "\n").encode()
+        self.head = (",".join(map(_quoted, names)) + "\n").encode()
         places = {name: place for place, name in enumerate(row)}
         self._keep = np.array([places[name] for name in names])
         self._whole = np.array([row[name].is_whole for name in names])

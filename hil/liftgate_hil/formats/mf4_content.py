@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Iterator
 from typing import Any
 
@@ -12,6 +13,7 @@ from liftgate_hil.formats.reading import cause_text
 
 # How the names of other buses' frames begin (ASAM MDF bus logging).
 _OTHER_BUSES = ("LIN", "FLX", "MOST", "ETH", "USB", "K_LINE")
+_SECONDS = ("", "s", "sec", "S", "seconds")  # unit of times: ASAM MDF has seconds
 _TIMES = (0, 1)  # sync_type of a group's master: none stated, or time
 
 
@@ -61,20 +63,27 @@ def columns_in(measured: Any, buses: Collection[int], notes: list[str]) -> dict[
         if master is not None and content.channels[master].sync_type not in _TIMES:
             notes.append(f"{_called(content, group)} left out: its channels are not over time")
             continue
+        if master is not None and (unit := content.channels[master].unit or "") not in _SECONDS:
+            notes.append(f"{_called(content, group)} left out: its times are in {unit!r}; allowed: s")
+            continue
         for place, channel in enumerate(content.channels):
             if place != master:
                 found.setdefault(channel.name, []).append((group, place))
     columns: dict[str, tuple[int, int]] = {}
+    shared: list[tuple[str, tuple[int, int]]] = []
     for name, everywhere in found.items():
-        places = [each for each in everywhere if measured.groups[each[0]].channel_group.cycles_nr] or everywhere[
-            :1
-        ]
-        called = [f"{_called(measured.groups[group], group)}.{name}" for group, _ in places]
+        sampled = [each for each in everywhere if measured.groups[each[0]].channel_group.cycles_nr]
+        places = sampled or everywhere[:1]
         if len(places) == 1:
-            called = [name]
-        elif len({*called}) < len(called):
-            called = [f"group {group}.{name}" for group, _ in places]
-        columns.update(zip(called, places, strict=True))
+            columns[name] = places[0]
+            continue
+        called = [_called(measured.groups[group], group) for group, _ in places]
+        is_unique = len({*called}) == len({group for group, _ in places})
+        for group_name, (group, place) in zip(called, places, strict=True):
+            shared.append((f"{group_name if is_unique else f'group {group}'}.{name}", (group, place)))
+    for name, where in shared:  # of one group, or beside a channel that is called like that
+        names = (name if number == 1 else f"{name} #{number}" for number in itertools.count(1))
+        columns[next(each for each in names if each not in columns)] = where
     return columns
 
 

@@ -248,6 +248,10 @@ class Mf4File(Recording):
                     values = values_of(signal)
                     if values is None:
                         raise ConfigError(f"{self.path}: {name}: {NOT_NUMERIC}")
+                    missing = np.flatnonzero(~values.there)
+                    if len(missing):
+                        where = f"the one at {times[missing[0]]:.9g} s"
+                        self.account.leave_out("sample", f"{name}: a value text, or invalid", where, len(missing))
                     found[name] = values.numbers
                 yield np.column_stack([found[name] for name in wanted])
 

@@ -50,7 +50,7 @@ def values_of(signal: Any) -> ChannelValues | None:
 
 
 def is_state(conversion: Any, unit: str) -> bool:
-    """Whether value texts name the states of a channel, by their raw numbers from 0 on, instead of single values.
+    """Whether value texts name the states of a channel, by raw numbers from 0 or 1 on, instead of single values.
 
     A state has no unit, and no other number is converted.
     """
@@ -66,7 +66,7 @@ def is_state(conversion: Any, unit: str) -> bool:
     count = sum(name.startswith("text_") for name in blocks)
     texts = [blocks[f"text_{place}"] for place in range(count)]
     raw = [conversion[kinds[conversion.conversion_type].format(place)] for place in range(count)]
-    return bool(raw) and min(raw) <= 0 and all(isinstance(text, bytes) for text in texts)
+    return bool(raw) and min(raw) <= 1 and all(isinstance(text, bytes) for text in texts)
 
 
 def _is_identity(conversion: Any) -> bool:

@@ -13,7 +13,7 @@ from pathlib import Path
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.target import is_one_of, set_aside
-from liftgate_hil.report.ours import is_ours
+from liftgate_hil.report.ours import holds_form, is_ours
 from liftgate_plant.compiler.files import remove_leftovers, whole_file
 
 # Suffixes of the files that a report may take the place of.
@@ -24,10 +24,15 @@ _KINDS = {
 
 
 def is_of_another_kind(path: Path, kind: str) -> bool:
-    """Whether a file is there, neither ours nor empty, whose suffix is not that of a kind of reports."""
-    if kind not in _KINDS or path.suffix.lower() in _KINDS[kind] or not path.is_file():
+    """Whether a file is there that a kind of reports may not take the place of.
+
+    That is a report of ours of another form, or what is not ours and has another suffix.
+    """
+    if kind not in _KINDS or not path.is_file() or not path.stat().st_size:
         return False
-    return path.stat().st_size > 0 and not is_ours(path)
+    if is_ours(path):
+        return not holds_form(path, _KINDS[kind][0])
+    return path.suffix.lower() not in _KINDS[kind]
 
 
 def check_targets(targets: Mapping[str, str | None], sources: Iterable[str | Path]) -> None:

@@ -28,6 +28,15 @@ def is_ours(path: Path) -> bool:
     return any(mark.encode() in head for mark in _MARKS)
 
 
+_BEGINS = {".html": b"<!doctype", ".xml": b"<?xml", ".json": b"{"}  # how reports of ours begin, by suffix
+
+
+def holds_form(path: Path, suffix: str) -> bool:
+    """Whether a report has the form of a suffix; true for one that has no beginning of its own."""
+    with path.open("rb") as stream:
+        return stream.read(_HEAD).lstrip().lower().startswith(_BEGINS.get(suffix, b""))
+
+
 def _is_our_json(content: bytes) -> bool:
     """Whether JSON has a provenance with the version of this program."""
     try:

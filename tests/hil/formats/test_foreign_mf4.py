@@ -132,3 +132,33 @@ def test_a_file_that_its_logger_has_not_finished_is_read_and_left_as_it_is(tmp_p
     path.write_bytes(content)
     assert read(path, "Angle") == rows_of(path, "Angle") == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
     assert path.read_bytes() == content
+
+
+def test_channels_of_one_name_in_one_group_are_all_there(tmp_path: Path) -> None:
+    path = tmp_path / "m.mf4"
+    with asammdf.MDF(version="4.10") as measured:
+        measured.append([channel("Angle", np.full(6, value)) for value in (1.0, 2.0)], common_timebase=True)
+        measured.append([channel("group 0.Angle", np.full(6, 3.0))])
+        measured.save(path)
+    file = open_file(path)
+    assert sorted(read(path, name)[0] for name in file.names) == [1.0, 2.0, 3.0]
+    assert read(path, "group 0.Angle") == [3.0] * 6
+
+
+def test_times_in_another_unit_than_seconds_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.mf4"
+    with asammdf.MDF(version="4.10") as measured:
+        measured.append([channel("Angle", np.arange(6.0))])
+        measured.groups[0].channels[0].unit = "ms"
+        measured.save(path)
+    assert "group 0 left out: its times are in 'ms'; allowed: s" in open_file(path).notes
+
+
+def test_states_may_begin_at_1_and_texts_are_counted(tmp_path: Path) -> None:
+    states = {"val_0": 1.0, "text_0": b"Off", "val_1": 2.0, "text_1": b"On"}
+    path = saved(tmp_path / "m.mf4", [channel("State", np.array([1, 2, 2, 1, 1, 2], "u1"), states, "")])
+    assert rows_of(path, "State") == [1.0, 2.0, 2.0, 1.0, 1.0, 2.0]
+    path = saved(tmp_path / "n.mf4", [channel("Angle", RAW, INIT | default(LINEAR))])
+    recording = open_recording(path)
+    list(recording.rows(["time_s", "Angle"]))
+    assert any("2 samples left out (Angle: a value text, or invalid)" in note for note in recording.notes)

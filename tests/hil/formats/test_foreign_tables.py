@@ -8,6 +8,8 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 
+import liftgate_hil as lh
+from liftgate_hil.cli.main import main
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.csv_header import COMMAS, COMMENTED, NUMBERED
 from liftgate_hil.formats.open import open_file
@@ -144,3 +146,23 @@ def test_timestamps_in_parquet_are_seconds_from_the_first_one(tmp_path: Path, un
     assert found["t"].start_ns == found["t_utc"].start_ns - 8 * 3600 * 10**9
     assert found["span"].values[1] == {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit]
     assert found["F"].values.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_a_wall_clock_in_parts_of_a_second_is_named(tmp_path: Path, factor: float, unit: str) -> None:
+    rows = "".join(f"{int((1_759_150_800 + k) * factor)},1\n" for k in range(3))
+    path = written(tmp_path, f"time_s,pinch_force_n\n{rows}")
+    (tmp_path / "s.toml").write_text('description = "x"\n[[expect]]\nname = "a"\nnever = "pinch_force_n > 5"\n')
+    with pytest.raises(ConfigError, match=f"is it {unit}"):
+        lh.judge([path], tmp_path / "s.toml")
+
+
+@pytest.mark.parametrize("name", ["Speed, left", 'a "b"', "a;b"])
+def test_a_name_with_a_delimiter_is_quoted(tmp_path: Path, name: str) -> None:
+    source = tmp_path / "t.parquet"
+    import pyarrow
+    from pyarrow import parquet
+
+    parquet.write_table(pyarrow.table({"time_s": [0.0, 1.0], name: [1.0, 2.0]}), source)
+    assert main(["convert", str(source), str(tmp_path / "t.csv")]) == 0
+    assert series_in(tmp_path / "t.csv", name)[name].values.tolist() == [1.0, 2.0]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from measurement_files import read, write_csv
 
+from liftgate_hil.config.units import unit_in
 from liftgate_hil.errors import ConfigError, allowed_names
 from liftgate_hil.measurement.mapping import Theirs, parse_maps
 from liftgate_hil.measurement.units import KNOWN, conversion
@@ -195,7 +196,8 @@ def test_a_column_may_be_mapped_once_only() -> None:
     [
         ("F [kN]", 350.0), ("F (kN)", 350.0), ("F(kN)", 350.0), ("F/kN", 350.0), ("<F>/kN", 350.0),
         ("F_kN", 350.0), ("F in kN", 350.0), ("F, kN", 350.0), ("F kN", 350.0), ("f_kn", 350.0), ("F", 0.35),
-        ("Gate/Force/F", 0.35), ("F_min", 0.35), ("Motor/F (daN)", 3.5),
+        ("Gate/Force/F", 0.35), ("F_min", 0.35), ("Motor/F (daN)", 3.5), ("F [kN] (2)", 350.0), ("[kN] F", 350.0),
+        ("F {kN}", 350.0), ("F<kN>", 350.0), ("F: kN", 350.0), ("F|kN", 350.0),
     ],
 )  # fmt: skip
 def test_a_unit_in_a_columns_name_counts(tmp_path: Path, header: str, newtons: float) -> None:
@@ -205,7 +207,7 @@ def test_a_unit_in_a_columns_name_counts(tmp_path: Path, header: str, newtons: f
     assert values == pytest.approx([newtons, newtons])
 
 
-@pytest.mark.parametrize("header", ["F [kW]", "F (filtered)", "F/kW", "F (kN/s)", "F [lb]"])
+@pytest.mark.parametrize("header", ["F [kW]", "F (filtered)", "F/kW", "F (kN/s)", "F [lb]", "F_kN_raw"])
 def test_a_text_in_a_columns_name_that_is_no_unit_of_ours_is_refused(tmp_path: Path, header: str) -> None:
     path = tmp_path / "foreign.csv"
     path.write_text(f'time_s,"{header}"\n0,0.35\n1,0.35\n')
@@ -227,3 +229,13 @@ def _force_in(path: Path, theirs: str) -> list[float]:
     if isinstance(found, str):
         raise ConfigError(found)
     return list(found)
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["w_rad_s", "w_radps", "w_rad_per_s", "w in rad/s", "w rad/s", "w/rad/s", "w (rad/s)", "w [rad/s] filtered"],
+)
+def test_a_unit_of_a_rate_is_understood_in_its_forms(header: str) -> None:
+    assert conversion("left_speed_rps", unit_in(header, KNOWN["left_speed_rps"])) == conversion(
+        "left_speed_rps", "rad/s"
+    )

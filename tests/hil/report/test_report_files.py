@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 from pathlib import Path
 
@@ -127,3 +128,13 @@ def test_a_target_that_is_read_is_refused(tmp_path: Path, link: object) -> None:
     link(source, target)  # type: ignore[operator]
     with pytest.raises(ConfigError, match=r"--result .*out\.json: is an input file; allowed: a separate file"):
         check_targets({"--result": str(target)}, [tmp_path / "not there", source])
+
+
+def test_a_report_of_another_form_is_not_replaced(tmp_path: Path) -> None:
+    from liftgate_hil.report.files import is_of_another_kind
+
+    path = tmp_path / "k.json"
+    path.write_text(json.dumps({"provenance": {"versions": {"liftgate-hil": "1"}}}))
+    assert not is_of_another_kind(path, "json")
+    assert is_of_another_kind(path, "html")
+    assert is_of_another_kind(path, "junit")
