@@ -220,21 +220,11 @@ def _shared_times(reading: Reading, series: Mapping[str, Series]) -> Floats | No
     return times
 
 
-_LATEST_S = 1e10  # s since 1970 or the start, the year 2286
-_IN_USE = 1e9, 4e9  # s since 1970, in which clocks are: 2001 to 2096
-_PARTS = (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
-
-
 def time_issue(times: Floats, word: str) -> str:
     """Return what is wrong with times; empty if nothing is."""
     empty = np.flatnonzero(np.isnan(times))
     if len(empty):
         return f"empty cell in {word} {empty[0] + 1}; allowed: finite and rising"
-    far = np.flatnonzero(np.abs(times) > _LATEST_S)
-    if len(far):
-        unit = next((unit for unit, factor in _PARTS if _IN_USE[0] < factor * times[far[0]] < _IN_USE[1]), "")
-        hint = f"; is it {unit}? `map` 'time_s=...[{unit}]'" if unit else ""
-        return f"{times[far[0]]:.9g} s in {word} {far[0] + 1}; allowed: within {_LATEST_S:g} s{hint}"
     late = np.flatnonzero(np.diff(times) <= 0.0)
     if len(late):
         at = int(late[0]) + 1

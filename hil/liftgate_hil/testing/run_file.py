@@ -21,6 +21,9 @@ from liftgate_hil.signals import COLUMNS, Bench
 
 Floats = NDArray[np.float64]
 
+_FARTHEST_S = 1e10  # s since 1970 or the start, the year 2286
+_IN_USE = 1e9, 4e9  # s since 1970, in which clocks are: 2001 to 2096
+_PARTS = (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
 LATEST_S = 1e9  # latest time of a run; a later timestamp is a wall clock's
 
 
@@ -87,7 +90,9 @@ class RunFile:
 
     def _is_sound(self, times: Floats, issues: list[str]) -> bool:
         """Whether the times of the rows are sound; then they are the file's span."""
-        text = time_issue(times, "row") if len(times) else "no rows; allowed: one or more"
+        text = "no rows; allowed: one or more"
+        if len(times):
+            text = _far_issue(times, "row") or time_issue(times, "row")
         if text:
             issues.append(f"{self.path}: time_s: {text}")
             return False
@@ -144,3 +149,13 @@ def _any_of(file: Recording) -> Mapping[str, Series]:
         if name != FRAME and (series := file.read([name], [])):
             return series
     return {}
+
+
+def _far_issue(times: Floats, word: str) -> str:
+    """Return which time is none of a run or of a wall clock, and what unit it may have; "": none."""
+    far = np.flatnonzero(np.abs(times) > _FARTHEST_S)
+    if len(far):
+        unit = next((unit for unit, factor in _PARTS if _IN_USE[0] < factor * times[far[0]] < _IN_USE[1]), "")
+        hint = f"; is it {unit}? `map` 'time_s=...[{unit}]'" if unit else ""
+        return f"{times[far[0]]:.9g} s in {word} {far[0] + 1}; allowed: within {_FARTHEST_S:g} s{hint}"
+    return ""
