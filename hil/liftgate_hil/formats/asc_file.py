@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -16,8 +15,6 @@ from liftgate_hil.formats.bus_log import (
     REQUEST,
     BusLog,
     Fields,
-    Part,
-    Sorter,
     bus_of,
     is_length,
     length_of_code,
@@ -25,6 +22,7 @@ from liftgate_hil.formats.bus_log import (
 )
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.local_time import local_of, stated_in
+from liftgate_hil.formats.log_lines import LogLines, NotUnderstoodError
 from liftgate_hil.formats.text_blocks import lines_in
 from liftgate_hil.formats.writer import StreamWriter
 
@@ -142,32 +140,18 @@ def open_asc(path: Path) -> BusLog:
     remarks = []
     if dates and dates[0] and stated is None:
         remarks.append(f"its date {dates[0]!r} is not understood: no wall clock applies")
-    return log_of(path, partial(_parts, path), stated=stated, remarks=remarks)
+    return log_of(path, lambda account: _Lines(account).parts(path), stated=stated, remarks=remarks)
 
 
-def _parts(path: Path, account: Account) -> Iterator[Part]:
-    """Yield the frames in a log, bus by bus."""
-    log, frames = _Lines(account), Sorter()
-    for number, line, is_whole in lines_in(path):
-        found = log.read(number, line, is_whole)
-        if found is not None and frames.add(*found):
-            yield from frames.take()
-    yield from frames.take()
-
-
-class _NotUnderstoodError(Exception):
-    """A line that has a timestamp, and is neither a frame nor known to be none."""
-
-
-class _Lines:
+class _Lines(LogLines):
     """Reader of the lines of an ASC file, of which the header says how numbers and timestamps are written."""
 
     def __init__(self, account: Account) -> None:
-        self._account = account
+        super().__init__(account)
         self._base, self._is_relative, self._now_us = 16, False, 0
 
-    def read(self, number: int, line: str, is_whole: bool) -> tuple[str, Fields] | None:
-        """Return the bus and the fields of the frame in a line; None if it has none, which the account is told."""
+    def frame_in(self, number: int, line: str) -> tuple[str, Fields] | None:
+        """Return the bus and the fields of the frame in a line; None: it is known to be none."""
         words = line.split()
         if not words:
             return None
@@ -176,24 +160,14 @@ class _Lines:
                 self._base = 10 if base["base"].lower() == "dec" else 16
                 self._is_relative = (base["stamps"] or "").lower() == "relative"
             elif not _NO_STAMP.match(line.strip()):
-                self._left_out(number, line, is_whole)
+                raise NotUnderstoodError
             return None
         stamp_us = round(float(words[0]) * 1e6)
         self._now_us = self._now_us + stamp_us if self._is_relative else stamp_us
-        try:
-            return self._stamped(number, words[1:])
-        except (_NotUnderstoodError, ValueError, IndexError):
-            self._left_out(number, line, is_whole)
-            return None
-
-    def _left_out(self, number: int, line: str, is_whole: bool) -> None:
-        if is_whole:
-            self._account.not_understood(number, line)
-        else:
-            self._account.cut_off()
+        return self._stamped(number, words[1:])
 
     def _stamped(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Return the frame of a line with a timestamp, from the word after it on. Raises what `read` catches."""
+        """Return the frame of a line with a timestamp, from the word after it on. Raises as `frame_in`."""
         kind = words[0].lower()
         if kind.isdecimal():
             return self._classic(number, bus_of(int(words[0])), words[1:])
@@ -205,7 +179,7 @@ class _Lines:
             if form.fullmatch(kind):
                 self._account.leave_out(noun, "no CAN frame", f"line {number}")
                 return None
-        raise _NotUnderstoodError
+        raise NotUnderstoodError
 
     def _classic(self, number: int, bus: str, words: Sequence[str]) -> tuple[str, Fields] | None:
         """Return the frame of a line: identifier, direction, d or r, data length code, bytes."""
@@ -224,7 +198,7 @@ class _Lines:
             code = int(words[3], 16) if len(words) > 3 and re.fullmatch(r"[0-9A-Fa-f]", words[3]) else 0
             return bus, self._fields(identifier | REMOTE, length_of_code(code, is_fd=False), is_sent, b"")
         if words[2].lower() != "d":
-            raise _NotUnderstoodError
+            raise NotUnderstoodError
         length = length_of_code(int(words[3], 16), is_fd=False)
         return bus, self._fields(identifier, length, is_sent, self._bytes(words[4 : 4 + length]))
 
@@ -242,14 +216,14 @@ class _Lines:
         rest = words[2:] if words[2] in ("0", "1") else words[3:]
         brs, esi, code, length = rest[0] == "1", rest[1] == "1", int(rest[2], 16), int(rest[3])
         if rest[0] not in ("0", "1") or rest[1] not in ("0", "1"):
-            raise _NotUnderstoodError
+            raise NotUnderstoodError
         data, after = self._bytes(rest[4 : 4 + length]), rest[4 + length :]
         flags = int(after[2], 16) if len(after) > 2 else 0
         is_fd = bool(flags & _FLAG_FD) if flags else not (length == 0 and code > 0)
         if flags & _FLAG_REMOTE or not (flags or is_fd):
             return bus, self._fields(identifier | REMOTE, length_of_code(code, is_fd=False), is_sent, b"")
         if length != length_of_code(code, is_fd):
-            raise _NotUnderstoodError
+            raise NotUnderstoodError
         if is_fd:
             identifier |= FD | (BRS if brs else 0) | (ESI if esi else 0)
         return bus, self._fields(identifier, length, is_sent, data)
@@ -259,7 +233,7 @@ class _Lines:
         if _IDENTIFIER[self._base].fullmatch(words[0]):
             return True
         if not re.fullmatch(r"[^\W\d]\w*", words[0]):
-            raise _NotUnderstoodError
+            raise NotUnderstoodError
         self._account.leave_out("line", "a message's name instead of an identifier", f"line {number}: {words[0]}")
         return False
 
@@ -274,7 +248,7 @@ class _Lines:
         is_extended = word[-1] in "xX"
         number = int(word.rstrip("xX"), self._base)
         if number >= 1 << (29 if is_extended else 11):
-            raise _NotUnderstoodError
+            raise NotUnderstoodError
         return number | (EXTENDED if is_extended else 0)
 
     def _bytes(self, words: Sequence[str]) -> bytes:
@@ -284,7 +258,7 @@ class _Lines:
         return self._now_us * 1000, ERROR | BUS_ERROR, 0, False, b""
 
     def _fields(self, identifier: int, length: int, is_sent: bool, data: bytes) -> Fields:
-        """Return the fields of a frame. Raises _NotUnderstoodError if the line has other bytes than it says."""
+        """Return the fields of a frame. Raises NotUnderstoodError if the line has other bytes than it says."""
         if not is_length(length, identifier) or (not identifier & REMOTE and len(data) != length):
-            raise _NotUnderstoodError
+            raise NotUnderstoodError
         return self._now_us * 1000, identifier, length, is_sent, data

@@ -6,8 +6,7 @@ Every line is a frame, known to be none, or left out and counted.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from itertools import count
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -15,19 +14,10 @@ from typing import Any, BinaryIO
 from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LENGTHS, REMOTE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.bus_log import (
-    BUS_ERROR,
-    BusLog,
-    Fields,
-    Part,
-    Sorter,
-    bus_of,
-    is_length,
-    length_of_code,
-    log_of,
-)
+from liftgate_hil.formats.bus_log import BUS_ERROR, BusLog, Fields, bus_of, is_length, length_of_code, log_of
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.local_time import as_days, local_of, of_days
+from liftgate_hil.formats.log_lines import LogLines, NotUnderstoodError
 from liftgate_hil.formats.text_blocks import lines_in
 from liftgate_hil.formats.writer import StreamWriter
 
@@ -101,10 +91,6 @@ class TrcWriter(StreamWriter):
         self._write(text.replace("\n", "\r\n").encode())
 
 
-class _NotUnderstoodError(Exception):
-    """A line that is neither a frame nor known to be none."""
-
-
 Read = Callable[["_Lines", int, Sequence[str]], tuple[str, Fields] | None]
 # Places of type, bus, identifier, direction, length and data in version 2, by the letters of $COLUMNS.
 _USUAL = "N,O,T,I,d,l,D"
@@ -117,7 +103,7 @@ def open_trc(path: Path) -> BusLog:
     stated = of_days(header.days) if header.days is not None else None
     if header.start and not stated:
         remarks.append(f"its start {header.start!r} is not understood: no wall clock applies")
-    return log_of(path, partial(_parts, path, header), stated=stated, remarks=remarks)
+    return log_of(path, lambda account: _Lines(header, account).parts(path), stated=stated, remarks=remarks)
 
 
 class _Header:
@@ -154,41 +140,24 @@ class _Header:
             self.days = None
 
 
-def _parts(path: Path, header: _Header, account: Account) -> Iterator[Part]:
-    """Yield the frames in a log, bus by bus."""
-    log, frames = _Lines(header, account), Sorter()
-    for number, line, is_whole in lines_in(path):
-        found = log.read(number, line, is_whole)
-        if found is not None and frames.add(*found):
-            yield from frames.take()
-    yield from frames.take()
-
-
-class _Lines:
+class _Lines(LogLines):
     """Reader of the lines of a TRC file, whose header says its version and columns."""
 
     def __init__(self, header: _Header, account: Account) -> None:
-        self._account = account
+        super().__init__(account)
         self._read = _READERS[header.version]
         self.place = {letter: place for place, letter in enumerate(header.columns)}
 
-    def read(self, number: int, line: str, is_whole: bool) -> tuple[str, Fields] | None:
-        """Return the bus and the fields of the frame in a line; None if it has none, which the account is told."""
+    def frame_in(self, number: int, line: str) -> tuple[str, Fields] | None:
+        """Return the bus and the fields of the frame in a line; None: it is known to be none."""
         text = line.strip()
         if not text or text.startswith(";"):
             return None
         # Only some versions have a bracket behind the number of the message, and no blank need follow it.
         words = re.sub(r"^(\d+)\)", r"\1 ", text).split()
-        try:
-            if not words[0].isdecimal():
-                raise _NotUnderstoodError
-            return self._read(self, number, words)
-        except (_NotUnderstoodError, ValueError, IndexError, KeyError):
-            if is_whole:
-                self._account.not_understood(number, line)
-            else:
-                self._account.cut_off()
-            return None
+        if not words[0].isdecimal():
+            raise NotUnderstoodError
+        return self._read(self, number, words)
 
     def version_1_0(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
         """Read number, time, identifier, length, data."""
@@ -231,6 +200,8 @@ class _Lines:
         time, way = words[place["O"]], words[place["d"]].lower()
         if kind == "ER":
             return bus, self._error(time)
+        if kind not in _TYPES or not {"l", "L"} & {*place}:
+            raise NotUnderstoodError
         flags = _TYPES[kind]
         if "l" in place:
             length = int(words[place["l"]])
@@ -246,11 +217,11 @@ class _Lines:
         return round(float(time) * 1000) * 1000, ERROR | BUS_ERROR, 0, False, b""
 
     def _fields(self, time: str, way: str, identifier: int, length: int, words: Sequence[str]) -> Fields:
-        """Return the fields of a frame. Raises _NotUnderstoodError if the line has other bytes than it says."""
+        """Return the fields of a frame. Raises NotUnderstoodError if the line has other bytes than it says."""
         data = bytes.fromhex("".join(words))
         is_whole = bool(identifier & REMOTE) or len(data) == length
         if way not in ("rx", "tx") or not is_whole or not is_length(length, identifier):
-            raise _NotUnderstoodError
+            raise NotUnderstoodError
         return round(float(time) * 1000) * 1000, identifier, length, way == "tx", data
 
 
@@ -269,7 +240,7 @@ def _identifier(name: str) -> int:
     number = int(name, 16)
     is_extended = len(name) > 4
     if number >= 1 << (29 if is_extended else 11):
-        raise _NotUnderstoodError
+        raise NotUnderstoodError
     return number | (EXTENDED if is_extended else 0)
 
 
