@@ -1,4 +1,4 @@
-"""How a message is sent by its database and the rig: cycle, time-out, send type, flags of its frames."""
+"""Sending of a message as its database and the rig state it: cycle, time-out, send type, flags of its frames."""
 
 from __future__ import annotations
 

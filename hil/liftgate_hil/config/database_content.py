@@ -1,4 +1,4 @@
-"""What a database's text holds: its messages, those with faults that are left out, and notes on both."""
+"""Content of a database's text: its messages, those that are left out for a fault, and notes on both."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ _REASONS = (
 
 @dataclass
 class Remains:
-    """What is left of a database, and what was left out."""
+    """Messages of a database that can be read, and those that were left out, with the reasons."""
 
     messages: Sequence[Message] = ()
     left_out: dict[str, str] = field(default_factory=dict)  # message: why

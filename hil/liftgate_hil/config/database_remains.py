@@ -1,4 +1,4 @@
-"""What is left of a KCD or a SYM that cantools refuses: faulty messages are left out."""
+"""Reader of a KCD or a SYM that cantools refuses: without the faulty messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is left of a DBC that cantools refuses: faulty statements are left out, and messages that need them."""
+"""Reader of a DBC that cantools refuses: without faulty statements, and the messages that need them."""
 
 from __future__ import annotations
 

@@ -235,7 +235,7 @@ def open_writers(
 
 
 class _Target(NamedTuple):
-    """What the files of a recording get, and how they are opened."""
+    """Opener of the files of a recording, with the content that they get."""
 
     content: Content
     is_salvaged: bool

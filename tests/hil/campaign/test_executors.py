@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -24,25 +23,6 @@ from liftgate_hil.campaign.store import Store
 from liftgate_hil.errors import ConfigError, LiftgateError
 
 KINDS = ("serial", "processes", "cluster")
-
-
-@pytest.fixture(scope="module")
-def base(tmp_path_factory: pytest.TempPathFactory) -> Base:
-    return base_in(tmp_path_factory.mktemp("executors"))
-
-
-@pytest.fixture(scope="module")
-def expected(base: Base, tmp_path_factory: pytest.TempPathFactory) -> pa.Table:
-    """The rows of all variants, one after the other in this process."""
-    return evaluated(tmp_path_factory.mktemp("expected") / "store", base, Serial(base))
-
-
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskProcesses]:
-    found = DaskProcesses(tmp_path_factory.mktemp("cluster"), 2)
-    found.wait_for(2)
-    yield found
-    found.close()
 
 
 @pytest.fixture(params=KINDS)

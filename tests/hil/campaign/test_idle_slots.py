@@ -28,7 +28,7 @@ class Clock:
 
 
 class Process:
-    """What a slot does when it is closed."""
+    """End of a slot, noted."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock

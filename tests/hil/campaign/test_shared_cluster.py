@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,13 @@ import distributed
 import numpy as np
 import pyarrow as pa
 import pytest
-from campaign_support import VALUES, base_in, campaign_in, evaluated, rows_of
+from campaign_support import VALUES, campaign_in, evaluated, rows_of
 from dask_processes import PATIENCE, DaskProcesses
 
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.campaign import Progress, StoppedError, batches_of
 from liftgate_hil.campaign.executors import cluster as module
 from liftgate_hil.campaign.executors.cluster import Cluster
-from liftgate_hil.campaign.executors.local import Serial
 from liftgate_hil.campaign.store import StoreError
 from liftgate_hil.errors import LiftgateError
 
@@ -37,25 +36,6 @@ from liftgate_hil.campaign.executors.cluster import Cluster
 folder, base, address, values, size = pickle.loads(sys.stdin.buffer.read())
 campaign_in(folder, base, Cluster(base, address)).evaluate(batches_of(base, values, size))
 """
-
-
-@pytest.fixture(scope="module")
-def base(tmp_path_factory: pytest.TempPathFactory) -> Base:
-    return base_in(tmp_path_factory.mktemp("shared"))
-
-
-@pytest.fixture(scope="module")
-def expected(base: Base, tmp_path_factory: pytest.TempPathFactory) -> pa.Table:
-    """The rows of all variants, one after the other in this process."""
-    return evaluated(tmp_path_factory.mktemp("expected") / "store", base, Serial(base))
-
-
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskProcesses]:
-    found = DaskProcesses(tmp_path_factory.mktemp("cluster"), 2)
-    found.wait_for(2)
-    yield found
-    found.close()
 
 
 def slots_of(cluster: DaskProcesses) -> list[int]:

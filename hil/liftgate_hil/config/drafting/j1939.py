@@ -1,4 +1,4 @@
-"""What is to be known of J1939 messages: here they are told apart by their whole identifier, not by their PGN."""
+"""Notes on J1939 messages, which are matched by their whole identifier here, not by their PGN."""
 
 from __future__ import annotations
 
