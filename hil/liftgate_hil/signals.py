@@ -156,6 +156,23 @@ class Bench(NamedTuple):
 
 ON_TIME = Bench(0.0, 0.0, 0.0, 0.0)
 
+MOST_FAULTS = 52  # that a row tells apart: a number holds no more bits exactly
+
+
+class InForce(NamedTuple):
+    """Faults in force during each tick."""
+
+    faults_in_force: Annotated[
+        float,
+        Signal(
+            "",
+            0.0,
+            2.0**MOST_FAULTS,
+            "faults in force: the sum of 2^k over the scenario's k-th, k from 0, and those injected after them",
+            is_whole=True,
+        ),
+    ]
+
 
 # Columns of Surroundings that scenarios' profiles, a panel or a program may set.
 PROFILES: dict[str, Signal] = signals_of(Surroundings)
@@ -245,6 +262,7 @@ _RECORDED: _Parts = {
     "truth": _TRUTH,
     "sensed": {SENSED_PREFIX + name: signal for name, signal in _SENSED.items()},
     "bench": signals_of(Bench),
+    "faults": signals_of(InForce),
 }
 COLUMNS: dict[str, Signal] = whole(_RECORDED)
 COLUMN_ROWS: Any = _starts("ColumnRows", _RECORDED)
@@ -277,12 +295,19 @@ INPUT_SIGNALS: dict[str, Signal] = {
 # those of a recording led to their row; and those that only a bench has.
 _LEFT_OUT = {*INPUT_SIGNALS, *Bench._fields} - {"left_voltage_v", "right_voltage_v"}
 
+# Columns of recordings that state of each fault whether it is in force.
+FAULT_PREFIX, FAULT_IN_FORCE = "fault.", Signal("", 0.0, 1.0, "1: the fault is in force", is_whole=True)
+
 
 def columns_of(drives: int, offline: bool = False) -> list[str]:
-    """Return the columns of a recording, or of `simulate` (`offline`), for a gate with `drives` drives."""
+    """Return the columns of a recording, or of `simulate` (`offline`), for a gate with `drives` drives.
+
+    Those of a run's faults follow them, see `formats.content.FaultColumns`.
+    """
     return [
         name
         for name in COLUMNS
         if (drives == 2 or not name.removeprefix(SENSED_PREFIX).startswith("right_"))
+        and name not in InForce._fields
         and not (offline and name in _LEFT_OUT)
     ]

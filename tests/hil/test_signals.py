@@ -25,6 +25,7 @@ from liftgate_hil.signals import (
     Bench,
     Command,
     EdgeTimes,
+    InForce,
     Rod,
     Status,
     Timing,
@@ -48,8 +49,8 @@ def test_no_name_stands_twice() -> None:
     outputs = sum(len(row._fields) for row in (Sensed, Truth, Status, Timing, EdgeTimes))
     assert len(BUS_OUTPUTS) == outputs == OUTPUT_COUNT
     sensed = [f"{SENSED_PREFIX}{name}" for name in Sensed._fields]
-    assert list(COLUMNS) == [*Truth._fields, *sensed, *Bench._fields]
-    assert ROW_WIDTH == len(COLUMNS) == sum(map(len, (Truth._fields, sensed, Bench._fields)))
+    assert list(COLUMNS) == [*Truth._fields, *sensed, *Bench._fields, *InForce._fields]
+    assert ROW_WIDTH == len(COLUMNS) == sum(map(len, (Truth._fields, sensed, Bench._fields, InForce._fields)))
     assert list(PROFILES) == list(Surroundings._fields)
     offline = [*Drives._fields, *Surroundings._fields, "latch_released", "latch_cinched"]
     assert list(INPUT_SIGNALS) == list(INPUT_COLUMNS) == offline

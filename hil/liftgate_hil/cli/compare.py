@@ -86,7 +86,7 @@ def _compared(
 
     from liftgate_hil.conversion.compare import Comparison, compare_tables
     from liftgate_hil.conversion.compare_frames import compare_frames
-    from liftgate_hil.conversion.table import Window, open_table
+    from liftgate_hil.conversion.table import Window, open_table, open_whole
     from liftgate_hil.formats.open import open_recording
 
     sources = open_recording(paths[0], how), open_recording(paths[1], how)
@@ -98,7 +98,10 @@ def _compared(
         )
     found = Comparison((), 0, (0, 0), ((), ()))
     if have_rows:
-        tables = open_table(paths[0], rig, how), open_table(paths[1], rig, how)
+        if rig is None:  # signals are decoded by the recordings' own rigs
+            tables = open_whole(paths[0], None, how, columns or ()), open_whole(paths[1], None, how, columns or ())
+        else:
+            tables = open_table(paths[0], rig, how), open_table(paths[1], rig, how)
         common, own = tolerances
         found = compare_tables(
             tables, columns, own, common, window, lambda rows: progress.update(text=f"{rows} rows")

@@ -89,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.measurement.mapping import parse_maps
     from liftgate_hil.running.compilation import reporting_compilation
+    from liftgate_hil.running.fault_columns import fault_columns_of
     from liftgate_hil.running.stimulation import offline_of
     from liftgate_hil.signals import columns_of
     from liftgate_hil.stimuli.samples import constant_voltage
@@ -126,14 +127,15 @@ def run(args: argparse.Namespace) -> int:
         remark=course.remark,
         about=_about(args, setup, output, duration),
         inputs=inputs,
-    )
+    ).with_faults(fault_columns_of(scenario.faults))
     with (
         progress,
         reporting_compilation(teller, stopped),
         contextlib.suppress(GivenUpError),
         contextlib.nullcontext() if edges is None else _opened(edges, inputs, teller) as edge_file,
     ):
-        _write(output, content, _rows_of(course.over(blocks, stopped), edge_file), teller.say)
+        rows = map(content.whole, _rows_of(course.over(blocks, stopped), edge_file))
+        _write(output, content, rows, teller.say)
     if course.is_complete:
         if output is not None and sys.stderr is not None and sys.stderr.isatty():  # to a person
             teller.say(f"written: {output}, {course.rows} rows to {course.time:.3f} s")

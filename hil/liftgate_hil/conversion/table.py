@@ -60,16 +60,18 @@ class RowsAndSignals(Recording):
         return self.decoded.notes
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)), one at each time of either; NaN: no value yet."""
+        """Yield rows (n, len(wanted)), one at each time of either, to the nanosecond; NaN: no value yet."""
         parts = []
         for each in (self.source, self.decoded):
             own = [name for name in wanted if name in each.signals and name != "time_s"]
-            if own:
-                parts.append((own, np.concatenate([np.empty((0, 1 + len(own))), *each.rows(["time_s", *own])])))
-        times = np.unique(np.concatenate([rows[:, 0] for _, rows in parts]))
-        found = {"time_s": times}
-        for own, rows in parts:
-            place = np.searchsorted(rows[:, 0], times, side="right") - 1
+            if own or each is self.source:
+                rows = np.concatenate([np.empty((0, 1 + len(own))), *each.rows(["time_s", *own])])
+                rows = rows[np.argsort(rows[:, 0], kind="stable")]
+                parts.append((own, rows, np.rint(1e9 * rows[:, 0])))
+        ticks, first = np.unique(np.concatenate([own_ticks for _, _, own_ticks in parts]), return_index=True)
+        found = {"time_s": np.concatenate([rows[:, 0] for _, rows, _ in parts])[first]}
+        for own, rows, own_ticks in parts:
+            place = np.searchsorted(own_ticks, ticks, side="right") - 1
             held = np.where(place[:, np.newaxis] >= 0, rows[np.maximum(place, 0), 1:], np.nan)
             found |= {name: held[:, k] for k, name in enumerate(own)}
         yield np.column_stack([found[name] for name in wanted])

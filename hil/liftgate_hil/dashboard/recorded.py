@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -11,12 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from liftgate_hil.config.fault_kinds import SIDES
 from liftgate_hil.conversion.ours import ours_in
 from liftgate_hil.conversion.table import open_whole
 from liftgate_hil.dashboard.source import JsonObject, check_columns, in_stretches, nothing_known, split
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.running.attachment.geometry import geometry_of
+from liftgate_hil.running.fault_columns import INJECTED
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_hil.signals import Bench
 
@@ -50,6 +53,7 @@ class RecordingSource:
             raise ConfigError(f"{path}: no rows; allowed: a recording with rows")
         if not (np.diff(self._last[:, 0]) >= 0.0).all() or not np.isfinite(self._last[:, 0]).all():
             raise ConfigError(f"{path}: time_s: falls or is not finite; allowed: finite times in order")
+        self._springs = _spring_faults_in(table.about)
         self._geometry = _geometry_in(table.about) if vehicle is None else geometry_of(vehicle_from(vehicle))
 
     def _thinned(self, table: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -124,11 +128,20 @@ class RecordingSource:
         return {**nothing_known("recorded"), **known}
 
     def _acting(self, row: Mapping[str, float]) -> JsonObject:
-        """Return the obstacle while the gate presses against it, at its edge; a recording does not say more."""
+        """Return what a recording says: the obstacle while the gate presses against it, at its edge, and springs.
+
+        Faults of the scenario change the springs; with others in force their state is not known (None).
+        """
         angle = row.get("pinch_contact_deg", math.nan)
         is_there = math.isfinite(angle) and self._geometry and row.get("pinch_force_n", 0.0) > _TOUCH_N
         rod = {"angle_deg": angle, "distance": self._geometry["length_m"]} if is_there else None
-        return {"obstacle": rod, "spring_health": {}}
+        if row.get(INJECTED, 0.0) > 0.0:
+            return {"obstacle": rod, "spring_health": dict.fromkeys(SIDES)}
+        springs: dict[str, float] = {}
+        for name, (sides, factor) in self._springs.items():
+            if row.get(name, 0.0) > 0.0:
+                springs |= {side: factor * springs.get(side, 1.0) for side in sides}
+        return {"obstacle": rod, "spring_health": springs}
 
     def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> JsonObject:
         """Return curves between two times [s], see `Source.plot`; one row more on either side is taken in."""
@@ -158,6 +171,17 @@ def _geometry_in(about: str) -> JsonObject:
         return {}
     numbers = [found["length_m"], found["open_angle_deg"], *found["hinge"]]
     return found if all(isinstance(each, int | float) and math.isfinite(each) for each in numbers) else {}
+
+
+def _spring_faults_in(about: str) -> dict[str, tuple[Sequence[str], float]]:
+    """Return the faults of springs in a recording's provenance: by their columns the sides and the factor."""
+    found: dict[str, tuple[Sequence[str], float]] = {}
+    with contextlib.suppress(ValueError, AttributeError, TypeError, KeyError):  # of a version with other keys
+        for name, fault in json.loads(about or "{}").get("faults", {}).items():
+            if fault["kind"] in ("spring_lost", "spring_weak"):
+                sides = SIDES if fault["where"] in (None, "both") else (fault["where"],)
+                found[name] = sides, float(fault.get("factor", 0.0))
+    return found
 
 
 def _count(table: Recording) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.errors import printable
-from liftgate_hil.signals import COLUMNS
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, FAULT_IN_FORCE, InForce
 from liftgate_plant.signals import Signal
 
 # Keys of the provenance that comments list.
@@ -39,6 +39,22 @@ class Content:
     inputs: Sequence[Path] = ()  # files that it is made from, none of which is written
     # The columns of a row, in their order.
     row: Mapping[str, Signal] = field(default_factory=lambda: COLUMNS)
+    faults: Mapping[str, int] = field(default_factory=dict)  # of columns of faults: bits in `faults_in_force`
+
+    def with_faults(self, faults: Mapping[str, int]) -> Content:
+        """Return the content with columns of faults, which stand behind those of a row."""
+        if not faults:
+            return self
+        row = {**self.row, **dict.fromkeys(faults, FAULT_IN_FORCE)}
+        return replace(self, columns=[*self.columns, *faults], row=row, faults=faults)
+
+    def whole(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return rows (n, ROW_WIDTH) with the columns of faults behind them."""
+        if not self.faults:
+            return rows
+        bits = rows[:, COLUMN_PLACE[InForce._fields[0]]].astype(np.int64)
+        masks = np.array(list(self.faults.values()))
+        return np.concatenate([rows, (bits[:, None] & masks != 0).astype(float)], axis=1)
 
     @cached_property
     def places(self) -> list[int]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import orjson
 
-from liftgate_hil.signals import COLUMN_ROWS, COLUMNS, SENSED_PREFIX
+from liftgate_hil.signals import COLUMN_ROWS, COLUMNS, FAULT_PREFIX, SENSED_PREFIX
 from liftgate_plant.signals import TIME, Signal
 
 RECORD = "liftgate-hil"  # the metadata record that every recording has
@@ -66,6 +66,8 @@ def _topic_of(name: str) -> tuple[str, str]:
         place = list(COLUMNS).index(name)
         part = [part for part, start in COLUMN_ROWS._asdict().items() if start <= place][-1]
         return f"/{part}", SENSED_PREFIX if name.startswith(SENSED_PREFIX) else ""
+    if name.startswith(FAULT_PREFIX):
+        return "/faults", FAULT_PREFIX
     message, point, _ = name.rpartition(".")
     return (f"/bus/{message}", f"{message}.") if point else ("/table", "")
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.mcap_layout import START_COLUMN
-from liftgate_hil.signals import columns_of
+from liftgate_hil.signals import FAULT_PREFIX, columns_of
 
 NAME = "liftgate-hil"
 MF4_PROGRAM = b"liftgate"  # program in the identification block of an MF4 file, which holds eight bytes
@@ -39,7 +39,8 @@ def is_ours(path: Path) -> bool:
     except OSError:
         return False
     if kind == ".csv":
-        return head.partition(b"\n")[0].rstrip(b"\r").decode(errors="replace") in _headers()
+        names = head.partition(b"\n")[0].rstrip(b"\r").decode(errors="replace").split(",")
+        return ",".join(name for name in names if not name.startswith(FAULT_PREFIX)) in _headers()
     if kind == ".mf4":
         return head[_PROGRAM] == MF4_PROGRAM
     if kind == ".mcap":
@@ -62,7 +63,7 @@ def _signature(path: Path) -> bytes:
 
 @functools.cache
 def _headers() -> frozenset[str]:
-    """Return the headers of our tables, with and without the start of the run."""
+    """Return the headers of our tables without columns of faults, with and without the start of the run."""
     found = [",".join(columns_of(drives, offline)) for drives in (1, 2) for offline in (False, True)]
     return frozenset((*found, *(f"{each},{START_COLUMN}" for each in found)))
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
-from liftgate_hil.signals import COLUMNS
+from liftgate_hil.signals import COLUMNS, FAULT_IN_FORCE, FAULT_PREFIX
 from liftgate_plant.signals import Signal
 
 Floats = NDArray[np.float64]
@@ -167,4 +167,5 @@ def nanoseconds_of(text: str) -> int:
 
 def column_signal(name: str, unit: str = "", is_whole: bool = False) -> Signal:
     """Return the signal of a column: ours of that name, or one of which only the unit is known."""
-    return COLUMNS.get(name) or Signal(unit, -_ALL, _ALL, "", is_whole=is_whole)
+    known = FAULT_IN_FORCE if name.startswith(FAULT_PREFIX) else COLUMNS.get(name)
+    return known or Signal(unit, -_ALL, _ALL, "", is_whole=is_whole)

@@ -41,6 +41,6 @@ def advance(
     state, replies, truth, sensed = tick(gate, state, given, outside)
     if not (is_silent or is_stop):
         replies = sent(stimuli, replies, state.tick, gate.step_ns, gate.seed)
-    write_row(row[0], truth, sensed, bench)
+    write_row(row[0], truth, sensed, bench, stimuli.faults.in_force[0])
     note_tick(stimuli, row, given, replies)
     return state, replies, is_sound(truth)

@@ -1,4 +1,4 @@
-"""The row of a recording: true values, sensed values, and how well the bench kept up."""
+"""The row of a recording: true values, sensed values, how well the bench kept up, and the faults in force."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ _MOST_RATE, _MOST_ANGLE = GATE_RATE.high, GATE_ANGLE.high
 
 
 @compilable
-def write_row(row: NDArray[np.float64], truth: Truth, sensed: Sensed, bench: Bench) -> None:
-    """Fill a row (ROW_WIDTH,) of signals.COLUMNS."""
+def write_row(row: NDArray[np.float64], truth: Truth, sensed: Sensed, bench: Bench, in_force: float) -> None:
+    """Fill a row (ROW_WIDTH,) of signals.COLUMNS; `in_force` are the bits of the faults in force."""
     fill(row, COLUMN_ROWS.truth, truth)
     fill(row, COLUMN_ROWS.sensed, sensed)
     fill(row, COLUMN_ROWS.bench, bench)
+    row[COLUMN_ROWS.faults] = in_force
 
 
 @compilable

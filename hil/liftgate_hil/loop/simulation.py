@@ -118,9 +118,9 @@ def block(offline: Offline, start: OfflineState, rows: Floats, out: Floats) -> t
             sound = is_sound(truth)
             if not sound:
                 break
-            write_row(out[k], truth, sensed, ON_TIME)
+            write_row(out[k], truth, sensed, ON_TIME, stimuli.faults.in_force[0])
             if stimuli.moments.pending[0] > 0:
-                write_row(offline.row[0], truth, sensed, ON_TIME)
+                write_row(offline.row[0], truth, sensed, ON_TIME, stimuli.faults.in_force[0])
                 note_tick(stimuli, offline.row, offline.nothing, offline.nothing)
             state, flow = integrate.advance(gate.plant, state, inputs, offline.step)
             done += 1

@@ -11,11 +11,13 @@ import json
 import math
 import platform
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.config.sources import Source, sources_of
 from liftgate_hil.formats.content import Content
+from liftgate_hil.running.fault_columns import fault_columns_of, faults_by_column
 from liftgate_hil.running.setup import Setup
 from liftgate_hil.signals import columns_of
 from liftgate_hil.version import versions
@@ -33,22 +35,26 @@ def content_of(plan: Plan, channel: str, bus: str = "") -> Content:
     It has no provenance where nothing is recorded.
     """
     if not plan.options.record:
-        return Content(columns_of(plan.setup.vehicle.drives), channel, inputs=plan.inputs)
+        return _bare_content_of(plan, channel)
     return whole_content_of(plan, channel, bus)
 
 
 def whole_content_of(plan: Plan, channel: str, bus: str) -> Content:
     """Return the content of a recording, as `content_of`, with the provenance of the run in any case."""
-    columns, about = columns_of(plan.setup.vehicle.drives), origin_of(plan, bus)
-    return Content(columns, channel, about=about, inputs=plan.inputs)
+    return replace(_bare_content_of(plan, channel), about=origin_of(plan, bus))
+
+
+def _bare_content_of(plan: Plan, channel: str) -> Content:
+    content = Content(columns_of(plan.setup.vehicle.drives), channel, inputs=plan.inputs)
+    return content.with_faults(fault_columns_of(plan.setup.scenario.faults))
 
 
 def origin_of(plan: Plan, bus: str = "") -> str:
     """Return the provenance of a run as JSON.
 
-    It holds versions and machine, seed, clock, rate, the files with their content and SHA-256, the vehicle as it
-    was used, in SI units, the ECU (`ecu.identity`), the interface of a bus, and the recording trigger, where not
-    all was recorded.
+    It holds versions and machine, seed, clock, rate, parameters and faults of the scenario, the files with their
+    content and SHA-256, the vehicle as it was used, in SI units, the ECU (`ecu.identity`), the interface of a bus,
+    and the recording trigger, where not all was recorded.
     """
     options = plan.options
     more: dict[str, Any] = {"ecu": _plain(plan.ecu_identity)}
@@ -87,6 +93,7 @@ def _origin(
         "duration_s": duration,
         "initial_deg": math.degrees(setup.start_angle),
         "parameters": dict(setup.scenario.parameters),
+        "faults": _plain(faults_by_column(setup.scenario.faults)),
         **more,
         "files": {name: _file(each) for name, each in files.items()},
         "vehicle": _plain(setup.vehicle),

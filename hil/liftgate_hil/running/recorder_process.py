@@ -218,7 +218,12 @@ class RingRecorder:
     """Passes rows and frames from the rings to the writers."""
 
     def __init__(
-        self, memory: Memory, writers: Sequence[Writer], sieve: Sieve | None = None, begins_now: bool = False
+        self,
+        memory: Memory,
+        writers: Sequence[Writer],
+        content: Content,
+        sieve: Sieve | None = None,
+        begins_now: bool = False,
     ) -> None:
         shared = memory.shared
         self._rows = RingReader(shared.rows, shared.control, "rows")
@@ -227,7 +232,7 @@ class RingRecorder:
         if begins_now:
             self._rows.skip(int(self._control["rows"][0]))
             self._frames.skip(int(self._control["frames"][0]))
-        self._writers, self._sieve = writers, sieve
+        self._writers, self._content, self._sieve = writers, content, sieve
         self._waiting: Any = no_logged()
         self._has_begun = False
 
@@ -245,7 +250,7 @@ class RingRecorder:
             self.begin()
         if self._sieve is not None:
             rows, frames = self._sieve.kept(rows, frames, come)
-        write_block(self._writers, rows, frames)
+        write_block(self._writers, self._content, rows, frames)
 
     def mark(self, time_s: float, text: str) -> None:
         """Write a mark at a time [s] of the run."""
@@ -302,7 +307,7 @@ def main() -> int:
             writer.close()
         tell(issues=error.issues)
         return 2
-    recorder = RingRecorder(memory, writers, triggered, order.begins_now)
+    recorder = RingRecorder(memory, writers, content, triggered, order.begins_now)
     tell(ready=True)
     for marks in _marks_until_the_end():
         recorder.take()

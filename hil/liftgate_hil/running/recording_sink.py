@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.writer import Writer, truncated_to_us
 
 _ROWS = 100  # rows that are buffered before they are written
@@ -26,8 +27,10 @@ class Sieve(Protocol):
 class RecordingSink:
     """Passes rows and frames to writers, small blocks together; with a sieve only those that it selects."""
 
-    def __init__(self, writers: Sequence[Writer], epoch_ns: int = 0, sieve: Sieve | None = None) -> None:
-        self._writers, self._sieve = writers, sieve
+    def __init__(
+        self, writers: Sequence[Writer], content: Content, epoch_ns: int = 0, sieve: Sieve | None = None
+    ) -> None:
+        self._writers, self._content, self._sieve = writers, content, sieve
         self._rows: list[NDArray[np.float64]] = []
         self._frames: list[Any] = []
         for writer in writers:
@@ -52,11 +55,12 @@ class RecordingSink:
         self._rows, self._frames = [], []
         if self._sieve is not None:
             rows, frames = self._sieve.kept(rows, frames, frames)
-        write_block(self._writers, rows, frames)
+        write_block(self._writers, self._content, rows, frames)
 
 
-def write_block(writers: Sequence[Writer], rows: NDArray[np.float64], frames: Any) -> None:
+def write_block(writers: Sequence[Writer], content: Content, rows: NDArray[np.float64], frames: Any) -> None:
     """Write rows (n, ROW_WIDTH) and frames (m,) LOGGED, either of which may be empty, and flush."""
+    rows = content.whole(rows)
     for writer in writers:
         if len(rows):
             writer.write_rows(rows)

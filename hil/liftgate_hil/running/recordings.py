@@ -30,7 +30,7 @@ class Recordings:
         options = plan.options
         self._writers = open_writers(options.record, content, options.limit(), say, stack)
         self._triggered = None if plan.trigger is None else Triggered(plan.trigger)
-        sink = RecordingSink(self._writers, epoch_ns, self._triggered)
+        sink = RecordingSink(self._writers, content, epoch_ns, self._triggered)
         stack.callback(sink.flush)  # before the files are closed
         self.sinks: list[Sink] = [sink] if self._writers else []
 

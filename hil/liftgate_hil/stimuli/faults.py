@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.signals import MOST_FAULTS
 from liftgate_hil.stimuli.bus_fault_tables import BusFault
 from liftgate_hil.stimuli.moments import BY_TIME, NEVER, START, Instant, Moments, Sheet, time_of
 from liftgate_plant.compiler import compilable, outlined
@@ -69,6 +70,7 @@ class FaultTable(NamedTuple):
     row: NDArray[np.float64]  # (w,) the constants in force. Written in place, like the following
     shares: NDArray[np.float64]  # (n,) how much of each fault is in force
     next: NDArray[np.float64]  # (1,) s, time of the next check
+    in_force: NDArray[np.float64]  # (1,) bits of the faults in force, by their rows
 
 
 def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Sheet, slots: int = 0) -> FaultTable:
@@ -95,6 +97,7 @@ def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Shee
         sound.copy(),
         np.zeros(len(rows)),
         np.full(1, -math.inf if rows else _FOREVER),
+        np.zeros(1),
     )
 
 
@@ -132,13 +135,16 @@ def share_at(fault: Any, moments: Moments, now: float) -> tuple[float, float]:
 def look(faults: FaultTable, moments: Moments, now: float) -> bool:
     """Update the shares of all faults and the row in force; return whether the row has changed."""
     faults.next[0] = _FOREVER
-    changed = False
+    changed, bits = False, 0
     for place in range(len(faults.rows)):
         share, then = share_at(faults.rows[place], moments, now)
         faults.next[0] = min(faults.next[0], then)
         if share != faults.shares[place]:
             faults.shares[place] = share
             changed = True
+        if share != 0.0 and place < MOST_FAULTS:
+            bits |= 1 << place
+    faults.in_force[0] = bits
     if changed:
         put_together(faults)
     return changed

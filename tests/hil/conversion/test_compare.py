@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 from conversion_support import FRAMES, HEAD, ROWS, STAMPS, log, table
 
+import liftgate_hil as lh
 from liftgate_hil.cli.main import main
+from liftgate_hil.config.shipped import find_config
 from liftgate_hil.conversion.compare import Comparison, compare_tables
 from liftgate_hil.conversion.compare_frames import compare_frames
 from liftgate_hil.conversion.convert import convert
@@ -213,3 +215,15 @@ def test_a_log_and_a_table_have_nothing_to_compare(tmp_path: Path, capsys: pytes
     assert "not both recordings hold rows; allowed: with --rig" in capsys.readouterr().err
     assert main(["compare", first, str(tmp_path / "nosuch.csv")]) == 2
     assert capsys.readouterr().err == f"liftgate-hil: {tmp_path / 'nosuch.csv'}: no such file\n"
+
+
+def test_signals_are_decoded_by_the_recordings_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("mcap")
+    for name, angle in (("a.mcap", 30.0), ("b.mcap", 30.25)):
+        lh.run(find_config("scenarios", "demo"), initial=angle, duration=0.1, record=tmp_path / name)
+    paths = [str(tmp_path / name) for name in ("a.mcap", "b.mcap")]
+    assert main(["compare", *paths, "--columns", "Gate.Angle,gate_angle_deg", "--json"]) == 1
+    columns = json.loads(capsys.readouterr().out)["columns"]
+    found = {name: abs(each["largest"]) for name, each in columns.items()}
+    assert found == {"Gate.Angle": pytest.approx(0.25, abs=0.05), "gate_angle_deg": pytest.approx(0.25, abs=0.01)}
+    assert main(["compare", paths[0], paths[0], "--columns", "Gate.Angle,gate_angle_deg"]) == 0

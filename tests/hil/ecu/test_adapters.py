@@ -66,8 +66,9 @@ def as_a_peer(ecu: Any, scenario: Scenario, log: Path) -> list[Line]:
     channel = str(uuid.uuid4())
     ours, theirs = (CanTransport({"interface": "virtual", "channel": channel}) for _ in range(2))
     config = loop_config()
-    recorder = open_writer(log, Content((), "bus"))
-    recording = RecordingSink([recorder])
+    content = Content((), "bus")
+    recorder = open_writer(log, content)
+    recording = RecordingSink([recorder], content)
     with adapter_for(ecu, lh.load_rig(shipped()), 2) as adapter:
         peer = Peer(adapter, theirs, by_the_clock(scenario.requests))
         around = stimulus_plan(config, scenario.stimuli)

@@ -44,6 +44,7 @@ from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.ecu.python_object import PythonEcu
 from liftgate_hil.errors import PlantDivergedError
+from liftgate_hil.formats.content import Content
 from liftgate_hil.loop.closed_loop import Episode, Extremes, Trace
 from liftgate_hil.running.recording_sink import RecordingSink
 from liftgate_hil.running.setup import vehicle_from
@@ -306,7 +307,7 @@ def test_frames_beyond_their_count_are_nobodys(rig: Rig) -> None:
 
     keeper = Keeper()
     with ReferenceEcu(rig, 2) as adapter:
-        recording = RecordingSink([Writer()])
+        recording = RecordingSink([Writer()], Content(()))
         episode = episode_of([recording, keeper], adapter)
         episode.run(100)
         recording.flush()

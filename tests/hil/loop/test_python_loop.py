@@ -244,8 +244,9 @@ def closed_loop(rig: Rig, folder: Path, ticks: int) -> tuple[Loop, ReferenceEcu,
     requests = [Request(Instant(0.3), "open"), Request(Instant(2.0), "close")]
     peer = Peer(ecu, theirs, by_the_clock(requests))
     paths = [folder / "plant.csv", folder / "bus.log"]
-    recorders = [open_writer(path, Content(columns_of(2), "bench")) for path in paths]
-    recording = RecordingSink(recorders)
+    content = Content(columns_of(2), "bench")
+    recorders = [open_writer(path, content) for path in paths]
+    recording = RecordingSink(recorders, content)
     noise = ["sensors.current_noise=0.05"]
     loop = loop_of(ours, loop_config(rig=rig, settings=noise, seed=5), sinks=[recording], peers=[peer])
     try:

@@ -259,8 +259,9 @@ def test_a_command_counts_before_the_panel_and_that_before_the_profile(whole: Ri
 # From the rows into rings and recordings.
 
 
-def check_row(row: Any, truth: Truth, sensed: Sensed, bench: Bench = ON_TIME) -> None:
+def check_row(row: Any, truth: Truth, sensed: Sensed, bench: Bench = ON_TIME, in_force: float = 0.0) -> None:
     assert row.shape == (ROW_WIDTH,)
+    assert row[COLUMN_PLACE["faults_in_force"]] == in_force
     for name, value in bench._asdict().items():
         assert row[COLUMN_PLACE[name]] == value, name
     for name, value in truth._asdict().items():
@@ -276,7 +277,7 @@ def test_every_column_of_the_rings_row_is_the_field_of_its_name(which: str) -> N
     write = write_row if which == "plain" else compiled(write_row)
 
     def put(bench: Bench) -> None:
-        write(memory.shared.rows[next_row(memory.shared)], rows.truth, rows.sensed, bench)
+        write(memory.shared.rows[next_row(memory.shared)], rows.truth, rows.sensed, bench, 5.0)
         memory.shared.control[0].rows += 1
 
     for _ in range(3):
@@ -285,7 +286,7 @@ def test_every_column_of_the_rings_row_is_the_field_of_its_name(which: str) -> N
     taken = reader.take()
     assert len(taken) == 3
     for row in taken:
-        check_row(row, rows.truth, rows.sensed, bench)
+        check_row(row, rows.truth, rows.sensed, bench, 5.0)
     for _ in range(2):  # once around
         put(ON_TIME)
     assert len(reader.take()) == 2

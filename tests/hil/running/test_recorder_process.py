@@ -15,6 +15,7 @@ from hil_support import frames_of
 from recording_support import BOTH, EPOCH_NS, messages_in, read_csv, rows_from
 
 from liftgate_hil.errors import ConfigError, RecordingError
+from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.rotation import Limit
 from liftgate_hil.loop.rings import Memory, note_frames
 from liftgate_hil.running.recorder_process import RecorderProcess, RingRecorder
@@ -72,7 +73,7 @@ class Notes:
 def test_frames_are_written_in_the_order_of_time_whenever_they_were_logged(memory: Memory) -> None:
     """A tick logs what it sent; what came meanwhile, with an earlier stamp, is logged by the next one."""
     notes = Notes()
-    writer = RingRecorder(memory, [notes])
+    writer = RingRecorder(memory, [notes], Content(()))
     log(memory, 1, 2 * MS, 1)
     log(memory, 0, 1 * MS, 0)  # came before the first frame that was sent
     writer.take()
@@ -93,7 +94,7 @@ def test_frames_are_written_in_the_order_of_time_whenever_they_were_logged(memor
 
 def test_a_recorder_gets_the_start_of_the_run_once(memory: Memory) -> None:
     notes = Notes()
-    writer = RingRecorder(memory, [notes])
+    writer = RingRecorder(memory, [notes], Content(()))
     memory.shared.control.epoch_ns = 0  # not begun
     writer.take()
     assert notes.epochs == []

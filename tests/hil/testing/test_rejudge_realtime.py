@@ -122,8 +122,9 @@ def late(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
     folder = tmp_path_factory.mktemp("late")
     (folder / "s.toml").write_text(SCENARIO)
     rows, frames = late_run(request.param)
-    recorders = [open_writer(folder / name, Content(columns_of(2))) for name in FILES]
-    sink = RecordingSink(recorders, EPOCH_NS)
+    content = Content(columns_of(2))
+    recorders = [open_writer(folder / name, content) for name in FILES]
+    sink = RecordingSink(recorders, content, EPOCH_NS)
     sink.take(rows, frames[np.argsort(frames["time_ns"], kind="stable")])
     sink.flush()
     for each in recorders:

@@ -462,8 +462,9 @@ class Drawing {
       for (let k = 0; k <= 2 * turns; k += 1)
         coil.push(point(tube + ((long - tube) * k) / (2 * turns), k % 2 ? 4.5 : -4.5));
       drive.coil.setAttribute("d", path(...coil));
-      const health = springHealth[side] ?? 1;
-      drive.coil.style.opacity = within(health, 0.15, 1);
+      const given = springHealth[side],
+        health = given === undefined ? 1 : given || 0; // null: not known, no arrow
+      drive.coil.style.opacity = given === null ? 1 : within(health, 0.15, 1);
       this.arrow(side, point(long, side === "right" ? 15 : -15), way, values[`${side}_force_n`] || 0);
       this.arrow(
         `${side}_spring`,

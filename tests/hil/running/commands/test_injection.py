@@ -124,7 +124,8 @@ def test_a_fault_by_a_frame_is_that_of_a_scenario_from_the_next_tick_on_and_ends
     plain, untouched = plainly(tmp_path)
     assert len(theirs.summary.injected) == 2
     for name, column in ours.trace.items():
-        np.testing.assert_array_equal(theirs.trace[name], column, err_msg=name)
+        if name != "faults_in_force":  # tells them apart
+            np.testing.assert_array_equal(theirs.trace[name], column, err_msg=name)
     assert said == wanted
     is_seen = any(not np.array_equal(plain.trace[name], each) for name, each in ours.trace.items())
     assert is_seen or wanted != untouched or kind == "latch_not_releasing"
@@ -144,7 +145,8 @@ def test_another_value_replaces_the_first_and_others_stay(tmp_path: Path) -> Non
     theirs, _ = ran(tmp_path, orders)
     ours, _ = ran(tmp_path, {}, text)
     for name, column in ours.trace.items():
-        np.testing.assert_array_equal(theirs.trace[name], column, err_msg=name)
+        if name != "faults_in_force":  # tells them apart
+            np.testing.assert_array_equal(theirs.trace[name], column, err_msg=name)
     assert [each.partition(": ")[2] for each in theirs.summary.injected] == [
         "spring_weak left begins, factor 0.5",
         "current_offset right begins, value 2",
@@ -162,7 +164,8 @@ def test_faults_of_the_scenario_stay_as_they_are(tmp_path: Path) -> None:
     theirs, _ = ran(tmp_path, {0.5: [fault("parameter", "gate.mass", 48)], 0.7: [fault("none", on=0)]}, text)
     ours, _ = ran(tmp_path, {}, text + own)
     for name, column in ours.trace.items():
-        np.testing.assert_array_equal(theirs.trace[name], column, err_msg=name)
+        if name != "faults_in_force":  # tells them apart
+            np.testing.assert_array_equal(theirs.trace[name], column, err_msg=name)
 
 
 def test_what_is_wrong_is_reported_counted_and_changes_nothing(tmp_path: Path) -> None:
@@ -211,7 +214,8 @@ def test_what_is_wrong_is_reported_counted_and_changes_nothing(tmp_path: Path) -
     assert theirs.summary.injections_refused == len(wrong)
     assert any(f"{len(wrong)} refused" in line for line in theirs.summary.lines())
     for name, column in ours.trace.items():
-        np.testing.assert_array_equal(theirs.trace[name], column, err_msg=name)
+        if name != "faults_in_force":  # tells them apart
+            np.testing.assert_array_equal(theirs.trace[name], column, err_msg=name)
 
 
 @settings(CALM, max_examples=30)

@@ -1,0 +1,39 @@
+"""Columns of recordings that state which faults are in force, and which faults these are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.signals import FAULT_PREFIX, MOST_FAULTS
+
+if TYPE_CHECKING:
+    from liftgate_hil.config.scenario_tables import Fault
+
+INJECTED = FAULT_PREFIX + "injected"  # of all that a page, a program or a test bench injects meanwhile
+
+
+def fault_columns_of(faults: Sequence[Fault]) -> dict[str, int]:
+    """Return the columns of a scenario's faults, and one for all others, with their bits in `faults_in_force`.
+
+    A column is `fault.KIND` or `fault.KIND.WHERE`, of a later fault alike with its number: `fault.KIND.WHERE.2`.
+    """
+    known = dict(zip(_names(faults), (1 << place for place in range(MOST_FAULTS)), strict=False))
+    return known | {INJECTED: (1 << MOST_FAULTS) - (1 << min(len(faults), MOST_FAULTS))}
+
+
+def faults_by_column(faults: Sequence[Fault]) -> dict[str, Mapping[str, Any]]:
+    """Return a scenario's faults by their columns: kind, place, and the keys of the kind."""
+    return {
+        name: {"kind": each.kind, "where": each.where, **each.values}
+        for name, each in zip(_names(faults), faults, strict=True)
+    }
+
+
+def _names(faults: Sequence[Fault]) -> list[str]:
+    names: list[str] = []
+    for each in faults:
+        plain = FAULT_PREFIX + ".".join(filter(None, (each.kind, each.where)))
+        numbered = (f"{plain}.{number}" for number in range(2, len(faults) + 2))
+        names.append(plain if plain not in names else next(name for name in numbered if name not in names))
+    return names
