@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.open import BUS_LOGS, open_file
-from liftgate_hil.formats.recording import FRAME, Recording, Series
+from liftgate_hil.formats.recording import FRAME, ReadOptions, Recording, Series
 from liftgate_hil.measurement.log_frames import LogFrames
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
 from liftgate_hil.measurement.table import time_issue
@@ -130,12 +130,12 @@ class RunFile:
             self.span = float(min(low for low, _ in ends)), float(max(high for _, high in ends))
 
 
-def opened(path: Path) -> RunFile:
-    """Open a file, ours or not. Raises ConfigError."""
+def opened(path: Path, how: ReadOptions) -> RunFile:
+    """Open a file, ours or not; its frames are read later. Raises ConfigError."""
     check_file(path)
     if path.suffix.lower() in BUS_LOGS:
         return RunFile(path, has_frames=True)
-    table = open_file(path)
+    table = open_file(path, how=ReadOptions(zone=how.zone))
     with contextlib.suppress(ConfigError):  # a table of another program
         recording = table.as_recording()
         if {*Bench._fields, "time_s"} <= {*recording.signals}:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -163,6 +164,28 @@ def test_clocks_of_a_wall_count_from_the_first_stamp_and_must_be_in_all_files(tm
     other = table(tmp_path / "o.csv", "time_s,left_current_a", [(time, 1.0) for time in even(100, 1)])
     with pytest.raises(ConfigError, match=r"m\.log: wall-clock timestamps, but none in .*o\.csv"):
         lh.judge([other, log], own, rig=CAR / "theirs.dbc")
+
+
+def test_local_dates_of_a_table_are_those_of_the_time_zone_that_is_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A log beside it, by the wall clock, is of the same moments in one zone only."""
+    begin = 1_759_122_000  # 2025-09-29 13:00:00 in Shanghai, 05:00 UTC
+    for zone in ("UTC", "Asia/Shanghai"):  # this computer's counts for nothing
+        monkeypatch.setenv("TZ", zone)
+        time.tzset()
+        lines = [f"2025-09-29 13:00:0{k // 10}.{k % 10},{k}" for k in range(50)]
+        path = tmp_path / "m.csv"
+        path.write_text("\n".join(["t,gate_angle_deg", *lines]) + "\n")
+        log = tmp_path / "m.log"
+        log.write_text("".join(f"({begin + 0.1 * k:.6f}) can0 123#00\n" for k in range(50)))
+        own = scenario(tmp_path, 'name = "a"\nalways = "gate_angle_deg < 90"')
+        found = lh.judge([path, log], own, maps=["time_s=t"], timezone="Asia/Shanghai")
+        assert found["a"].verdict == "pass"
+        with pytest.raises(ConfigError, match="8 h after"):
+            lh.judge([path, log], own, maps=["time_s=t"], timezone="UTC")
+    monkeypatch.undo()
+    time.tzset()
 
 
 @pytest.mark.parametrize(
