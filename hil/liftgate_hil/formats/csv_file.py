@@ -25,16 +25,16 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import CUT
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.csv_header import (
-    COMMAS,
     NOT_FINITE,
     NUMBER,
+    UNNAMED,
     Header,
     decoded,
     header_of,
     without_comments,
 )
 from liftgate_hil.formats.csv_text import CsvText
-from liftgate_hil.formats.date_column import FORMS, Stamp, seconds_since, stamp_of
+from liftgate_hil.formats.date_column import FORMS, Stamp, in_minutes, seconds_since, stamp_of
 from liftgate_hil.formats.mcap_layout import START_COLUMN
 from liftgate_hil.formats.reading import as_config_errors
 from liftgate_hil.formats.recording import Floats, Recording, check_time_first, column_signal
@@ -105,10 +105,12 @@ class CsvFile(Recording):
     def as_recording(self) -> CsvFile:
         """Return it as a recording: the time first, the last line whole. Raises ConfigError if it is none."""
         check_time_first(self.path, self.names)
-        signals = {name: column_signal(name) for name in self.names if name != START_COLUMN}
+        signals = {name: column_signal(name) for name in self.names if name and name != START_COLUMN}
         # Even if the last line has all cells, the last one may be cut off.
-        notes = ((CUT,) if self.last else ()) + ((COMMAS,) if self.has_commas else ())
-        found = replace(self, signals=signals, remarks=notes, is_strict=True)
+        said = ((CUT, bool(self.last)), (UNNAMED, "" in self.names))
+        notes = dict.fromkeys((*self.remarks, *(note for note, is_so in said if is_so)))
+        begin_ns = self.starts.get("time_s", 0)
+        found = replace(self, signals=signals, remarks=tuple(notes), start_ns=begin_ns, is_strict=True)
         if START_COLUMN not in self.names:
             return found
         with as_config_errors(self.path), _text_of(self.path) as stream:
@@ -306,11 +308,15 @@ def open_csv(path: Path) -> CsvFile:
     # A last line that is short was cut off, as by a full disk or a kill.
     is_short = bool(last.strip()) and last.count(header.delimiter.encode()) < len(header.names) - 1
     notes = (CUT,) if is_short and size - len(last) > header.end else ()
-    moments = _moments_in(header, head[header.end :])
+    cells = _first_cells(header, head[header.end :])
+    moments = {name: stamp for name, cell in cells.items() if (stamp := stamp_of(cell)) is not None}
+    minutes = [
+        f"{name}: {cell.strip()} is read as hours and minutes" for name, cell in cells.items() if in_minutes(cell)
+    ]
     return CsvFile(
         path=path,
         names=header.names,
-        remarks=(*notes, *header.notes),
+        remarks=(*notes, *header.notes, *minutes),
         delimiter=header.delimiter.encode(),
         head=header.end,
         last=last,
@@ -339,8 +345,8 @@ def _text_of(path: Path) -> BinaryIO:
             raise ConfigError(f"{path}: cannot be read: not UTF-16 at byte {error.start}") from error
 
 
-def _moments_in(header: Header, text: bytes) -> dict[str, Stamp]:
-    """Return the columns of dates and times of day, with the first one of each: those of the first row."""
+def _first_cells(header: Header, text: bytes) -> dict[str, str]:
+    """Return the cells of the first row, by the names of their columns; none if it cannot be read."""
     first = next(
         (line for line in without_comments(_with_newlines(text[:_LONGEST])).split(b"\n") if line.strip()), b""
     )
@@ -348,8 +354,7 @@ def _moments_in(header: Header, text: bytes) -> dict[str, Stamp]:
         cells = next(csv.reader([first.decode(header.encoding)], delimiter=header.delimiter), [])
     except (csv.Error, UnicodeDecodeError):
         return {}
-    found = {name: stamp_of(cell) for name, cell in zip(header.names, cells, strict=False)}
-    return {name: stamp for name, stamp in found.items() if name and stamp is not None}
+    return {name: cell for name, cell in zip(header.names, cells, strict=False) if name}
 
 
 def _starts_of(moments: Mapping[str, Stamp], zone: tzinfo | None) -> dict[str, int]:

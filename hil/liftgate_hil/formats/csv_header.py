@@ -21,6 +21,7 @@ from liftgate_hil.formats.recording import check_width
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 COMMAS = "decimal commas are read as points"
+UNNAMED = "columns without a name are left out"
 UNITS = "the row below the header is read as units"
 NUMBERED = "without a header: its columns are named by their numbers, from 1"
 COMMENTED = "the last comment above the rows is read as the header"

@@ -65,6 +65,12 @@ def stamp_of(cell: str) -> Stamp | None:
     return Stamp(seconds * _NS + int((parts["part"] or "").ljust(9, "0")[:9]), is_date, bool(zone))
 
 
+def in_minutes(cell: str) -> bool:
+    """Whether a cell is a time of day without seconds, which may be meant as minutes and seconds."""
+    found = re.fullmatch(_CLOCK, cell.strip())
+    return found is not None and found["second"] is None
+
+
 def seconds_since(first: Stamp, cells: Sequence[str], before: float = 0.0) -> NDArray[np.float64] | int:
     """Return the moments of cells (n,) [s] since `first`, NaN for an empty one; or the place of a wrong one.
 

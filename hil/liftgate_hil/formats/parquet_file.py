@@ -111,7 +111,7 @@ class ParquetFile(Recording):
         """Return it as a recording: columns of numbers, the time first. Raises ConfigError if it is none."""
         self._check(self.names)
         check_time_first(self.path, self.names)
-        return self
+        return replace(self, start_ns=self.start_ns or self.starts.get("time_s", 0))
 
     def in_zone(self, zone: tzinfo) -> ParquetFile:
         """Return the table with dates that state no zone read as local times of this one."""

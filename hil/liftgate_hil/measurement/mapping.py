@@ -68,6 +68,11 @@ class Theirs:
             return values
         return factors[0] * (self.scale * values + self.offset) + factors[1]
 
+    def issue_with_dates(self) -> str:
+        """Return why a column of dates cannot be taken so; "": it can."""
+        is_plain = self.unit in (None, "s") and (self.scale, self.offset) == (1.0, 0.0)
+        return "" if is_plain else "dates, which are in s; allowed: in `map` without unit, scale and offset"
+
 
 ColumnMap = dict[str, Theirs]
 

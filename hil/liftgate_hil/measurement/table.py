@@ -176,7 +176,9 @@ def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
 def _converted(reading: Reading, ours: str, series: Series, mapping: ColumnMap) -> Series:
     """Return a column in our unit."""
     name = reading.names[ours]
-    found = mapping.get(ours, Theirs(name)).converted(series.values, ours, name, series.unit)
+    theirs = mapping.get(ours, Theirs(name))
+    found: Floats | str = theirs.issue_with_dates() if name in reading.file.starts else ""
+    found = found or theirs.converted(series.values, ours, name, series.unit)
     if isinstance(found, str):
         called = ours if name == ours else f"{ours} ({name})"
         reading.issues.append(f"{reading.path}: {called}: {found}")

@@ -111,7 +111,8 @@ class RunFile:
             series = file.read(list(dict.fromkeys([name, *names])), issues)
             if name not in series:
                 return
-            found = theirs.converted(series[name].values, "time_s", name, series[name].unit, COLUMNS)
+            found: Floats | str = theirs.issue_with_dates() if name in file.starts else ""
+            found = found or theirs.converted(series[name].values, "time_s", name, series[name].unit, COLUMNS)
             if isinstance(found, str):
                 issues.append(f"{self.path}: time_s ({name}): {found}")
                 return

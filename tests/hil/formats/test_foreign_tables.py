@@ -14,6 +14,8 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.csv_header import COMMAS, COMMENTED, NUMBERED
 from liftgate_hil.formats.open import open_file
 from liftgate_hil.formats.recording import ReadOptions, Series
+from liftgate_hil.measurement.mapping import parse_maps
+from liftgate_hil.measurement.table import read_table
 
 
 def series_in(path: Path, *names: str, zone: str | None = None) -> dict[str, Series]:
@@ -166,3 +168,37 @@ def test_a_name_with_a_delimiter_is_quoted(tmp_path: Path, name: str) -> None:
     parquet.write_table(pyarrow.table({"time_s": [0.0, 1.0], name: [1.0, 2.0]}), source)
     assert main(["convert", str(source), str(tmp_path / "t.csv")]) == 0
     assert series_in(tmp_path / "t.csv", name)[name].values.tolist() == [1.0, 2.0]
+
+
+def test_minutes_that_may_be_hours_are_named(tmp_path: Path) -> None:
+    file = open_file(written(tmp_path, "t,F\n00:01,1\n00:02,2\n"))
+    assert file.notes == ("t: 00:01 is read as hours and minutes",)
+    assert series_in(file.path, "t")["t"].values.tolist() == [0.0, 60.0]
+    assert open_file(written(tmp_path, "t,F\n00:01:00,1\n00:02:00,2\n")).notes == ()
+
+
+@pytest.mark.parametrize("column", ["t[ms]", "t*1000"])
+def test_dates_have_no_other_unit(tmp_path: Path, column: str) -> None:
+    path = written(tmp_path, "t,voltage_v,I\n" + "".join(f"2025-09-29 13:00:{k:02},6,1\n" for k in range(60)))
+    (tmp_path / "s.toml").write_text('[[expect]]\nname = "a"\nalways = "left_current_a < 2"\n')
+    maps = [f"time_s={column}", "left_current_a=I"]
+    for read in (
+        lambda: lh.judge([path], tmp_path / "s.toml", maps=maps),
+        lambda: read_table(path, open_file(path), parse_maps(maps)),
+    ):
+        with pytest.raises(ConfigError, match=r"time_s \(t\): dates, which are in s; allowed: in `map` without"):
+            read()
+
+
+@pytest.mark.parametrize("target", ["t.mcap", "t.mf4", "t.parquet"])
+def test_dates_keep_their_wall_clock_in_another_format(tmp_path: Path, target: str) -> None:
+    path = written(tmp_path, "time_s,F\n2025-09-29 13:00:00Z,1\n2025-09-29 13:00:01Z,2\n", name="d.csv")
+    assert main(["convert", str(path), str(tmp_path / target)]) == 0
+    assert open_file(tmp_path / target).start_ns == 1_759_150_800 * 10**9
+
+
+def test_columns_without_a_name_are_left_out_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = written(tmp_path, "time_s,,F\n1,2,3\n2,3,3\n")
+    assert main(["convert", str(path), str(tmp_path / "t.mf4")]) == 0
+    assert "columns without a name are left out" in capsys.readouterr().err
+    assert list(open_file(tmp_path / "t.mf4").names) == ["F"]

@@ -11,6 +11,7 @@ from measurement_files import read, write_csv
 
 from liftgate_hil.config.units import unit_in
 from liftgate_hil.errors import ConfigError, allowed_names
+from liftgate_hil.formats.recording import AS_IT_IS
 from liftgate_hil.measurement.mapping import Theirs, parse_maps
 from liftgate_hil.measurement.units import KNOWN, conversion
 from liftgate_hil.signals import COLUMNS
@@ -219,7 +220,7 @@ def test_a_text_in_a_columns_name_that_is_no_unit_of_ours_is_refused(tmp_path: P
 def _force_in(path: Path, theirs: str) -> list[float]:
     """The pinch force of a file, as `judge` reads it."""
     mapping = parse_maps([f"pinch_force_n={theirs}"], COLUMNS)
-    file, column = opened(path), mapping["pinch_force_n"]
+    file, column = opened(path, AS_IT_IS), mapping["pinch_force_n"]
     name = column.found_in(file.names)
     assert name is not None
     issues: list[str] = []
