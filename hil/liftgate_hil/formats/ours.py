@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
+import re
 import struct
 from pathlib import Path
 
@@ -23,6 +24,7 @@ _ATTRIBUTE = f"user.{NAME}"
 SIGNED = (".log", ".blf")  # formats without a place for a mark
 _HEAD = 1 << 16  # bytes in which a mark or a header stands; our longest header has 2 kB
 _LENGTH, _MCAP_HEADER = struct.Struct("<I"), 17  # of a text; content of the first record, after magic and head
+_OUR_ROW = re.compile(rb"[-+.,0-9a-z]+")  # numbers, nan and inf
 _PROGRAM = slice(16, 24)  # of an MF4 file: ASAM MDF 4.1, identification block, id_prog
 
 
@@ -36,11 +38,13 @@ def is_ours(path: Path) -> bool:
             return _is_our_parquet(path)
         with path.open("rb") as stream:
             head = stream.read(_HEAD)
+            size = stream.seek(0, os.SEEK_END)
+            stream.seek(max(0, size - _HEAD))
+            tail = stream.read()
     except OSError:
         return False
     if kind == ".csv":
-        names = head.partition(b"\n")[0].rstrip(b"\r").decode(errors="replace").split(",")
-        return ",".join(name for name in names if not name.startswith(FAULT_PREFIX)) in _headers()
+        return _is_our_table(head, tail)
     if kind == ".mf4":
         return head[_PROGRAM] == MF4_PROGRAM
     if kind == ".mcap":
@@ -59,6 +63,17 @@ def _signature(path: Path) -> bytes:
     """Return what tells a file from a later state of it."""
     found = path.stat()
     return f"{found.st_size} bytes at {found.st_mtime_ns} ns".encode()
+
+
+def _is_our_table(head: bytes, tail: bytes) -> bool:
+    """Whether a table begins with one of our headers and ends in rows of numbers, to which nothing was added."""
+    names = head.partition(b"\n")[0].rstrip(b"\r").decode(errors="replace").split(",")
+    if ",".join(name for name in names if not name.startswith(FAULT_PREFIX)) not in _headers():
+        return False
+    *rows, _ = tail.split(b"\n")[1:] or [
+        b""
+    ]  # without the header or the rest of a row, and the last one, maybe cut off
+    return all(_OUR_ROW.fullmatch(row) and row.count(b",") == len(names) - 1 for row in rows)
 
 
 @functools.cache

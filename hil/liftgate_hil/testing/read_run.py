@@ -318,6 +318,10 @@ def _by_raster(
     if not spans:
         raise ConfigError(f"{paths}: no signal of the expectations in it")
     first_us, last_us = max(0, min(low for low, _ in spans)), max(high for _, high in spans)
+    if last_us < 0:
+        zero = max(1e-6 * each.zero_us for each in files)
+        text = f"ends {-1e-6 * last_us:.9g} s before time 0 of the run, at {zero:.9g} s by its times"
+        raise ConfigError(f"{paths}: {text}; allowed: an `origin` before its end")
     step_us = 1e6 / asked.rate
     first, last = math.ceil(first_us / step_us - 1e-6), math.ceil(last_us / step_us - 1e-6)
     if not 0 <= last - first < _MOST_ROWS:

@@ -218,3 +218,21 @@ def test_every_format_is_known_as_ours_or_signed(tmp_path: Path) -> None:
         if suffix in RECORDED:
             record(tmp_path / f"run{suffix}", 0)
             assert is_ours(tmp_path / f"run{suffix}"), suffix
+
+
+@pytest.mark.parametrize("added", ["# a good run\n", "9,9\n", "\n"])
+def test_a_table_of_ours_to_which_somebody_has_added_is_not_ours(tmp_path: Path, added: str) -> None:
+    path = tmp_path / "run.csv"
+    record(path, 0)
+    assert is_ours(path)
+    with path.open("a") as stream:
+        stream.write(added)
+    assert not is_ours(path)
+
+
+def test_a_table_of_ours_that_was_cut_off_is_ours(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    content = record(path, 0)
+    for length in (len(content) - 7, content.index(b"\n") + 1, content.index(b"\n") + 20):
+        path.write_bytes(content[:length])
+        assert is_ours(path)

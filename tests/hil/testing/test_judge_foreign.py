@@ -166,6 +166,17 @@ def test_clocks_of_a_wall_count_from_the_first_stamp_and_must_be_in_all_files(tm
         lh.judge([other, log], own, rig=CAR / "theirs.dbc")
 
 
+def test_a_time_0_after_the_end_is_refused(tmp_path: Path) -> None:
+    path, own = (
+        ramp(tmp_path / "m.csv", [1.0, 2.0]),
+        scenario(tmp_path, 'name = "a"\nalways = "gate_angle_deg < 90"'),
+    )
+    with pytest.raises(
+        ConfigError, match="ends 8 s before time 0 of the run, at 10 s by its times; allowed: an `orig"
+    ):
+        lh.judge([path], own, origin=10.0)
+
+
 def test_local_dates_of_a_table_are_those_of_the_time_zone_that_is_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
