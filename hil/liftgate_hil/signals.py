@@ -156,7 +156,7 @@ class Bench(NamedTuple):
 
 ON_TIME = Bench(0.0, 0.0, 0.0, 0.0)
 
-MOST_FAULTS = 52  # that a row tells apart: a number holds no more bits exactly
+MOST_FAULTS = 51  # of a scenario that a row tells apart: a number holds one more bit exactly
 
 
 class InForce(NamedTuple):
@@ -167,8 +167,8 @@ class InForce(NamedTuple):
         Signal(
             "",
             0.0,
-            2.0**MOST_FAULTS,
-            "faults in force: the sum of 2^k over the scenario's k-th, k from 0, and those injected after them",
+            2.0 ** (MOST_FAULTS + 1),
+            "faults in force, as bits: 0 is the first of the scenario, 51 any that is injected while it runs",
             is_whole=True,
         ),
     ]
@@ -302,7 +302,7 @@ FAULT_PREFIX, FAULT_IN_FORCE = "fault.", Signal("", 0.0, 1.0, "1: the fault is i
 def columns_of(drives: int, offline: bool = False) -> list[str]:
     """Return the columns of a recording, or of `simulate` (`offline`), for a gate with `drives` drives.
 
-    Those of a run's faults follow them, see `formats.content.FaultColumns`.
+    Those of a run's faults follow them, see `running.fault_columns`.
     """
     return [
         name

@@ -69,7 +69,10 @@ class Sensors(NamedTuple):
     ] = 0.0
     hall_duty_error: Annotated[float, Quantity("", "1", -0.2, 0.2, "duty cycle of A and B, minus 0.5")] = 0.0
     hall_hysteresis: Annotated[
-        float, Quantity("", "deg", 0.0, 40.0, "electrical; between the edges of both directions")
+        float,
+        Quantity(
+            "", "deg", 0.0, 40.0, "electrical angle between an edge's position while opening and while closing"
+        ),
     ] = 0.0
     hall_jitter: Annotated[float, Quantity("σ", "deg", 0.0, 13.5, "electrical; random error of each edge")] = 0.0
     hall_wheel: Annotated[

@@ -89,6 +89,66 @@ def test_a_file_that_cannot_be_replaced_is_written_to(
     assert list(tmp_path.iterdir()) == [path]
 
 
+def refusing(number: int) -> Callable[..., Any]:
+    def refuse(*_: object, **more: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    return refuse
+
+
+@pytest.mark.parametrize("place", ["beside", "spooled"])
+def test_what_cannot_be_replaced_stays_where_there_is_no_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    """Neither beside its place nor, as the folder takes no file, in a temporary one."""
+    path = tmp_path / "mounted.xml"
+    path.write_bytes(b"before")
+    monkeypatch.setattr(Path, "replace", refusing(errno.EBUSY))
+    if place == "spooled":
+        monkeypatch.setattr(files, "_created", refusing(errno.EACCES))
+    monkeypatch.setattr(os, "posix_fallocate", refusing(errno.ENOSPC))
+    with pytest.raises(OSError, match="No space left"):
+        write_whole(path, b"after, and longer")
+    assert path.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [path]
+    monkeypatch.setattr(os, "posix_fallocate", refusing(errno.EOPNOTSUPP))  # nobody can tell
+    write_whole(path, b"after, and longer")
+    assert path.read_bytes() == b"after, and longer"
+    write_whole(path, b"less")
+    assert path.read_bytes() == b"less"
+
+
+def test_a_copy_that_fails_half_way_leaves_the_whole_content_beside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "mounted.xml"
+    path.write_bytes(b"before")
+    monkeypatch.setattr(Path, "replace", refusing(errno.EBUSY))
+    monkeypatch.setattr("shutil.copyfileobj", refusing(errno.EIO))
+    with pytest.raises(OSError, match="the whole content is in ") as error:
+        write_whole(path, b"after")
+    (beside,) = set(tmp_path.iterdir()) - {path}
+    assert str(beside) in str(error.value)
+    assert beside.read_bytes() == b"after"
+
+
+def test_what_a_writer_raises_leaves_a_file_that_cannot_be_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "mounted.xml"
+    path.write_bytes(b"before")
+    monkeypatch.setattr(files, "_created", refusing(errno.EACCES))
+
+    def stopped() -> None:
+        with whole_file(path) as stream:
+            stream.write(b"half of it")
+            raise RuntimeError("stopped")
+
+    with pytest.raises(RuntimeError, match="stopped"):
+        stopped()
+    assert path.read_bytes() == b"before"
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
 def test_a_file_keeps_its_owner(tmp_path: Path) -> None:
     path = tmp_path / "report.html"

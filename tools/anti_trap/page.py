@@ -14,7 +14,7 @@ from tools.anti_trap.trials import DISTANCE, Outcome
 
 _INTRODUCTION = f"""# The reference ECU's anti-trap
 
-Made by `make anti-trap`. The reference ECU is no product: it shows what software can do with what the bus says, as
+Made by `make anti-trap`. The reference ECU is no product: it is a baseline to compare your ECU with, as
 something to compare your own with. It knows the gate by its bus only, and has one calibration for all vehicles
 (`hil/liftgate_hil/ecu/calibration.py`), which each vehicle's `[coding]` scales: how fast it closes, how much is
 tolerated.
@@ -87,7 +87,7 @@ def _many(many: Mapping[str, Many]) -> list[str]:
         "",
         f"{sum(each.cars for each in many.values())} cars drawn from the vehicles' `[spread]`, each at a voltage "
         f"of 9.5 to 15 V, at -20 to 60 °C and on a slope of ±8° of its own; after learning {FREE} openings and "
-        f"closings undisturbed, then a rod somewhere. **{false} of {total}** motions were broken off for nothing"
+        f"closings undisturbed, then a rod somewhere. **{false} of {total}** motions reversed falsely"
         + (f", 1 in {total // false}." if false else "."),
         "",
         "| | cars | false | force, median | 95 % | largest |",
@@ -112,7 +112,7 @@ def _trade(trade: Mapping[float, Mapping[str, Many]]) -> list[str]:
         "## What a wider limit costs",
         "",
         "All that is tolerated, times a factor: the largest force of the drawn cars' rods, and how many of their "
-        "motions are broken off for nothing.",
+        "motions reverse falsely.",
         "",
         "![False reversals and pinch force over the width of the limits](anti-trap.png)",
         "",
@@ -179,11 +179,11 @@ def _draw(
         panel.axhline(LIMIT, color="0.4", linestyle="--", linewidth=1.0)
         panel.set(ylabel="largest pinch force [N]", ylim=(0.0, None))
     left.set(xscale="log", xlabel="gap [deg]", title="Over the travel, all conditions")
-    middle.set(xscale="log", xlabel="factor on what is tolerated", title="Drawn cars")
+    middle.set(xscale="log", xlabel="tolerance scale", title="Drawn cars")
     right.axhline(1.0 / 500.0, color="0.4", linestyle="--", linewidth=1.0)
     right.set(
-        xscale="log", yscale="log", xlabel="factor on what is tolerated",
-        ylabel="motions broken off for nothing", title="Drawn cars (1e-4: none)",
+        xscale="log", yscale="log", xlabel="tolerance scale",
+        ylabel="motions reversed falsely", title="Drawn cars (1e-4: none)",
     )  # fmt: skip
     for panel in middle, right:
         panel.set_xticks(FACTORS, [f"{each:g}" for each in FACTORS], minor=False)

@@ -162,7 +162,7 @@ def differences(free: Sequence[Outcome], realtime: Sequence[Outcome]) -> str:
     heads = ("scenario", "expectation", "free", "real time", "by", "margin", "uncertainty", "why")
     share = 100.0 * conclusive / max(1, len(rows))
     text = (
-        f"{same} of {len(rows)} verdicts are those of the free clock, {conclusive - same} others are not; "
+        f"{same} of {len(rows)} match the free clock; {conclusive - same or 'none'} contradict it; "
         f"{len(rows) - conclusive} are inconclusive, so {share:.0f} % are conclusive: {methods[DIRECT]} directly, "
         f"{methods[REPLAY]} by replay. The uncertainty was at most {100.0 * largest:.0f} % of a margin."
     )

@@ -53,7 +53,7 @@ class RecordingSource:
             raise ConfigError(f"{path}: no rows; allowed: a recording with rows")
         if not (np.diff(self._last[:, 0]) >= 0.0).all() or not np.isfinite(self._last[:, 0]).all():
             raise ConfigError(f"{path}: time_s: falls or is not finite; allowed: finite times in order")
-        self._springs = _spring_faults_in(table.about)
+        self._springs = _spring_faults_in(table.provenance)
         self._geometry = _geometry_in(table.about) if vehicle is None else geometry_of(vehicle_from(vehicle))
 
     def _thinned(self, table: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -173,11 +173,11 @@ def _geometry_in(about: str) -> JsonObject:
     return found if all(isinstance(each, int | float) and math.isfinite(each) for each in numbers) else {}
 
 
-def _spring_faults_in(about: str) -> dict[str, tuple[Sequence[str], float]]:
+def _spring_faults_in(provenance: Mapping[str, Any]) -> dict[str, tuple[Sequence[str], float]]:
     """Return the faults of springs in a recording's provenance: by their columns the sides and the factor."""
     found: dict[str, tuple[Sequence[str], float]] = {}
     with contextlib.suppress(ValueError, AttributeError, TypeError, KeyError):  # of a version with other keys
-        for name, fault in json.loads(about or "{}").get("faults", {}).items():
+        for name, fault in provenance.get("faults", {}).items():
             if fault["kind"] in ("spring_lost", "spring_weak"):
                 sides = SIDES if fault["where"] in (None, "both") else (fault["where"],)
                 found[name] = sides, float(fault.get("factor", 0.0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime, tzinfo
 from pathlib import Path
 from typing import Any
@@ -68,11 +68,11 @@ class BusLog(Recording):
         buses = self.buses()
         if name not in buses:
             raise no_such_bus(self.path, name, buses)
-        return replace(self, channel=name, only=name, account=Account())
+        return self.changed(channel=name, only=name)
 
     def in_zone(self, zone: tzinfo) -> BusLog:
         """Return the log with the local time in its header read as that of a zone."""
-        return self if self.stated is None else replace(self, start_ns=epoch_us(self.stated, zone) * 1000)
+        return self if self.stated is None else self.changed(start_ns=epoch_us(self.stated, zone) * 1000)
 
     def _check_times(self, frames: NDArray[np.void]) -> None:
         late = np.flatnonzero(np.abs(frames["time_ns"]) >= LONGEST_NS)

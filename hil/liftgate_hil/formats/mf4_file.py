@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -239,9 +239,9 @@ class Mf4File(Recording):
         """Yield rows (n, len(wanted)) of these columns, one block at a time; NaN: invalid, or a value text."""
         names = [name for name in wanted if name != "time_s"]
         asked = [(None, *self.columns[name]) for name in names or list(self.columns)[:1]]
-        self.account.clear()
+        self.rows_account.clear()
         with opened_mf4(self.path, in_blocks=True) as measured:
-            for signals in blocks_of(measured, asked, self.account):
+            for signals in blocks_of(measured, asked, self.rows_account):
                 times = np.asarray(signals[0].timestamps, dtype=np.float64)
                 found = {"time_s": times}
                 for name, signal in zip(names, signals, strict=False):
@@ -250,8 +250,8 @@ class Mf4File(Recording):
                         raise ConfigError(f"{self.path}: {name}: {NOT_NUMERIC}")
                     missing = np.flatnonzero(~values.there)
                     if len(missing):
-                        where = f"the one at {times[missing[0]]:.9g} s"
-                        self.account.leave_out("sample", f"{name}: a value text, or invalid", where, len(missing))
+                        why, where = f"{name}: a value text, or invalid", f"the one at {times[missing[0]]:.9g} s"
+                        self.rows_account.leave_out("sample", why, where, len(missing))
                     found[name] = values.numbers
                 yield np.column_stack([found[name] for name in wanted])
 
@@ -273,7 +273,7 @@ class Mf4File(Recording):
         if name not in names:
             raise no_such_bus(self.path, name, names)
         number = buses[names.index(name)]
-        return replace(self, channel=name, bus_number=number, is_chosen=True, account=Account())
+        return self.changed(channel=name, bus_number=number, is_chosen=True)
 
     def bus_numbers(self) -> list[int]:
         """Return the numbers of all buses of which the file has frames."""

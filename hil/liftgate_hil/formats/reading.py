@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -43,12 +42,3 @@ def cause_text(error: Exception) -> str:
     """Return what another package's reader has raised, in one line."""
     text = " ".join(str(error).split()) or type(error).__name__
     return f"truncated or damaged: {text}" if isinstance(error, struct.error | EOFError) else text
-
-
-def is_cut(path: Path) -> bool:
-    """Whether a text file ends within a line, as a full disk or a kill leaves it. Raises OSError."""
-    with path.open("rb") as stream:
-        if stream.seek(0, os.SEEK_END) == 0:
-            return False
-        stream.seek(-1, os.SEEK_END)
-        return stream.read() != b"\n"

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import tzinfo
 from pathlib import Path
+from typing import Any, Self
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -78,12 +82,26 @@ class Recording:
     about: str = ""  # provenance of the run, as JSON; "": unknown
     marks: Sequence[tuple[float, str]] = ()  # of the operator: time [s] and text
     remarks: Sequence[str] = ()  # on what was noticed when the file was opened
-    account: Account = field(default_factory=Account, compare=False)  # of what the last pass has left out
+    # What the last pass over the frames, and over the rows, has left out.
+    account: Account = field(default_factory=Account, compare=False)
+    rows_account: Account = field(default_factory=Account, compare=False)
+
+    def changed(self, **fields: Any) -> Self:
+        """Return the recording with these fields, and empty accounts."""
+        return replace(self, account=Account(), rows_account=Account(), **fields)
+
+    @functools.cached_property
+    def provenance(self) -> Mapping[str, Any]:
+        """The provenance by its keys; {}: there is none, or it is damaged."""
+        with contextlib.suppress(ValueError, RecursionError):
+            found = json.loads(self.about or "{}")
+            return found if isinstance(found, dict) else {}
+        return {}
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks on the file, complete once its rows or frames have been read."""
-        return (*self.remarks, *self.account.notes())
+        return (*self.remarks, *self.account.notes(), *self.rows_account.notes())
 
     def as_recording(self) -> Recording:
         """Return it as a recording, with exact rows. Raises ConfigError if its columns are no rows of one."""

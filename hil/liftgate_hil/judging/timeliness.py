@@ -47,7 +47,7 @@ class _Late:
         if math.isinf(self.seconds):
             return f"frames were dropped {at}"
         long = f"{self.seconds:.3g} s" if self.seconds >= 1.0 else f"{1e3 * self.seconds:.3g} ms"
-        return f"a frame, or the ECU in this process, waited for {long} {at}"
+        return f"the loop stalled for {long} {at}"
 
 
 @dataclass

@@ -217,12 +217,14 @@ class RingReader:
         self._head = head
         self._batch = batch
         self._next = 0
+        self.end: int | None = None  # row before which it ends; None: it goes on
         self.lost = 0
 
     def take(self) -> Any:
         """Return copies of the rows that have come since the last call."""
         capacity = len(self._rows)
         head = int(self._control[self._head][0])
+        head = head if self.end is None else max(self._next, min(head, self.end))
         start = max(self._next, head - capacity)
         rows = self._rows[np.arange(start, head) % capacity]
         # Rows that the writer has reached meanwhile may be half overwritten; those of its present batch, too.

@@ -28,7 +28,7 @@ class Limit(NamedTuple):
 LIMITS = (
     Limit(400.0, 0.0, "EN 12453, building doors", True),
     Limit(150.0, 0.75, "EN 12453, building doors", True),
-    Limit(100.0, 0.0, "UN R21 5.8, windows", False),
+    Limit(100.0, 0.0, "UN R21 5.8, car windows", False),
 )
 BORROWED = (
     "No regulation that we know specifies a force for power lift gates (QC/T 1148-2021 covers power tailgates; "
@@ -120,8 +120,8 @@ class PinchEvent(NamedTuple):
             if limit.longest:
                 name = f"{name} for more than {limit.longest:g} s"
                 outcome = f"exceeded for {over:.3f} s"
-            judged = "borrowed" if limit.is_judged else "borrowed, not judged"
-            lines.append(f"  limit {name} ({limit.source}; {judged}): {outcome}")
+            use = "borrowed from" if limit.is_judged else "for reference only:"
+            lines.append(f"  limit {name} ({use} {limit.source}): {outcome}")
         if np.isfinite(self.turn_s):
             lines.append(
                 f"  reversed {1e3 * self.reversal_time_s:.0f} ms after the first touch at "

@@ -16,10 +16,11 @@ INJECTED = FAULT_PREFIX + "injected"  # of all that a page, a program or a test 
 def fault_columns_of(faults: Sequence[Fault]) -> dict[str, int]:
     """Return the columns of a scenario's faults, and one for all others, with their bits in `faults_in_force`.
 
-    A column is `fault.KIND` or `fault.KIND.WHERE`, of a later fault alike with its number: `fault.KIND.WHERE.2`.
+    The first 51 faults have a column, `fault.KIND` or `fault.KIND.WHERE`; that of a later fault alike has its
+    number: `fault.KIND.WHERE.2`.
     """
     known = dict(zip(_names(faults), (1 << place for place in range(MOST_FAULTS)), strict=False))
-    return known | {INJECTED: (1 << MOST_FAULTS) - (1 << min(len(faults), MOST_FAULTS))}
+    return known | {INJECTED: 1 << MOST_FAULTS}
 
 
 def faults_by_column(faults: Sequence[Fault]) -> dict[str, Mapping[str, Any]]:

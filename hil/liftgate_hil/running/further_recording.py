@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.open import RECORDED, WITH_MARKS, check_file
 from liftgate_hil.running.provenance import whole_content_of
-from liftgate_hil.running.recorder_process import RecorderProcess
+from liftgate_hil.running.recorder_process import Place, RecorderProcess, place_in
 
 if TYPE_CHECKING:
     from liftgate_hil.loop.listener import Listener
@@ -43,11 +44,28 @@ class FurtherRecording:
         self._own_holds_marks = any(each.suffix in WITH_MARKS for each in own)
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
+        self._spare: RecorderProcess | None = None  # has started and waits for its order
+        self._spare_lock, self._is_closed = threading.Lock(), False
         self._process: RecorderProcess | None = None  # while it records
-        self._early: list[tuple[float, str]] = []  # marks that it gets as soon as it records
-        self._lock = threading.Lock()  # of both
+        self._early: list[tuple[float, str]] = []  # marks that it gets as soon as it has its order
+        self._end: Place | None = None  # in the rings, where it shall end
+        self._lock = threading.Lock()  # of these
         self._path, self._phase = Path(), ""
         self.files: list[str] = []  # that are complete
+
+    def prepare(self) -> None:
+        """Start a recorder process that waits, so that a recording begins with the request."""
+        with self._spare_lock, contextlib.suppress(OSError):  # then one is started with the recording
+            if not self._is_closed and (self._spare is None or not self._spare.is_there):
+                self._spare = RecorderProcess(self._memory, [str(self._folder)])
+
+    def _prepared(self) -> RecorderProcess:
+        """Return a recorder process for one recording. Raises OSError."""
+        with self._spare_lock:
+            spare, self._spare = self._spare, None
+        if spare is not None and spare.is_there:
+            return spare
+        return RecorderProcess(self._memory, [str(self._folder)])
 
     @property
     def is_on(self) -> bool:
@@ -64,10 +82,12 @@ class FurtherRecording:
             raise ConfigError(
                 f"record {show(name)[:80]}: {self._path.name} is open; allowed: after it was stopped"
             )
-        path = self._path_of(name)
+        begin, path = place_in(self._memory), self._path_of(name)
+        begin_s = int(self._memory.shared.control["tick"][0]) / self._plan.options.rate
         self._path, self._phase, self._stop, self._early = path, STARTING, threading.Event(), []
+        self._end = None
         self._thread = threading.Thread(
-            target=self._record, args=(self._stop,), name="further recording", daemon=True
+            target=self._record, args=(self._stop, begin, begin_s), name="further recording", daemon=True
         )
         self._thread.start()
 
@@ -75,6 +95,10 @@ class FurtherRecording:
         """Stop to record, and complete the file beside the run. Raises ConfigError where none is open."""
         if not self.is_on or self._stop.is_set():
             raise ConfigError("record null: no recording is open that was started by a command")
+        with self._lock:
+            self._end = place_in(self._memory)
+            if self._process is not None:
+                self._process.end_at(self._end)
         self._stop.set()
 
     def mark(self, time_s: float, text: object) -> None:
@@ -108,6 +132,11 @@ class FurtherRecording:
         self._stop.set()
         if self._thread is not None:
             self._thread.join(_CLOSE_S)
+        with self._spare_lock:
+            self._is_closed = True
+            if self._spare is not None:
+                self._spare.close()
+                self._spare = None
 
     def _path_of(self, name: object) -> Path:
         allowed = f"allowed: a new file's name with one of {', '.join(RECORDED)}"
@@ -124,8 +153,11 @@ class FurtherRecording:
                 [each.replace(f"`record` {path}", f"record {name}") for each in error.issues]
             ) from error
 
-    def _record(self, stop: threading.Event) -> None:
-        """Record until `stop` is set; what goes wrong is reported, and ends this recording only."""
+    def _record(self, stop: threading.Event, begin: Place, begin_s: float) -> None:
+        """Record from a place in the rings, at a time [s], until `stop` is set.
+
+        What goes wrong is reported, and ends this recording only.
+        """
         path, process = self._path, None
         said: list[str] = []
 
@@ -136,16 +168,19 @@ class FurtherRecording:
 
         try:
             content = whole_content_of(self._plan, self._channel, self._interface)
-            process = RecorderProcess([path], content, None, self._memory, failed, None, True, stop.set)
-            process.wait_until_ready()
+            process = self._prepared()
             with self._lock:
-                self._process, self._phase = process, RECORDING
+                process.order([path], content, say=failed, begin=begin, ended=stop.set)
+                self._process = process
                 if path.suffix in WITH_MARKS:
                     for time_s, text in self._early:
                         process.mark(time_s, text)
+                if self._end is not None:
+                    process.end_at(self._end)
+            process.wait_until_ready()
+            self._phase = RECORDING
             if not stop.is_set():
-                now_s = int(self._memory.shared.control["tick"][0]) / self._plan.options.rate
-                self._listener.say(f"record {path.name}: recording from {now_s:.3f} s on")
+                self._listener.say(f"record {path.name}: recording from {begin_s:.3f} s on")
             stop.wait()
         except (ConfigError, OSError) as error:
             self._listener.alarm(f"record {path.name}: {error}")
@@ -157,7 +192,17 @@ class FurtherRecording:
             process.close()
             self.files += process.files
             if process.files:
-                self._listener.say(f"recorded: {', '.join(process.files)}")
+                self._listener.say(f"recorded: {', '.join(process.files)}{_holds(process)}")
         except RecordingError as error:
             if str(error) not in said:
                 failed(str(error))
+        self.prepare()
+
+
+def _holds(process: RecorderProcess) -> str:
+    """Return what a completed recording holds, in words."""
+    if process.span is None:
+        return ", without rows"
+    begin, end = process.span
+    lost = f"; {process.lost_rows} rows and frames lost" if process.lost_rows else ""
+    return f", {begin:.3f} to {end:.3f} s{lost}"

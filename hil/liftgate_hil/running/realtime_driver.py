@@ -45,15 +45,15 @@ class RealtimeDriver:
         loop.peers, loop.sinks, loop.observers = run.peers, run.sinks, run.observers.in_order()
         run.let_in(channel, loop.memory, self._mark, stack)
         if plan.options.record:
-            self._recorder = RecorderProcess(
+            self._recorder = RecorderProcess(loop.memory, list(map(str, plan.options.record)))
+            stack.callback(self._recorder.close)
+            self._recorder.order(
                 plan.options.record,
                 content_of(plan, channel, run.way.interface),
                 plan.options.limit(),
-                loop.memory,
                 run.listener.alarm,
                 plan.trigger,
             )
-            stack.callback(self._recorder.close)
         run.listener.starts(f"{plan.setup.vehicle_name} on {channel}")
         loop.begin()
         if self._recorder is not None:

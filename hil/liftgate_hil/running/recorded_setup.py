@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import typing
 from collections.abc import Mapping, Sequence
@@ -76,9 +75,8 @@ def recorded_setup(paths: Sequence[Path]) -> RecordedSetup:
         form = FORMATS.get(path.suffix.lower())
         if form is None or not form.holds_about:
             continue
-        with contextlib.suppress(ConfigError, ValueError, RecursionError):  # reported by its reader
-            content = json.loads(open_file(path).about or "{}")
-            if isinstance(content, dict) and content:
+        with contextlib.suppress(ConfigError):  # reported by its reader
+            if content := open_file(path).provenance:
                 return RecordedSetup(path, content)
     return RecordedSetup()
 

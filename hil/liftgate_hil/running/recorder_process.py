@@ -1,18 +1,20 @@
 """Recording in a process of its own, so that neither formatting nor a slow disk ever holds up a tick.
 
-It reads the loop's rings, and from its stdin the operator's marks, a JSON array per line. When its stdin ends,
-because the emulator ends or is killed, it writes what is left and completes the files. Its replies, a JSON object
-per line, go through a pipe of their own, as libraries print to stdout.
+It waits for its order, which a line on stdin announces: as it has started before, a recording begins with the
+request. Then it reads the loop's rings, and from stdin, a JSON value per line, the operator's marks and where to
+end. When stdin ends, because the emulator ends or is killed, it writes what is left and completes the files. Its
+replies, a JSON object per line, go through a pipe of their own, as libraries print to stdout.
 
-    python -m liftgate_hil.running.recorder_process ORDER ANSWERS MEMORY FILE…
+    python -m liftgate_hil.running.recorder_process ORDER ANSWERS MEMORY ROWS FRAMES FILE…
 
-ORDER, ANSWERS and MEMORY are descriptors, ORDER holds a pickled `Order`; the files are named for the list of
-processes only.
+ORDER, ANSWERS and MEMORY are descriptors, ORDER is to hold a pickled `Order`; ROWS and FRAMES are the sizes of the
+rings, the files are named for the list of processes only.
 """
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import pickle
@@ -41,6 +43,7 @@ from liftgate_hil.loop.rings import Memory, RingReader
 from liftgate_hil.running.processes.children import in_memory
 from liftgate_hil.running.recording_sink import Sieve, write_block
 from liftgate_hil.running.recording_trigger import Trigger, Triggered
+from liftgate_hil.signals import COLUMN_PLACE
 
 _PAUSE = 0.05  # s between two reads of the rings
 _READY_S = 60.0  # s that it may take to start and to open its files
@@ -50,49 +53,49 @@ _EXIT_S = 5.0  # s that it may take to end after its last reply
 _LATE_NS = 100_000_000  # ns that a frame may be out of order: received ones are logged a tick late
 
 
+class Place(NamedTuple):
+    """Place in the loop's rings: how many rows and frames it has written so far."""
+
+    rows: int
+    frames: int
+
+
+def place_in(memory: Memory) -> Place:
+    """Return where the loop's rings are now."""
+    control = memory.shared.control
+    return Place(int(control["rows"][0]), int(control["frames"][0]))
+
+
 class Order(NamedTuple):
     """Order to the recording process: what to record, and how."""
 
     paths: Sequence[Path]
     content: Content
     limit: Limit | None  # of a file's size
-    sizes: tuple[int, int]  # of the rings: rows, frames
     trigger: Trigger | None
-    begins_now: bool  # with the next row; False: with the first one
+    begin: Place | None  # None: with the run's first row
 
 
 class RecorderProcess:
-    """The recording process, seen from the emulator's side; `say` reports at once what fails.
+    """The recording process, seen from the emulator's side; it waits until it gets its `order`.
 
-    `begins_now`: the recording begins with the next row of a run that goes on, else with the run's first one.
-    `ended` is called once the process has ended, for whatever reason.
+    `names` are shown in the list of processes.
     """
 
-    def __init__(
-        self,
-        paths: Sequence[Path],
-        content: Content,
-        limit: Limit | None,
-        memory: Memory,
-        say: Say = silent,
-        trigger: Trigger | None = None,
-        begins_now: bool = False,
-        ended: Callable[[], None] = lambda: None,
-    ) -> None:
-        order = Order(paths, content, limit, memory.sizes, trigger, begins_now)
-        names = [str(path) for path in paths]
-        self._names = ", ".join(names)
-        self._say, self._ended_too = say, ended
+    def __init__(self, memory: Memory, names: Sequence[str] = ()) -> None:
+        self._names = ""
+        self._say: Say = silent
+        self._ended_too: Callable[[], None] = lambda: None
         self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self._is_ready = self._is_closing = self._has_ended_early = False
-        self._count, self._failed = len(paths), 0  # files, and those that could not be written any further
+        self._count, self._failed = 0, 0  # files, and those that could not be written any further
         self._began = time.monotonic()
         heard, reply_fd = os.pipe()
-        given = in_memory(pickle.dumps(order))
+        self._given = in_memory(b"")
         try:
-            descriptors = [given, reply_fd, memory.descriptor]
+            descriptors = [self._given, reply_fd, memory.descriptor]
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", __name__, *map(str, descriptors), *names],
+                [sys.executable, "-P", "-m", __name__, *map(str, (*descriptors, *memory.sizes)), *names],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 pass_fds=descriptors,
@@ -100,9 +103,9 @@ class RecorderProcess:
             )
         except BaseException:
             os.close(heard)
+            os.close(self._given)
             raise
         finally:
-            os.close(given)
             os.close(reply_fd)
         assert self._process.stdin is not None
         os.set_blocking(self._process.stdin.fileno(), False)
@@ -111,6 +114,41 @@ class RecorderProcess:
         self.lost_rows = 0
         self.windows: int | None = None  # how many were recorded; None: no trigger
         self.files: list[str] = []
+        self.span: tuple[float, float] | None = None  # s, first and last row; None: there was none
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the process has not ended."""
+        return self._process.poll() is None
+
+    def order(
+        self,
+        paths: Sequence[Path],
+        content: Content,
+        limit: Limit | None = None,
+        say: Say = silent,
+        trigger: Trigger | None = None,
+        begin: Place | None = None,
+        ended: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Have it record; `say` reports at once what fails.
+
+        The recording begins at a place in the rings, which hold 4 s, else with the run's first row. `ended` is
+        called once the process has ended, for whatever reason.
+        """
+        self._names = ", ".join(map(str, paths))
+        self._say, self._ended_too, self._count = say, ended, len(paths)
+        self._began = time.monotonic()
+        with os.fdopen(self._given, "wb") as stream:
+            stream.write(pickle.dumps(Order(paths, content, limit, trigger, begin)))
+        self._given = -1
+        self._tell(True)
+        if not self.is_there:  # before it had a file to report of
+            ended()
+
+    def end_at(self, place: Place) -> None:
+        """Have the recording end at a place in the rings, if it is not past it; it is completed by `close`."""
+        self._tell({"end": place})
 
     def wait_until_ready(self) -> None:
         """Wait until its files are open. Raises ConfigError."""
@@ -127,11 +165,13 @@ class RecorderProcess:
 
         This never waits, as the thread that supervises the loop calls it.
         """
+        return self._failed < self._count and self._tell([time_s, text])
+
+    def _tell(self, what: Any) -> bool:
+        """Write a line to the process without waiting; False: it does not take it."""
         assert self._process.stdin is not None
-        if self._failed >= self._count:
-            return False
         try:  # as a whole: a pipe takes 4096 bytes or nothing
-            os.write(self._process.stdin.fileno(), json.dumps([time_s, text]).encode() + b"\n")
+            os.write(self._process.stdin.fileno(), json.dumps(what).encode() + b"\n")
         except (OSError, ValueError):
             return False
         return True
@@ -142,6 +182,10 @@ class RecorderProcess:
         self._is_closing = True
         with contextlib.suppress(OSError):
             self._process.stdin.close()
+        if self._given >= 0:  # it has had no order
+            os.close(self._given)
+            self._kill()
+            return
         if not self._is_ready and "ready" not in (self._answer(_EXIT_S) or {}):
             self._kill()
             return  # there is nothing to complete, and the reason was reported
@@ -158,6 +202,7 @@ class RecorderProcess:
             raise RecordingError(self._ended())
         self.lost_rows, self.files = int(answer["lost"]), answer["files"]
         self.windows = answer["windows"]
+        self.span = None if answer["span"] is None else tuple(answer["span"])
         if self._has_ended_early:
             raise RecordingError(self._ended_early())
         if answer["failures"]:
@@ -223,18 +268,23 @@ class RingRecorder:
         writers: Sequence[Writer],
         content: Content,
         sieve: Sieve | None = None,
-        begins_now: bool = False,
+        begin: Place | None = None,
     ) -> None:
         shared = memory.shared
         self._rows = RingReader(shared.rows, shared.control, "rows")
         self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
         self._control = shared.control
-        if begins_now:
-            self._rows.skip(int(self._control["rows"][0]))
-            self._frames.skip(int(self._control["frames"][0]))
+        if begin is not None:
+            self._rows.skip(begin.rows)
+            self._frames.skip(begin.frames)
         self._writers, self._content, self._sieve = writers, content, sieve
         self._waiting: Any = no_logged()
         self._has_begun = False
+        self.span: tuple[float, float] | None = None  # s, first and last row that were written
+
+    def end_at(self, place: Place) -> None:
+        """Read the rings up to this place only."""
+        self._rows.end, self._frames.end = place
 
     @property
     def lost(self) -> int:
@@ -250,6 +300,9 @@ class RingRecorder:
             self.begin()
         if self._sieve is not None:
             rows, frames = self._sieve.kept(rows, frames, come)
+        if len(rows):
+            times = rows[:, COLUMN_PLACE["time_s"]]
+            self.span = float(times[0] if self.span is None else self.span[0]), float(times[-1])
         write_block(self._writers, self._content, rows, frames)
 
     def mark(self, time_s: float, text: str) -> None:
@@ -282,8 +335,13 @@ def main() -> int:
     """Record until stdin ends, and complete the files; return the exit code."""
     for number in (signal.SIGINT, signal.SIGTERM):  # for the emulator, also a service's stop
         signal.signal(number, signal.SIG_IGN)
-    given, reply_fd, memory_descriptor = (int(each) for each in sys.argv[1:4])
+    given, reply_fd, memory_descriptor, *sizes = (int(each) for each in sys.argv[1:6])
+    lines = _lines_until_the_end()
+    first = next(filter(None, lines), None)
+    if first is None:
+        return 0  # stdin has ended before an order came
     with os.fdopen(given, "rb") as stream:
+        stream.seek(0)
         order: Order = pickle.load(stream)
     paths, content, limit = order.paths, order.content, order.limit
     replies = os.fdopen(reply_fd, "w", encoding="utf-8")
@@ -292,7 +350,7 @@ def main() -> int:
         with contextlib.suppress(OSError):  # the emulator may be gone
             print(json.dumps(words), file=replies, flush=True)
 
-    memory = Memory(*order.sizes, memory_descriptor)
+    memory = Memory(sizes[0], sizes[1], memory_descriptor)
     triggered = None if order.trigger is None else Triggered(order.trigger)
     writers: list[GuardedWriter] = []
 
@@ -307,27 +365,31 @@ def main() -> int:
             writer.close()
         tell(issues=error.issues)
         return 2
-    recorder = RingRecorder(memory, writers, content, triggered, order.begins_now)
+    recorder = RingRecorder(memory, writers, content, triggered, order.begin)
     tell(ready=True)
-    for marks in _marks_until_the_end():
+    for told in itertools.chain([first[1:]], lines):
+        for each in told:
+            if isinstance(each, dict):
+                recorder.end_at(Place(*each["end"]))
         recorder.take()
-        for time_s, text in marks:
-            recorder.mark(time_s, text)
+        for each in told:
+            if isinstance(each, list):
+                recorder.mark(*each)
     recorder.take(is_last=True)
-    if order.begins_now:
+    if order.begin is not None:
         recorder.begin()  # a file without rows has its header all the same
     for writer in writers:
         writer.close()
     failures = failures_of(writers)
     files = [file for writer in writers for file in writer.files]
     windows = None if triggered is None else triggered.count
-    tell(failures=failures, files=files, lost=recorder.lost, windows=windows)
+    tell(failures=failures, files=files, lost=recorder.lost, windows=windows, span=recorder.span)
     # At a normal exit a file on a full disk would be written again, with a traceback.
     os._exit(1 if failures else 0)
 
 
-def _marks_until_the_end() -> Iterator[list[tuple[float, str]]]:
-    """Yield regularly the marks that have come on stdin, until it ends."""
+def _lines_until_the_end() -> Iterator[list[Any]]:
+    """Yield regularly what has come on stdin, until it ends: True for the order, marks, and where to end."""
     rest = b""
     while True:
         come = b""
@@ -336,7 +398,7 @@ def _marks_until_the_end() -> Iterator[list[tuple[float, str]]]:
             if not come:
                 return
         *lines, rest = (rest + come).split(b"\n")
-        yield [tuple(json.loads(line)) for line in lines]
+        yield [json.loads(line) for line in lines]
 
 
 if __name__ == "__main__":

@@ -142,7 +142,9 @@ def look(faults: FaultTable, moments: Moments, now: float) -> bool:
         if share != faults.shares[place]:
             faults.shares[place] = share
             changed = True
-        if share != 0.0 and place < MOST_FAULTS:
+        if share != 0.0 and faults.rows[place].rank > 0:
+            bits |= 1 << MOST_FAULTS
+        elif share != 0.0 and place < MOST_FAULTS:
             bits |= 1 << place
     faults.in_force[0] = bits
     if changed:

@@ -29,8 +29,8 @@ def mutants_section(mutation: MutationResult) -> str:
     if tolerated:
         parts += [
             "<p>Survived, reached and tolerated: in a scenario the defect changes the ECU's state or "
-            "command, and no expectation fails. A stricter one would kill them; where the defect shows in the ECU "
-            "only, gate and motors do the same, and it takes another scenario. "
+            "command, and no expectation fails. A stricter expectation kills them; if only internal ECU state "
+            "differs, add a scenario that exposes it. "
             "<code>--ecu mutant:NAME</code> runs a scenario with one of them.</p>",
             table(("mutant", "defect", "differs in"), tolerated, ("n", "", "name")),
         ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -283,8 +282,8 @@ def _thinned(table: RunFile, first: float, usual: float) -> str:
 
     Its provenance states the rate. Without it, the first row shows it: it is a whole number of ticks after time 0.
     """
-    about = json.loads(table.table.about) if table.table is not None and table.table.about else {}
-    if rate := float(about.get("rate_hz") or 0.0):
+    rate = None if table.table is None else table.table.provenance.get("rate_hz")
+    if isinstance(rate, int | float) and rate > 0:
         return f"with one every {1e3 / rate:.4g} ms" if usual * rate > _APART else ""
     ticks = first / usual
     return "with more of them" if abs(ticks - round(ticks)) > _OFF_RASTER else ""

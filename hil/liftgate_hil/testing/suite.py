@@ -32,6 +32,7 @@ from liftgate_hil.running.job import Job
 from liftgate_hil.running.plan import Plan, Subject, plan_of
 from liftgate_hil.running.result import Result
 from liftgate_hil.running.run import execute
+from liftgate_plant.compiler.files import rename_new
 
 _EXPECT = re.compile(rb"^[ \t]*\[\[?[ \t]*expect", re.MULTILINE)  # a header of [[expect]], or an attempt at one
 _OURS = {
@@ -308,11 +309,17 @@ def _kept(outcome: Outcome, number: int) -> Outcome:
         return outcome
     kept = []
     for path in outcome.result.recording:
-        other = path.with_stem(attempt_stem(path.stem, number))
-        with contextlib.suppress(OSError, ConfigError):  # the file was never created, or its new name is taken
+        other, say = path.with_stem(attempt_stem(path.stem, number)), outcome.case.job.listener.alarm
+        if not path.exists():
+            continue
+        try:
             if (aside := set_aside(other, is_ours)) is not None:
-                outcome.case.job.listener.alarm(set_aside_text(other, aside))
-            path.rename(other)
+                say(set_aside_text(other, aside))
+            rename_new(path, other)
+        except (OSError, ConfigError) as error:
+            why = error if isinstance(error, ConfigError) else f"{other}: {error.strerror}"
+            say(f"{path}: the recording of attempt {number} is not kept: {why}")
+        else:
             kept.append(other)
     return replace(outcome, result=replace(outcome.result, recording=tuple(kept)))
 

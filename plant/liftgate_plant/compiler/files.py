@@ -11,6 +11,7 @@ import fcntl
 import os
 import re
 import shutil
+import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,6 +22,8 @@ _BESIDE = re.compile(r"\.(.+)\.liftgate-[0-9a-f]{32}", re.DOTALL)
 # Errors of replacing a file that may be written to: a folder without permission, or sticky; read-only, or mounted;
 # an owner that a container does not know.
 _NOT_REPLACED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.EBUSY, errno.EINVAL)
+# Errors of a file system that reserves no room (posix_fallocate(3)).
+_NO_ROOM_KNOWN = (errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
 # Errors of a file system that has no hard links (link(2)).
 _NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
 
@@ -55,9 +58,10 @@ def whole_file(
     The content goes to a file beside its place, to the disk, and is then renamed. A file that is replaced keeps
     its owner and permissions, unless the permissions are given by `mode`; a link leads to the same place. Where
     the file `is_new` and something is there, FileExistsError is raised. What is no regular file with a name, as a
-    pipe, is written to directly, and so is what cannot be replaced, for want of permission. The stream may be
-    closed inside. `make_way` is called before the file takes its place, and may set aside what is there; then
-    only a pipe is written to directly. Raises OSError, and what `make_way` raises.
+    pipe, is written to directly. What cannot be replaced, for want of permission, gets the whole content in place,
+    once there is room for it. The stream may be closed inside. `make_way` is called before the file takes its
+    place, and may set aside what is there; then only a pipe is written to directly. Raises OSError, and what
+    `make_way` raises.
     """
     place = Path(os.path.realpath(path))  # of a link, what it leads to
     if is_new and path.exists():
@@ -72,8 +76,10 @@ def whole_file(
     except OSError as error:
         if make_way is not None or error.errno not in _NOT_REPLACED or not place.exists():
             raise
-        with place.open("wb") as stream:
-            yield stream
+        with tempfile.TemporaryFile() as spool:
+            with _stream_of(os.dup(spool.fileno()), place) as stream:
+                yield stream
+            _copy(spool, place)
         return
     try:
         with _stream_of(os.dup(descriptor), beside) as stream:
@@ -87,12 +93,18 @@ def whole_file(
                 rename_new(beside, place)
             else:
                 _replace(beside, place)
+    except _HalfCopiedError:
+        raise
     except BaseException:
         with contextlib.suppress(OSError):
             beside.unlink()
         raise
     finally:
         os.close(descriptor)
+
+
+class _HalfCopiedError(OSError):
+    """A file's content was replaced in part; the whole one stays in the temporary file that the message names."""
 
 
 @contextlib.contextmanager
@@ -156,9 +168,35 @@ def _replace(beside: Path, place: Path) -> None:
     except OSError as error:
         if error.errno not in _NOT_REPLACED or not place.exists():
             raise
-        with beside.open("rb") as source, place.open("wb") as target:
-            shutil.copyfileobj(source, target)
+        with beside.open("rb") as source:
+            try:
+                _copy(source, place)
+            except _HalfCopiedError as half:
+                half.strerror = f"{half.strerror}; the whole content is in {beside}"
+                raise
         beside.unlink()
+
+
+def _copy(source: BinaryIO, place: Path) -> None:
+    """Copy a whole file into one that stays in its place, once there is room. Raises OSError, _HalfCopiedError."""
+    size = source.seek(0, os.SEEK_END)
+    source.seek(0)
+    with place.open("r+b") as target:
+        before = os.fstat(target.fileno()).st_size
+        if size > before:
+            try:
+                os.posix_fallocate(target.fileno(), 0, size)
+            except OSError as error:
+                target.truncate(before)
+                if error.errno not in _NO_ROOM_KNOWN:
+                    raise
+        try:
+            shutil.copyfileobj(source, target)
+            target.truncate(size)
+            target.flush()
+            os.fsync(target.fileno())
+        except OSError as error:
+            raise _HalfCopiedError(error.errno, error.strerror, str(place)) from error
 
 
 def rename_new(path: Path, target: Path) -> None:
@@ -168,8 +206,7 @@ def rename_new(path: Path, target: Path) -> None:
     except OSError as error:
         if error.errno not in _NO_LINKS:
             raise
-        if os.path.lexists(target):
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target)) from None
+        os.close(os.open(target, os.O_CREAT | os.O_EXCL))  # nobody else takes the name meanwhile
         path.rename(target)
         return
     path.unlink()

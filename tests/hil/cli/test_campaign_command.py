@@ -117,7 +117,7 @@ def test_all_combinations_have_a_row_and_the_files_say_what_they_are(
     assert "6 variants" in capsys.readouterr().out
     page = Path("out/report.html").read_text()
     assert "</html>" in page
-    assert "of all combinations: no probability" in page
+    assert "full grid, not a probability" in page
     assert "search chose" not in page
     for name in rows[0]:
         assert f"`{name}`" in Path("out/DATA.md").read_text()
@@ -227,7 +227,7 @@ def test_the_worst_is_a_scenario_of_its_own_with_the_same_margin(
     (line,) = [each for each in out.splitlines() if each.startswith("to run it again: liftgate-hil ")]
     assert main(line.partition("liftgate-hil ")[2].split()) == 0
     page = Path("campaign/report.html").read_text()
-    assert "as the search chose them: no probability" in page
+    assert "chosen by the search, not a probability" in page
     assert "95 % interval" not in page
     assert found["evaluations"] == 30
     assert found["random"]["evaluations"] == 30

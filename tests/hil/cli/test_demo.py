@@ -235,7 +235,7 @@ def test_with_our_own_ecu_it_passes_and_writes_recordings_and_a_picture(
     assert "reversing" in told.out
     (force,) = re.findall(r"^pinch force at most ([\d.]+) N, at 1[78]\.", told.out, re.MULTILINE)
     assert 50.0 < float(force) < 100.0
-    assert f"(EN 12453, building doors; borrowed): {400.0 - float(force):.1f} N left" in told.out
+    assert f"(borrowed from EN 12453, building doors): {400.0 - float(force):.1f} N left" in told.out
     assert re.search(r"reversed \d\d ms after the first touch", told.out)
     assert "closed and latched" in told.out
     assert told.out.splitlines()[-1].startswith("the demo has passed: ")

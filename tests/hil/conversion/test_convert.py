@@ -319,6 +319,19 @@ def test_a_value_that_would_be_lost_is_reported(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_what_is_left_out_of_frames_is_noted_beside_rows(tmp_path: Path) -> None:
+    """The rows are read after the frames, or before them."""
+    found = open_recording(recorded(tmp_path / "one.mf4", some_rows(300), some_frames()))
+    found.account.leave_out("frame", "of another bus", "can1")
+    list(found.rows(["time_s"]))
+    assert any("of another bus" in note for note in found.notes)
+    found.rows_account.leave_out("sample", "invalid", "the one at 1 s")
+    list(found.frames())
+    assert [note for note in found.notes if "left out" in note] == [
+        "1 sample left out (invalid), the first in the one at 1 s"
+    ]
+
+
 @pytest.mark.parametrize("suffix", LOGS)
 def test_a_bus_of_several_is_chosen_or_nothing_is_written(tmp_path: Path, suffix: str) -> None:
     path, target = tmp_path / "run.log", tmp_path / f"out{suffix}"

@@ -149,7 +149,6 @@ def test_what_else_the_server_answers_has_exactly_the_documented_keys(client: Cl
 def test_the_page_says_of_frames_that_never_acted_what_the_summary_says() -> None:
     script = (Path(statistics.__file__).parents[1] / "dashboard" / "page" / "state.js").read_text(encoding="utf-8")
     assert statistics.DROPPED in script
-    assert statistics.STALE in script
 
 
 def test_the_stream_brings_the_state_again_and_again_with_what_lay_between(client: Client) -> None:

@@ -223,7 +223,7 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         "11 frames not sent",
         "5 because the queue was full",
         "12 receive errors",
-        "14 received frames dropped as the bench",
+        "14 received frames lost: bench too slow",
         "lost 15 times",
         "16 unreadable frames",
         "17 refused frames",
@@ -233,7 +233,7 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         "21 bad crcs",
         "22 bad identifiers",
         "23 frames arrived before the loop was ready",
-        "24 received frames ignored for a wait longer",
+        "24 received frames ignored: waited longer",
         "time-outs 13",
     ):
         assert said in text
@@ -249,8 +249,8 @@ def test_what_happened_once_is_told_in_the_singular():
     summary = Summary(clock="free", link=link, injections=1, commands=1, commanded=["hand_force 5 N"])
     text = "\n".join(summary.lines())
     for said in (
-        "lost 1 time,", "1 frame not sent", "1 receive error,", "1 received frame dropped as", "1 bus off,",
-        "1 received frame ignored for", "test bench 1 time,", "operator 1 time:",
+        "lost 1 time,", "1 frame not sent", "1 receive error,", "1 received frame lost: bench", "1 bus off,",
+        "1 received frame ignored: waited", "test bench 1 time,", "operator 1 time:",
     ):  # fmt: skip
         assert said in text
     assert link.in_words()["losses"] == "1 loss"

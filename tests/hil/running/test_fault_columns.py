@@ -123,7 +123,7 @@ def test_of_injected_faults_it_is_stated_that_one_is_in_force() -> None:
 
     assert list(columns) == ["fault.motor_open.left", "fault.supply_open", INJECTED]
     assert stated() == [1, 1, 0]
-    faults.rows[3].start = 0.5
+    faults.rows[3].start, faults.rows[3].rank = 0.5, 1
     faults.rows[1].start = 2.0
     assert stated() == [1, 0, 1]
 
@@ -132,7 +132,7 @@ def test_more_faults_than_a_number_has_bits_have_no_columns() -> None:
     many = [fault_of("supply_open", None, {})] * (MOST_FAULTS + 3)
     columns = fault_columns_of(many)
     assert list(columns)[-2:] == [f"fault.supply_open.{MOST_FAULTS}", INJECTED]
-    assert columns[INJECTED] == 0
+    assert columns[INJECTED] == 2**MOST_FAULTS
     faults = faults_of(
         constants_of(lh.load_vehicle(find_config("vehicles", "suv"))), [Injection(())] * len(many), Sheet()
     )

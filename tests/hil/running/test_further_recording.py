@@ -103,10 +103,12 @@ def test_it_holds_what_came_between_start_and_stop_and_the_marks(
     recording.start("part.mf4")
     assert recording.in_force() == {"file": "part.mf4", "phase": STARTING}
     recording.mark(0.0045, "early")  # before it records: kept until then
+    put(memory, 10, 2)
     until(recording, RECORDING)
-    put(memory, 10, 5)
+    put(memory, 12, 3)
     recording.mark(0.0125, "here")
     recording.stop()
+    put(memory, 15, 10)
     until(recording, None)
     assert recording.files == [str(tmp_path / "part.mf4")]
     assert table_in(tmp_path / "part.mf4")["time_s"] == pytest.approx(rows_from(10, 5)[:, 0])
@@ -114,12 +116,63 @@ def test_it_holds_what_came_between_start_and_stop_and_the_marks(
         marks = [(each.name, each.value) for each in measured.events]
         assert marks == [("early", pytest.approx(0.0045)), ("here", pytest.approx(0.0125))]
         assert b'"seed"' in measured.extract_attachment(0)[0]  # the provenance
-    assert bench.said == ["record part.mf4: recording from 0.000 s on", f"recorded: {tmp_path / 'part.mf4'}"]
+    assert bench.said == [
+        "record part.mf4: recording from 0.000 s on",
+        f"recorded: {tmp_path / 'part.mf4'}, 0.010 to 0.014 s",
+    ]
     recording.start("next.csv")
     until(recording, RECORDING)
-    put(memory, 15, 2)
+    put(memory, 25, 2)
     recording.close()
     assert len(table_in(tmp_path / "next.csv")["time_s"]) == 2
+
+
+def test_it_ends_where_it_was_stopped_even_before_it_was_ready(
+    bench: Bench, memory: Memory, tmp_path: Path
+) -> None:
+    """What comes meanwhile, while its process starts or completes the file, does not belong to it."""
+    bench.recording.prepare()
+    put(memory, 0, 3)
+    bench.recording.start("x.csv")
+    put(memory, 3, 4)
+    bench.recording.stop()
+    put(memory, 7, 9)
+    until(bench.recording, None)
+    assert table_in(tmp_path / "x.csv")["time_s"] == pytest.approx(rows_from(3, 4)[:, 0])
+    assert bench.said[-1] == f"recorded: {tmp_path / 'x.csv'}, 0.003 to 0.006 s"
+
+
+def test_a_spare_recorder_that_has_ended_is_replaced(bench: Bench, memory: Memory, tmp_path: Path) -> None:
+    bench.recording.prepare()
+    spare = bench.recording._spare
+    assert spare is not None
+    spare._process.kill()
+    spare._process.wait()
+    bench.recording.start("x.csv")
+    put(memory, 0, 4)
+    bench.recording.stop()
+    until(bench.recording, None)
+    assert len(table_in(tmp_path / "x.csv")["time_s"]) == 4
+
+
+def test_a_spare_recorder_ends_with_its_run(bench: Bench, tmp_path: Path) -> None:
+    bench.recording.prepare()
+    spare = bench.recording._spare
+    assert spare is not None
+    bench.recording.close()
+    assert not spare.is_there
+    assert list(tmp_path.iterdir()) == []
+    bench.recording.prepare()
+    assert bench.recording._spare is None
+
+
+def test_rows_that_were_lost_are_told(bench: Bench, memory: Memory, tmp_path: Path) -> None:
+    """As its process starts, more rows come than the rings hold."""
+    bench.recording.start("x.csv")
+    put(memory, 0, 5000)
+    bench.recording.stop()
+    until(bench.recording, None)
+    assert bench.said[-1].endswith("x.csv, 0.905 to 4.999 s; 905 rows and frames lost")
 
 
 @pytest.mark.parametrize(
@@ -236,16 +289,21 @@ def test_a_disk_that_is_full_ends_it_and_is_reported_once(
     class Full:
         files: list[str] = []  # noqa: RUF012
 
-        def __init__(
-            self, paths: object, content: object, limit: object, memory: object, say: Any, *_: object
-        ) -> None:
+        def __init__(self, *_: object) -> None:
+            self.say: Any = None
+
+        def order(self, *_: object, say: Any, **more: object) -> None:
             self.say = say
+
+        def end_at(self, place: object) -> None:
+            pass
 
         def wait_until_ready(self) -> None:
             self.say(text)
 
         def close(self) -> None:
-            raise RecordingError(text)
+            if self.say is not None:
+                raise RecordingError(text)
 
     monkeypatch.setattr("liftgate_hil.running.further_recording.RecorderProcess", Full)
     bench.recording.start("x.csv")

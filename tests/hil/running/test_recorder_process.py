@@ -16,6 +16,7 @@ from recording_support import BOTH, EPOCH_NS, messages_in, read_csv, rows_from
 
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.rotation import Limit
 from liftgate_hil.loop.rings import Memory, note_frames
 from liftgate_hil.running.recorder_process import RecorderProcess, RingRecorder
@@ -70,6 +71,14 @@ class Notes:
         pass
 
 
+def recorder(
+    paths: list[Path], content: Content, limit: Limit | None, memory: Memory, say: Say = silent
+) -> RecorderProcess:
+    process = RecorderProcess(memory, [str(path) for path in paths])
+    process.order(paths, content, limit, say)
+    return process
+
+
 def test_frames_are_written_in_the_order_of_time_whenever_they_were_logged(memory: Memory) -> None:
     """A tick logs what it sent; what came meanwhile, with an earlier stamp, is logged by the next one."""
     notes = Notes()
@@ -107,7 +116,7 @@ def test_a_recorder_gets_the_start_of_the_run_once(memory: Memory) -> None:
 
 def test_stamps_before_the_first_frame_sent_are_the_same_in_asc_and_log(memory: Memory, tmp_path: Path) -> None:
     paths = [tmp_path / "run.log", tmp_path / "run.asc"]
-    process = RecorderProcess(paths, BOTH, None, memory)
+    process = recorder(paths, BOTH, None, memory)
     process.wait_until_ready()
     for number, (stamp, is_sent) in enumerate([(5, 1), (3, 0), (4, 0), (6, 1)]):
         log(memory, number, stamp * MS, is_sent)
@@ -121,7 +130,7 @@ def test_stamps_before_the_first_frame_sent_are_the_same_in_asc_and_log(memory: 
 
 
 def test_the_files_are_reported_and_whole(memory: Memory, tmp_path: Path) -> None:
-    process = RecorderProcess([tmp_path / "run.csv"], BOTH, Limit(10**6), memory)
+    process = recorder([tmp_path / "run.csv"], BOTH, Limit(10**6), memory)
     process.wait_until_ready()
     write(memory, rows_from(0, 3000))
     process.close()
@@ -138,7 +147,7 @@ def test_a_recorder_that_is_killed_is_reported_at_once_and_at_the_end(memory: Me
         said.append(text)
         heard.set()
 
-    process = RecorderProcess([tmp_path / "run.csv"], BOTH, None, memory, say)
+    process = recorder([tmp_path / "run.csv"], BOTH, None, memory, say)
     process.wait_until_ready()
     os.kill(process._process.pid, signal.SIGKILL)
     assert heard.wait(PATIENCE)
@@ -159,7 +168,7 @@ def test_a_full_disk_is_reported_at_once_and_at_the_end(memory: Memory, tmp_path
 
     full, good = tmp_path / "full.csv", tmp_path / "good.csv"
     full.symlink_to("/dev/full")
-    process = RecorderProcess([full, good], BOTH, None, memory, say)
+    process = recorder([full, good], BOTH, None, memory, say)
     process.wait_until_ready()
     write(memory, rows_from(0, 10))
     assert heard.wait(PATIENCE)
@@ -171,7 +180,7 @@ def test_a_full_disk_is_reported_at_once_and_at_the_end(memory: Memory, tmp_path
 
 
 def test_a_file_that_cannot_be_opened_is_reported_before_the_run(memory: Memory, tmp_path: Path) -> None:
-    process = RecorderProcess([tmp_path / "nosuch" / "x.csv"], BOTH, None, memory)
+    process = recorder([tmp_path / "nosuch" / "x.csv"], BOTH, None, memory)
     with pytest.raises(ConfigError, match=r"^`record` .*cannot be written: No such file"):
         process.wait_until_ready()
     process.close()
@@ -179,7 +188,7 @@ def test_a_file_that_cannot_be_opened_is_reported_before_the_run(memory: Memory,
 
 def test_a_file_that_cannot_be_leaves_no_rest_of_the_others(tmp_path: Path, memory: Memory):
     good, bad = tmp_path / "a.blf", tmp_path / "nowhere" / "b.csv"
-    process = RecorderProcess([good, bad], BOTH, None, memory)
+    process = recorder([good, bad], BOTH, None, memory)
     with pytest.raises(ConfigError, match="nowhere"):
         process.wait_until_ready()
     process.close()

@@ -8,6 +8,8 @@ import pytest
 
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
+from liftgate_hil.dashboard.recorded import RecordingSource
+from liftgate_hil.formats.mcap_layout import ABOUT_PARQUET
 from liftgate_hil.running.recorded_setup import RecordedSetup, recorded_setup
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_hil.testing.rejudge import as_recorded, expectations_of
@@ -91,3 +93,19 @@ def test_files_without_provenance_state_nothing(tmp_path: Path) -> None:
     (tmp_path / "x.mf4").write_text("no MF4")
     (tmp_path / "x.csv").write_text("time_s,a\n0,1\n")
     assert recorded_setup([tmp_path / "x.mf4", tmp_path / "x.csv"]).content == {}
+
+
+@pytest.mark.parametrize(
+    "about", ["{damaged", "[1]", '"x"', '{"rate_hz": "fast", "faults": 3, "vehicle": 7}', "1"]
+)
+def test_a_damaged_provenance_states_nothing_and_spoils_nothing(tmp_path: Path, about: str) -> None:
+    from pyarrow import parquet
+
+    lh.run("demo", duration=0.1, record=[tmp_path / "run.parquet"])
+    table = parquet.read_table(tmp_path / "run.parquet")
+    path = tmp_path / "damaged.parquet"
+    kept = {**table.schema.metadata, ABOUT_PARQUET.encode(): about.encode()}
+    parquet.write_table(table.replace_schema_metadata(kept), path)
+    (tmp_path / "s.toml").write_text('[[expect]]\nname = "a"\nalways = "gate_angle_deg < 90"\n')
+    assert lh.judge([path], tmp_path / "s.toml")["a"].verdict == "pass"
+    assert RecordingSource(path).state(0.05)["acting"]["spring_health"] == {}

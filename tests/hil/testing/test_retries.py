@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from pathlib import Path
 
@@ -71,3 +72,18 @@ def test_it_is_run_again_until_it_is_decided(
 def test_how_often_is_checked(attempts: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", "s.toml", "--retry-inconclusive", "-1"]) == 2
     assert "--retry-inconclusive" in capsys.readouterr().err
+
+
+def test_an_attempt_that_cannot_be_kept_is_told(
+    attempts: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(path: Path, target: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(suite, "rename_new", refuse)
+    attempts += ["inconclusive", "pass"]
+    line = ["test", "s.toml", "--results", "results", "--retry-inconclusive", "1"]
+    assert main(line) == 0
+    told = capsys.readouterr().err
+    assert "the recording of attempt 1 is not kept" in told
+    assert "No space left on device" in told

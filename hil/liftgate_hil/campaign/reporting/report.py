@@ -107,8 +107,8 @@ def tiles(summary: Summary, choice: Choice = "sample") -> str:
     share = f"{100.0 * failed / decided:.3g} %" if decided else "—"
     means = {
         "sample": f"95 % interval {interval(failed, decided)}",
-        "grid": "of all combinations: no probability",
-        "search": "as the search chose them: no probability",
+        "grid": "full grid, not a probability",
+        "search": "chosen by the search, not a probability",
     }
     parts = [
         tile(f"{total:,}", "variants evaluated"),

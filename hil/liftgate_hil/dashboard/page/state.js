@@ -46,10 +46,7 @@ function showHealth(state) {
     );
   if (loop.ticks_missed) notes.push(`${numberOf(loop.ticks_missed, "tick")} missed`);
   if (loop.frames_dropped)
-    notes.push(
-      `${numberOf(loop.frames_dropped, "received frame")} dropped as the bench did not read in time, ` +
-        "or ignored for a wait longer than the message's time-out",
-    );
+    notes.push(`${numberOf(loop.frames_dropped, "received frame")} lost: bench too slow`);
   if (bus.rejected) notes.push(`${numberOf(bus.rejected, "frame")} rejected`);
   if (bus.overwritten)
     notes.push(`${bus.overwritten} rows or frames were overwritten before this page saw them`);
@@ -295,7 +292,7 @@ function showEnd(end) {
   find("end-next").textContent = about.starts
     ? "Start a scenario to go on."
     : about.ends_with_run
-      ? "This page has ended with its run. It comes back if a run begins with the same address and LIFTGATE_HIL_TOKEN."
+      ? "Run finished, server stopped. It reconnects to a new run at this address with the same token."
       : "The next run on this bus is shown as soon as it begins.";
   showVerdicts(end.expectations);
 }

@@ -188,6 +188,8 @@ class Server(Relay):
             return
         connection = _Connection(wire)
         self._connections.append(connection)
+        if self._operator is not None and self._operator.recording is not None:
+            self._operator.recording.prepare()
         selector.register(wire, selectors.EVENT_READ, connection)
 
     def _hear(self, connection: _Connection) -> bool:
