@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
         refuse_inputs(targets, [path for case in cases for path in case.plan.inputs])
         clear_the_way(targets, teller.say)
         with teller.progress("judge", len(cases)) as progress:
-            for outcome, notes in judged_suite.judge_suite(cases, about, bool(targets["html"]), stop):
+            for outcome, notes in judged_suite.judge_suite(cases, bool(targets["html"]), stop):
                 outcomes.append(report.take(outcome))
                 with teller.aside():
                     _tell(notes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from liftgate_hil.config.sources import sources_of
@@ -42,13 +42,27 @@ def runs_of(names: Sequence[str], is_one: bool = False) -> list[tuple[Path, ...]
     return sorted(groups, key=lambda paths: str(paths[0]))
 
 
-def cases_of(runs: Sequence[tuple[Path, ...]], about: Expectations, is_reported: bool = True) -> list[Case]:
-    """Return a case for each run; `is_reported`: with its files' hashes."""
-    return [Case(str(paths[0]), _subject_of(paths, about, is_reported), paths) for paths in runs]
+@dataclass(frozen=True, kw_only=True)
+class RecordedCase(Case):
+    """A recorded run to be judged, and by what; `differences` are notes on what the recording says otherwise."""
+
+    about: Expectations
+    differences: Sequence[str]
+
+
+def cases_of(
+    runs: Sequence[tuple[Path, ...]], about: Expectations, is_reported: bool = True
+) -> list[RecordedCase]:
+    """Return a case for each run; `is_reported`: with its files' hashes. Raises ConfigError."""
+    found = []
+    for paths in runs:
+        own, differences = as_recorded(paths, about)
+        subject = _subject_of(paths, own, is_reported)
+        found.append(RecordedCase(str(paths[0]), subject, paths, about=own, differences=differences))
+    return found
 
 
 def _subject_of(paths: tuple[Path, ...], about: Expectations, is_reported: bool) -> Subject:
-    about, _ = as_recorded(paths, about)
     files = about.setup.files | {"rig": Path(about.rig.source), "dbc": about.rig.database}
     files.pop("vehicle", None)  # the recording may be of another one
     files |= {f"recording {k}": path for k, path in enumerate(paths, 1)}
@@ -58,7 +72,7 @@ def _subject_of(paths: tuple[Path, ...], about: Expectations, is_reported: bool)
 
 
 def judge_suite(
-    cases: Sequence[Case], about: Expectations, is_summarized: bool, stopped: Callable[[], bool] = lambda: False
+    cases: Sequence[RecordedCase], is_summarized: bool, stopped: Callable[[], bool] = lambda: False
 ) -> Iterator[tuple[Outcome, Sequence[str]]]:
     """Judge the cases, and yield the outcome and the notes of each.
 
@@ -71,7 +85,7 @@ def judge_suite(
             continue
         began = time.monotonic()
         try:
-            found = judged(case.recordings, about, is_summarized, stopped)
+            found = judged(case.recordings, case.about, case.differences, is_summarized, stopped)
         except StoppedJudgingError:
             yield not_run(case, "stopped while it was judged"), ()
             continue

@@ -77,7 +77,8 @@ def judge(
     about = replace(about, duration=duration, mapping=parse_maps(maps, COLUMNS))
     how = read_options(recording_channel, timezone)
     about = replace(about, rate=rate, longest_gap=longest_gap, how=how, origin=origin)
-    return judged([Path(each) for each in recordings], about).verdicts
+    paths = [Path(each) for each in recordings]
+    return judged(paths, *as_recorded(paths, about)).verdicts
 
 
 class Request(NamedTuple):
@@ -207,10 +208,11 @@ def as_recorded(paths: Sequence[Path], about: Expectations) -> tuple[Expectation
 def judged(
     paths: Sequence[Path],
     about: Expectations,
+    differences: Sequence[str] = (),
     is_summarized: bool = False,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Judged:
-    """Judge the recordings of one run; `is_summarized`: with trace summaries, for pictures.
+    """Judge the recordings of one run by what `as_recorded` returns; `is_summarized`: with trace summaries.
 
     Raises ConfigError, and StoppedJudgingError where it is stopped on the way.
     """
@@ -220,7 +222,6 @@ def judged(
         reason = "nothing was recorded"
         nothing = {name: Verdict(name, INCONCLUSIVE, reason=reason) for name in names}
         return Judged(nothing, {}, 0, 0.0, ())
-    about, differences = as_recorded(paths, about)
     run = read_run(paths, about.asked)
     run.notes[:0] = differences
     scenario = about.setup.scenario
