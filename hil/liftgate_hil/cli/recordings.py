@@ -49,12 +49,12 @@ def add_picture(parser: argparse.ArgumentParser, default: str) -> None:
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """Add the flags for what a file does not say itself: the bus of several, the zone of local times."""
     parser.add_argument(
-        "--recording-channel", metavar="NAME", help="the bus whose frames count, in a file with several: can0"
+        "--recording-channel", metavar="NAME", help="bus to read if the file contains several: can0"
     )
     parser.add_argument(
         "--timezone",
         metavar="ZONE",
-        help="zone of the local time in headers of .asc, .blf, .trc: UTC, Asia/Shanghai; default: the computer's",
+        help="zone of local times in files: UTC, Asia/Shanghai; default: the computer's",
     )
 
 

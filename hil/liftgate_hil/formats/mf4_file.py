@@ -293,7 +293,9 @@ class Mf4File(Recording):
                 continue
             if not self.is_chosen:
                 raise several_buses(self.path, [f"can{number}" for number in self.bus_numbers()])
-            self.account.leave_out("frame", "of another bus", "the file", int((~ours).sum()))
+            others = np.unique(np.broadcast_to(field_of(signal.samples, kind, "BusChannel"), len(rows))[~ours])
+            why = f"of another bus than {self.channel}"
+            self.account.leave_out("frame", why, f"can{others[0]}", int((~ours).sum()))
             if ours.any():
                 yield rows[ours]
 
