@@ -16,7 +16,7 @@ from liftgate_hil.config.files import check_file, is_there
 from liftgate_hil.config.kinds import Number, Subtable, Text
 from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.toml import Table, read_toml, show, table
-from liftgate_hil.config.units import headed_unit, marked_unit
+from liftgate_hil.config.units import headed_unit, marked_unit, unit_in
 from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, unit_of
 from liftgate_plant.signals import Signal
@@ -75,6 +75,15 @@ class Theirs:
 
 
 ColumnMap = dict[str, Theirs]
+
+
+def own_column(ours: str, names: Collection[str], known: Mapping[str, Signal] = KNOWN) -> str | None:
+    """Return the name of our column in a file, behind which a unit may follow in any form; None: missing."""
+    found = Theirs(ours).found_in(names)
+    if found is None:
+        alike = [name for name in names if name.startswith(ours) and unit_in(name, known[ours])]
+        found = alike[0] if len(alike) == 1 else None
+    return found
 
 
 class MapTable(Record):

@@ -11,7 +11,7 @@ import numpy as np
 from liftgate_hil.config.units import SAME, marked_unit
 from liftgate_hil.errors import ConfigError, allowed_names, printable
 from liftgate_hil.formats.recording import Recording, Series
-from liftgate_hil.measurement.mapping import ColumnMap, Theirs
+from liftgate_hil.measurement.mapping import ColumnMap, Theirs, own_column
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 from liftgate_hil.measurement.units import KNOWN, conversion, near_miss, unit_of
 from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX
@@ -92,7 +92,7 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> R
         if not found
     ]
     names = {ours: found for ours, found in names.items() if found}
-    own = {name: Theirs(name).found_in(file.names) for name in known if name not in mapping}
+    own = {name: own_column(name, file.names) for name in known if name not in mapping}
     names |= {ours: found for ours, found in own.items() if found}
     recorded = all(name in file.names for name in RECORDED)
     if recorded:

@@ -40,10 +40,10 @@ def allowed_units(column: str, known: Mapping[str, Signal] = KNOWN) -> str:
     return units.allowed_units(known[column])
 
 
-def near_miss(name: str) -> tuple[str, str] | None:
+def near_miss(name: str, known: Mapping[str, Signal] = KNOWN) -> tuple[str, str] | None:
     """Return our column and the unit that a header like `left_current_ma` seems to mean; None if it means none."""
     stem, _, ending = name.lower().rpartition("_")
-    for column, signal in KNOWN.items():
+    for column, signal in known.items():
         if column.rpartition("_")[0] == stem and stem and signal.unit and column != name:
             for unit in units.spellings(signal):
                 if unit.lower().replace("/", "p") == ending:

@@ -20,7 +20,8 @@ from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions
 from liftgate_hil.judging.judge import Gap
 from liftgate_hil.measurement.bus_log import refusals_in, span_of, tracks_of, unwrapped
 from liftgate_hil.measurement.log_frames import SILENT_S, read_frames
-from liftgate_hil.measurement.mapping import ColumnMap, Theirs
+from liftgate_hil.measurement.mapping import ColumnMap, Theirs, own_column
+from liftgate_hil.measurement.units import near_miss
 from liftgate_hil.signals import BUS_OUTPUTS, COLUMNS, OUTPUT_COLUMNS, Bench
 from liftgate_hil.testing.recorded_run import RecordedRun, Track, rounded_to_us
 from liftgate_hil.testing.run_clocks import notes_on_begin, set_clocks
@@ -107,9 +108,16 @@ def _places(files: Sequence[RunFile], asked: Asked, issues: list[str]) -> Places
     if any(each.is_ours for each in files):
         wanted |= {*Bench._fields, "pinch_force_n"}
     for ours in sorted(wanted - {"time_s"} - {*found}):
-        file, name = _place_of(files, Theirs(ours))
-        if file is not None:
-            found[ours] = file, name
+        for file in files:
+            if (own := own_column(ours, file.names, COLUMNS)) is not None:
+                found[ours] = file, own
+                break
+    missing = {ours: COLUMNS[ours] for ours in wanted - {*found} if ours in COLUMNS}
+    for file in files:
+        for name in file.names:
+            if not file.is_ours and (meant := near_miss(name, missing)) is not None:
+                ours, unit = meant
+                issues.append(f"{file.path}: {name}: unexpected unit; allowed: `map` '{ours}={name}[{unit}]'")
     return found
 
 

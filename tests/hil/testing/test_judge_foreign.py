@@ -243,3 +243,23 @@ def by_hand(track: Track, at: list[int]) -> list[float]:
 def test_a_column_has_its_last_sample_in_each_tick(times: list[int], at: list[int]) -> None:
     track = Track(np.array(sorted(times), dtype=np.int64), np.arange(len(times), dtype=float))
     np.testing.assert_equal(track.held(np.array(at, dtype=np.int64)), by_hand(track, at))
+
+
+@pytest.mark.parametrize(
+    "head", ["left_current_a/mA", "left_current_a_mA", "left_current_a{mA}", "left_current_a in mA"]
+)
+def test_a_unit_behind_our_name_counts_in_any_form(tmp_path: Path, head: str) -> None:
+    path = table(tmp_path / "m.csv", f"time_s,{head}", [(0.1 * k, 500.0) for k in range(9)])
+    own = scenario(tmp_path, 'name = "i"\nalways = "left_current_a < 1"')
+    assert lh.judge([path], own)["i"].margin == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("head", ["left_current_ma", "left_current_kA"])
+def test_another_unit_in_place_of_ours_is_refused(tmp_path: Path, head: str) -> None:
+    path = table(tmp_path / "m.csv", f"time_s,{head}", [(0.1 * k, 500.0) for k in range(9)])
+    own = scenario(tmp_path, 'name = "i"\nalways = "left_current_a < 1"')
+    unit = head[-2:].replace("ma", "mA")
+    with pytest.raises(
+        ConfigError, match=rf"{head}: unexpected unit; allowed: `map` 'left_current_a={head}\[{unit}\]'"
+    ):
+        lh.judge([path], own)
