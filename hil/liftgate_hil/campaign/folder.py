@@ -17,7 +17,7 @@ from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.request import Request
 from liftgate_hil.campaign.results import VARIANT, description_of
 from liftgate_hil.campaign.store import StoreError, reason_of
-from liftgate_hil.errors import ConfigError, words_of
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.target import is_one_of
 from liftgate_hil.report.files import make_way
@@ -194,7 +194,7 @@ class Folder:
         except FileNotFoundError:
             raise ConfigError(f"{path}: no such file; allowed: results of a campaign") from None
         except (OSError, ValueError, KeyError) as error:
-            raise ConfigError(f"{path}: {words_of(error)}; allowed: results of a campaign") from None
+            raise ConfigError(f"{path}: {reason_of(error)}; allowed: results of a campaign") from None
         places = [k for k, each in enumerate(names) if each.startswith(variant)]
         if not places or len({names[k] for k in places}) > 1:
             what = "no such variant" if not places else f"{len(places)} variants begin like that"
