@@ -230,6 +230,51 @@ def test_whatever_fails_the_file_is_as_it_was_and_nothing_is_left(
     assert {"open", "dup", "write", "fsync", "replace"} <= seen
 
 
+@pytest.mark.parametrize("fails", ["fsync", "fchmod", None])
+def test_an_error_of_closing_is_told_only_by_those_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str | None
+) -> None:
+    """What was brought to the disk is there, however its descriptor is closed."""
+    close, path = os.close, tmp_path / "report.json"
+    path.write_bytes(b"before")
+
+    def failing(descriptor: int) -> None:
+        close(descriptor)
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    def full(*_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "close", failing)
+    if fails is not None:
+        monkeypatch.setattr(os, fails, full)
+        with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)) as caught:
+            write_whole(path, b"content")
+        assert caught.value.filename == str(path)
+        assert path.read_bytes() == b"before"
+    else:
+        write_whole(path, b"content")
+        assert path.read_bytes() == b"content"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_that_cannot_be_read_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, link = tmp_path / "report.html", tmp_path / "latest.html"
+    path.write_bytes(b"before")
+    link.symlink_to(path.name)
+
+    def failing(*_: object, **more: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "lstat", failing)
+        with pytest.raises(OSError, match=os.strerror(errno.EIO)) as caught:
+            write_whole(link, b"content")
+    assert caught.value.filename == str(link)
+    assert link.is_symlink()
+    assert path.read_bytes() == b"before"
+
+
 def test_what_a_writer_raises_leaves_the_file_and_closes_it(tmp_path: Path) -> None:
     path = tmp_path / "results.parquet"
     path.write_bytes(b"before")

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.request import Request
 from liftgate_hil.campaign.results import VARIANT, description_of
-from liftgate_hil.campaign.store import StoreError
-from liftgate_hil.errors import ConfigError, words_of
+from liftgate_hil.campaign.store import StoreError, reason_of
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.target import is_one_of
 from liftgate_hil.report.files import make_way
-from liftgate_plant.compiler.files import lock, remove_leftovers, whole_file, write_whole
+from liftgate_plant.compiler.files import close, lock, remove_leftovers, whole_file, write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -32,7 +32,9 @@ WORST_FILE, DATA = "worst.toml", "DATA.md"
 OWN = (MANIFEST, RESULTS, REPORT, BATCHES, AGAINST, DIFFERENCES, WORST_FILE, DATA)  # names in the folder
 LOCK = ".lock"  # held by the process whose campaign runs in the folder; has the tokens of all that did
 FORMAT = 2  # of campaign.json and of the results
-_TOKENS = re.compile(r"[0-9a-f\n]*")  # LOCK: a token a line; where the disk was full, a part of one
+# LOCK: a line break and a token for each campaign; where the disk was full, a part of that. Nothing else: a file
+# with a process's number is another program's.
+_TOKENS = re.compile(r"(\n[0-9a-f]{0,32})*")
 _MOST_BYTES = 1 << 20  # of LOCK: the tokens of 30,000 campaigns
 _SHOWN = 12  # characters of a variant's name that tell it from others
 _GROUP = 16_384  # rows of a row group at least
@@ -82,7 +84,7 @@ class Folder:
                 self._enter(descriptor)
             yield is_claimed
         finally:
-            os.close(descriptor)
+            close(descriptor)
 
     def _enter(self, descriptor: int) -> None:
         """Read the tokens of the campaigns that have held the lock, and add the own one."""
@@ -152,7 +154,7 @@ class Folder:
         try:
             write_whole(self.path / name, content)
         except OSError as error:
-            raise StoreError(f"{self.path / name}: {error.strerror}") from error
+            raise StoreError(f"{self.path / name}: {reason_of(error)}") from error
 
     def write_results(self, tables: Iterable[pa.Table], name: str = RESULTS) -> int:
         """Write tables, in their order, as one Parquet file; return the number of rows. Raises StoreError."""
@@ -178,7 +180,7 @@ class Folder:
                 if kept:
                     writer.write_table(pa.concat_tables(kept))
         except OSError as error:
-            raise StoreError(f"{self.path / name}: {error.strerror or error}") from error
+            raise StoreError(f"{self.path / name}: {reason_of(error)}") from error
         return rows
 
     def find(self, variant: str) -> dict[str, Any]:
@@ -192,7 +194,7 @@ class Folder:
         except FileNotFoundError:
             raise ConfigError(f"{path}: no such file; allowed: results of a campaign") from None
         except (OSError, ValueError, KeyError) as error:
-            raise ConfigError(f"{path}: {words_of(error)}; allowed: results of a campaign") from None
+            raise ConfigError(f"{path}: {reason_of(error)}; allowed: results of a campaign") from None
         places = [k for k, each in enumerate(names) if each.startswith(variant)]
         if not places or len({names[k] for k in places}) > 1:
             what = "no such variant" if not places else f"{len(places)} variants begin like that"

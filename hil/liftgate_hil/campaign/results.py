@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.evaluation import Row
 from liftgate_hil.campaign.figures import Figures
+from liftgate_hil.campaign.store import StoreError, reason_of
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -47,6 +50,16 @@ def arrow() -> Any:
     except ImportError:
         raise ConfigError(MISSING) from None
     return pa
+
+
+@contextlib.contextmanager
+def reading(path: Path) -> Iterator[BinaryIO]:
+    """Context with a stream of a file of results. Raises StoreError, which names it."""
+    try:
+        with path.open("rb") as stream:
+            yield stream
+    except OSError as error:
+        raise StoreError(f"{path}: {reason_of(error)}") from error
 
 
 def table_of(base: Base, values: Floats, rows: Sequence[Row]) -> pa.Table:

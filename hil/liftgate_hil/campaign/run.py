@@ -130,9 +130,9 @@ def _run(
     outcome = Outcome(
         found, folder, campaign.progress, spent, is_complete, counts, analysis, _summary(found, folder, counts)
     )
-    _note(folder, found, pace, provenance, _results_of(outcome))
     if outcome.summary is not None:
         _report(outcome, provenance)
+    _note(folder, found, pace, provenance, _results_of(outcome))  # at last, as it says whether all is there
     folder.tidy()
     return outcome
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import uuid
 from collections.abc import Collection
 from pathlib import Path
@@ -26,6 +27,13 @@ KEPT = "what is in the store is kept: go on with --resume"  # end of a message
 
 class StoreError(LiftgateError):
     """Raised where results cannot be written or read: a full disk, a folder that vanished."""
+
+
+def reason_of(error: Exception) -> str:
+    """Return what an error is of: of the system's the system's words, as libraries put their own around them."""
+    if isinstance(error, OSError) and error.errno:
+        return os.strerror(error.errno)
+    return words_of(error)
 
 
 def packed(table: pa.Table) -> bytes:
@@ -67,7 +75,7 @@ class Store:
                 Path(self.address).mkdir(parents=True, exist_ok=True)
         except Exception as error:  # of any file system's driver
             raise ConfigError(
-                f"`store` {self.address}: {words_of(error)}; allowed: a folder to write to"
+                f"`store` {self.address}: {reason_of(error)}; allowed: a folder to write to"
             ) from error
 
     def mark(self) -> str:
@@ -102,7 +110,7 @@ class Store:
         except FileNotFoundError:
             return None
         except Exception as error:
-            raise StoreError(f"{self.address}: {words_of(error)}") from error
+            raise StoreError(f"{self.address}: {reason_of(error)}") from error
         return unpacked(content)
 
     def names(self) -> set[str]:
@@ -110,7 +118,7 @@ class Store:
         try:
             found = self._files()
         except Exception as error:
-            raise StoreError(f"{self.address}: {words_of(error)}") from error
+            raise StoreError(f"{self.address}: {reason_of(error)}") from error
         return {each.removesuffix(SUFFIX) for each in found if each.endswith(SUFFIX) and not each.startswith(".")}
 
     def tidy(self, owners: Collection[str]) -> None:
@@ -162,7 +170,7 @@ class Store:
             else:
                 write_whole(Path(self.address) / name, content)
         except Exception as error:
-            raise StoreError(f"{self.address}: {words_of(error)}") from error
+            raise StoreError(f"{self.address}: {reason_of(error)}") from error
 
 
 def _beside(name: str, owner: str) -> str:

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.ours import is_ours
-from liftgate_plant.compiler.files import lock, rename_new
+from liftgate_plant.compiler.files import close, lock, rename_new
 
 _WORDS = {errno.ENXIO: "a pipe without a reader", errno.EISDIR: "is a folder"}
 
@@ -132,7 +132,7 @@ def open_target(path: Path, patience: float | None = None) -> BinaryIO:
         os.set_blocking(descriptor, True)
         return _named(descriptor, path)
     except BaseException:
-        os.close(descriptor)
+        close(descriptor)
         raise
 
 

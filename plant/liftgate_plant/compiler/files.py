@@ -43,6 +43,12 @@ def lock(descriptor: int) -> bool:
     return True
 
 
+def close(descriptor: int) -> None:
+    """Close a file whose content is on the disk, or of no use: an error would only hide the one before it."""
+    with contextlib.suppress(OSError):
+        os.close(descriptor)
+
+
 def write_whole(path: Path, content: bytes, is_new: bool = False, mode: int | None = None) -> None:
     """Write a file as `whole_file` does. Raises OSError, which names the file."""
     with _naming(path), whole_file(path, is_new, mode) as stream:
@@ -63,7 +69,8 @@ def whole_file(
     place, and may set aside what is there; then only a pipe is written to directly. Raises OSError, and what
     `make_way` raises.
     """
-    place = Path(os.path.realpath(path))  # of a link, what it leads to
+    with _naming(path):
+        place = _place_of(path)
     if is_new and path.exists():
         raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
     if path.exists() and not (path.is_file() and place.exists() and path.samefile(place)):
@@ -100,7 +107,15 @@ def whole_file(
             beside.unlink()
         raise
     finally:
-        os.close(descriptor)
+        close(descriptor)
+
+
+def _place_of(path: Path) -> Path:
+    """Return what a path leads to. Raises OSError: a link that cannot be read would be replaced, as if none."""
+    try:
+        return Path(os.path.realpath(path, strict=True))
+    except FileNotFoundError:
+        return Path(os.path.realpath(path))
 
 
 class _HalfCopiedError(OSError):
@@ -132,11 +147,11 @@ def _created(place: Path, mode: int | None) -> tuple[int, Path]:
                     _keep_owner(descriptor, place.stat())
                 return descriptor, beside
         except BaseException:
-            os.close(descriptor)
+            close(descriptor)
             with contextlib.suppress(OSError):
                 beside.unlink()
             raise
-        os.close(descriptor)
+        close(descriptor)
 
 
 def _is_held(descriptor: int) -> bool:
@@ -239,4 +254,4 @@ def _remove_unlocked(path: Path) -> None:
             if lock(descriptor):
                 path.unlink()
         finally:
-            os.close(descriptor)
+            close(descriptor)

@@ -258,11 +258,26 @@ def test_a_token_that_was_not_written_as_a_whole_is_none(folder: Folder) -> None
         assert later.ended[:2] == [whole, folder.token]
 
 
-def test_a_lock_of_another_program_is_not_written_to(folder: Folder) -> None:
-    (folder.path / LOCK).write_text("pid 12")
+@pytest.mark.parametrize("content", ["pid 12", "4711\n", "0" * 32, "\n" + "0" * 33])
+def test_a_lock_of_another_program_is_not_written_to(folder: Folder, content: str) -> None:
+    (folder.path / LOCK).write_text(content)
     with folder.claimed():
         assert folder.ended == [folder.token]
-    assert (folder.path / LOCK).read_text() == "pid 12"
+    assert (folder.path / LOCK).read_text() == content
+
+
+def test_a_lock_that_cannot_be_closed_hides_no_error(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    close = os.close
+
+    def failing(descriptor: int) -> None:
+        close(descriptor)
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "close", failing)
+    with pytest.raises(StoreError, match="full"), folder.claimed():
+        raise StoreError("full")
+    with folder.claimed():
+        pass
 
 
 @pytest.mark.parametrize(

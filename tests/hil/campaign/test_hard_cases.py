@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +73,18 @@ def test_a_margin_that_only_one_ecu_has_is_a_difference(tmp_path: Path) -> None:
         pq.write_table(pa.table(columns), tmp_path / name)
     found = comparison_of(tmp_path / "one", tmp_path / "two", ["rod"], ["a"], ("one", "two"))
     assert found.differing.num_rows == 1
+
+
+def test_results_that_cannot_be_read_are_told_in_our_words(tmp_path: Path) -> None:
+    whole = tmp_path / "whole.parquet"
+    pq.write_table(pa.table({"variant": ["a"], "verdict": ["pass"]}), whole)
+    for call in (
+        lambda: summary_of(tmp_path / "gone.parquet", [], []),
+        lambda: comparison_of(tmp_path / "gone.parquet", whole, [], [], ("one", "two")),
+        lambda: comparison_of(whole, tmp_path / "gone.parquet", [], [], ("one", "two")),
+    ):
+        with pytest.raises(StoreError, match=rf"^{tmp_path}/gone.parquet: {os.strerror(errno.ENOENT)}$"):
+            call()
 
 
 def manifest(folder: Folder, **changed: object) -> None:

@@ -20,7 +20,8 @@ import pytest
 from campaign_support import SHORT
 
 from liftgate_hil.campaign import adaptive
-from liftgate_hil.campaign.folder import LOCK, Folder
+from liftgate_hil.campaign.folder import DATA, LOCK, Folder
+from liftgate_hil.campaign.store import StoreError
 from liftgate_hil.cli.campaign import _summarise
 from liftgate_hil.cli.main import main
 from liftgate_plant.compiler.files import name_beside
@@ -381,6 +382,28 @@ def test_a_store_that_vanishes_is_told_and_nothing_is_lost(scenario: str) -> Non
     Path("aside").rename("elsewhere")
     assert main(["campaign", scenario, *MANY, "--store", "elsewhere", "--resume", "--quiet"]) == 0
     assert manifest_in("campaign")["evaluated_now"] < 120
+
+
+def test_a_campaign_is_complete_once_all_of_its_files_are_there(
+    scenario: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write, flags = Folder.write, ["--vary", "angle=60,79", "--jobs", "1", "--quiet"]
+
+    def full(folder: Folder, name: str, content: bytes) -> None:
+        if name == DATA:
+            raise StoreError(f"{folder.path / name}: full")
+        write(folder, name, content)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Folder, "write", full)
+        assert main(["campaign", scenario, *flags]) == 1
+    assert capsys.readouterr().err == (
+        "liftgate-hil: campaign/DATA.md: full; what is in the store is kept: go on with --resume\n"
+    )
+    assert not manifest_in("campaign")["is_complete"]
+    assert main(["campaign", scenario, *flags, "--resume"]) == 0
+    assert manifest_in("campaign")["is_complete"]
+    assert (Path("campaign") / DATA).exists()
 
 
 def test_a_shipped_campaign_runs_in_parts_with_one_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from liftgate_hil.campaign.results import JUDGED, MARGIN, VARIANT, VERDICT, arrow, numbers_in
+from liftgate_hil.campaign.results import JUDGED, MARGIN, VARIANT, VERDICT, arrow, numbers_in, reading
 from liftgate_hil.report.numbers import significant
 from liftgate_hil.report.page import Markup, section, table, text
 
@@ -46,14 +46,17 @@ def comparison_of(
     """Return the comparison of two files of results with the same variants in the same order.
 
     Verdicts that differ come first, then margins, by their largest difference in an expectation's unit.
+    Raises StoreError.
     """
     import pyarrow.parquet as pq
 
     pa = arrow()
     margins = [f"{MARGIN}{each}" for each in expectations]
     judged = [f"{JUDGED}{each}" for each in expectations]
-    one = pq.read_table(own, columns=[VARIANT, *varied, VERDICT, *judged, *margins])
-    two = pq.read_table(other, columns=[VARIANT, VERDICT, *judged, *margins])
+    with reading(own) as stream:
+        one = pq.read_table(stream, columns=[VARIANT, *varied, VERDICT, *judged, *margins])
+    with reading(other) as stream:
+        two = pq.read_table(stream, columns=[VARIANT, VERDICT, *judged, *margins])
     verdicts = one[VERDICT].to_numpy(zero_copy_only=False), two[VERDICT].to_numpy(zero_copy_only=False)
     largest = np.zeros(one.num_rows)
     for name in margins:

@@ -14,7 +14,7 @@ import numpy as np
 
 from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.campaign.reporting.sensitivity import Index, first_order
-from liftgate_hil.campaign.results import ERROR, JUDGED, MARGIN, VARIANT, VERDICT
+from liftgate_hil.campaign.results import ERROR, JUDGED, MARGIN, VARIANT, VERDICT, reading
 from liftgate_hil.judging.verdict import FAIL, PASS, VERDICTS
 
 FORCE = "peak_pinch_force_n"
@@ -75,11 +75,12 @@ def summary_of(
 
     `preferred` is the expectation that the campaign is about; "": the one that fails most, else the largest force.
     `margin_units` are those of the expectations' margins; (): not told.
-    Of a large file, sensitivity, heat maps and distributions are those of each n-th variant (`every`).
+    Of a large file, sensitivity, heat maps and distributions are those of each n-th variant (`every`). Raises
+    StoreError.
     """
     import pyarrow.parquet as pq
 
-    with pq.ParquetFile(path) as file:
+    with reading(path) as stream, pq.ParquetFile(stream) as file:
         judged = [_Judged(*each) for each in zip_longest(expectations, margin_units, fillvalue="")]
         own = [f"{prefix}{name}" for prefix in (JUDGED, MARGIN) for name in expectations]
         verdicts, errors = Counter[str](), Counter[str]()
