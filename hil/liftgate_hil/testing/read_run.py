@@ -112,7 +112,8 @@ def _places(files: Sequence[RunFile], asked: Asked, issues: list[str]) -> Places
             if (own := own_column(ours, file.names, COLUMNS)) is not None:
                 found[ours] = file, own
                 break
-    missing = {ours: COLUMNS[ours] for ours in wanted - {*found} if ours in COLUMNS}
+    on_bus = {OUTPUT_COLUMNS.get(wire.quantity) for wire in asked.rig.outputs if has_frames}
+    missing = {ours: COLUMNS[ours] for ours in wanted - {*found} - on_bus if ours in COLUMNS}
     for file in files:
         for name in file.names:
             if not file.is_ours and (meant := near_miss(name, missing)) is not None:
