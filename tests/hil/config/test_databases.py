@@ -68,6 +68,47 @@ Sig=Current 0
 """
 
 
+SYM_5 = """FormatVersion=5.0 // Do not edit this line!
+Title="their bus"
+
+{ENUMS}
+enum Way(0="stop", // no motion
+  1="open")
+
+{SEND}
+
+[Cmd]
+ID=100h\t// of the ECU
+DLC=4
+CycleTime=20
+Var=Duty signed 0,16 -m /u:% /f:0.01 /min:-100 /max:100
+Var=Way unsigned 16,2 /e:Way
+
+{RECEIVE}
+
+[Out]
+ID=ABC12h
+DLC=8
+Var=Current float 32,32 /u:mA
+"""
+
+
+def test_a_sym_of_version_5_is_read_like_one_of_6_where_the_same_lines_have_other_keywords(tmp_path: Path):
+    (tmp_path / "their.sym").write_text(SYM_5, encoding="cp1252")
+    issues = ConfigIssues("r.toml")
+    messages = load_messages(issues, DatabaseFile(tmp_path / "their.sym"))
+    assert not issues.lines
+    command, out = messages["Cmd"], messages["Out"]
+    duty, way = command.signals
+    assert (command.frame_id, command.length, command.cycle_time) == (0x100, 4, 20)
+    assert (duty.start, duty.length, duty.byte_order, duty.is_signed) == (7, 16, "big_endian", True)
+    assert (duty.scale, duty.unit, duty.minimum) == (0.01, "%", -100)
+    assert (way.start, way.choices) == (16, {0: "stop", 1: "open"})
+    assert (out.frame_id, out.is_extended_frame, out.length) == (0xABC12, True, 8)
+    assert (out.signals[0].start, out.signals[0].is_float, out.signals[0].unit) == (32, True, "mA")
+    assert messages.notes == ("identifiers of more than 11 bits, not marked as of 29, are taken as such: Out",)
+
+
 def test_a_sym_is_read_with_its_units_and_cycles(tmp_path: Path):
     (tmp_path / "their.sym").write_text(SYM, encoding="cp1252")
     path = tmp_path / "r.toml"
