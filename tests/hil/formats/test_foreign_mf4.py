@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from liftgate_hil.codec.frames import EXTENDED, FD
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.open import open_file, open_recording
 
@@ -16,6 +17,7 @@ asammdf = pytest.importorskip("asammdf")
 TIMES = np.arange(6) * 0.01
 LINEAR = {"a": 0.01, "b": 0.0}
 INIT = {"val_0": 65534.0, "text_0": b"Init", "val_1": 65535.0, "text_1": b"Invalid"}
+DATA = "CAN_DataFrame.DataBytes"
 STATES = {"val_0": 0.0, "text_0": b"closed", "val_1": 1.0, "text_1": b"open"}
 
 
@@ -162,3 +164,40 @@ def test_states_may_begin_at_1_and_texts_are_counted(tmp_path: Path) -> None:
     recording = open_recording(path)
     list(recording.rows(["time_s", "Angle"]))
     assert any("2 samples left out (Angle: a value text, or invalid)" in note for note in recording.notes)
+
+
+def test_fields_of_frames_that_are_constants_of_their_group_come_from_their_conversions(tmp_path: Path) -> None:
+    """As a CANedge writes a group for each bus, direction and kind of identifier, and stores an index there."""
+    from asammdf.blocks.conversion_utils import from_dict
+
+    path, index = tmp_path / "m.mf4", np.arange(6)
+    lengths = np.array([0, 1, 8, 9, 10, 15], "u1")
+    stored = {
+        "BusChannel": index.astype("u1"), "ID": 0x18FEDF00 + index.astype("u4"), "IDE": index.astype("u1"),
+        "DLC": lengths, "DataLength": lengths, "Dir": index.astype("u1"), "EDL": np.ones(6, "u1"),
+    }  # fmt: skip
+    samples = np.zeros(
+        6, [*((f"CAN_DataFrame.{name}", x.dtype) for name, x in stored.items()), (DATA, "u1", (64,))]
+    )
+    for name, values in stored.items():
+        samples[f"CAN_DataFrame.{name}"] = values
+    samples[DATA] = 7
+    codes = {f"phys_{k}": float(value) for k, value in enumerate((0, 1, 8, 12, 16, 64))}
+    codes |= {f"raw_{k}": float(value) for k, value in enumerate(lengths)}
+    conversions = {
+        "BusChannel": {"a": 0.0, "b": 9.0}, "IDE": {"a": 0.0, "b": 1.0}, "Dir": {"a": 0.0, "b": 1.0},
+        "DataLength": codes,
+    }  # fmt: skip
+    with asammdf.MDF(version="4.10") as measured:
+        measured.append([asammdf.Signal(samples, TIMES, name="CAN_DataFrame")])
+        for each in measured.groups[0].channels:
+            if made := conversions.get(each.name.removeprefix("CAN_DataFrame.")):
+                each.conversion = from_dict(dict(made))
+        measured.save(path)
+    recording = open_recording(path)
+    assert recording.channel == "can9"
+    (frames,) = recording.frames()
+    assert frames["identifier"].tolist() == [0x18FEDF00 + k | EXTENDED | FD for k in range(6)]
+    assert frames["is_sent"].all()
+    assert frames["length"].tolist() == [0, 1, 8, 12, 16, 64]
+    assert frames["payload"][3].tolist() == [7] * 12 + [0] * 52
