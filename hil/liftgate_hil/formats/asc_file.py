@@ -39,17 +39,22 @@ _NO_STAMP = re.compile(
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 _IDENTIFIER = {16: re.compile(r"[0-9A-Fa-f]+[xX]?"), 10: re.compile(r"\d+[xX]?")}
 # What follows the timestamp in lines that are known to be no frame.
-_KNOWN = frozenset(("start", "trigger", "log", "//", "can", "//start"))
+_KNOWN = frozenset(("start", "trigger", "log", "//", "can", "//start", "comment:"))
+_MARKER = "GMGroup:"  # in the line of a global marker
+_TRANSPORT = "j1939tp"  # the kind of an object which may stand behind its bus
 # Objects of other kinds, by what follows their timestamps: Vector's ASC logging files format specification.
 _OBJECTS = (
     ("CAN XL frame", re.compile(r"canxl", re.IGNORECASE)),
-    ("J1939 transport protocol line", re.compile(r"j1939tp", re.IGNORECASE)),
+    ("J1939 transport protocol line", re.compile(_TRANSPORT, re.IGNORECASE)),
     ("LIN line", re.compile(r"li|l\d+|lin.*", re.IGNORECASE)),
     ("FlexRay line", re.compile(r"fr|frs|fpdu", re.IGNORECASE)),
     ("Ethernet line", re.compile(r"eth.*", re.IGNORECASE)),
     ("MOST line", re.compile(r"m\d+|mpkt|mraw|mstat|most.*|mlong|msho.*", re.IGNORECASE)),
     ("ARINC 429 line", re.compile(r"a429|al.*", re.IGNORECASE)),
     ("WLAN line", re.compile(r"wlan", re.IGNORECASE)),
+    ("AFDX line", re.compile(r"afdx", re.IGNORECASE)),
+    ("GPS line", re.compile(r"gps-device:.*", re.IGNORECASE)),
+    ("serial line event", re.compile(r"com\d+", re.IGNORECASE)),
     ("system variable", re.compile(r"sv:|sv", re.IGNORECASE)),
     ("test feature set line", re.compile(r"tfs:.*", re.IGNORECASE)),
 )
@@ -168,7 +173,10 @@ class _Lines(LogLines):
 
     def _stamped(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
         """Return the frame of a line with a timestamp, from the word after it on. Raises as `frame_in`."""
-        kind = words[0].lower()
+        has_bus = words[0].isdecimal()
+        kind = (words[1] if has_bus and words[1].lower() == _TRANSPORT else words[0]).lower()
+        if _MARKER in words:
+            return None
         if kind.isdecimal():
             return self._classic(number, bus_of(int(words[0])), words[1:])
         if kind == "canfd":
@@ -209,7 +217,7 @@ class _Lines(LogLines):
         then duration, length in bits and flags, which say whether it is a CAN FD frame at all.
         """
         if words[1].lower() == "errorframe":
-            return bus, self._error()
+            return bus, self._error(_WAYS[words[0].lower()])
         if not self._is_identifier(number, words[1:]) or self._is_request(number, words[0]):
             return None
         identifier, is_sent = self._identifier(words[1]), _WAYS[words[0].lower()]
@@ -254,8 +262,8 @@ class _Lines(LogLines):
     def _bytes(self, words: Sequence[str]) -> bytes:
         return bytes(int(word, self._base) for word in words)
 
-    def _error(self) -> Fields:
-        return self._now_us * 1000, ERROR | BUS_ERROR, 0, False, b""
+    def _error(self, is_sent: bool = False) -> Fields:
+        return self._now_us * 1000, ERROR | BUS_ERROR, 0, is_sent, b""
 
     def _fields(self, identifier: int, length: int, is_sent: bool, data: bytes) -> Fields:
         """Return the fields of a frame. Raises NotUnderstoodError if the line has other bytes than it says."""

@@ -129,18 +129,18 @@ _KINDS = {
     **dict.fromkeys((29, 30, 40, 41, 45, *range(47, 51), 66), "FlexRay object"),
     **dict.fromkeys((71, 102, 103, *range(120, 124)), "Ethernet object"),
     **dict.fromkeys((6, 7, 8, 9, 72, 124), "variable"),
-    **dict.fromkeys((31, 74), "error report of the CAN driver"),
+    **dict.fromkeys((31, 74), "CAN driver error"),
     **dict.fromkeys((93,), "WLAN object"),
     **dict.fromkeys((97, 106, 109), "AFDX object"),
     **dict.fromkeys((110, 111, 113), "ARINC 429 object"),
     **dict.fromkeys((55, 56), "J1708 message"),
     3: "overload frame",
     46: "GPS object",
-    90: "event of a serial line",
-    91: "overrun report of the CAN driver",
+    90: "serial line event",
+    91: "CAN driver overrun",
     99: "K-Line object",
-    125: "begin of a loss of data",
-    126: "end of a loss of data",
+    125: "data loss begin",
+    126: "data loss end",
 }
 
 
@@ -255,7 +255,7 @@ class _Objects:
         try:
             flags, stamp = _STAMP.unpack_from(text, _BASE.size)
             way, channel, identifier, length, payload = read(text, header_size)
-        except (struct.error, IndexError):
+        except (struct.error, IndexError, ValueError):
             self._account.leave_out("object", "not understood", f"object {self._count}")
             return
         if way == _REQUEST:
@@ -326,4 +326,8 @@ _READERS: dict[int, Callable[[bytes, int], Read]] = {
 
 
 def _identifier(number: int) -> int:
-    return number & 0x1FFFFFFF | (EXTENDED if number & EXTENDED else 0)
+    """Return the identifier in a message. Raises ValueError if it has too many bits."""
+    plain = number & ~EXTENDED
+    if plain >= 1 << (29 if number & EXTENDED else 11):
+        raise ValueError(f"identifier 0x{plain:X}")
+    return number

@@ -19,7 +19,11 @@ _FORMS = (
     (b"\x1f\x8b", "compressed by gzip", "unpacked"),
     (b"PK\x03\x04", "a ZIP archive", "unpacked"),
 )
-_WITHIN = ((b"Microchip", "a log of Microchip's CAN BUS Analyzer", "converted into candump's form or ASC"),)
+_WITHIN = (
+    (b"Microchip", "a log of Microchip's CAN BUS Analyzer", "converted into candump's form or ASC"),
+    # A part of a log of BUSMASTER, without its first lines.
+    (b"***<Time><Tx/Rx>", "a log of BUSMASTER", "exported there as ASC, or recorded with candump -L"),
+)
 # What a binary format begins with, and its endings.
 _BINARY = (
     (b"LOGG", "BLF", (".blf",)),
