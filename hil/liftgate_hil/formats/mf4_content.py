@@ -8,8 +8,8 @@ from typing import Any
 
 from liftgate_hil.formats.mcap_layout import ABOUT
 from liftgate_hil.formats.mf4_frames import KINDS
+from liftgate_hil.formats.mf4_reader import why_not_read
 from liftgate_hil.formats.mf4_values import values_of
-from liftgate_hil.formats.reading import cause_text
 
 # How the names of other buses' frames begin (ASAM MDF bus logging).
 _OTHER_BUSES = ("LIN", "FLX", "MOST", "ETH", "USB", "K_LINE")
@@ -81,7 +81,7 @@ def not_read(measured: Any, group: int, place: int) -> str:
         first = measured.select([(None, group, place)], record_count=1, raw=True)[0]
         return "" if values_of(first) is not None else "not numeric"
     except Exception as error:  # asammdf raises what its parsers raise
-        return f"cannot be read: {cause_text(error)}"
+        return f"cannot be read: {why_not_read(error)}"
 
 
 def marks_in(measured: Any) -> list[tuple[float, str]]:

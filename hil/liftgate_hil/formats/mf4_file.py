@@ -24,10 +24,9 @@ from liftgate_hil.formats.content import Batch, Content
 from liftgate_hil.formats.mcap_layout import ABOUT
 from liftgate_hil.formats.mf4_content import about_in, columns_in, marks_in, not_read, other_buses_in
 from liftgate_hil.formats.mf4_frames import KINDS, FrameGroup, frame_groups_in, logged, merged, samples_of
-from liftgate_hil.formats.mf4_reader import blocks_of, opened_mf4
+from liftgate_hil.formats.mf4_reader import blocks_of, opened_mf4, why_not_read
 from liftgate_hil.formats.mf4_values import NO_NUMBERS, NOT_NUMERIC, values_of
 from liftgate_hil.formats.ours import MF4_PROGRAM
-from liftgate_hil.formats.reading import cause_text
 from liftgate_hil.formats.recording import (
     FRAME,
     Floats,
@@ -216,7 +215,7 @@ class Mf4File(Recording):
             signal = measured.get(group=group, index=place, raw=True)
             found = values_of(signal)
         except Exception as error:  # asammdf raises what its parsers raise
-            return f"cannot be read: {cause_text(error)}"
+            return f"cannot be read: {why_not_read(error)}"
         if found is None:
             return NOT_NUMERIC
         values, times = found.values[found.there], np.asarray(signal.timestamps, dtype=np.float64)[found.there]
@@ -284,6 +283,8 @@ class Mf4File(Recording):
     def _frames(self, measured: Any, group: FrameGroup) -> Iterator[NDArray[np.void]]:
         for signals in blocks_of(measured, group.asked, self.account):
             fields = group.fields_of(signals)
+            if "ID" not in fields and group.kind != "CAN_ErrorFrame":  # an error frame may have no identifier
+                raise ConfigError(f"{self.path}: its {group.kind} has no ID; allowed: frames as in ASAM MDF")
             rows = logged(fields, group.kind, signals[0].timestamps)
             ours = np.broadcast_to(fields.get("BusChannel", 0) == self.bus_number, len(rows))
             if ours.all():

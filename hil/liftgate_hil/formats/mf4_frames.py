@@ -86,12 +86,10 @@ def frame_groups_in(measured: Any) -> Iterator[FrameGroup]:
 
 
 def logged(fields: Mapping[str, Any], kind: str, times: Any) -> NDArray[np.void]:
-    """Return frames of one kind as rows (n,) LOGGED. Raises ValueError where they have no identifiers."""
+    """Return frames of one kind as rows (n,) LOGGED."""
     mark = KINDS[kind]
     rows = np.zeros(len(times), dtype=LOGGED)
     rows["time_ns"] = np.round(np.asarray(times) * 1e9).astype(np.int64)
-    if "ID" not in fields and mark != ERROR:  # a logger's error frame may have no identifier
-        raise ValueError(f"its {kind} has no ID")
     identifiers = np.asarray(fields.get("ID", np.zeros(len(times)))).astype(np.int64)
     extended = (np.asarray(fields.get("IDE", 0)) != 0) | (identifiers & EXTENDED != 0)
     rows["identifier"] = (identifiers & 0x1FFFFFFF) | extended * EXTENDED | mark

@@ -24,17 +24,20 @@ _WITHIN = (
     # A part of a log of BUSMASTER, without its first lines.
     (b"***<Time><Tx/Rx>", "a log of BUSMASTER", "exported there as ASC, or recorded with candump -L"),
 )
+_MDF, _MDF_VERSION = (b"MDF     ", b"UnFinMF "), slice(8, 12)
 # What a binary format begins with, and its endings.
 _BINARY = (
     (b"LOGG", "BLF", (".blf",)),
-    (b"MDF     ", "MDF", (".mf4",)),
-    (b"UnFinMF ", "MDF", (".mf4",)),
+    *((begin, "MDF", (".mf4",)) for begin in _MDF),
     (b"\x89MCAP", "MCAP", (".mcap",)),
 )
 
 
 def check_form(path: Path) -> None:
-    """Raise ConfigError if a file is one of another kind than its ending says, as far as its beginning tells."""
+    """Raise ConfigError if a file is one of another kind than its ending says, as far as its beginning tells.
+
+    Also raises it for versions of MDF that are not read.
+    """
     with path.open("rb") as stream:
         head = stream.read(_HEAD)
     for begin, called, allowed in _FORMS:
@@ -43,6 +46,12 @@ def check_form(path: Path) -> None:
     for part, called, allowed in _WITHIN:
         if part in head and path.suffix.lower() == ".log":
             raise ConfigError(f"{path}: is {called}; allowed: {allowed}")
+    version = head[_MDF_VERSION].decode("latin-1").strip(" \0")
+    if head.startswith(_MDF) and version[:1] in ("2", "3"):
+        raise ConfigError(
+            f"{path}: MDF {version}; allowed: MDF 4, to which asammdf converts it: "
+            f"MDF({path.name!r}).convert('4.10').save('{path.stem}-4.mf4')"
+        )
     for begin, called, suffixes in _BINARY:
         if head.startswith(begin) and path.suffix.lower() not in suffixes:
             raise ConfigError(f"{path}: is {called}; allowed: a name that ends in {suffixes[0]}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -120,9 +121,52 @@ def test_mdf_3_is_named_with_what_to_do(tmp_path: Path) -> None:
     path = tmp_path / "m.mf4"
     with asammdf.MDF(version="3.30") as measured:
         measured.append([channel("Angle", np.arange(6.0))])
-        written = measured.save(tmp_path / "m.mdf")
-    Path(written).rename(path)
-    with pytest.raises(ConfigError, match=r"MDF 3\.30; allowed: MDF 4, to which asammdf converts it"):
+        written = Path(measured.save(tmp_path / "m.mdf"))
+    for name in (path, path.with_suffix(".dat"), written):
+        written = written.rename(name)
+        with pytest.raises(ConfigError, match=r"MDF 3\.30; allowed: MDF 4, to which asammdf converts it"):
+            open_file(name)
+
+
+def test_mdf_4_under_another_ending_is_named(tmp_path: Path) -> None:
+    path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0))]).rename(tmp_path / "m.dat")
+    with pytest.raises(ConfigError, match=r"m\.dat: is MDF; allowed: a name that ends in \.mf4"):
+        open_file(path)
+
+
+@pytest.mark.parametrize("is_finished", [True, False])
+def test_a_file_that_was_cut_off_anywhere_is_refused_in_our_own_words(tmp_path: Path, is_finished: bool) -> None:
+    whole = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0))]).read_bytes()
+    if not is_finished:  # the length of the last block of data is missing, too (bit 2)
+        whole = b"UnFinMF " + whole[8:60] + bytes([0b101]) + whole[61:]
+    path, said = tmp_path / "cut.mf4", set()
+    for length in range(7, len(whole), len(whole) // 50):
+        path.write_bytes(whole[:length])
+        try:
+            read(path, "Angle")
+        except ConfigError as error:
+            said.update(error.issues)
+    assert said == {f"{path}: cannot be read: truncated or damaged"}
+
+
+def test_an_unfinished_file_without_its_data_is_refused_and_nothing_else_is_printed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0))])
+    content = bytearray(path.read_bytes())
+    content[:8], content[60] = b"UnFinMF ", 0b100  # the length of the last block of data is missing
+    (group,) = struct.unpack_from("<Q", content, 64 + 24)
+    struct.pack_into("<Q", content, group + 24 + 16, 64)  # the header block instead of one of data
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match="cannot be read: truncated or damaged"):
+        open_file(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_is_no_mdf_is_refused_as_none(tmp_path: Path) -> None:
+    path = tmp_path / "m.mf4"
+    path.write_bytes(b"time_s,angle_deg\n" * 20)
+    with pytest.raises(ConfigError, match="cannot be read: no MDF file; allowed: one that begins with MDF"):
         open_file(path)
 
 
