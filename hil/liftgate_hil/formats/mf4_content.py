@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterator
 from typing import Any
 
+from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.mcap_layout import ABOUT
 from liftgate_hil.formats.mf4_frames import KINDS
 from liftgate_hil.formats.mf4_reader import why_not_read
@@ -79,7 +80,7 @@ def not_read(measured: Any, group: int, place: int) -> str:
     """Return why a channel of another program is no column, as far as its first sample tells; "": it is one."""
     try:
         first = measured.select([(None, group, place)], record_count=1, raw=True)[0]
-        return "" if values_of(first) is not None else "not numeric"
+        return "" if values_of(first, Account()) is not None else "not numeric"
     except Exception as error:  # asammdf raises what its parsers raise
         return f"cannot be read: {why_not_read(error)}"
 

@@ -197,6 +197,7 @@ class Mf4File(Recording):
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
         """Read these channels; one without finite numbers at rising times is left out and added to `issues`."""
         result = {}
+        self.account.clear()
         with opened_mf4(self.path) as measured:
             for name in wanted:
                 found = self._series(measured, name)
@@ -213,7 +214,7 @@ class Mf4File(Recording):
         group, place = self.columns[name]
         try:
             signal = measured.get(group=group, index=place, raw=True)
-            found = values_of(signal)
+            found = values_of(signal, self.account)
         except Exception as error:  # asammdf raises what its parsers raise
             return f"cannot be read: {why_not_read(error)}"
         if found is None:
@@ -243,7 +244,7 @@ class Mf4File(Recording):
                 times = np.asarray(signals[0].timestamps, dtype=np.float64)
                 found = {"time_s": times}
                 for name, signal in zip(names, signals, strict=False):
-                    values = values_of(signal)
+                    values = values_of(signal, self.account)
                     if values is None:
                         raise ConfigError(f"{self.path}: {name}: {NOT_NUMERIC}")
                     missing = np.flatnonzero(~values.there)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
+from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.mf4_values import values_of
 from liftgate_hil.formats.recording import FRAME
 
@@ -64,7 +65,7 @@ class FrameGroup(NamedTuple):
         samples = signals[0].samples
         fields = {name.removeprefix(f"{self.kind}."): samples[name] for name in samples.dtype.names or ()}
         for name, signal in zip(self.converted, signals[1:], strict=True):
-            if (found := values_of(signal)) is not None:
+            if (found := values_of(signal, Account())) is not None:
                 fields[name] = found.values.astype(np.int64)
         return fields
 
