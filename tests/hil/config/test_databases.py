@@ -251,6 +251,44 @@ def test_what_is_no_can_database_is_reported_as_what_it_is(tmp_path: Path, name:
     assert said in issue
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("x.dbc", b'\nLIN_description_file;\nLIN_protocol_version = "2.1";\n', "is a LIN database"),
+        ("x.kcd", b'LIN_description_file;\nLIN_protocol_version = "2.1";\n', "is a LIN database"),
+        (
+            "x.dbc",
+            b"//** BUSMASTER Messages and signals Database **//\n\n[DATABASE_VERSION] 1.3\n",
+            "is a BUSMASTER",
+        ),
+        ("x.sym", LABELLED.encode(), "is a DBC; allowed: a name that ends in .dbc"),
+        ("x.dbc", SYM.encode(), "is a SYM; allowed: a name that ends in .sym"),
+        (
+            "x.arxml",
+            b'<?xml version="1.0"?>\n<NetworkDefinition xmlns="x"></NetworkDefinition>',
+            "is a KCD; allowed: a",
+        ),
+        (
+            "x.dbc",
+            b'<?xml version="1.0"?>\n<AUTOSAR xmlns="x"></AUTOSAR>',
+            "is an ARXML; allowed: a name that ends in",
+        ),
+        (
+            "x.dbc",
+            b"\n<!DOCTYPE html>\n<html><body>their.dbc</body></html>",
+            "is a web page; allowed: a CAN database",
+        ),
+        ("x.dbc", b"version https://git-lfs.github.com/spec/v1\noid sha256:00\n", "is a Git LFS pointer"),
+        ("x.dbc", b"PK\x03\x04\x14\0\x81\x8d", "is a spreadsheet, or another ZIP archive"),
+        ("x.sym", SYM.replace("6.0", "4.0").encode(), "cannot be read: its version is neither"),
+    ],
+)
+def test_a_file_of_another_kind_under_our_ending_is_named(tmp_path: Path, name: str, content: bytes, said: str):
+    (tmp_path / name).write_bytes(content)
+    (issue,) = issues_of(tmp_path, name)
+    assert f"{tmp_path / name}: {said}" in issue
+
+
 def test_a_database_without_messages_is_reported(tmp_path: Path):
     (tmp_path / "x.dbc").write_text('VERSION ""\nBS_:\nBU_: A\n')
     (issue,) = issues_of(tmp_path, "x.dbc")
