@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, Frames
+from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE
 from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.bus_log import (
     BUS_ERROR,
@@ -23,8 +23,8 @@ from liftgate_hil.formats.bus_log import (
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.local_time import local_of, stated_in
 from liftgate_hil.formats.log_lines import LogLines, NotUnderstoodError
+from liftgate_hil.formats.message_writer import MessageWriter
 from liftgate_hil.formats.text_blocks import lines_in
-from liftgate_hil.formats.writer import StreamWriter
 
 _HEAD = 40  # lines that may hold the header
 _BASE = re.compile(
@@ -63,17 +63,12 @@ _WAYS = {"rx": False, "tx": True}
 _FLAG_REMOTE, _FLAG_FD = 0x10, 0x1000
 
 
-class AscWriter(StreamWriter):
+class AscWriter(MessageWriter):
     """Writer of ASC by python-can, whose header has the start of the run; error frames have no class there."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
-        from liftgate_hil.transport.messages import message_of
-
-        super().__init__(stream, content)
-        self._message_of = message_of
-        self._channel = content.bus_number
         text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
-        self._writer = _writer(text)
+        super().__init__(stream, content, _writer(text))
 
     @property
     def written(self) -> int:
@@ -83,27 +78,14 @@ class AscWriter(StreamWriter):
     def begin(self, epoch_ns: int) -> None:
         """Write the wall clock at the start of the run [ns since 1970], and the provenance as comments."""
         super().begin(epoch_ns)
-        self._writer.begin(epoch_ns // 1000)
+        self._zero_us = epoch_ns // 1000
+        self._writer.begin(self._zero_us)
         for line in lines_about(self._content.about) or [self._content.title]:  # `ours` looks for the name
             self._writer.file.write(f"// {line}\n")
-
-    def write_frames(self, frames: Any) -> None:
-        """Write frames (n,) LOGGED, with times since the start of the run, in whole microseconds."""
-        stamps = ((frames["time_ns"] + self._epoch_ns + 500) // 1000 - self._epoch_ns // 1000).tolist()
-        sent = frames["is_sent"].tolist()
-        plain = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
-        for row, stamp in enumerate(stamps):
-            message = self._message_of(plain, row)
-            message.timestamp, message.channel, message.is_rx = stamp / 1e6, self._channel, not sent[row]
-            self._writer.on_message_received(message)
 
     def write_mark(self, time_s: float, text: str) -> None:
         """Write a mark at a time [s], as a comment."""
         self._writer.log_event(f"// {text}", time_s)
-
-    def close(self) -> None:
-        """Complete the log and close the file."""
-        self._writer.stop()
 
 
 def _writer(stream: io.TextIOWrapper) -> Any:

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, Frames
+from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.bus_log import (
@@ -31,23 +31,18 @@ from liftgate_hil.formats.bus_log import (
 )
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.local_time import as_system_time, local_of, of_system_time
+from liftgate_hil.formats.message_writer import MessageWriter
 from liftgate_hil.formats.reading import as_config_errors
-from liftgate_hil.formats.writer import StreamWriter
 
 _CONTAINER_BYTES = 128 * 1024  # that are compressed together
 _WALL_US = 631_152_000_000_000  # 1990: python-can takes an earlier start as none
 
 
-class BlfWriter(StreamWriter):
+class BlfWriter(MessageWriter):
     """Writer of BLF by python-can, whose header has the start of the run in local time, as CANoe writes it."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
-        from liftgate_hil.transport.messages import message_of
-
-        super().__init__(stream, content)
-        self._message_of = message_of
-        self._channel = content.bus_number
-        self._writer = _writer(stream)
+        super().__init__(stream, content, _writer(stream))
 
     @property
     def written(self) -> int:
@@ -59,25 +54,10 @@ class BlfWriter(StreamWriter):
         super().begin(epoch_ns)
         self._writer.start_timestamp = epoch_ns // 1_000_000 / 1e3
 
-    def write_frames(self, frames: Any) -> None:
-        """Write frames (n,) LOGGED."""
-        # In whole microseconds, as in candump's text, so that rounding does not depend on the format.
-        stamps = ((frames["time_ns"] + self._epoch_ns + 500) // 1000 / 1e6).tolist()
-        sent = frames["is_sent"].tolist()
-        plain = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
-        for row, stamp in enumerate(stamps):
-            message = self._message_of(plain, row)
-            message.timestamp, message.channel, message.is_rx = stamp, self._channel, not sent[row]
-            self._writer.on_message_received(message)
-
     def write_mark(self, time_s: float, text: str) -> None:
         """Write a mark at a time [s]: a global marker."""
         plain = text.encode("ascii", "replace").decode()  # python-can encodes it so where it is not Windows
         self._writer.log_event(plain, time_s + self._epoch_ns * 1e-9)
-
-    def close(self) -> None:
-        """Complete the log and close the file."""
-        self._writer.stop()
 
 
 def _writer(stream: BinaryIO) -> Any:
