@@ -448,6 +448,26 @@ def test_other_forms_under_our_ending_are_named(tmp_path: Path, lines: list[str]
     assert said in refusal(tmp_path / "m.log", *lines)
 
 
+@pytest.mark.parametrize(
+    ("name", "line", "said"),
+    [
+        (
+            "m.csv",
+            "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2",
+            "is a log of SavvyCAN; allowed: saved by",
+        ),
+        ("m.csv", "ID,Data Bytes", "is a log of SavvyCAN without times"),
+        ("m.txt", "166.064000 CXX GVRET-PC Reverse Engineering Tool Output V138", "is a CRTD log"),
+    ],
+)
+def test_logs_of_other_tools_under_the_ending_of_a_table_are_named(
+    tmp_path: Path, name: str, line: str, said: str
+) -> None:
+    (tmp_path / name).write_text(f"{line}\n166064000,0000021A,false,Rx,0,2,FE,36\n")
+    with pytest.raises(ConfigError, match=said):
+        open_file(tmp_path / name)
+
+
 # Two logs of one run whose headers are in different zones.
 
 
