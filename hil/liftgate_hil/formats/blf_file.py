@@ -127,9 +127,10 @@ _KINDS = {
 def open_blf(path: Path) -> BusLog:
     """Open a log in BLF. Raises ConfigError."""
     with as_config_errors(path), path.open("rb") as stream:
-        fields = _FILE.unpack(stream.read(_FILE.size))
-        if fields[0] != b"LOGG":
+        head = stream.read(_FILE.size)
+        if not head.startswith(b"LOGG"):
             raise ConfigError(f"{path}: cannot be read: no BLF file; allowed: one that begins with LOGG")
+        fields = _FILE.unpack(head)
         size, there = fields[2], os.fstat(stream.fileno()).st_size
     remarks = [f"truncated: {there} of {size} bytes; what is there is read"] if size > there else []
     stated = of_system_time(fields[6:14])
@@ -191,11 +192,13 @@ def _unpacked(body: bytes, account: Account) -> bytes:
 
 def _rest_of(text: bytes, account: Account) -> bytes:
     """Return what a truncated object at the end of a file holds: the beginning of a container, or nothing."""
-    account.leave_out("object", "truncated, the last one", "the end of the file")
-    if len(text) < _BASE.size + _CONTAINER.size:
-        return b""
-    _, header_size, _, _, kind = _BASE.unpack_from(text)
-    return _unpacked(text[header_size:], account) if kind == _IS_CONTAINER else b""
+    if len(text) >= _BASE.size + _CONTAINER.size:
+        _, header_size, _, _, kind = _BASE.unpack_from(text)
+        if kind == _IS_CONTAINER:
+            account.leave_out("container", "truncated, what is there is read", "the file's end")
+            return _unpacked(text[header_size:], account)
+    account.leave_out("object", "truncated, the last one", "the file's end")
+    return b""
 
 
 class _Objects:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import gc
 import io
 import logging
@@ -19,6 +20,7 @@ from typing import Any, BinaryIO
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
+from liftgate_hil.formats.reading import DAMAGED
 
 
 @contextmanager
@@ -66,9 +68,9 @@ def why_not_read(error: Exception) -> str:
     """Return why a file or a channel cannot be read. What asammdf says of it is about its own code."""
     if isinstance(error, MemoryError):
         return "it needs more memory than there is"
-    if isinstance(error, OSError) and error.strerror:
+    if isinstance(error, OSError) and error.strerror and error.errno != errno.EINVAL:  # a place before the file
         return error.strerror
-    return "truncated or damaged"
+    return DAMAGED
 
 
 def _is_finished(path: Path) -> bool:
@@ -78,7 +80,7 @@ def _is_finished(path: Path) -> bool:
     if head[:7] not in (b"MDF    ", b"UnFinMF"):
         raise ConfigError(f"{path}: cannot be read: no MDF file; allowed: one that begins with MDF")
     if len(head) < _HEADER_BLOCK:
-        raise ConfigError(f"{path}: cannot be read: truncated or damaged")
+        raise ConfigError(f"{path}: cannot be read: {DAMAGED}")
     return head[:7] == b"MDF    "
 
 

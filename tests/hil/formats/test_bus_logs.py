@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import time
+import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -403,6 +404,29 @@ def test_an_identifier_of_blf_with_too_many_bits_is_not_understood(tmp_path: Pat
     assert log.notes == ("2 objects left out (not understood), the first in object 2",)
 
 
+def test_a_damaged_blf_is_refused_in_our_own_words_and_one_that_was_cut_off_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "m.blf"
+    head = blf(path).read_bytes()
+    packed = zlib.compress(b"".join(blf_message(number) for number in range(0x700)))
+    begin = struct.pack("<4sHHLLH14x", b"LOBJ", 16, 1, 32 + len(packed), 10, 2)
+    for content, said in (
+        (b"LOGG", "truncated or damaged"),
+        (head + begin + b"\xff" * len(packed), "truncated or damaged"),
+        (head + begin[:20], "neither rows nor frames, but 1 object left out (truncated, the last one)"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(ConfigError) as caught:
+            open_recording(path)
+        assert str(caught.value).startswith((f"{path}: cannot be read: {said}", f"{path}: {said}"))
+        assert "Error -" not in str(caught.value)
+    path.write_bytes(head + begin + packed[: len(packed) // 2])
+    log = open_file(path)
+    found = [each.identifier for each in frames_in(log)]
+    assert found == list(range(len(found)))
+    assert 0x300 < len(found) < 0x700
+    assert "1 container left out (truncated, what is there is read), the first in the file's end" in log.notes
+
+
 def test_a_blf_of_other_objects_says_what_it_holds(tmp_path: Path) -> None:
     path = blf(tmp_path / "m.blf", blf_object(71, b"frame"), blf_object(71, b"frame"))
     with pytest.raises(ConfigError, match="neither rows nor frames, but 2 Ethernet objects left out"):
@@ -451,11 +475,7 @@ def test_other_forms_under_our_ending_are_named(tmp_path: Path, lines: list[str]
 @pytest.mark.parametrize(
     ("name", "line", "said"),
     [
-        (
-            "m.csv",
-            "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2",
-            "is a log of SavvyCAN; allowed: saved by",
-        ),
+        ("m.csv", "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2", "is a log of SavvyCAN; allowed: saved by"),
         ("m.csv", "ID,Data Bytes", "is a log of SavvyCAN without times"),
         ("m.txt", "166.064000 CXX GVRET-PC Reverse Engineering Tool Output V138", "is a CRTD log"),
     ],
