@@ -25,7 +25,7 @@ _FORMS = (
     (_ROOT + rb"(?:CANDELA|ODX)[\s>]", OTHERS[".odx"], ""),
     (_ROOT + rb"FIBEX[\s>]", "a FIBEX database", ""),
     (_ROOT + rb"html[\s>]", "a web page", ""),
-    (rb"version https://git-lfs", "a Git LFS pointer instead of the file", ""),
+    (rb"version https://git-lfs", "a Git LFS pointer instead of the file, which git lfs pull fetches", ""),
     (rb"PK\x03\x04", "a spreadsheet, or another ZIP archive", ""),
     (rb"\xD0\xCF\x11\xE0", OTHERS[".xls"], ""),
     (rb"\x1F\x8B", "compressed by gzip", ""),
