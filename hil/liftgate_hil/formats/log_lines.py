@@ -6,10 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.bus_log import Fields, Part, Sorter
+from liftgate_hil.formats.bus_log import NO_TIME_NS, Fields, Part, Sorter
 from liftgate_hil.formats.text_blocks import lines_in
-
-_NO_TIME_NS = 1 << 63  # no time in ns holds as much
 
 
 class NotUnderstoodError(Exception):
@@ -36,7 +34,7 @@ class LogLines:
         for number, line, is_whole in lines_in(path):
             try:
                 found = self.frame_in(number, line)
-                if found is not None and abs(found[1][0]) >= _NO_TIME_NS:
+                if found is not None and abs(found[1][0]) >= NO_TIME_NS:
                     raise NotUnderstoodError
             except (NotUnderstoodError, ValueError, LookupError, OverflowError):
                 found = None

@@ -457,6 +457,18 @@ def test_forms_of_candump_are_read_or_named(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("digits", [10, 20, 400])
+@pytest.mark.parametrize("form", ["can0 123#01", "can0 123#01 a remark"])  # the second is read line by line
+def test_a_time_of_candump_that_no_frame_can_have_is_not_understood(
+    tmp_path: Path, digits: int, form: str
+) -> None:
+    lines = ["(1.000000) can0 123#02", f"({'9' * digits}.000000) {form}", "(2.000000) can0 123#03"]
+    found, notes = read(tmp_path / "m.log", *lines)
+    assert [each.payload for each in found] == ["02", "03"]
+    (note,) = notes
+    assert note.startswith("1 line left out (not understood), the first in line 2: ")
+
+
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
