@@ -18,6 +18,7 @@ class MessageWriter(StreamWriter):
         super().__init__(stream, content)
         self._message_of = message_of
         self._writer = writer
+        self._channel = content.bus_number
         self._zero_us = 0  # time by the wall clock from which the format's timestamps count [µs since 1970]
 
     def write_frames(self, frames: Any) -> None:
@@ -30,7 +31,7 @@ class MessageWriter(StreamWriter):
         plain = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
         for row, stamp in enumerate(stamps.tolist()):
             message = self._message_of(plain, row)
-            message.timestamp, message.channel, message.is_rx = stamp, self._content.bus_number, not sent[row]
+            message.timestamp, message.channel, message.is_rx = stamp, self._channel, not sent[row]
             self._writer.on_message_received(message)
 
     def close(self) -> None:
