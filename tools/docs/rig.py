@@ -28,12 +28,14 @@ A quantity is mapped by `quantity = "MESSAGE.SIGNAL"`, or by a table if the sign
 unit, scale or values."""
 
 _DATABASE = """\
-DBC, ARXML, KCD and SYM (version 6.0) are read by cantools. What of a file is faulty is left out, and a note of
-`rig check`, `rig draft`, `judge`, `convert`, `plot` and `compare` says what and why, with the line in a DBC:
+DBC, ARXML, KCD and SYM (version 5.0 and 6.0) are read by cantools. What of a file is faulty is left out, and a
+note of `rig check`, `rig draft`, `judge`, `convert`, `plot` and `compare` says what, why and, in a DBC, the line:
 
 - A message whose signals overlap or go beyond its end, that has the name or the identifier of another one, or that
   a line defines which is not understood. It is refused where the rig uses it.
 - A line of a DBC that defines no message, such as a comment or an attribute; the message that it is about stays.
+
+An identifier above 0x7FF is one of 29 bits, also where a DBC, KCD or SYM does not mark it so, which a note says.
 
 A file with several buses is refused with their names; `dbc = "their.kcd#Body"` takes the messages of one. A
 database in place of a rig (`convert --rig`, `judge --rig`) and `rig draft` take the same form.

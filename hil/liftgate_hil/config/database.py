@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.config.database_content import content_of
+from liftgate_hil.config.database_forms import OTHERS, form_of
 from liftgate_hil.config.files import is_there, read_bytes
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.config.toml import show, text
@@ -15,17 +16,6 @@ from liftgate_hil.errors import ConfigError, ConfigIssues
 
 # File suffix: encoding of files that are not UTF-8.
 KINDS = {".dbc": "cp1252", ".arxml": "utf-8", ".kcd": "utf-8", ".sym": "cp1252"}
-# Suffixes that are named by mistake, and what such a file is.
-_OTHERS = {
-    ".cdd": "a diagnostic database",
-    ".odx": "a diagnostic database",
-    ".pdx": "a diagnostic database",
-    ".ldf": "a LIN database",
-    ".a2l": "a calibration database",
-    ".dbf": "a BUSMASTER database, which BUSMASTER exports as DBC",
-    ".xlsx": "a spreadsheet",
-    ".xls": "a spreadsheet",
-}
 _MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _MOST_REASONS = 3  # why a file has no messages
 
@@ -72,7 +62,7 @@ def load_messages(issues: ConfigIssues, file: DatabaseFile) -> Messages:
     try:
         raw = read_bytes(path)
         if kind not in KINDS:
-            is_other = f"is {_OTHERS[kind]}; " if kind in _OTHERS else ""
+            is_other = f"is {OTHERS[kind]}; " if kind in OTHERS else ""
             raise ConfigError(f"{path}: {is_other}allowed: a file of {', '.join(KINDS)}")
     except ConfigError as error:
         issues.add("dbc", str(error))
@@ -81,10 +71,11 @@ def load_messages(issues: ConfigIssues, file: DatabaseFile) -> Messages:
         written = "\n".join(raw.decode(_encoding(raw, kind)).splitlines()) + "\n"
         buses = content_of(written, kind)
     except UnicodeDecodeError as error:
-        issues.add("dbc", f"{path}: cannot be read: no text in {error.encoding} from byte {error.start} on")
+        why = f"cannot be read: no text in {error.encoding} from byte {error.start} on"
+        issues.add("dbc", f"{path}: {form_of(raw, kind) or why}")
         return Messages()
     except ConfigError as error:
-        issues.add("dbc", f"{path}: cannot be read: {error}")
+        issues.add("dbc", f"{path}: {form_of(raw, kind) or f'cannot be read: {error}'}")
         return Messages()
     if file.bus and file.bus not in buses:
         names = ", ".join(filter(None, buses)) or "none, as its bus has no name"
@@ -97,7 +88,8 @@ def load_messages(issues: ConfigIssues, file: DatabaseFile) -> Messages:
     found = buses[file.bus] if file.bus else next(iter(buses.values()))
     if not found:
         reasons = f"; {'; '.join(found.notes[:_MOST_REASONS])}" if found.notes else ""
-        issues.add("dbc", f"{path}: has no messages; allowed: a CAN database with messages{reasons}")
+        why = f"has no messages; allowed: a CAN database with messages{reasons}"
+        issues.add("dbc", f"{path}: {form_of(raw, kind) or why}")
     return found
 
 

@@ -12,8 +12,9 @@ from xml.etree import ElementTree
 
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.config.database_parts import Remains, load_text, reason_of, too_large
-from liftgate_hil.config.database_remains import kcd_remains, sym_remains
+from liftgate_hil.config.database_remains import as_sym_6, kcd_remains, sym_remains
 from liftgate_hil.config.dbc_remains import dbc_remains
+from liftgate_hil.config.signal_name import listed
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import MOST, ConfigError
 
@@ -33,6 +34,8 @@ def content_of(written: str, kind: str) -> Mapping[str, Messages]:
     scenarios with the same database: messages are read, and never changed. Raises ConfigError if nothing can be
     read.
     """
+    if kind == ".sym":
+        written = as_sym_6(written)
     wrong = too_large(written, kind)
     if wrong and kind not in _REMAINS:
         raise ConfigError(wrong)
@@ -93,6 +96,8 @@ def _sorted_out(messages: Sequence[Message], remains: Remains) -> Messages:
     kept = [each for each in messages if each.name not in left_out]
     notes = [f"{name} is left out: {why}" for name, why in left_out.items()]
     notes += [f"{each}: left out" for each in remains.notes]
+    if taken := [each.name for each in kept if each.name in remains.unmarked]:
+        notes.append(f"identifiers of more than 11 bits, not marked as of 29, are taken as such: {listed(taken)}")
     more = [f"and {len(notes) - MOST} more faults"] if len(notes) > MOST else []
     return Messages(kept, left_out, [*notes[:MOST], *more])
 

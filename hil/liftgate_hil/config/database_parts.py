@@ -45,7 +45,7 @@ _REASONS = (
     (r"Could not parse AUTOSAR version '(.+)'|Unrecognized XML namespace '(.+)'", "{} is no version of AUTOSAR"),
     (r"illegal root tag name '(?:\{.*\})?(.+)'", "its root is {}, not AUTOSAR"),
     (r"Expected (\d+) (\w+) values? for linear scaling, but got (\d+)", "a scaling has {2} {1} values, not {0}"),
-    (r"Only SYM version 6.0", "its version is not 6.0, as which PCAN Symbol Editor saves it"),
+    (r"Only SYM version 6.0", "its version is neither 5.0 nor 6.0, as which PCAN Symbol Editor saves it"),
 )
 
 
@@ -56,10 +56,16 @@ class Remains:
     messages: Sequence[Message] = ()
     left_out: dict[str, str] = field(default_factory=dict)  # message: why
     notes: list[str] = field(default_factory=list)  # on what else was left out
+    unmarked: list[str] = field(default_factory=list)  # messages whose identifiers were taken as of 29 bits
 
     def leave_out(self, name: str, why: str) -> None:
         """Leave out a message; of several reasons the first one counts."""
         self.left_out.setdefault(name, why)
+
+
+def needs_29_bits(identifier: int) -> bool:
+    """Whether no frame of 11 bits has an identifier, but one of 29 bits can."""
+    return 0x7FF < identifier <= 0x1FFFFFFF
 
 
 def load_text(written: str, kind: str, is_strict: bool = False) -> list[Message]:

@@ -7,7 +7,15 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from liftgate_hil.config.database_parts import BLOCK, Remains, load_text, reason_of, refused, too_large
+from liftgate_hil.config.database_parts import (
+    BLOCK,
+    Remains,
+    load_text,
+    needs_29_bits,
+    reason_of,
+    refused,
+    too_large,
+)
 from liftgate_hil.config.dbc_statements import (
     MessageStatements,
     Statement,
@@ -34,6 +42,7 @@ _ATTRIBUTES = (
     "GenMsgCycleTime", "GenMsgSendType", "GenSigSendType", "GenSigStartValue", "VFrameFormat", "CANFD_BRS",
     "SystemMessageLongSymbol", "SystemSignalLongSymbol",
 )  # fmt: skip
+_MARK = 1 << 31  # in the number of a message whose identifier has 29 bits
 _UNSIGNED = "VECTOR__INDEPENDENT_SIG_MSG"  # holds the signals that no message has
 _HEAD = "BO_ 1 M: 8 Vector__XXX\n"
 _SIGNAL = ' SG_ S : 0|8@1+ (1,0) [0|1] "" Vector__XXX\n'
@@ -159,8 +168,13 @@ def _whole(statements: Sequence[Statement], defined: set[str], remains: Remains)
                 other.keyword in _DESCRIBING and (other.keyword != "BA_" or other.attribute in defined)
             ):
                 kept.append(other)
-        if each.name:
-            yield each._replace(others=tuple(kept))
+        if not each.name:
+            continue
+        message = each._replace(others=tuple(kept))
+        if needs_29_bits(int(each.number)):
+            remains.unmarked.append(each.name)
+            message = message.numbered(str(int(each.number) | _MARK))
+        yield message
 
 
 def _sound(message: MessageStatements, attempt: _Attempt, remains: Remains) -> MessageStatements | None:

@@ -55,6 +55,12 @@ class Statement(NamedTuple):
         found = _SIGNAL.match(self.text) if self.keyword == "SG_" else _MESSAGE[self.keyword].match(self.text)
         return (found[found.re.groups] or "") if found else ""
 
+    def of_message(self, number: str) -> Statement:
+        """Return the statement as that of the message of another number."""
+        found = _MESSAGE[self.keyword].match(self.text) if self.keyword in _MESSAGE else None
+        text = f"{self.text[: found.start(1)]}{number}{self.text[found.end(1) :]}" if found else self.text
+        return self._replace(text=text, number=number)
+
     @property
     def place(self) -> str:
         """Line and keyword, for messages."""
@@ -137,6 +143,11 @@ class MessageStatements(NamedTuple):
     def name(self) -> str:
         """Name of the message; "": there is no BO_."""
         return self.own[0].name if self.own and self.own[0].keyword == "BO_" else ""
+
+    def numbered(self, number: str) -> MessageStatements:
+        """Return the statements as those of the message of another number."""
+        own, others = (tuple(each.of_message(number) for each in some) for some in (self.own, self.others))
+        return MessageStatements(number, own, others)
 
     @property
     def signals(self) -> set[str]:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from liftgate_hil.errors import number_of, printable
 
 CUT = "its last line is truncated and ignored"
 _MOST_KINDS = 12  # that are named
+_EXACT = 2**53  # integers up to this are exact as floats
 _MOST_QUOTED = 60  # characters of a line
 
 
@@ -25,11 +31,13 @@ class Account:
 
     def __init__(self) -> None:
         self._kinds: dict[tuple[str, str], _Kind] = {}
+        self._rounded: dict[str, _Kind] = {}  # integers, by column
         self._is_cut = False
 
     def clear(self) -> None:
         """Begin anew, for another pass over the file."""
         self._kinds.clear()
+        self._rounded.clear()
         self._is_cut = False
 
     def cut_off(self) -> None:
@@ -49,6 +57,16 @@ class Account:
         """Count a line of a text that no form of the format covers."""
         self.leave_out("line", "not understood", f"line {line}: {quoted(text)}")
 
+    def floats_of(self, name: str, numbers: NDArray[Any] | Sequence[int]) -> NDArray[np.float64]:
+        """Return numbers of a column (n,) as floats, and count the integers that these cannot hold."""
+        values = np.asarray(numbers, dtype=np.float64)
+        is_whole = np.asarray(numbers).dtype.kind != "f"
+        large = np.flatnonzero(np.abs(values) >= _EXACT).tolist() if is_whole else []
+        rounded = [int(numbers[k]) for k in large if int(numbers[k]) != int(values[k])]
+        if rounded:
+            self._rounded.setdefault(name, _Kind(0, str(rounded[0]))).count += len(rounded)
+        return values
+
     def notes(self) -> list[str]:
         """Return a note for each kind; kinds beyond the first dozen share one."""
         notes = [CUT] if self._is_cut else []
@@ -57,7 +75,14 @@ class Account:
             for (noun, why), each in list(self._kinds.items())[:_MOST_KINDS]
         ]
         rest = [each.count for each in list(self._kinds.values())[_MOST_KINDS:]]
-        return [*notes, f"{sum(rest)} more of {number_of(len(rest), 'other kind')} left out"] if rest else notes
+        notes += [f"{sum(rest)} more of {number_of(len(rest), 'other kind')} left out"] if rest else []
+        rounded = list(self._rounded.items())
+        notes += [
+            f"{name}: {number_of(each.count, 'integer')} beyond 2^53 rounded to 53 bits, the first is {each.first}"
+            for name, each in rounded[:_MOST_KINDS]
+        ]
+        more = len(rounded) - _MOST_KINDS
+        return [*notes, f"integers of {number_of(more, 'more column')} rounded"] if more > 0 else notes
 
 
 def quoted(text: str) -> str:

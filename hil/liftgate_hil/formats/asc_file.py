@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, Frames
+from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE
 from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.bus_log import (
     BUS_ERROR,
@@ -23,8 +23,8 @@ from liftgate_hil.formats.bus_log import (
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.local_time import local_of, stated_in
 from liftgate_hil.formats.log_lines import LogLines, NotUnderstoodError
+from liftgate_hil.formats.message_writer import MessageWriter
 from liftgate_hil.formats.text_blocks import lines_in
-from liftgate_hil.formats.writer import StreamWriter
 
 _HEAD = 40  # lines that may hold the header
 _BASE = re.compile(
@@ -39,17 +39,22 @@ _NO_STAMP = re.compile(
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 _IDENTIFIER = {16: re.compile(r"[0-9A-Fa-f]+[xX]?"), 10: re.compile(r"\d+[xX]?")}
 # What follows the timestamp in lines that are known to be no frame.
-_KNOWN = frozenset(("start", "trigger", "log", "//", "can", "//start"))
+_KNOWN = frozenset(("start", "trigger", "log", "//", "can", "//start", "comment:"))
+_MARKER = "GMGroup:"  # in the line of a global marker
+_TRANSPORT = "j1939tp"  # the kind of an object which may stand behind its bus
 # Objects of other kinds, by what follows their timestamps: Vector's ASC logging files format specification.
 _OBJECTS = (
     ("CAN XL frame", re.compile(r"canxl", re.IGNORECASE)),
-    ("J1939 transport protocol line", re.compile(r"j1939tp", re.IGNORECASE)),
+    ("J1939 transport protocol line", re.compile(_TRANSPORT, re.IGNORECASE)),
     ("LIN line", re.compile(r"li|l\d+|lin.*", re.IGNORECASE)),
     ("FlexRay line", re.compile(r"fr|frs|fpdu", re.IGNORECASE)),
     ("Ethernet line", re.compile(r"eth.*", re.IGNORECASE)),
     ("MOST line", re.compile(r"m\d+|mpkt|mraw|mstat|most.*|mlong|msho.*", re.IGNORECASE)),
     ("ARINC 429 line", re.compile(r"a429|al.*", re.IGNORECASE)),
     ("WLAN line", re.compile(r"wlan", re.IGNORECASE)),
+    ("AFDX line", re.compile(r"afdx", re.IGNORECASE)),
+    ("GPS line", re.compile(r"gps-device:.*", re.IGNORECASE)),
+    ("serial line event", re.compile(r"com\d+", re.IGNORECASE)),
     ("system variable", re.compile(r"sv:|sv", re.IGNORECASE)),
     ("test feature set line", re.compile(r"tfs:.*", re.IGNORECASE)),
 )
@@ -58,17 +63,12 @@ _WAYS = {"rx": False, "tx": True}
 _FLAG_REMOTE, _FLAG_FD = 0x10, 0x1000
 
 
-class AscWriter(StreamWriter):
+class AscWriter(MessageWriter):
     """Writer of ASC by python-can, whose header has the start of the run; error frames have no class there."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
-        from liftgate_hil.transport.messages import message_of
-
-        super().__init__(stream, content)
-        self._message_of = message_of
-        self._channel = content.bus_number
         text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
-        self._writer = _writer(text)
+        super().__init__(stream, content, _writer(text))
 
     @property
     def written(self) -> int:
@@ -78,27 +78,14 @@ class AscWriter(StreamWriter):
     def begin(self, epoch_ns: int) -> None:
         """Write the wall clock at the start of the run [ns since 1970], and the provenance as comments."""
         super().begin(epoch_ns)
-        self._writer.begin(epoch_ns // 1000)
+        self._zero_us = epoch_ns // 1000
+        self._writer.begin(self._zero_us)
         for line in lines_about(self._content.about) or [self._content.title]:  # `ours` looks for the name
             self._writer.file.write(f"// {line}\n")
-
-    def write_frames(self, frames: Any) -> None:
-        """Write frames (n,) LOGGED, with times since the start of the run, in whole microseconds."""
-        stamps = ((frames["time_ns"] + self._epoch_ns + 500) // 1000 - self._epoch_ns // 1000).tolist()
-        sent = frames["is_sent"].tolist()
-        plain = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
-        for row, stamp in enumerate(stamps):
-            message = self._message_of(plain, row)
-            message.timestamp, message.channel, message.is_rx = stamp / 1e6, self._channel, not sent[row]
-            self._writer.on_message_received(message)
 
     def write_mark(self, time_s: float, text: str) -> None:
         """Write a mark at a time [s], as a comment."""
         self._writer.log_event(f"// {text}", time_s)
-
-    def close(self) -> None:
-        """Complete the log and close the file."""
-        self._writer.stop()
 
 
 def _writer(stream: io.TextIOWrapper) -> Any:
@@ -168,7 +155,10 @@ class _Lines(LogLines):
 
     def _stamped(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
         """Return the frame of a line with a timestamp, from the word after it on. Raises as `frame_in`."""
-        kind = words[0].lower()
+        has_bus = words[0].isdecimal()
+        kind = (words[1] if has_bus and words[1].lower() == _TRANSPORT else words[0]).lower()
+        if _MARKER in words:
+            return None
         if kind.isdecimal():
             return self._classic(number, bus_of(int(words[0])), words[1:])
         if kind == "canfd":
@@ -209,7 +199,7 @@ class _Lines(LogLines):
         then duration, length in bits and flags, which say whether it is a CAN FD frame at all.
         """
         if words[1].lower() == "errorframe":
-            return bus, self._error()
+            return bus, self._error(_WAYS[words[0].lower()])
         if not self._is_identifier(number, words[1:]) or self._is_request(number, words[0]):
             return None
         identifier, is_sent = self._identifier(words[1]), _WAYS[words[0].lower()]
@@ -254,8 +244,8 @@ class _Lines(LogLines):
     def _bytes(self, words: Sequence[str]) -> bytes:
         return bytes(int(word, self._base) for word in words)
 
-    def _error(self) -> Fields:
-        return self._now_us * 1000, ERROR | BUS_ERROR, 0, False, b""
+    def _error(self, is_sent: bool = False) -> Fields:
+        return self._now_us * 1000, ERROR | BUS_ERROR, 0, is_sent, b""
 
     def _fields(self, identifier: int, length: int, is_sent: bool, data: bytes) -> Fields:
         """Return the fields of a frame. Raises NotUnderstoodError if the line has other bytes than it says."""

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, Frames
+from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.bus_log import (
@@ -31,23 +31,18 @@ from liftgate_hil.formats.bus_log import (
 )
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.local_time import as_system_time, local_of, of_system_time
+from liftgate_hil.formats.message_writer import MessageWriter
 from liftgate_hil.formats.reading import as_config_errors
-from liftgate_hil.formats.writer import StreamWriter
 
 _CONTAINER_BYTES = 128 * 1024  # that are compressed together
 _WALL_US = 631_152_000_000_000  # 1990: python-can takes an earlier start as none
 
 
-class BlfWriter(StreamWriter):
+class BlfWriter(MessageWriter):
     """Writer of BLF by python-can, whose header has the start of the run in local time, as CANoe writes it."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
-        from liftgate_hil.transport.messages import message_of
-
-        super().__init__(stream, content)
-        self._message_of = message_of
-        self._channel = content.bus_number
-        self._writer = _writer(stream)
+        super().__init__(stream, content, _writer(stream))
 
     @property
     def written(self) -> int:
@@ -59,25 +54,10 @@ class BlfWriter(StreamWriter):
         super().begin(epoch_ns)
         self._writer.start_timestamp = epoch_ns // 1_000_000 / 1e3
 
-    def write_frames(self, frames: Any) -> None:
-        """Write frames (n,) LOGGED."""
-        # In whole microseconds, as in candump's text, so that rounding does not depend on the format.
-        stamps = ((frames["time_ns"] + self._epoch_ns + 500) // 1000 / 1e6).tolist()
-        sent = frames["is_sent"].tolist()
-        plain = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
-        for row, stamp in enumerate(stamps):
-            message = self._message_of(plain, row)
-            message.timestamp, message.channel, message.is_rx = stamp, self._channel, not sent[row]
-            self._writer.on_message_received(message)
-
     def write_mark(self, time_s: float, text: str) -> None:
         """Write a mark at a time [s]: a global marker."""
         plain = text.encode("ascii", "replace").decode()  # python-can encodes it so where it is not Windows
         self._writer.log_event(plain, time_s + self._epoch_ns * 1e-9)
-
-    def close(self) -> None:
-        """Complete the log and close the file."""
-        self._writer.stop()
 
 
 def _writer(stream: BinaryIO) -> Any:
@@ -129,27 +109,28 @@ _KINDS = {
     **dict.fromkeys((29, 30, 40, 41, 45, *range(47, 51), 66), "FlexRay object"),
     **dict.fromkeys((71, 102, 103, *range(120, 124)), "Ethernet object"),
     **dict.fromkeys((6, 7, 8, 9, 72, 124), "variable"),
-    **dict.fromkeys((31, 74), "error report of the CAN driver"),
+    **dict.fromkeys((31, 74), "CAN driver error"),
     **dict.fromkeys((93,), "WLAN object"),
     **dict.fromkeys((97, 106, 109), "AFDX object"),
     **dict.fromkeys((110, 111, 113), "ARINC 429 object"),
     **dict.fromkeys((55, 56), "J1708 message"),
     3: "overload frame",
     46: "GPS object",
-    90: "event of a serial line",
-    91: "overrun report of the CAN driver",
+    90: "serial line event",
+    91: "CAN driver overrun",
     99: "K-Line object",
-    125: "begin of a loss of data",
-    126: "end of a loss of data",
+    125: "data loss begin",
+    126: "data loss end",
 }
 
 
 def open_blf(path: Path) -> BusLog:
     """Open a log in BLF. Raises ConfigError."""
     with as_config_errors(path), path.open("rb") as stream:
-        fields = _FILE.unpack(stream.read(_FILE.size))
-        if fields[0] != b"LOGG":
+        head = stream.read(_FILE.size)
+        if not head.startswith(b"LOGG"):
             raise ConfigError(f"{path}: cannot be read: no BLF file; allowed: one that begins with LOGG")
+        fields = _FILE.unpack(head)
         size, there = fields[2], os.fstat(stream.fileno()).st_size
     remarks = [f"truncated: {there} of {size} bytes; what is there is read"] if size > there else []
     stated = of_system_time(fields[6:14])
@@ -211,11 +192,13 @@ def _unpacked(body: bytes, account: Account) -> bytes:
 
 def _rest_of(text: bytes, account: Account) -> bytes:
     """Return what a truncated object at the end of a file holds: the beginning of a container, or nothing."""
-    account.leave_out("object", "truncated, the last one", "the end of the file")
-    if len(text) < _BASE.size + _CONTAINER.size:
-        return b""
-    _, header_size, _, _, kind = _BASE.unpack_from(text)
-    return _unpacked(text[header_size:], account) if kind == _IS_CONTAINER else b""
+    if len(text) >= _BASE.size + _CONTAINER.size:
+        _, header_size, _, _, kind = _BASE.unpack_from(text)
+        if kind == _IS_CONTAINER:
+            account.leave_out("container", "truncated, what is there is read", "the file's end")
+            return _unpacked(text[header_size:], account)
+    account.leave_out("object", "truncated, the last one", "the file's end")
+    return b""
 
 
 class _Objects:
@@ -255,7 +238,7 @@ class _Objects:
         try:
             flags, stamp = _STAMP.unpack_from(text, _BASE.size)
             way, channel, identifier, length, payload = read(text, header_size)
-        except (struct.error, IndexError):
+        except (struct.error, IndexError, ValueError):
             self._account.leave_out("object", "not understood", f"object {self._count}")
             return
         if way == _REQUEST:
@@ -326,4 +309,8 @@ _READERS: dict[int, Callable[[bytes, int], Read]] = {
 
 
 def _identifier(number: int) -> int:
-    return number & 0x1FFFFFFF | (EXTENDED if number & EXTENDED else 0)
+    """Return the identifier in a message. Raises ValueError if it has too many bits."""
+    plain = number & ~EXTENDED
+    if plain >= 1 << (29 if number & EXTENDED else 11):
+        raise ValueError(f"identifier 0x{plain:X}")
+    return number

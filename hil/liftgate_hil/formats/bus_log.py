@@ -19,6 +19,7 @@ from liftgate_hil.formats.reading import as_config_errors
 from liftgate_hil.formats.recording import Recording, no_such_bus
 
 BUS_ERROR = 0x80  # class "bus error" of linux/can/error.h: that of an error frame whose format states no class
+NO_TIME_NS = 1 << 63  # the field of a frame's time cannot hold as much
 LONGEST_NS = 10**18  # latest time in a log: 32 years
 REQUEST = "a request to send, which is no frame on the bus"  # why a TxRq entry is left out
 _CLASSIC_BYTES = 8

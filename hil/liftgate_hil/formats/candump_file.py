@@ -27,7 +27,7 @@ from liftgate_hil.codec.frames import (
 )
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.bus_log import BUS_ERROR, BusLog, Fields, Part, Sorter, is_length, log_of
+from liftgate_hil.formats.bus_log import BUS_ERROR, NO_TIME_NS, BusLog, Fields, Part, Sorter, is_length, log_of
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.reading import as_config_errors
 from liftgate_hil.formats.text_blocks import TextBlock, text_blocks
@@ -137,11 +137,14 @@ def _parts(path: Path, start_us: int, account: Account) -> Iterator[Part]:
 
 
 def _at_once(found: Sequence[tuple[bytes, ...]], start_us: int) -> list[Part] | None:
-    """Return the frames of lines in the usual form; None if one has an unusual length or identifier."""
+    """Return the frames of lines in the usual form; None if one has an unusual time, length or identifier."""
     stamps, buses, names, fd, payloads, ways = zip(*found, strict=True)
     rows = np.zeros(len(found), dtype=LOGGED)
     # A float of seconds since 1970 is precise to less than a microsecond.
-    rows["time_ns"] = (np.round(np.array(list(map(float, stamps))) * 1e6).astype(np.int64) - start_us) * 1000
+    seconds = np.array(list(map(float, stamps)))
+    if seconds.max() * 1e9 >= NO_TIME_NS:
+        return None
+    rows["time_ns"] = (np.round(seconds * 1e6).astype(np.int64) - start_us) * 1000
     numbers = {name: _identifier(name.decode()) for name in set(names)}
     if None in numbers.values():
         return None
@@ -259,7 +262,8 @@ def _microseconds(stamp: str) -> int | None:
     try:
         if " " in stamp:
             return round(datetime.fromisoformat(stamp).timestamp() * 1e6)
-        return round(float(stamp) * 1e6)
+        found = round(float(stamp) * 1e6)
+        return found if found * 1000 < NO_TIME_NS else None
     except (ValueError, OverflowError, OSError):
         return None
 

@@ -11,6 +11,7 @@ import csv
 import io
 import math
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import tzinfo
@@ -86,6 +87,8 @@ _LONGEST = 1 << 22  # longest header, and longest last line [bytes]
 _AS_POINTS = bytes.maketrans(b",.", b".'")  # a point among decimal commas is none, so that its cell is refused
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # how a text begins that Excel calls Unicode
 _MOST_UTF_16 = 1 << 29  # bytes of such a file, which is decoded as a whole
+_LARGE = 2.0**53  # an integer from here on may be none as a float
+_INTEGER = re.compile(r"[+-]?\d{1,300}")  # more digits than a float has
 _OR_A_DATE = f", or a date in each row, such as {FORMS}"
 _BLOCK = 1 << 22  # bytes that are parsed at a time, so that an interrupt does not wait for long
 
@@ -134,6 +137,7 @@ class CsvFile(Recording):
         plain = [column for column, name in enumerate(wanted) if name not in self.moments]
         places = [order[wanted[column]] for column in plain]
         number, before = 1, dict.fromkeys(self.moments, 0.0)
+        self.rows_account.clear()
         for text in self._lines():
             if not dates:
                 table = self._table(text, number, places)
@@ -201,7 +205,19 @@ class CsvFile(Recording):
                 table = self._whole(text, places)
             if table is None:
                 table = self._cells(text, places)
-        return self._by_cell(text, written, number, places) if table is None else table
+        table = self._by_cell(text, written, number, places) if table is None else table
+        if (np.abs(table) >= _LARGE).any():
+            self._account_for_integers(text, table, places)
+        return table
+
+    def _account_for_integers(self, text: bytes, table: Floats, places: Sequence[int]) -> None:
+        """Tell the account of the integers in large cells, which may have more digits than a float holds."""
+        rows = self._rows_of(text)
+        for column, place in enumerate(places):
+            large = np.flatnonzero(np.abs(table[:, column]) >= _LARGE)
+            cells = [rows[row][place].strip() for row in large]
+            integers = [int(each) for each in cells if _INTEGER.fullmatch(each)]
+            self.rows_account.floats_of(self.names[place], integers)
 
     def _whole(self, text: bytes, places: Sequence[int]) -> Floats | None:
         """Return the columns by parsing all cells as JSON; None if that is not possible."""

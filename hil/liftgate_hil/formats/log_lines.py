@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.bus_log import Fields, Part, Sorter
+from liftgate_hil.formats.bus_log import NO_TIME_NS, Fields, Part, Sorter
 from liftgate_hil.formats.text_blocks import lines_in
 
 
@@ -23,7 +23,8 @@ class LogLines:
     def frame_in(self, number: int, line: str) -> tuple[str, Fields] | None:
         """Return the bus and the fields of the frame in a line; None: it is known to be none.
 
-        Raises NotUnderstoodError, ValueError, IndexError for a line that no form of the format covers.
+        Raises NotUnderstoodError, ValueError, LookupError, OverflowError for a line that no form of the format
+        covers.
         """
         raise NotImplementedError
 
@@ -33,7 +34,9 @@ class LogLines:
         for number, line, is_whole in lines_in(path):
             try:
                 found = self.frame_in(number, line)
-            except (NotUnderstoodError, ValueError, IndexError):
+                if found is not None and abs(found[1][0]) >= NO_TIME_NS:
+                    raise NotUnderstoodError
+            except (NotUnderstoodError, ValueError, LookupError, OverflowError):
                 found = None
                 if is_whole:
                     self._account.not_understood(number, line)

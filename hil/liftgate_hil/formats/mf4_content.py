@@ -3,34 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from typing import Any
 
+from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.mcap_layout import ABOUT
-from liftgate_hil.formats.mf4_frames import KINDS, field_of
+from liftgate_hil.formats.mf4_frames import KINDS
+from liftgate_hil.formats.mf4_reader import why_not_read
 from liftgate_hil.formats.mf4_values import values_of
-from liftgate_hil.formats.reading import cause_text
 
 # How the names of other buses' frames begin (ASAM MDF bus logging).
 _OTHER_BUSES = ("LIN", "FLX", "MOST", "ETH", "USB", "K_LINE")
 _SECONDS = ("", "s", "sec", "S", "seconds")  # unit of times: ASAM MDF has seconds
 _TIMES = (0, 1)  # sync_type of a group's master: none stated, or time
-
-
-def buses_in(measured: Any) -> tuple[dict[int, tuple[str, int]], int]:
-    """Return the groups of frames, and the number of the first frame's bus.
-
-    Of each group: its kind, and the place of the channel that holds whole frames.
-    """
-    buses, number = {}, 0
-    for group, content in enumerate(measured.groups):
-        kind = next((each.name for each in content.channels if each.name in KINDS), "")
-        if kind and content.channel_group.cycles_nr:
-            place = next(k for k, each in enumerate(content.channels) if each.name == kind)
-            buses[group] = kind, place
-            first = measured.select([(None, group, place)], record_count=1, raw=True)[0].samples
-            number = int(field_of(first, kind, "BusChannel", [0])[0])
-    return buses, number
 
 
 def other_buses_in(measured: Any) -> Iterator[str]:
@@ -49,7 +34,7 @@ def _is_of_other_bus(name: str) -> bool:
     )
 
 
-def columns_in(measured: Any, buses: Collection[int], notes: list[str]) -> dict[str, tuple[int, int]]:
+def columns_in(measured: Any, notes: list[str]) -> dict[str, tuple[int, int]]:
     """Return the channels over time, by name: group, and place in it.
 
     Channels of the same name in several groups with samples are called GROUP.NAME.
@@ -57,8 +42,7 @@ def columns_in(measured: Any, buses: Collection[int], notes: list[str]) -> dict[
     found: dict[str, list[tuple[int, int]]] = {}
     for group, content in enumerate(measured.groups):
         master = measured.masters_db.get(group)
-        is_bus = group in buses or any(_is_of_other_bus(each.name) for each in content.channels)
-        if is_bus:
+        if any(each.name in KINDS or _is_of_other_bus(each.name) for each in content.channels):
             continue
         if master is not None and content.channels[master].sync_type not in _TIMES:
             notes.append(f"{_called(content, group)} left out: its channels are not over time")
@@ -96,9 +80,9 @@ def not_read(measured: Any, group: int, place: int) -> str:
     """Return why a channel of another program is no column, as far as its first sample tells; "": it is one."""
     try:
         first = measured.select([(None, group, place)], record_count=1, raw=True)[0]
-        return "" if values_of(first) is not None else "not numeric"
+        return "" if values_of(first, Account()) is not None else "not numeric"
     except Exception as error:  # asammdf raises what its parsers raise
-        return f"cannot be read: {cause_text(error)}"
+        return f"cannot be read: {why_not_read(error)}"
 
 
 def marks_in(measured: Any) -> list[tuple[float, str]]:

@@ -22,12 +22,11 @@ from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.bus_log import several_buses
 from liftgate_hil.formats.content import Batch, Content
 from liftgate_hil.formats.mcap_layout import ABOUT
-from liftgate_hil.formats.mf4_content import about_in, buses_in, columns_in, marks_in, not_read, other_buses_in
-from liftgate_hil.formats.mf4_frames import KINDS, field_of, logged, merged, samples_of
-from liftgate_hil.formats.mf4_reader import blocks_of, opened_mf4
+from liftgate_hil.formats.mf4_content import about_in, columns_in, marks_in, not_read, other_buses_in
+from liftgate_hil.formats.mf4_frames import KINDS, FrameGroup, frame_groups_in, logged, merged, samples_of
+from liftgate_hil.formats.mf4_reader import blocks_of, opened_mf4, why_not_read
 from liftgate_hil.formats.mf4_values import NO_NUMBERS, NOT_NUMERIC, values_of
 from liftgate_hil.formats.ours import MF4_PROGRAM
-from liftgate_hil.formats.reading import cause_text
 from liftgate_hil.formats.recording import (
     FRAME,
     Floats,
@@ -183,8 +182,7 @@ class Mf4File(Recording):
     """MF4 file: channels of any program, each with its own times, or a recording of this one."""
 
     columns: Mapping[str, tuple[int, int]]  # group of each channel and its place in the group
-    # Groups of frames: their kind, and the channel that holds whole frames.
-    buses: Mapping[int, tuple[str, int]]
+    buses: Sequence[FrameGroup]
     bus_number: int  # of the frames of `channel`
     is_chosen: bool = False  # whether the bus was chosen, so that frames of others are left out
     refusal: str  # why the columns are no rows of a recording; "": they are
@@ -199,6 +197,7 @@ class Mf4File(Recording):
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
         """Read these channels; one without finite numbers at rising times is left out and added to `issues`."""
         result = {}
+        self.rows_account.clear()
         with opened_mf4(self.path) as measured:
             for name in wanted:
                 found = self._series(measured, name)
@@ -215,12 +214,13 @@ class Mf4File(Recording):
         group, place = self.columns[name]
         try:
             signal = measured.get(group=group, index=place, raw=True)
-            found = values_of(signal)
+            found = values_of(signal, self.rows_account)
         except Exception as error:  # asammdf raises what its parsers raise
-            return f"cannot be read: {cause_text(error)}"
+            return f"cannot be read: {why_not_read(error)}"
         if found is None:
             return NOT_NUMERIC
-        values, times = found.values[found.there], np.asarray(signal.timestamps, dtype=np.float64)[found.there]
+        there = found.there & ~np.isnan(found.values)
+        values, times = found.values[there], np.asarray(signal.timestamps, dtype=np.float64)[there]
         if not len(values) and len(found.values):
             return NO_NUMBERS
         bad = np.flatnonzero(~np.isfinite(values))
@@ -245,7 +245,7 @@ class Mf4File(Recording):
                 times = np.asarray(signals[0].timestamps, dtype=np.float64)
                 found = {"time_s": times}
                 for name, signal in zip(names, signals, strict=False):
-                    values = values_of(signal)
+                    values = values_of(signal, self.rows_account)
                     if values is None:
                         raise ConfigError(f"{self.path}: {name}: {NOT_NUMERIC}")
                     missing = np.flatnonzero(~values.there)
@@ -259,9 +259,7 @@ class Mf4File(Recording):
         """Yield the frames (n,) LOGGED, one block at a time; different kinds are merged in order of time."""
         self.account.clear()
         with opened_mf4(self.path, in_blocks=True) as measured:
-            parts = [
-                self._frames(measured, kind, (None, group, place)) for group, (kind, place) in self.buses.items()
-            ]
+            parts = [self._frames(measured, group) for group in self.buses]
             yield from parts[0] if len(parts) == 1 else merged(parts)
 
     def on_bus(self, name: str) -> Mf4File:
@@ -279,25 +277,34 @@ class Mf4File(Recording):
         """Return the numbers of all buses of which the file has frames."""
         found: set[int] = set()
         with opened_mf4(self.path, in_blocks=True) as measured:
-            for group, (kind, place) in self.buses.items():
-                for (signal,) in blocks_of(measured, [(None, group, place)], Account()):
-                    found.update(np.unique(field_of(signal.samples, kind, "BusChannel", 0)).tolist())
+            for group in self.buses:
+                for signals in blocks_of(measured, group.asked, Account()):
+                    found.update(np.unique(group.fields_of(signals).get("BusChannel", 0)).tolist())
         return sorted(found)
 
-    def _frames(self, measured: Any, kind: str, place: tuple[None, int, int]) -> Iterator[NDArray[np.void]]:
-        for (signal,) in blocks_of(measured, [place], self.account):
-            rows = logged(signal.samples, kind, signal.timestamps)
-            ours = np.broadcast_to(field_of(signal.samples, kind, "BusChannel") == self.bus_number, len(rows))
+    def _frames(self, measured: Any, group: FrameGroup) -> Iterator[NDArray[np.void]]:
+        for signals in blocks_of(measured, group.asked, self.account):
+            fields = group.fields_of(signals)
+            if "ID" not in fields and group.kind != "CAN_ErrorFrame":  # an error frame may have no identifier
+                raise ConfigError(f"{self.path}: its {group.kind} has no ID; allowed: frames as in ASAM MDF")
+            rows = logged(fields, group.kind, signals[0].timestamps)
+            ours = np.broadcast_to(fields.get("BusChannel", 0) == self.bus_number, len(rows))
             if ours.all():
                 yield rows
                 continue
             if not self.is_chosen:
                 raise several_buses(self.path, [f"can{number}" for number in self.bus_numbers()])
-            others = np.unique(np.broadcast_to(field_of(signal.samples, kind, "BusChannel"), len(rows))[~ours])
+            others = np.broadcast_to(fields.get("BusChannel", 0), len(rows))[~ours]
             why = f"of another bus than {self.channel}"
-            self.account.leave_out("frame", why, f"can{others[0]}", int((~ours).sum()))
+            self.account.leave_out("frame", why, f"can{others[0]}", len(others))
             if ours.any():
                 yield rows[ours]
+
+
+def _first_bus(measured: Any, group: FrameGroup) -> int:
+    """Return the number of the bus of a group's first frame."""
+    signals = measured.select(group.asked, record_count=1, raw=True)
+    return int(np.ravel(group.fields_of(signals).get("BusChannel", 0))[0])
 
 
 def open_mf4(path: Path) -> Mf4File:
@@ -306,9 +313,10 @@ def open_mf4(path: Path) -> Mf4File:
         check_width(path, sum(len(group.channels) for group in measured.groups))
         start = measured.header.start_time
         about, marks = about_in(measured), marks_in(measured)
-        buses, number = buses_in(measured)
+        buses = list(frame_groups_in(measured))
+        number = _first_bus(measured, buses[0]) if buses else 0
         notes = list(other_buses_in(measured))
-        columns = columns_in(measured, buses, notes)
+        columns = columns_in(measured, notes)
         signals, unread = {}, {}
         for name, (group, place) in columns.items():
             if not measured.groups[group].channel_group.cycles_nr:

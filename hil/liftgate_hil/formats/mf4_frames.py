@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
+from liftgate_hil.formats.account import Account
+from liftgate_hil.formats.mf4_values import values_of
 from liftgate_hil.formats.recording import FRAME
 
 # Fields of a frame in bus logging, and those of a remote frame.
@@ -46,30 +47,61 @@ def samples_of(name: str, frames: Any, channel: int) -> NDArray[Any]:
     return samples
 
 
-def field_of(samples: Any, kind: str, name: str, otherwise: Any = 0) -> Any:
-    """Return a field of the frames of one kind, or what stands for one that the file does not have."""
-    called = f"{kind}.{name}"
-    return samples[called] if called in (samples.dtype.names or ()) else otherwise
+class FrameGroup(NamedTuple):
+    """Group of an MF4 file with frames of one kind."""
+
+    kind: str
+    number: int  # of the group
+    whole: int  # place of the channel that holds whole frames, as the file stores them
+    converted: Mapping[str, int]  # places of their fields with a conversion, such as the constants of a group
+
+    @property
+    def asked(self) -> list[tuple[None, int, int]]:
+        """The channels of which `fields_of` takes the signals."""
+        return [(None, self.number, place) for place in (self.whole, *self.converted.values())]
+
+    def fields_of(self, signals: Sequence[Any]) -> dict[str, Any]:
+        """Return the fields of frames by their names, conversions applied, as far as the file has them."""
+        samples = signals[0].samples
+        fields = {name.removeprefix(f"{self.kind}."): samples[name] for name in samples.dtype.names or ()}
+        for name, signal in zip(self.converted, signals[1:], strict=True):
+            if (found := values_of(signal, Account())) is not None:
+                fields[name] = found.values.astype(np.int64)
+        return fields
 
 
-def logged(samples: Any, kind: str, times: Any) -> NDArray[np.void]:
-    """Return frames of one kind as rows (n,) LOGGED. Raises ValueError where they have no identifiers."""
-    field, mark = functools.partial(field_of, samples, kind), KINDS[kind]
+def frame_groups_in(measured: Any) -> Iterator[FrameGroup]:
+    """Yield the groups with frames."""
+    for number, content in enumerate(measured.groups):
+        names = [each.name for each in content.channels]
+        kind = next((name for name in names if name in KINDS), "")
+        if kind and content.channel_group.cycles_nr:
+            converted = {
+                name: place
+                for name in _FIELDS
+                if name != "DataBytes"
+                for place, channel in enumerate(content.channels)
+                if channel.name == f"{kind}.{name}" and channel.conversion is not None
+            }
+            yield FrameGroup(kind, number, names.index(kind), converted)
+
+
+def logged(fields: Mapping[str, Any], kind: str, times: Any) -> NDArray[np.void]:
+    """Return frames of one kind as rows (n,) LOGGED."""
+    mark = KINDS[kind]
     rows = np.zeros(len(times), dtype=LOGGED)
     rows["time_ns"] = np.round(np.asarray(times) * 1e9).astype(np.int64)
-    # A logger's error frame may have no identifier.
-    identifiers = np.asarray(samples[f"{kind}.ID"] if mark != ERROR else field("ID", np.zeros(len(times))))
-    identifiers = identifiers.astype(np.int64)
-    extended = (np.asarray(field("IDE")) != 0) | (identifiers & EXTENDED != 0)
+    identifiers = np.asarray(fields.get("ID", np.zeros(len(times)))).astype(np.int64)
+    extended = (np.asarray(fields.get("IDE", 0)) != 0) | (identifiers & EXTENDED != 0)
     rows["identifier"] = (identifiers & 0x1FFFFFFF) | extended * EXTENDED | mark
-    is_fd = np.asarray(field("EDL")) != 0
+    is_fd = np.asarray(fields.get("EDL", 0)) != 0
     rows["identifier"] |= is_fd * FD
     for name, flag in (("BRS", BRS), ("ESI", ESI)):
-        rows["identifier"] |= (is_fd & (np.asarray(field(name)) != 0)) * flag
-    of_code = np.array(LENGTHS)[np.minimum(np.asarray(field("DLC")).astype(int), 15)]
-    rows["length"] = of_code if mark == REMOTE else field("DataLength", of_code)
-    rows["is_sent"] = np.asarray(field("Dir")) != 0
-    content = field("DataBytes", None)
+        rows["identifier"] |= (is_fd & (np.asarray(fields.get(name, 0)) != 0)) * flag
+    of_code = np.array(LENGTHS)[np.minimum(np.asarray(fields.get("DLC", 0)).astype(int), 15)]
+    rows["length"] = of_code if mark == REMOTE else fields.get("DataLength", of_code)
+    rows["is_sent"] = np.asarray(fields.get("Dir", 0)) != 0
+    content = fields.get("DataBytes")
     if content is not None and mark != REMOTE:
         width = min(content.shape[1], MAX_BYTES)
         rows["payload"][:, :width] = content[:, :width]

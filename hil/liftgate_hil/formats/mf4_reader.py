@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import gc
 import io
 import logging
@@ -19,7 +20,7 @@ from typing import Any, BinaryIO
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.reading import cause_text
+from liftgate_hil.formats.reading import DAMAGED
 
 
 @contextmanager
@@ -30,15 +31,17 @@ def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
     """
     try:
         from asammdf import MDF
+        from asammdf.blocks import mdf_v4
     except ImportError as error:
         raise ConfigError(f"{path}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'") from error
     check_file(path)
-    is_finished = _check_version(path)
+    is_finished = _is_finished(path)
     _check_groups(path)
     text, logger = "", logging.getLogger("asammdf")
     level = logger.level
-    # asammdf logs to stderr what it then raises, or can do without.
+    # asammdf logs to stderr what it then raises, or can do without, and prints tracebacks to stdout.
     logger.setLevel(logging.CRITICAL + 1)
+    vars(mdf_v4)["print"] = _print_nothing
     try:
         with path.open("rb") as file, ExitStack() as stack:
             stream = file if is_finished else stack.enter_context(_copy_of(file))
@@ -48,7 +51,7 @@ def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
     except ConfigError:
         raise
     except Exception as error:  # asammdf raises what its parsers raise
-        text = cause_text(error)
+        text = why_not_read(error)
         with _silent_end():
             error.__traceback__ = None  # deletes objects that are half open
     finally:
@@ -57,17 +60,28 @@ def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
         raise ConfigError(f"{path}: cannot be read: {text}")
 
 
-def _check_version(path: Path) -> bool:
-    """Return whether a file is finished. Raises ConfigError if it is none of MDF 4."""
+def _print_nothing(*_: object) -> None:
+    """Print nothing, in place of `print`."""
+
+
+def why_not_read(error: Exception) -> str:
+    """Return why a file or a channel cannot be read. What asammdf says of it is about its own code."""
+    if isinstance(error, MemoryError):
+        return "it needs more memory than there is"
+    if isinstance(error, OSError) and error.strerror and error.errno != errno.EINVAL:  # a place before the file
+        return error.strerror
+    return DAMAGED
+
+
+def _is_finished(path: Path) -> bool:
+    """Return whether a file is finished, as its first block says. Raises ConfigError if it is no MDF file."""
     with path.open("rb") as stream:
-        head = stream.read(12)
-    version = head[8:12].decode("latin-1").strip(" \0")
-    if head[:7] in (b"MDF    ", b"UnFinMF") and version[:1] in ("2", "3"):
-        raise ConfigError(
-            f"{path}: MDF {version}; allowed: MDF 4, to which asammdf converts it: "
-            f"MDF({path.name!r}).convert('4.10').save('{path.stem}-4.mf4')"
-        )
-    return head[:7] != b"UnFinMF"
+        head = stream.read(_HEADER_BLOCK)
+    if head[:7] not in (b"MDF    ", b"UnFinMF"):
+        raise ConfigError(f"{path}: cannot be read: no MDF file; allowed: one that begins with MDF")
+    if len(head) < _HEADER_BLOCK:
+        raise ConfigError(f"{path}: cannot be read: {DAMAGED}")
+    return head[:7] == b"MDF    "
 
 
 def _copy_of(file: BinaryIO) -> BinaryIO:

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.formats.account import Account
+
 NOT_NUMERIC = "not numeric; allowed: one number per sample"
 NO_NUMBERS = "no numbers, only value texts or invalid samples; allowed: one number per sample"
 
@@ -23,8 +25,10 @@ class ChannelValues(NamedTuple):
         return self.values if self.there.all() else np.where(self.there, self.values, np.nan)
 
 
-def values_of(signal: Any) -> ChannelValues | None:
+def values_of(signal: Any, account: Account) -> ChannelValues | None:
     """Return the numbers of a signal that asammdf has read raw; None if it is not numeric.
+
+    The account is told of integers that no float holds.
 
     A conversion is applied. What it turns into a text (`Init` of a scaled angle) is no number, except of a state,
     whose raw numbers stand for the texts.
@@ -46,7 +50,7 @@ def values_of(signal: Any) -> ChannelValues | None:
         return None
     if signal.invalidation_bits is not None:
         there &= ~np.asarray(signal.invalidation_bits, dtype=bool)
-    return ChannelValues(samples.astype(np.float64), there)
+    return ChannelValues(account.floats_of(signal.name, samples), there)
 
 
 def is_state(conversion: Any, unit: str) -> bool:

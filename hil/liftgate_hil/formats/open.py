@@ -162,6 +162,8 @@ def open_file(path: Path, allowed: Sequence[str] = tuple(FORMATS), how: ReadOpti
     if path.is_dir():
         raise ConfigError(f"{path}: is a folder; allowed: a file of {', '.join(allowed)}")
     check_readable(path)
+    if path.is_file():
+        check_form(path)
     raise ConfigError(f"{path}: {_ending(path)}; allowed: {', '.join(allowed)}")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import tzinfo
 from pathlib import Path
@@ -89,7 +89,6 @@ class ParquetTableWriter(StreamWriter):
 
 
 _ROWS = 1 << 16
-_EXACT = 2**53  # integers up to this are exact as floats
 _TICK_NS = {
     "s": 10**9,
     "ms": 10**6,
@@ -104,6 +103,7 @@ class ParquetFile(Recording):
     """Parquet file: a table of any program, or a recording of this one."""
 
     others: Mapping[str, str]  # the columns of anything but numbers and times, with their types
+    whole: Collection[str]  # the columns of integers
     # Columns of dates, times of day and durations: the moment from which they count, and their unit [ns].
     moments: Mapping[str, tuple[Stamp, int]] = field(default_factory=dict)
 
@@ -120,6 +120,7 @@ class ParquetFile(Recording):
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these columns, one batch at a time; null is NaN."""
         self._check(wanted)
+        self.rows_account.clear()
         with foreign_reader(self.path, "Parquet", "pyarrow"):
             from pyarrow import parquet
 
@@ -140,10 +141,11 @@ class ParquetFile(Recording):
             ticks = column.cast(f"int{column.type.bit_width}").fill_null(0).to_numpy(zero_copy_only=False)
             since = (ticks.astype(np.int64) - first.ns // tick_ns) * (tick_ns / 1e9)
             return np.where(column.is_valid().to_numpy(zero_copy_only=False), since, np.nan)
-        values = column.to_numpy(zero_copy_only=False)
-        if values.dtype.kind in "iu" and len(values) and not (np.abs(values) <= _EXACT).all():
-            raise ConfigError(f"{self.path}: {name}: integers beyond 2^53; allowed: up to 2^53")
-        return np.asarray(values, dtype=np.float64)
+        if name not in self.whole:
+            return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+        values = self.rows_account.floats_of(name, column.fill_null(0).to_numpy(zero_copy_only=False))
+        there = column.is_valid().to_numpy(zero_copy_only=False)
+        return values if there.all() else np.where(there, values, np.nan)
 
 
 def open_parquet(path: Path) -> ParquetFile:
@@ -176,6 +178,7 @@ def open_parquet(path: Path) -> ParquetFile:
         units=units,
         signals=signals,
         others=others,
+        whole=whole,
         moments=moments,
         starts=_starts_of(moments, None),
         about=about,

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from liftgate_hil.errors import ConfigError
+
+DAMAGED = "truncated or damaged"
 
 
 @contextmanager
@@ -39,6 +42,7 @@ def as_config_errors(path: Path) -> Iterator[None]:
 
 
 def cause_text(error: Exception) -> str:
-    """Return what another package's reader has raised, in one line."""
-    text = " ".join(str(error).split()) or type(error).__name__
-    return f"truncated or damaged: {text}" if isinstance(error, struct.error | EOFError) else text
+    """Return what another package's reader has raised, in one line; of damage that it is some."""
+    if isinstance(error, struct.error | EOFError | zlib.error):
+        return DAMAGED
+    return " ".join(str(error).split()) or type(error).__name__

@@ -68,6 +68,47 @@ Sig=Current 0
 """
 
 
+SYM_5 = """FormatVersion=5.0 // Do not edit this line!
+Title="their bus"
+
+{ENUMS}
+enum Way(0="stop", // no motion
+  1="open")
+
+{SEND}
+
+[Cmd]
+ID=100h\t// of the ECU
+DLC=4
+CycleTime=20
+Var=Duty signed 0,16 -m /u:% /f:0.01 /min:-100 /max:100
+Var=Way unsigned 16,2 /e:Way
+
+{RECEIVE}
+
+[Out]
+ID=ABC12h
+DLC=8
+Var=Current float 32,32 /u:mA
+"""
+
+
+def test_a_sym_of_version_5_is_read_like_one_of_6_where_the_same_lines_have_other_keywords(tmp_path: Path):
+    (tmp_path / "their.sym").write_text(SYM_5, encoding="cp1252")
+    issues = ConfigIssues("r.toml")
+    messages = load_messages(issues, DatabaseFile(tmp_path / "their.sym"))
+    assert not issues.lines
+    command, out = messages["Cmd"], messages["Out"]
+    duty, way = command.signals
+    assert (command.frame_id, command.length, command.cycle_time) == (0x100, 4, 20)
+    assert (duty.start, duty.length, duty.byte_order, duty.is_signed) == (7, 16, "big_endian", True)
+    assert (duty.scale, duty.unit, duty.minimum) == (0.01, "%", -100)
+    assert (way.start, way.choices) == (16, {0: "stop", 1: "open"})
+    assert (out.frame_id, out.is_extended_frame, out.length) == (0xABC12, True, 8)
+    assert (out.signals[0].start, out.signals[0].is_float, out.signals[0].unit) == (32, True, "mA")
+    assert messages.notes == ("identifiers of more than 11 bits, not marked as of 29, are taken as such: Out",)
+
+
 def test_a_sym_is_read_with_its_units_and_cycles(tmp_path: Path):
     (tmp_path / "their.sym").write_text(SYM, encoding="cp1252")
     path = tmp_path / "r.toml"
@@ -208,6 +249,44 @@ def test_what_is_no_can_database_is_reported_as_what_it_is(tmp_path: Path, name:
     (tmp_path / name).write_text("something else")
     (issue,) = issues_of(tmp_path, name)
     assert said in issue
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("x.dbc", b'\nLIN_description_file;\nLIN_protocol_version = "2.1";\n', "is a LIN database"),
+        ("x.kcd", b'LIN_description_file;\nLIN_protocol_version = "2.1";\n', "is a LIN database"),
+        (
+            "x.dbc",
+            b"//** BUSMASTER Messages and signals Database **//\n\n[DATABASE_VERSION] 1.3\n",
+            "is a BUSMASTER",
+        ),
+        ("x.sym", LABELLED.encode(), "is a DBC; allowed: a name that ends in .dbc"),
+        ("x.dbc", SYM.encode(), "is a SYM; allowed: a name that ends in .sym"),
+        (
+            "x.arxml",
+            b'<?xml version="1.0"?>\n<NetworkDefinition xmlns="x"></NetworkDefinition>',
+            "is a KCD; allowed: a",
+        ),
+        (
+            "x.dbc",
+            b'<?xml version="1.0"?>\n<AUTOSAR xmlns="x"></AUTOSAR>',
+            "is an ARXML; allowed: a name that ends in",
+        ),
+        (
+            "x.dbc",
+            b"\n<!DOCTYPE html>\n<html><body>their.dbc</body></html>",
+            "is a web page; allowed: a CAN database",
+        ),
+        ("x.dbc", b"version https://git-lfs.github.com/spec/v1\noid sha256:00\n", "is a Git LFS pointer"),
+        ("x.dbc", b"PK\x03\x04\x14\0\x81\x8d", "is a spreadsheet, or another ZIP archive"),
+        ("x.sym", SYM.replace("6.0", "4.0").encode(), "cannot be read: its version is neither"),
+    ],
+)
+def test_a_file_of_another_kind_under_our_ending_is_named(tmp_path: Path, name: str, content: bytes, said: str):
+    (tmp_path / name).write_bytes(content)
+    (issue,) = issues_of(tmp_path, name)
+    assert f"{tmp_path / name}: {said}" in issue
 
 
 def test_a_database_without_messages_is_reported(tmp_path: Path):

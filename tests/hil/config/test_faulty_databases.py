@@ -139,9 +139,31 @@ def test_the_last_statement_of_a_file_that_was_cut_is_not_dropped_without_a_word
     assert messages.left_out == {"Last": "line 18: SG_ lacks its end"}
 
 
-def test_an_identifier_that_is_too_long_is_named_with_the_line_of_its_message(tmp_path: Path):
-    messages = loaded(tmp_path, HEAD.replace("BO_ 287", "BO_ 274923520") + TAIL.replace("287", "274923520"))
-    assert messages.left_out["Faults"].startswith("line 11: BO_: its identifier 0x10630000 is more than 11 bits")
+TAKEN = "identifiers of more than 11 bits, not marked as of 29, are taken as such"
+
+
+def test_an_identifier_beyond_29_bits_is_named_with_the_line_of_its_message(tmp_path: Path):
+    messages = loaded(tmp_path, HEAD.replace("BO_ 287", "BO_ 1075054137") + TAIL.replace("287", "1075054137"))
+    assert messages.left_out["Faults"].startswith("line 11: BO_: its identifier 0x40140639 is more than 11 bits")
+
+
+def test_an_identifier_that_only_29_bits_can_hold_is_of_29_bits_whether_marked_so_or_not(tmp_path: Path):
+    tail = TAIL + 'CM_ SG_ 274923520 FaultCode "of the drive";\nBA_ "GenMsgCycleTime" BO_ 274923520 50;\n'
+    messages = loaded(tmp_path, HEAD.replace("BO_ 287", "BO_ 274923520") + tail.replace("287", "274923520"))
+    assert [*messages] == ["Cmd", "Sens", "Faults"]
+    faults = messages["Faults"]
+    assert (faults.frame_id, faults.is_extended_frame, faults.cycle_time) == (0x10630000, True, 50)
+    assert (faults.signals[0].choices, faults.signals[0].comment) == ({1: "Open"}, "of the drive")
+    assert not messages["Cmd"].is_extended_frame
+    assert messages.notes == (f"{TAKEN}: Faults",)
+
+
+def test_two_messages_whose_identifiers_differ_in_the_mark_of_29_bits_only_are_not_told_apart(tmp_path: Path):
+    twice = "".join(f"BO_ {number} {name}: 1 Gate\n" for number, name in ((2048, "A"), (2048 + (1 << 31), "B")))
+    messages = loaded(tmp_path, HEAD + twice + TAIL)
+    assert messages.left_out == {
+        "A": "B has its identifier 0x00000800, too", "B": "A has its identifier 0x00000800, too",
+    }  # fmt: skip
 
 
 def test_an_attribute_whose_definition_contradicts_itself_costs_no_message(tmp_path: Path):
@@ -187,7 +209,8 @@ KCD = """<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0">
  <Bus name="Body">
   <Message id="0x10" name="Sens" length="8"><Signal name="Angle" offset="0" length="16"/></Message>
   <Message id="0x11" name="Bad" length="1"><Signal name="Long" offset="0" length="9"/></Message>
-  <Message id="0xFFFF11" name="Worse" length="1"><Signal name="One" offset="0" length="1"/></Message>
+  <Message id="0xFFFFFF11" name="Worse" length="1"><Signal name="One" offset="0" length="1"/></Message>
+  <Message id="0xFFFF11" name="Wide" length="1"><Signal name="One" offset="0" length="1"/></Message>
  </Bus>
  <Bus name="Drive">
   <Message id="0x10" name="Sens" length="8"><Signal name="Speed" offset="0" length="16"/></Message>
@@ -210,7 +233,8 @@ def test_of_several_buses_one_is_chosen_or_the_file_is_refused_with_their_names(
     assert 'dbc = "car.kcd#Body"' in told.out
     assert "Speed" not in told.out
     assert "note: car.kcd: Bad is left out: Long goes beyond its end\n" in told.err
-    assert "note: car.kcd: Worse is left out: its identifier 0xffff11 is more than 11 bits" in told.err
+    assert "note: car.kcd: Worse is left out: its identifier 0xffffff11 is more than 11 bits" in told.err
+    assert f"note: car.kcd: {TAKEN}: Wide\n" in told.err
     path = Path("r.toml")
     path.write_text('dbc = "car.kcd#Drive"\n[outputs]\ntrue_gate_rate = { signal = "Sens.Speed", scale = 1 }\n')
     rig, _ = read_rig(path)
@@ -233,7 +257,7 @@ def test_of_several_buses_one_is_chosen_or_the_file_is_refused_with_their_names(
             "<AUTOSARX xmlns='http://autosar.org/schema/r4.0'/>",
             "cannot be read: its root is AUTOSARX, not AUTOSAR",
         ),
-        ("x.sym", "FormatVersion=5.0 // x\n", "cannot be read: its version is not 6.0"),
+        ("x.sym", "FormatVersion=4.0 // x\n", "cannot be read: its version is neither 5.0 nor 6.0"),
         (
             "x.dbc",
             "nothing\n",

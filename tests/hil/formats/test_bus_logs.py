@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import time
+import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -219,16 +220,37 @@ def test_what_asc_holds_besides_frames_is_known_or_named(tmp_path: Path) -> None
         "0.04 1 Statistic: D 0 R 0 XD 0 XR 0 E 0 O 0 B 0.00%", "0.05 CAN 1 Status:chip status error active",
         "0.06 1 EngineData Rx d 1 00", "0.07 J1939TP FEE3p 6 0 0 - Rx d 2 01 02", "0.08 Li 30 Rx 2 01 02",
         "0.09 CANXL 1 Rx 120 0", "0.10 Fr RMSG 0 0", "0.11 ETH 1 Rx 3c:0", "// a remark", "End TriggerBlock",
-        "0.12 1 120 Rx r 4",
+        "0.12 1 J1939TP FEE3p 6 0 0 - Rx d 2 01 02", "0.13 AFDX 1 Tx 1 64", "0.14 GPS-Device: 1 La: 48.8 Lo: 9.0",
+        "0.15 COM2 Rx 10400 1 83", "0.16 Comment: 105 a door", "0.17 0 16777215 0 1 GMGroup: G GMMarker: [1]",
+        "0.18 canfd 1 Tx ErrorFrame Not Acknowledge error", "0.19 1 120 Rx r 4",
     )  # fmt: skip
     error = ERROR | BUS_ERROR
     assert found[0] == Read(-0.5, 0x120, "0100", False)
     assert found[1] == Read(0.01024, 0x18FF0120 | EXTENDED, "0102030405060708", True)
     assert (found[2].identifier, found[-1][1:3]) == (error, (0x120 | REMOTE, "R4"))
+    assert [each.is_sent for each in found if each.identifier == error] == [False, False, True]
     told = "\n".join(notes)
-    for kind in ("TxRq", "a message's name", "J1939", "LIN", "CAN XL", "FlexRay", "Ethernet"):
+    for kind in (
+        "TxRq", "1 line left out (a message's name", "2 J1939", "LIN", "CAN XL", "FlexRay", "Ethernet", "AFDX",
+        "GPS", "serial line event",
+    ):  # fmt: skip
         assert kind in told, kind
     assert "not understood" not in told
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "0.02 1 120 foo d 1 01", "0.02 1 120 Rx x 1 01", "0.02 1 800 Rx d 1 01", "0.02 1 120 Rx d g 01",
+        "0.02 canfd 1", f"{'9' * 20}.0 1 120 Rx d 1 01", f"{'9' * 400} 1 120 Rx d 1 01", "0.02",
+        "0.02 CANFD 1 foo ErrorFrame",
+    ],
+)  # fmt: skip
+def test_a_line_of_asc_that_no_form_covers_is_counted_and_the_others_are_read(tmp_path: Path, line: str) -> None:
+    found, notes = read(tmp_path / "m.asc", *HEAD, "0.01 1 120 Rx d 1 01", line, "0.03 1 120 Rx d 1 03")
+    assert [each.payload for each in found] == ["01", "03"]
+    (note,) = notes
+    assert note.startswith("1 line left out (not understood), the first in line 5: ")
 
 
 def test_two_buses_are_named_and_one_is_chosen(tmp_path: Path) -> None:
@@ -375,6 +397,36 @@ def test_objects_of_blf_inside_and_outside_of_containers_are_read_or_named(tmp_p
     )
 
 
+def test_an_identifier_of_blf_with_too_many_bits_is_not_understood(tmp_path: Path) -> None:
+    messages = [blf_message(number) for number in (0x100, 0x15555555, 0xF5555555, 0x95555555)]
+    log = open_file(blf(tmp_path / "m.blf", *messages))
+    assert [each.identifier for each in frames_in(log)] == [0x100, 0x15555555 | EXTENDED]
+    assert log.notes == ("2 objects left out (not understood), the first in object 2",)
+
+
+def test_a_damaged_blf_is_refused_in_our_own_words_and_one_that_was_cut_off_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "m.blf"
+    head = blf(path).read_bytes()
+    packed = zlib.compress(b"".join(blf_message(number) for number in range(0x700)))
+    begin = struct.pack("<4sHHLLH14x", b"LOBJ", 16, 1, 32 + len(packed), 10, 2)
+    for content, said in (
+        (b"LOGG", "truncated or damaged"),
+        (head + begin + b"\xff" * len(packed), "truncated or damaged"),
+        (head + begin[:20], "neither rows nor frames, but 1 object left out (truncated, the last one)"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(ConfigError) as caught:
+            open_recording(path)
+        assert str(caught.value).startswith((f"{path}: cannot be read: {said}", f"{path}: {said}"))
+        assert "Error -" not in str(caught.value)
+    path.write_bytes(head + begin + packed[: len(packed) // 2])
+    log = open_file(path)
+    found = [each.identifier for each in frames_in(log)]
+    assert found == list(range(len(found)))
+    assert 0x300 < len(found) < 0x700
+    assert "1 container left out (truncated, what is there is read), the first in the file's end" in log.notes
+
+
 def test_a_blf_of_other_objects_says_what_it_holds(tmp_path: Path) -> None:
     path = blf(tmp_path / "m.blf", blf_object(71, b"frame"), blf_object(71, b"frame"))
     with pytest.raises(ConfigError, match="neither rows nor frames, but 2 Ethernet objects left out"):
@@ -405,6 +457,18 @@ def test_forms_of_candump_are_read_or_named(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("digits", [10, 20, 400])
+@pytest.mark.parametrize("form", ["can0 123#01", "can0 123#01 a remark"])  # the second is read line by line
+def test_a_time_of_candump_that_no_frame_can_have_is_not_understood(
+    tmp_path: Path, digits: int, form: str
+) -> None:
+    lines = ["(1.000000) can0 123#02", f"({'9' * digits}.000000) {form}", "(2.000000) can0 123#03"]
+    found, notes = read(tmp_path / "m.log", *lines)
+    assert [each.payload for each in found] == ["02", "03"]
+    (note,) = notes
+    assert note.startswith("1 line left out (not understood), the first in line 2: ")
+
+
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
@@ -412,11 +476,28 @@ def test_forms_of_candump_are_read_or_named(tmp_path: Path) -> None:
         ([" (2018-12-06 09:31:30.572475)  can0  123   [2]  01 00"], "candump's output on a terminal"),
         (["(000.000000) can0 123#01", "(000.200074) can0 123#02", "(000.100074) can0 123#03"], "distances"),
         (["***BUSMASTER Ver 3.2.2***", "14:09:20:1820 Rx 1 0x123 s 2 01 00"], "BUSMASTER"),
+        (["***HEX***", "***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***"], "BUSMASTER"),
         (["version https://git-lfs.github.com/spec/v1", "oid sha256:00"], "Git LFS"),
     ],
 )  # fmt: skip
 def test_other_forms_under_our_ending_are_named(tmp_path: Path, lines: list[str], said: str) -> None:
     assert said in refusal(tmp_path / "m.log", *lines)
+
+
+@pytest.mark.parametrize(
+    ("name", "line", "said"),
+    [
+        ("m.csv", "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2", "is a log of SavvyCAN; allowed: saved by"),
+        ("m.csv", "ID,Data Bytes", "is a log of SavvyCAN without times"),
+        ("m.txt", "166.064000 CXX GVRET-PC Reverse Engineering Tool Output V138", "is a CRTD log"),
+    ],
+)
+def test_logs_of_other_tools_under_the_ending_of_a_table_are_named(
+    tmp_path: Path, name: str, line: str, said: str
+) -> None:
+    (tmp_path / name).write_text(f"{line}\n166064000,0000021A,false,Rx,0,2,FE,36\n")
+    with pytest.raises(ConfigError, match=said):
+        open_file(tmp_path / name)
 
 
 # Two logs of one run whose headers are in different zones.

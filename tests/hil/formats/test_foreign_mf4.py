@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from liftgate_hil.codec.frames import EXTENDED, FD
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.open import open_file, open_recording
 
@@ -16,6 +18,7 @@ asammdf = pytest.importorskip("asammdf")
 TIMES = np.arange(6) * 0.01
 LINEAR = {"a": 0.01, "b": 0.0}
 INIT = {"val_0": 65534.0, "text_0": b"Init", "val_1": 65535.0, "text_1": b"Invalid"}
+DATA = "CAN_DataFrame.DataBytes"
 STATES = {"val_0": 0.0, "text_0": b"closed", "val_1": 1.0, "text_1": b"open"}
 
 
@@ -118,9 +121,52 @@ def test_mdf_3_is_named_with_what_to_do(tmp_path: Path) -> None:
     path = tmp_path / "m.mf4"
     with asammdf.MDF(version="3.30") as measured:
         measured.append([channel("Angle", np.arange(6.0))])
-        written = measured.save(tmp_path / "m.mdf")
-    Path(written).rename(path)
-    with pytest.raises(ConfigError, match=r"MDF 3\.30; allowed: MDF 4, to which asammdf converts it"):
+        written = Path(measured.save(tmp_path / "m.mdf"))
+    for name in (path, path.with_suffix(".dat"), written):
+        written = written.rename(name)
+        with pytest.raises(ConfigError, match=r"MDF 3\.30; allowed: MDF 4, to which asammdf converts it"):
+            open_file(name)
+
+
+def test_mdf_4_under_another_ending_is_named(tmp_path: Path) -> None:
+    path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0))]).rename(tmp_path / "m.dat")
+    with pytest.raises(ConfigError, match=r"m\.dat: is MDF; allowed: a name that ends in \.mf4"):
+        open_file(path)
+
+
+@pytest.mark.parametrize("is_finished", [True, False])
+def test_a_file_that_was_cut_off_anywhere_is_refused_in_our_own_words(tmp_path: Path, is_finished: bool) -> None:
+    whole = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0))]).read_bytes()
+    if not is_finished:  # the length of the last block of data is missing, too (bit 2)
+        whole = b"UnFinMF " + whole[8:60] + bytes([0b101]) + whole[61:]
+    path, said = tmp_path / "cut.mf4", set()
+    for length in range(7, len(whole), len(whole) // 50):
+        path.write_bytes(whole[:length])
+        try:
+            read(path, "Angle")
+        except ConfigError as error:
+            said.update(error.issues)
+    assert said == {f"{path}: cannot be read: truncated or damaged"}
+
+
+def test_an_unfinished_file_without_its_data_is_refused_and_nothing_else_is_printed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0))])
+    content = bytearray(path.read_bytes())
+    content[:8], content[60] = b"UnFinMF ", 0b100  # the length of the last block of data is missing
+    (group,) = struct.unpack_from("<Q", content, 64 + 24)
+    struct.pack_into("<Q", content, group + 24 + 16, 64)  # the header block instead of one of data
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match="cannot be read: truncated or damaged"):
+        open_file(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_is_no_mdf_is_refused_as_none(tmp_path: Path) -> None:
+    path = tmp_path / "m.mf4"
+    path.write_bytes(b"time_s,angle_deg\n" * 20)
+    with pytest.raises(ConfigError, match="cannot be read: no MDF file; allowed: one that begins with MDF"):
         open_file(path)
 
 
@@ -162,3 +208,40 @@ def test_states_may_begin_at_1_and_texts_are_counted(tmp_path: Path) -> None:
     recording = open_recording(path)
     list(recording.rows(["time_s", "Angle"]))
     assert any("2 samples left out (Angle: a value text, or invalid)" in note for note in recording.notes)
+
+
+def test_fields_of_frames_that_are_constants_of_their_group_come_from_their_conversions(tmp_path: Path) -> None:
+    """As a CANedge writes a group for each bus, direction and kind of identifier, and stores an index there."""
+    from asammdf.blocks.conversion_utils import from_dict
+
+    path, index = tmp_path / "m.mf4", np.arange(6)
+    lengths = np.array([0, 1, 8, 9, 10, 15], "u1")
+    stored = {
+        "BusChannel": index.astype("u1"), "ID": 0x18FEDF00 + index.astype("u4"), "IDE": index.astype("u1"),
+        "DLC": lengths, "DataLength": lengths, "Dir": index.astype("u1"), "EDL": np.ones(6, "u1"),
+    }  # fmt: skip
+    samples = np.zeros(
+        6, [*((f"CAN_DataFrame.{name}", x.dtype) for name, x in stored.items()), (DATA, "u1", (64,))]
+    )
+    for name, values in stored.items():
+        samples[f"CAN_DataFrame.{name}"] = values
+    samples[DATA] = 7
+    codes = {f"phys_{k}": float(value) for k, value in enumerate((0, 1, 8, 12, 16, 64))}
+    codes |= {f"raw_{k}": float(value) for k, value in enumerate(lengths)}
+    conversions = {
+        "BusChannel": {"a": 0.0, "b": 9.0}, "IDE": {"a": 0.0, "b": 1.0}, "Dir": {"a": 0.0, "b": 1.0},
+        "DataLength": codes,
+    }  # fmt: skip
+    with asammdf.MDF(version="4.10") as measured:
+        measured.append([asammdf.Signal(samples, TIMES, name="CAN_DataFrame")])
+        for each in measured.groups[0].channels:
+            if made := conversions.get(each.name.removeprefix("CAN_DataFrame.")):
+                each.conversion = from_dict(dict(made))
+        measured.save(path)
+    recording = open_recording(path)
+    assert recording.channel == "can9"
+    (frames,) = recording.frames()
+    assert frames["identifier"].tolist() == [0x18FEDF00 + k | EXTENDED | FD for k in range(6)]
+    assert frames["is_sent"].all()
+    assert frames["length"].tolist() == [0, 1, 8, 12, 16, 64]
+    assert frames["payload"][3].tolist() == [7] * 12 + [0] * 52

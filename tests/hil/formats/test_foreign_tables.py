@@ -202,3 +202,30 @@ def test_columns_without_a_name_are_left_out_and_told(tmp_path: Path, capsys: py
     assert main(["convert", str(path), str(tmp_path / "t.mf4")]) == 0
     assert "columns without a name are left out" in capsys.readouterr().err
     assert list(open_file(tmp_path / "t.mf4").names) == ["F"]
+
+
+LARGE = [2**53, 2**53 + 1, -(2**63), 2**53 + 3, 5]  # of which two have more bits than a float
+
+
+@pytest.mark.parametrize("form", ["csv", "semicolons.csv", "mf4", "parquet", "nulls.parquet"])
+def test_integers_that_no_float_holds_are_rounded_with_a_note(tmp_path: Path, form: str) -> None:
+    path = tmp_path / f"m.{form}"
+    if form == "mf4":
+        asammdf = pytest.importorskip("asammdf")
+        with asammdf.MDF(version="4.10") as measured:
+            measured.append([asammdf.Signal(np.array(LARGE), np.arange(5) * 0.1, name="n")])
+            measured.save(path)
+    elif form.endswith("csv"):
+        mark = ";" if "semi" in form else ","
+        rows = [f"{k / 10}{mark}{n}{mark}{1e20}" for k, n in enumerate(LARGE)]
+        path.write_text("\n".join([f"time_s{mark}n{mark}x", *rows, ""]))
+    else:
+        arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+        numbers = [*LARGE, None] if "null" in form else [*LARGE, 6]
+        parquet.write_table(arrow.table({"time_s": np.arange(6) * 0.1, "n": arrow.array(numbers)}), path)
+    table = open_file(path)
+    wanted = [name for name in ("time_s", "n", "x") if name in table.names or name == "time_s"]
+    for _ in range(2):  # each pass counts anew
+        found = np.concatenate(list(table.rows(wanted)))
+        assert found[:5, 1].tolist() == [float(n) for n in LARGE]
+        assert table.notes == (f"n: 2 integers beyond 2^53 rounded to 53 bits, the first is {2**53 + 1}",)
