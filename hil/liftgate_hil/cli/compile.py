@@ -146,7 +146,7 @@ def _measurements(teller: Listener, stopped: Callable[[], bool]) -> None:
     from liftgate_hil.signals import BUS_OUTPUTS
 
     layout = rig_of(None, setup_of(None).scenario).output_config(sending=False)
-    events_in(layout, empty_frames(0), np.zeros(0, dtype=np.int64), len(BUS_OUTPUTS))
+    events_in(layout, empty_frames(0), np.zeros(0, dtype=np.int64), len(BUS_OUTPUTS), True)
     measure_wakeups(1_000_000, 1)
 
 

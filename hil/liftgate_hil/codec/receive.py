@@ -219,7 +219,7 @@ def judge(
     """Return (cause, message, frames lost before it) of a frame.
 
     The findings on checksum and counter are noted in `current`. The values of the signals go to `read` by their
-    rows, NaN for a signal that is not in the frame.
+    rows, NaN for a signal that is not in the frame or out of range.
     """
     identifier = int(frames.identifiers[frame]) & ~FD_FLAGS
     if identifier & ERROR:
@@ -244,8 +244,9 @@ def judge(
                 read[row] = quantity_of(bus, row, frames.data, frame)
                 if np.isnan(read[row]):
                     value = physical_of(bus, row, frames.data, frame)
-                    note_evidence(current.refusals, OUT_OF_RANGE, row, value, np.nan)
-                    return OUT_OF_RANGE, message, lost
+                    if cause == ACCEPTED:
+                        note_evidence(current.refusals, OUT_OF_RANGE, row, value, np.nan)
+                    cause = OUT_OF_RANGE
     return cause, message, lost
 
 

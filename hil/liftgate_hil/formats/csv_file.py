@@ -89,6 +89,12 @@ _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # how a text begins that E
 _MOST_UTF_16 = 1 << 29  # bytes of such a file, which is decoded as a whole
 _LARGE = 2.0**53  # an integer from here on may be none as a float
 _INTEGER = re.compile(r"[+-]?\d{1,300}")  # more digits than a float has
+# Cells that stand for no value, as other programs write them (pandas.read_csv's na_values).
+_NO_VALUE = re.compile(
+    rb"(?:^|(?<=[,;\t\n]))[ ]*(?:-?nan|#?n/a|#n/a n/a|<?na>?|null|none)[ ]*(?=[,;\t\n]|$)", re.IGNORECASE
+)
+_NO_VALUES = (b"nan", b"n/a", b"na>", b"null", b"none", b",na", b";na", b"\tna", b" na")  # one of these is in each
+_LETTERS = re.compile(rb"[a-df-zA-DF-Z#<]")  # besides the exponent's
 _OR_A_DATE = f", or a date in each row, such as {FORMS}"
 _BLOCK = 1 << 22  # bytes that are parsed at a time, so that an interrupt does not wait for long
 
@@ -198,6 +204,8 @@ class CsvFile(Recording):
         text = written = text.strip(b"\n")
         if self.has_commas:
             text = text.translate(_AS_POINTS)
+        if not self.is_strict and _LETTERS.search(text) and any(map(text.lower().__contains__, _NO_VALUES)):
+            text = _NO_VALUE.sub(b"", text)
         table = None
         is_plain = self.delimiter == b"," or b"," not in text
         if is_plain and b'"' not in text and b"\n\n" not in text:

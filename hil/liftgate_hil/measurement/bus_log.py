@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from liftgate_hil.codec.frames import Frames
 from liftgate_hil.codec.receive import Counts, rejected
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, number_of
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions
 from liftgate_hil.loop.tick import bridge_command
 from liftgate_hil.measurement.log_frames import read_frames
@@ -72,8 +73,8 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float], how: ReadOpt
     if not np.all(np.abs(times) <= _LONGEST_NS):
         raise ConfigError(f"{path}: invalid times; allowed: within {_LONGEST_NS / 1e9:g} s of the first frame")
     times = _in_order(path, times)
-    given, counts = tracks_of(rig.input_config(), BUS_INPUTS, frames, times)
-    sensed, sensor_counts = tracks_of(rig.output_config(sending=False), BUS_OUTPUTS, frames, times)
+    given, counts, _ = tracks_of(rig.input_config(), BUS_INPUTS, frames, times)
+    sensed, sensor_counts, without = reported(rig, frames, times)
     sensed = {name: track.without_stale() for name, track in sensed.items()}
     _check_content(path, rig, given, sensed, _add(counts, sensor_counts))
     marks = np.unique(np.concatenate([t.times for t in (*given.values(), *sensed.values())]))
@@ -89,7 +90,8 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float], how: ReadOpt
         columns[column][np.searchsorted(marks, track.times)] = values
     _check_ranges(path, columns)
     ordered = {name: columns[name] for name in (*INPUTS, *OUTPUTS) if name in columns}
-    notes = [*cut, *refusals_in(_add(counts, sensor_counts)), *_late_panel(given, before)]
+    refusals = refusals_in(_add(counts, sensor_counts))
+    notes = [*cut, *refusals, *without, *_late_panel(given, before)]
     return Measurement(str(path), (marks - marks[0]) / 1e9, ordered, True, tuple(notes))
 
 
@@ -128,11 +130,40 @@ def _called(rig: Rig, messages: Sequence[str]) -> str:
     return ", ".join(f"{name} (0x{rig.messages[name].frame_id:X})" for name in messages)
 
 
+def reported(rig: Rig, frames: Frames, times: NDArray[np.int64]) -> tuple[dict[str, Track], Counts, list[str]]:
+    """Return the tracks of what the gate of a rig has reported, the counts of the frames, and notes.
+
+    A value that is none of ours, as a label without a counterpart, is left out and noted; the other signals of its
+    frame count. `times` [ns] are those of the frames, and rise.
+    """
+    layout = rig.output_config(sending=False)
+    tracks, counts, without = tracks_of(layout, BUS_OUTPUTS, frames, times, by_signal=True)
+    wires = {list(BUS_OUTPUTS).index(wire.quantity): wire for wire in rig.outputs}
+    notes = []
+    for row in np.flatnonzero(without["count"]).tolist():
+        wire, found = wires[int(layout.signals[row].quantity)], without[row]
+        choices: Mapping[int, Any] = rig.messages[wire.message].get_signal_by_name(wire.signal).choices or {}
+        label = choices.get(int(found.value)) if float(found.value).is_integer() else None
+        value = f"{found.value:g}" if label is None else f"{found.value:g} ({label})"
+        notes.append(
+            f"{wire.message}.{wire.signal}: {value} at {1e-9 * found.time_ns:.3f} s is no value of "
+            f"{wire.quantity}; left out in {number_of(int(found['count']), 'frame')}"
+        )
+    return tracks, counts, notes
+
+
 def tracks_of(
-    layout: BusConfig, names: Mapping[str, Signal], frames: Frames, times: NDArray[np.int64]
-) -> tuple[dict[str, Track], Counts]:
-    """Return the track of each quantity, and the counts of the frames; `times` [ns] are theirs, and rise."""
-    at, which, values, counts = events_in(layout, frames, times, len(names))
+    layout: BusConfig,
+    names: Mapping[str, Signal],
+    frames: Frames,
+    times: NDArray[np.int64],
+    by_signal: bool = False,
+) -> tuple[dict[str, Track], Counts, Any]:
+    """Return the track of each quantity, the counts of the frames, and what was left out, see `events_in`.
+
+    `times` [ns] are those of the frames, and rise.
+    """
+    at, which, values, counts, without = events_in(layout, frames, times, len(names), by_signal)
     tracks = {}
     for index, name in enumerate(names):
         mine = np.flatnonzero(which == index)
@@ -140,7 +171,7 @@ def tracks_of(
             # Of several frames in one microsecond the last one counts.
             last = np.append(np.diff(at[mine]) > 0, True)
             tracks[name] = Track(at[mine][last], values[mine][last])
-    return tracks, counts
+    return tracks, counts, without
 
 
 def _add(one: Counts, other: Counts) -> Counts:

@@ -2,26 +2,44 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.e2e import check_state
 from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE, Frames
-from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, counted, judge, nothing_received, take
-from liftgate_hil.codec.refusals import ACCEPTED
+from liftgate_hil.codec.receive import (
+    NO_COUNTS,
+    Counts,
+    Reception,
+    counted,
+    judge,
+    nothing_received,
+    physical_of,
+    selected,
+    take,
+)
+from liftgate_hil.codec.refusals import ACCEPTED, OUT_OF_RANGE
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.measurement.measurement import Floats
 from liftgate_plant.compiler import compilable, compiled
 
 Integers = NDArray[np.int64]
 
+# Frames in which a signal has no value that is ours: how many, and time and value (in the database's unit) of the
+# first.
+WITHOUT = np.dtype([("count", "i8"), ("time_ns", "i8"), ("value", "f8")])
+
 
 def events_in(
-    layout: BusConfig, frames: Frames, times: Integers, quantities: int
-) -> tuple[Integers, Integers, Floats, Counts]:
-    """Return (time [ns], quantity, value) of each event, in order of time, and the counts of the frames.
+    layout: BusConfig, frames: Frames, times: Integers, quantities: int, by_signal: bool
+) -> tuple[Integers, Integers, Floats, Counts, Any]:
+    """Return (time [ns], quantity, value) of each event, in order of time, the counts of the frames, and WITHOUT.
 
-    `times` [ns] are those of the frames and rise. A message that goes stale gives NaN for its quantities.
+    `times` [ns] are those of the frames and rise. A message that goes stale gives NaN for its quantities. Where a
+    signal has a value that its quantity has not, the gate refuses the frame; read `by_signal`, as of what others
+    report, only that signal has none, which is counted in the last array (signals,) WITHOUT.
     """
     identifiers = frames.identifiers & ~(FD_FLAGS | REMOTE | ERROR)
     room = 0
@@ -31,9 +49,11 @@ def events_in(
     values = np.zeros(room)
     read = np.empty(len(layout.signals))
     reception = nothing_received(layout, quantities)
-    used, counts = compiled(walk)(layout, reception, frames, times, at, which, values, read)
+    without = np.zeros(len(layout.signals), dtype=WITHOUT).view(np.recarray)
+    events = at, which, values
+    used, counts = compiled(walk)(layout, reception, frames, times, *events, read, without, by_signal)
     order = np.argsort(at[:used], kind="stable")
-    return at[:used][order], which[:used][order], values[:used][order], counts
+    return at[:used][order], which[:used][order], values[:used][order], counts, without
 
 
 @compilable
@@ -46,10 +66,12 @@ def walk(
     which: Integers,
     values: Floats,
     read: Floats,
+    without: Any,
+    by_signal: bool,
 ) -> tuple[int, Counts]:
     """Fill the arrays of events; return the number of events, and the counts of the frames.
 
-    `current` is changed; `read` (signals,) is working memory.
+    `current` and `without` are changed; `read` (signals,) is working memory.
     """
     counts = NO_COUNTS
     used = 0
@@ -57,6 +79,9 @@ def walk(
         now = times[frame]
         used = note_stale(layout, current, now, at, which, values, used)
         cause, message, lost = judge(layout, current, frames, frame, now, read)
+        if by_signal and cause == OUT_OF_RANGE:
+            note_without(layout, message, frames, frame, now, read, without)
+            cause = ACCEPTED
         counts = counted(counts, cause, lost)
         if cause == ACCEPTED:
             take(layout, current, message, read)
@@ -70,6 +95,20 @@ def walk(
         last = times[frames.count - 1]
         used = note_stale(layout, current, last, at, which, values, used)
     return used, counts
+
+
+@compilable
+def note_without(
+    layout: BusConfig, message: int, frames: Frames, frame: int, now: int, read: Floats, without: Any
+) -> None:
+    """Count the signals of a frame whose values are out of range."""
+    table = layout.messages[message]
+    for row in range(table.first, table.first + table.count):
+        if np.isnan(read[row]) and selected(layout, row, frames.data, frame):
+            if without[row].count == 0:
+                without[row].time_ns = now
+                without[row].value = physical_of(layout, row, frames.data, frame)
+            without[row].count += 1
 
 
 @compilable

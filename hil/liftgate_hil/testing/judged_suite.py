@@ -107,7 +107,7 @@ def judge_suite(
             expectations=found.verdicts,
             sources=case.plan.sources,
             trace_summaries=found.trace_summaries,
-            notes=found.fault_notes,
+            notes=(*found.notes, *found.fault_notes),
         )
         outcome = Outcome(case, verdict, "", verdicts, result, 0.0)
         yield replace(outcome, wall_s=time.monotonic() - began), [*found.notes, *found.fault_notes]

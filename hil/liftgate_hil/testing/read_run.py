@@ -18,11 +18,11 @@ from liftgate_hil.conversion.decode import Decoder
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions
 from liftgate_hil.judging.judge import Gap
-from liftgate_hil.measurement.bus_log import refusals_in, span_of, tracks_of, unwrapped
+from liftgate_hil.measurement.bus_log import refusals_in, reported, span_of, unwrapped
 from liftgate_hil.measurement.log_frames import SILENT_S, read_frames
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs, own_column
 from liftgate_hil.measurement.units import near_miss
-from liftgate_hil.signals import BUS_OUTPUTS, COLUMNS, OUTPUT_COLUMNS, Bench
+from liftgate_hil.signals import COLUMNS, OUTPUT_COLUMNS, Bench
 from liftgate_hil.testing.recorded_run import RecordedRun, Track, rounded_to_us
 from liftgate_hil.testing.run_clocks import notes_on_begin, set_clocks
 from liftgate_hil.testing.run_file import RunFile, opened
@@ -214,8 +214,8 @@ def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> di
     own = replace(rig, outputs=tuple(wires))
     plain = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
     times_ns = np.ascontiguousarray(frames["time_ns"])
-    found, counts = tracks_of(own.output_config(sending=False), BUS_OUTPUTS, plain, times_ns)
-    notes += refusals_in(counts)
+    found, counts, without = reported(own, plain, times_ns)
+    notes += [*refusals_in(counts), *without]
     tracks = {}
     for wire in wires:
         if wire.quantity in found:

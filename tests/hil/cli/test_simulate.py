@@ -180,7 +180,7 @@ def test_columns_that_are_missing_are_told_with_the_files_own_and_its_rows_are_n
         ("time_s,voltage_v\n0,1\n0,2\n", "time_s: row 2; allowed: finite and rising"),
         ("voltage_v\n1\n", "time_s: missing"),
         ("time_s,volts\n0,1\n", "no input column"),
-        ("time_s,voltage_v\n0,nan\n", "voltage_v: nan in row 1"),
+        ("time_s,voltage_v\n0,nan\n", "voltage_v: empty cell in row 1"),
         ("time_s,voltage_v\n0,x\n", "voltage_v: 'x' in row 1; allowed: a number"),
         ("time_s,left_duty\n0,1.5\n", "left_duty"),
         ("time_s,voltage_v,left_duty\n0,1,1\n", "allowed: one of them, chosen by --map"),

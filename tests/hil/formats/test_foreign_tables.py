@@ -229,3 +229,15 @@ def test_integers_that_no_float_holds_are_rounded_with_a_note(tmp_path: Path, fo
         found = np.concatenate(list(table.rows(wanted)))
         assert found[:5, 1].tolist() == [float(n) for n in LARGE]
         assert table.notes == (f"n: 2 integers beyond 2^53 rounded to 53 bits, the first is {2**53 + 1}",)
+
+
+@pytest.mark.parametrize(
+    "cell", ["nan", "NaN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "-nan", " NaN "]
+)
+@pytest.mark.parametrize("more", ["", ",bath none"])
+def test_words_for_no_value_are_empty_cells(tmp_path: Path, cell: str, more: str) -> None:
+    extra = ",text" if more else ""
+    path = written(tmp_path, f"time_s,F,G{extra}\n0,1,{cell}{more}\n1,{cell},2{more}\n2,{cell},{cell}{more}\n")
+    found = series_in(path, "F", "G")
+    np.testing.assert_array_equal(found["F"].values, [1.0, np.nan, np.nan])
+    np.testing.assert_array_equal(found["G"].values, [np.nan, 2.0, np.nan])

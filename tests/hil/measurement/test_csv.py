@@ -134,8 +134,8 @@ def test_position_and_count_are_both_kept(tmp_path: Path) -> None:
 
 def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
     path = tmp_path / "m.csv"
-    path.write_text("time_s,comment,left_voltage_v,left_current_a\n0,hello,1,2\n1,,1,nan\n")
-    assert faults_of(path) == ["left_current_a: nan in row 2; allowed: a finite number"]
+    path.write_text("time_s,comment,left_voltage_v,left_current_a\n0,hello,1,2\n1,,1,inf\n")
+    assert faults_of(path) == ["left_current_a: inf in row 2; allowed: a finite number"]
 
 
 @pytest.mark.parametrize(

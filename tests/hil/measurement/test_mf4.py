@@ -114,7 +114,8 @@ def test_whole_numbers_and_switches_are_numbers(tmp_path: Path) -> None:
 
 def test_what_is_no_number_is_a_fault_with_its_sample(tmp_path: Path) -> None:
     current, volts = FINE.copy(), FINE.copy()
-    current[[4, 9]] = np.nan
+    current[[4, 9]] = np.inf
+    current[12] = np.nan  # no value
     volts[7] = 5000.0
     path = write(
         tmp_path / "m.mf4",
@@ -125,7 +126,7 @@ def test_what_is_no_number_is_a_fault_with_its_sample(tmp_path: Path) -> None:
         ],
     )
     assert faults_of(path) == [
-        "left_current_a: nan in sample 5 (2 such samples); allowed: a finite number",
+        "left_current_a: inf in sample 5 (2 such samples); allowed: a finite number",
         "left_speed_rps: not numeric; allowed: one number per sample",
         "left_voltage_v: 5000 in sample 8; allowed: -1000 to 1000; is it mV? "
         "`map` 'left_voltage_v=left_voltage_v[mV]'",

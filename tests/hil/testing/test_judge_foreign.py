@@ -15,7 +15,9 @@ from hypothesis import strategies as st
 
 import liftgate_hil as lh
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.testing.judged_suite import cases_of, judge_suite
 from liftgate_hil.testing.recorded_run import Track
+from liftgate_hil.testing.rejudge import expectations_of
 
 CAR = Path(__file__).parents[3] / "docs/examples/their_car"
 ANGLE = "gate_angle_deg=HK_Status.HK_Winkel"
@@ -263,3 +265,42 @@ def test_another_unit_in_place_of_ours_is_refused(tmp_path: Path, head: str) -> 
         ConfigError, match=rf"{head}: unexpected unit; allowed: `map` 'left_current_a={head}\[{unit}\]'"
     ):
         lh.judge([path], own)
+
+
+SNA = """
+VERSION ""
+BU_: Gate Ecu
+BO_ 256 Befehl: 2 Ecu
+ SG_ Tast : 0|16@1- (0.1,0) [-100|100] "%" Gate
+BO_ 257 Lage: 3 Gate
+ SG_ Winkel : 0|16@1- (0.1,0) [-100|200] "deg" Gate
+ SG_ Schloss : 16|2@1+ (1,0) [0|3] "" Gate
+VAL_ 257 Schloss 0 "offen" 1 "Hauptraste" 2 "Vorraste" 3 "SNA";
+"""
+
+
+@pytest.mark.parametrize("also", [False, True], ids=["alone", "beside the latch"])
+def test_a_label_without_a_counterpart_takes_no_other_signal_with_it(tmp_path: Path, also: bool) -> None:
+    (tmp_path / "their.dbc").write_text(SNA)
+    (tmp_path / "rig.toml").write_text(
+        'dbc = "their.dbc"\nbitrate = 500000\n[inputs]\nleft_duty = "Befehl.Tast"\nright_duty = "Befehl.Tast"\n'
+        '[outputs]\ngate_angle = { signal = "Lage.Winkel" }\n'
+        'latch_state = { signal = "Lage.Schloss", values = { open = "offen", latched = "Hauptraste" } }\n'
+        "[messages]\nLage = { cycle_ms = 20 }\nBefehl = { cycle_ms = 20 }\n"
+    )
+    log = tmp_path / "m.log"
+    frames = [(950 if k in (150, 151) else 400, 3 if k in (150, 151) else 0) for k in range(300)]
+    lines = (
+        f"({0.02 * k:.6f}) can0 101#{a.to_bytes(2, 'little').hex()}{s:02X}\n" for k, (a, s) in enumerate(frames)
+    )
+    log.write_text("".join(lines))
+    more = ['name = "unlatches"\neventually = "sensed.latched == 0"'] if also else []
+    own = scenario(tmp_path, 'name = "stop"\nnever = "sensed.gate_angle_deg > 90"', *more)
+    found = lh.judge([log], own, rig=tmp_path / "rig.toml")
+    assert (found["stop"].verdict, found["stop"].margin) == ("fail", pytest.approx(-5.0))
+    about = expectations_of(own, rig=tmp_path / "rig.toml")
+    (outcome, notes), *_ = judge_suite(cases_of([(log,)], about), is_summarized=False)
+    said = "Lage.Schloss: 3 (SNA) at 3.000 s is no value of latch_state; left out in 2 frames"
+    assert [note for note in notes if "Lage" in note] == ([said] if also else [])
+    assert outcome.result is not None
+    assert set(notes) <= set(outcome.result.notes)  # so that they are in the reports
