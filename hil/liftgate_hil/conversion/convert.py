@@ -12,19 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR
+from liftgate_hil.config.units import headed_unit
 from liftgate_hil.conversion.table import decoded, files_of
 from liftgate_hil.errors import ConfigError, RecordingError, number_of, printable
 from liftgate_hil.formats.bus_log import BUS_ERROR
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.guarded import raise_failures
-from liftgate_hil.formats.open import FORMATS, WITH_MARKS, check_file, open_recording, open_writer
+from liftgate_hil.formats.open import FORMATS, RECORDED, WITH_MARKS, check_file, open_recording, open_writer
 from liftgate_hil.formats.ours import is_ours
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.formats.target import is_one_of, is_special, set_aside, why
 from liftgate_hil.formats.writer import Writer
+from liftgate_hil.signals import COLUMNS
 from liftgate_plant.compiler.files import remove_leftovers, whole_file
 
 # Formats whose error frames have neither class nor data: they hold those alone that state none either.
+_SHOWN = 3  # units that a note lists
 _WITHOUT_CLASS = (".asc", ".blf")
 _WITHOUT_EARLY = (".mcap", ".blf")  # formats in which no time is before the start
 _MOST = 2.0**53  # largest count
@@ -104,7 +107,7 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
             tables = ", ".join(each for each, other in FORMATS.items() if other.has_rows)
             raise ConfigError(f"`rig` {rig}: decodes frames into a table; allowed: OUT as {tables}")
         table = decoded(source, rig)
-        notes += table.left_out
+        notes += [*table.left_out, *_notes_on_units(table, target)]
         if source.signals:
             notes.append(
                 f"{len(source.signals)} columns omitted: with --rig the table holds the bus signals instead"
@@ -123,6 +126,7 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
     if has_frames and not form.has_frames:
         notes.append(f"frames omitted: {target.suffix} holds rows only")
     own = source if source.signals and form.has_rows else None
+    notes += [] if own is None else _notes_on_units(own, target)
     return _Plan(source, own, has_frames and form.has_frames, marks, tuple(notes))
 
 
@@ -140,6 +144,20 @@ def _notes_about(source: Recording, target: Path) -> list[str]:
     if form.has_comments:
         return [f"provenance shortened: {target.suffix} holds it as comments; allowed, for all of it: {able}"]
     return [f"provenance omitted: {target.suffix} cannot hold it; allowed: {able}"]
+
+
+def _notes_on_units(table: Recording, target: Path) -> list[str]:
+    """Return the note on units that a text cannot hold, as no name states them."""
+    units = [
+        f"{name}: {each.unit}"
+        for name, each in table.signals.items()
+        if each.unit and name not in COLUMNS and not headed_unit(name)
+    ]
+    if target.suffix != ".csv" or not units:
+        return []
+    able = ", ".join(suffix for suffix in RECORDED if FORMATS[suffix].has_rows and suffix != ".csv")
+    shown = ", ".join([*units[:_SHOWN], *(["…"] if len(units) > _SHOWN else [])])
+    return [f"units omitted ({shown}): .csv holds names only; allowed: {able}"]
 
 
 def _notes_on_marks(source: Recording, target: Path) -> list[str]:

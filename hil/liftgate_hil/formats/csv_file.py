@@ -22,6 +22,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
+from liftgate_hil.config.units import headed_unit
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import CUT
 from liftgate_hil.formats.content import Content
@@ -114,12 +115,15 @@ class CsvFile(Recording):
     def as_recording(self) -> CsvFile:
         """Return it as a recording: the time first, the last line whole. Raises ConfigError if it is none."""
         check_time_first(self.path, self.names)
-        signals = {name: column_signal(name) for name in self.names if name and name != START_COLUMN}
+        units = {name: headed_unit(name) for name in self.names} | dict(self.units)
+        signals = {name: column_signal(name, units[name]) for name in self.names if name and name != START_COLUMN}
         # Even if the last line has all cells, the last one may be cut off.
         said = ((CUT, bool(self.last)), (UNNAMED, "" in self.names))
         notes = dict.fromkeys((*self.remarks, *(note for note, is_so in said if is_so)))
         begin_ns = self.starts.get("time_s", 0)
-        found = replace(self, signals=signals, remarks=tuple(notes), start_ns=begin_ns, is_strict=True)
+        found = replace(
+            self, units=units, signals=signals, remarks=tuple(notes), start_ns=begin_ns, is_strict=True
+        )
         if START_COLUMN not in self.names:
             return found
         with as_config_errors(self.path), _text_of(self.path) as stream:

@@ -298,6 +298,7 @@ def open_mcap(path: Path) -> McapFile:
         path=path,
         signals=signals,
         names=names,
+        units={name: each.unit for name, each in signals.items()},
         channel=bus,
         start_ns=nanoseconds_of(start),
         about=about,

@@ -188,6 +188,7 @@ def _tracks(
             if name not in file.samples:
                 continue
             times, values, unit = file.samples[name]
+            unit = unit or signal_unit(asked.rig.messages, name)  # of a table that was decoded by it
             times_us, path = rounded_to_us(times) - file.zero_us, file.path
         found = theirs.converted(values, ours, name, unit, COLUMNS)
         if isinstance(found, str):

@@ -141,7 +141,9 @@ def test_frames_far_out_of_order_are_reported() -> None:
 def test_a_run_s_bus_log_is_decoded_as_cantools_does(tmp_path: Path) -> None:
     lh.run("demo", duration=1.5, record=[tmp_path / "run.log"])
     done = convert(tmp_path / "run.log", tmp_path / "out.csv", str(DBC))
-    assert done.notes == ()  # the frames are in the table
+    (note,) = done.notes  # none on the frames, which are in the table
+    assert note.startswith("units omitted (DriveCommand.LeftDuty: %, ")
+    assert note.endswith("): .csv holds names only; allowed: .parquet, .mf4, .mcap")
     database = cantools.database.load_file(DBC)
     expected: dict[float, dict[str, float]] = {}
     held: dict[str, float] = {}

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import liftgate_hil as lh
+from liftgate_hil.cli.main import main
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.testing.judged_suite import cases_of, judge_suite
 from liftgate_hil.testing.recorded_run import Track
@@ -304,3 +305,29 @@ def test_a_label_without_a_counterpart_takes_no_other_signal_with_it(tmp_path: P
     assert [note for note in notes if "Lage" in note] == ([said] if also else [])
     assert outcome.result is not None
     assert set(notes) <= set(outcome.result.notes)  # so that they are in the reports
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".mcap", ".parquet", ".mf4"])
+def test_a_decoded_table_says_the_same_as_its_log(tmp_path: Path, suffix: str) -> None:
+    """Its units count, rows before a message's first frame have no value, and its rows are far from even."""
+    log, table_ = CAR / "closing.log", tmp_path / f"closing{suffix}"
+    assert main(["convert", str(log), str(table_), "--rig", str(CAR / "theirs.dbc")]) == 0
+    own = scenario(
+        tmp_path,
+        'name = "far"\nalways = "sensed.gate_angle_deg < 90"',
+        'name = "fuse"\nalways = "sensed.left_current_a < 30"',
+    )
+    maps = ["sensed_gate_angle_deg=HK_Status.HK_Winkel", "sensed_left_current_a=HK_Motor.HK_StromLinks"]
+    theirs = lh.judge([log], own, rig=CAR / "theirs.dbc", maps=maps)
+    ours = lh.judge([table_], own, maps=maps, rig=CAR / "theirs.dbc" if suffix == ".csv" else None)  # has no units
+    for name, verdict in theirs.items():
+        assert (ours[name].verdict, ours[name].margin) == ("pass", pytest.approx(verdict.margin)), name
+
+
+def test_rows_that_come_in_pairs_have_no_gaps_between_them(tmp_path: Path) -> None:
+    """As those of two messages that are sent one after the other."""
+    times = [0.01 * k + part for k in range(100) for part in (0.0, 0.0005)]
+    own = scenario(tmp_path, 'name = "a"\nalways = "gate_angle_deg < 90"')
+    assert lh.judge([ramp(tmp_path / "m.csv", times)], own)["a"].verdict == "pass"
+    missing = [each for each in times if not 0.3 < each < 0.4]
+    assert lh.judge([ramp(tmp_path / "m.csv", missing)], own)["a"].verdict == "inconclusive"
