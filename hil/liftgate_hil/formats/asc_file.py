@@ -31,6 +31,7 @@ _BASE = re.compile(
     r"\s*base\s+(?P<base>hex|dec)\b(?:\s+timestamps\s+(?P<stamps>absolute|relative))?", re.IGNORECASE
 )
 _BEGIN = re.compile(r"\s*begin\s+triggerblock\b\s*(?P<date>.*?)\s*$", re.IGNORECASE)
+_DATE = re.compile(r"\s*date\b\s*(?P<date>.*?)\s*$", re.IGNORECASE)
 # Lines without a timestamp that are no frames.
 _NO_STAMP = re.compile(
     r"//|date\b|base\b|(no\s+)?internal\s+events\s+logged|(begin|end)\s+triggerblock|previous\s+log\s+file|split\b",
@@ -39,7 +40,7 @@ _NO_STAMP = re.compile(
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 _IDENTIFIER = {16: re.compile(r"[0-9A-Fa-f]+[xX]?"), 10: re.compile(r"\d+[xX]?")}
 # What follows the timestamp in lines that are known to be no frame.
-_KNOWN = frozenset(("start", "trigger", "log", "//", "can", "//start", "comment:"))
+_KNOWN = frozenset(("start", "trigger", "log", "can", "comment:"))
 _MARKER = "GMGroup:"  # in the line of a global marker
 _TRANSPORT = "j1939tp"  # the kind of an object which may stand behind its bus
 # Objects of other kinds, by what follows their timestamps: Vector's ASC logging files format specification.
@@ -117,16 +118,20 @@ def _writer(stream: io.TextIOWrapper) -> Any:
 
 def open_asc(path: Path) -> BusLog:
     """Open a log in ASC. Raises ConfigError."""
-    dates: list[str] = []
+    date = ""
     for number, line, _ in lines_in(path):
-        if found := _BEGIN.match(line):
-            dates.append(found["date"])
-        if dates or number > _HEAD:
+        if found := _BEGIN.match(
+            line
+        ):  # of the times; the date of the measurement stands for it where it is missing
+            date = found["date"]
+        elif measured := _DATE.match(line):
+            date = date or measured["date"]
+        if found or number > _HEAD:
             break
-    stated = stated_in(dates[0]) if dates else None
+    stated = stated_in(date) if date else None
     remarks = []
-    if dates and dates[0] and stated is None:
-        remarks.append(f"its date {dates[0]!r} is not understood: no wall clock applies")
+    if date and stated is None:
+        remarks.append(f"its date {date!r} is not understood: no wall clock applies")
     return log_of(path, lambda account: _Lines(account).parts(path), stated=stated, remarks=remarks)
 
 

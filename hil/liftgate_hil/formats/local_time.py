@@ -23,6 +23,10 @@ _DATE = re.compile(
     re.IGNORECASE,
 )
 _ISO = re.compile(r"(?P<date>\d{4}-\d\d-\d\d)[T ]+(?P<clock>\d\d:\d\d:\d\d)(?:[.,](?P<part>\d+))?")
+# PCAN-View's start in words, with ms and tenths of them.
+_DOTTED = re.compile(
+    r"(?P<day>\d{1,2})\.(?P<month>\d{1,2})\.(?P<year>\d{4})\s+(?P<clock>\d{1,2}:\d\d:\d\d)(?:\.(?P<ms>\d{3})(?:\.\d)?)?"
+)
 _DAY_0 = datetime(1899, 12, 30)  # of PEAK's $STARTTIME, in days
 
 
@@ -43,13 +47,18 @@ def local_of(us: int) -> datetime:
 def stated_in(text: str) -> datetime | None:
     """Return the time that a header states in words; None if it is not understood.
 
-    It is `Mon Sep 29 01:00:00.000 pm 2025`, with or without weekday, part of a second, and half of the day, or
-    `2025-09-29 13:00:00`. One or two digits after the point are milliseconds: python-can writes 1 ms as .1.
+    It is `Mon Sep 29 01:00:00.000 pm 2025`, with or without weekday, part of a second, and half of the day,
+    `2025-09-29 13:00:00` or `29.09.2025 13:00:00.000.0`. One or two digits after the point are milliseconds:
+    python-can writes 1 ms as .1.
     """
     try:
         if iso := _ISO.fullmatch(text.strip()):
             whole = datetime.fromisoformat(f"{iso['date']} {iso['clock']}")
             return whole + timedelta(microseconds=_micros(iso["part"]))
+        if dotted := _DOTTED.fullmatch(text.strip()):
+            hour, minute, second = map(int, dotted["clock"].split(":"))
+            day = int(dotted["year"]), int(dotted["month"]), int(dotted["day"])
+            return datetime(*day, hour, minute, second, 1000 * int(dotted["ms"] or 0))
         found = _DATE.fullmatch(text.strip())
         month = _MONTHS.get(found["month"][:3].lower()) if found else None
         if found is None or month is None:

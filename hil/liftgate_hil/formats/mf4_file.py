@@ -190,8 +190,10 @@ class Mf4File(Recording):
 
     def as_recording(self) -> Mf4File:
         """Return it as a recording: one group of plain numbers. Raises ConfigError if it is none."""
-        if self.refusal:
+        if self.refusal and self.channel is None:
             raise ConfigError(f"{self.path}: {self.refusal}")
+        if self.refusal:  # of its columns; its frames are a recording
+            return self.changed(signals={}, remarks=(*self.remarks, f"its columns are left out: {self.refusal}"))
         return self
 
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:

@@ -153,10 +153,10 @@ def _earlier_set_aside(path: Path, inputs: Sequence[Path]) -> list[Path]:
     earlier, before = (
         [each for each in _parts_of(path, is_aside) if not is_one_of(each, inputs)] for is_aside in (False, True)
     )
+    for each in _numbered(path).values():  # also one that is not complete, and thus not known as ours
+        check_free(each)
     if not earlier:
         return before
-    for each in earlier:
-        check_free(each)
     asides = {aside_of(each) for each in earlier}
     for each in before:
         if each not in asides:
@@ -170,12 +170,14 @@ def _parts_of(path: Path, is_aside: bool = False) -> list[Path]:
     They are ours, and their numbers follow each other. A file alone whose number is not the first is no part, as
     a rotation keeps two at least: `drive.2024.csv` may be a recording of that year.
     """
-    stem, suffix = map(re.escape, (path.stem, f".previous{path.suffix}" if is_aside else path.suffix))
-    pattern = re.compile(rf"{stem}\.(\d{{4,}}){suffix}")
-    found: dict[int, Path] = {}
-    for each in path.parent.iterdir():
-        match = pattern.fullmatch(each.name)
-        if match is not None and not each.is_symlink() and is_ours(each):
-            found[int(match[1])] = each
+    found = {number: each for number, each in _numbered(path, is_aside).items() if is_ours(each)}
     numbers = list(itertools.takewhile(found.__contains__, itertools.count(min(found, default=1))))
     return [found[k] for k in numbers] if numbers[:1] == [1] or len(numbers) > 1 else []
+
+
+def _numbered(path: Path, is_aside: bool = False) -> dict[int, Path]:
+    """Return the files that are named as parts of a recording with a limit, by their numbers."""
+    stem, suffix = map(re.escape, (path.stem, f".previous{path.suffix}" if is_aside else path.suffix))
+    pattern = re.compile(rf"{stem}\.(\d{{4,}}){suffix}")
+    matches = ((pattern.fullmatch(each.name), each) for each in path.parent.iterdir())
+    return {int(match[1]): each for match, each in matches if match is not None and not each.is_symlink()}

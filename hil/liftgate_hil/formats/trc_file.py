@@ -16,7 +16,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.bus_log import BUS_ERROR, BusLog, Fields, bus_of, is_length, length_of_code, log_of
 from liftgate_hil.formats.content import Content, lines_about
-from liftgate_hil.formats.local_time import as_days, local_of, of_days
+from liftgate_hil.formats.local_time import as_days, local_of, of_days, stated_in
 from liftgate_hil.formats.log_lines import LogLines, NotUnderstoodError
 from liftgate_hil.formats.text_blocks import lines_in
 from liftgate_hil.formats.writer import StreamWriter
@@ -100,10 +100,13 @@ def open_trc(path: Path) -> BusLog:
     """Open a log in TRC. Raises ConfigError."""
     header = _Header(path)
     remarks = []
-    stated = of_days(header.days) if header.days is not None else None
+    stated = stated_in(header.start) if header.days is None else of_days(header.days)
     if header.start and not stated:
         remarks.append(f"its start {header.start!r} is not understood: no wall clock applies")
     return log_of(path, lambda account: _Lines(header, account).parts(path), stated=stated, remarks=remarks)
+
+
+_START = re.compile(r";\s*Start time:\s*(?P<start>.*)")
 
 
 class _Header:
@@ -122,6 +125,8 @@ class _Header:
                 self.version = value.strip()
             elif key == ";$STARTTIME":
                 self._starts(value.strip())
+            elif self.days is None and (in_words := _START.match(text)):  # version 1.0 states it in no other way
+                self.start = in_words["start"]
             elif key == ";$COLUMNS":
                 self.columns = [each.strip() for each in value.split(",")]
         if self.version not in _READERS:

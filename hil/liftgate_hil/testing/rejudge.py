@@ -17,7 +17,7 @@ from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.diagnostics.reset_watch import ResetWatch
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.errors import ConfigError, ConfigIssues
-from liftgate_hil.formats.open import holds_nothing
+from liftgate_hil.formats.open import holds_nothing, open_file
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, read_options
 from liftgate_hil.judging.expected import Expected
 from liftgate_hil.judging.judge import Gap, Judge
@@ -221,7 +221,8 @@ def judged(
         names = [each.name for each in about.expected.expectations[:count]]
         reason = "nothing was recorded"
         nothing = {name: Verdict(name, INCONCLUSIVE, reason=reason) for name in names}
-        return Judged(nothing, {}, 0, 0.0, ())
+        notes = [f"{path}: {note}" for path in paths for note in open_file(path, how=about.how).notes]
+        return Judged(nothing, {}, 0, 0.0, [*differences, *notes])
     run = read_run(paths, about.asked)
     run.notes[:0] = differences
     scenario = about.setup.scenario

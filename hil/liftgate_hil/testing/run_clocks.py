@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from itertools import combinations
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.testing.run_file import RunFile
+from liftgate_hil.testing.run_file import LATEST_S, RunFile
 
 _NEAR_0_S = 1.0  # s, of time 0: a bus log that begins there counts from when its logger was started
 _ROUNDED, _HEADER_US = (".asc", ".trc"), 1000  # formats whose times count from a start in whole ms of the header
@@ -47,7 +47,8 @@ def set_clocks(files: Sequence[RunFile], origin: float | None) -> None:
     if start_us is None:
         begins = [(math.floor(1e6 * each.span[0]), walls[each.path]) for each in timed if each.span is not None]
         first_us, wall_us = min(begins, key=sum)
-        start_us = wall_us + (first_us if origin is None else round(1e6 * origin))
+        own_us = 0 if origin is not None and origin > LATEST_S else wall_us  # or by the wall clock itself
+        start_us = own_us + round(1e6 * origin) if origin is not None else wall_us + first_us
     for each in timed:
         if each.path in walls:
             zero_us = start_us - walls[each.path]

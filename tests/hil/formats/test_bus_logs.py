@@ -557,3 +557,21 @@ def test_a_log_of_comments_and_statistics_says_that_it_holds_no_more(tmp_path: P
     )
     with pytest.raises(ConfigError, match="neither rows nor frames, at most comments, statistics, markers"):
         open_recording(path)
+
+
+@pytest.mark.parametrize("head", [["date Mon Sep 29 13:00:00.250 2025"], ["date Mon Sep 29 01:00:00.250 pm 2025"]])
+def test_the_date_counts_where_no_block_states_one(tmp_path: Path, head: list[str]) -> None:
+    path = tmp_path / "m.asc"
+    path.write_text("\n".join([*head, "base hex timestamps absolute", "0.01 1 120 Rx d 1 00", ""]))
+    assert open_file(path, how=read_options(timezone="UTC")).start_ns == 1_759_150_800_250_000_000
+    path.write_text("\n".join(["date yesterday", "base hex timestamps absolute", "0.01 1 120 Rx d 1 00", ""]))
+    assert open_file(path).notes == ("its date 'yesterday' is not understood: no wall clock applies",)
+
+
+def test_the_start_of_a_trc_of_version_1_0_is_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "m.trc"
+    lines = [";   Start time: {}", ";-----", "     1)      1059.9  0300  7  00 00 00 00 04 00 00", ""]
+    path.write_text("\n".join(lines).format("29.09.2025 13:00:00.123.0"))
+    assert open_file(path, how=read_options(timezone="UTC")).start_ns == 1_759_150_800_123_000_000
+    path.write_text("\n".join(lines).format("9/29/2025 1:00:00 PM"))
+    assert open_file(path).notes == ("its start '9/29/2025 1:00:00 PM' is not understood: no wall clock applies",)

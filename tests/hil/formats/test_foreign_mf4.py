@@ -13,6 +13,8 @@ from liftgate_hil.codec.frames import EXTENDED, FD
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.open import open_file, open_recording
 
+DBC = Path(__file__).parents[3] / "dbc" / "liftgate.dbc"
+
 asammdf = pytest.importorskip("asammdf")
 
 TIMES = np.arange(6) * 0.01
@@ -245,3 +247,19 @@ def test_fields_of_frames_that_are_constants_of_their_group_come_from_their_conv
     assert frames["is_sent"].all()
     assert frames["length"].tolist() == [0, 1, 8, 12, 16, 64]
     assert frames["payload"][3].tolist() == [7] * 12 + [0] * 52
+
+
+def test_frames_beside_channels_of_several_groups_are_a_recording(tmp_path: Path) -> None:
+    """As CANape and python-can write them, with the decoded signals beside."""
+    import can
+
+    path = tmp_path / "m.mf4"
+    with can.MF4Writer(path, database=str(DBC)) as writer:
+        for k in range(20):
+            for identifier, length in ((0x220, 8), (0x210, 8)):
+                data = bytes([k] * length)
+                writer.on_message_received(can.Message(0.01 * k, identifier, is_extended_id=False, data=data))
+    found = open_recording(path)
+    assert found.signals == {}
+    assert any(note.startswith("its columns are left out: columns in several groups") for note in found.notes)
+    assert sum(map(len, found.frames())) == 40

@@ -15,7 +15,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.edges import EdgeFile
 from liftgate_hil.formats.open import FORMATS, RECORDED, open_writer
-from liftgate_hil.formats.ours import is_ours
+from liftgate_hil.formats.ours import _is_our_table, is_ours
 from liftgate_hil.formats.target import aside_of, set_aside
 from liftgate_hil.signals import columns_of
 
@@ -228,9 +228,27 @@ def test_a_table_of_ours_to_which_somebody_has_added_is_not_ours(tmp_path: Path,
     with path.open("a") as stream:
         stream.write(added)
     assert not is_ours(path)
+    assert not _is_our_table(path.read_bytes(), path.read_bytes())
 
 
-def test_a_table_of_ours_that_was_cut_off_is_ours(tmp_path: Path) -> None:
+def test_a_table_that_pandas_has_written_back_is_somebody_elses(tmp_path: Path) -> None:
+    """Our columns, but another content."""
+    path = tmp_path / "run.csv"
+    head, *rows = record(path, 0).splitlines(keepends=True)
+    path.write_bytes(head + b"".join(rows[:2]))
+    kept = path.read_bytes()
+    record(path, 1)
+    record(path, 2)
+    assert kept in [each.read_bytes() for each in tmp_path.iterdir()]
+
+
+def test_where_no_attributes_are_a_table_is_known_by_its_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unsupported(*_: object) -> bytes:
+        raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
+
+    monkeypatch.setattr(os, "getxattr", unsupported)
     path = tmp_path / "run.csv"
     content = record(path, 0)
     for length in (len(content) - 7, content.index(b"\n") + 1, content.index(b"\n") + 20):

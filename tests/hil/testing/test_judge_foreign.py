@@ -331,3 +331,28 @@ def test_rows_that_come_in_pairs_have_no_gaps_between_them(tmp_path: Path) -> No
     assert lh.judge([ramp(tmp_path / "m.csv", times)], own)["a"].verdict == "pass"
     missing = [each for each in times if not 0.3 < each < 0.4]
     assert lh.judge([ramp(tmp_path / "m.csv", missing)], own)["a"].verdict == "inconclusive"
+
+
+def test_a_log_without_frames_says_what_it_holds(tmp_path: Path) -> None:
+    """An ASC file under another ending, of which no line is understood."""
+    (tmp_path / "m.log").write_text(
+        "date Sun Jun 15 14:00:00 2025\nbase hex timestamps absolute\n0.1 1 123 Rx d 1 00\n"
+    )
+    own = scenario(tmp_path, 'name = "a"\nalways = "gate_angle_deg < 90"')
+    (outcome, notes), *_ = judge_suite(
+        cases_of([(tmp_path / "m.log",)], expectations_of(own)), is_summarized=False
+    )
+    assert outcome.verdict == "inconclusive"
+    assert any("3 lines left out (not understood)" in note for note in notes)
+
+
+@pytest.mark.parametrize("origin", [2.0, 1_749_988_802.0], ids=["after the first frame", "by the wall clock"])
+def test_the_time_0_of_a_log_by_the_wall_clock(tmp_path: Path, origin: float) -> None:
+    log = tmp_path / "m.log"
+    log.write_text("".join(f"({1_749_988_800 + 0.01 * k:.6f}) can1 393#{100 * k:04X}00\n" for k in range(401)))
+    own = scenario(tmp_path, 'name = "x"\neventually = "HK_Status.HK_Winkel > 0.85"')
+    found = lh.judge([log], own, rig=CAR / "theirs.dbc", origin=origin)
+    assert found["x"].verdict == "pass"
+    assert found["x"].time_s == pytest.approx(
+        lh.judge([log], own, rig=CAR / "theirs.dbc")["x"].time_s - 2.0, abs=0.02
+    )
