@@ -283,7 +283,7 @@ def _write(
     output: Path | None, content: Content, blocks: Iterable[NDArray[np.float64]], say: Callable[[str], None]
 ) -> None:
     """Write all rows, until writing fails. Raises ConfigError, RecordingError."""
-    from liftgate_hil.formats.csv_file import CsvWriter
+    from liftgate_hil.formats.csv_writer import CsvWriter
     from liftgate_hil.formats.guarded import raise_failures
     from liftgate_hil.formats.open import open_writer
     from liftgate_hil.formats.target import why

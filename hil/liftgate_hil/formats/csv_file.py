@@ -1,7 +1,6 @@
-"""CSV files, written and read: a header, then one row of numbers per tick, each exact to the last bit.
+"""CSV files as they are read: a header, then rows of numbers, each exact to the last bit.
 
-A recording made in real time has one more column, the start of the run: a bus log beside it has the computer's
-time. Files of other tools may have semicolons or tabs, and empty cells (NaN).
+Files of other tools may have semicolons or tabs, and empty cells (NaN).
 """
 
 from __future__ import annotations
@@ -20,65 +19,16 @@ from typing import BinaryIO
 
 import numpy as np
 import orjson
-from numpy.typing import NDArray
 
 from liftgate_hil.config.units import headed_unit
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import CUT
-from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.csv_header import (
-    NOT_FINITE,
-    NUMBER,
-    UNNAMED,
-    Header,
-    decoded,
-    header_of,
-    without_comments,
-)
-from liftgate_hil.formats.csv_text import CsvText
-from liftgate_hil.formats.date_column import FORMS, Stamp, in_minutes, seconds_since, stamp_of
+from liftgate_hil.formats.csv_cells import doubts_about, first_cells, with_newlines, without_words
+from liftgate_hil.formats.csv_header import NOT_FINITE, NUMBER, UNNAMED, decoded, header_of, without_comments
+from liftgate_hil.formats.date_column import FORMS, Stamp, seconds_since, stamp_of
 from liftgate_hil.formats.mcap_layout import START_COLUMN
 from liftgate_hil.formats.reading import as_config_errors
 from liftgate_hil.formats.recording import Floats, Recording, check_time_first, column_signal
-from liftgate_hil.formats.writer import StreamWriter
-from liftgate_plant.signals import TIME
-
-
-class CsvWriter(StreamWriter):
-    """Writer of CSV recordings."""
-
-    def __init__(self, stream: BinaryIO, content: Content) -> None:
-        super().__init__(stream, content)
-        self._start: float | None = None  # start of the run, s since 1970
-        self._text: CsvText | None = None
-
-    def begin(self, epoch_ns: int) -> None:
-        """Write the header; if `epoch_ns` is not 0, with a column for the start of the run."""
-        columns, row = list(self._content.columns), dict(self._content.row)
-        if epoch_ns:
-            self._start = epoch_ns / 1e9
-            columns, row = [*columns, START_COLUMN], {**row, START_COLUMN: TIME}
-        self._text = CsvText(columns, row)
-        self._write(self._text.head)
-
-    def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Write one line per row."""
-        if self._start is not None:
-            rows = np.column_stack([rows, np.full(len(rows), self._start)])
-        self._write(self._begun().lines(rows))
-
-    def close(self) -> None:
-        """Close the file, which has at least a header."""
-        self._begun()
-        self._stream.close()
-
-    def _begun(self) -> CsvText:
-        """Return the formatter; write the header first if `begin` was not called (no wall clock applies then)."""
-        if self._text is None:
-            self.begin(0)
-        assert self._text is not None
-        return self._text
-
 
 _FEW = 3  # if fewer than a third of the columns are wanted, only their cells are parsed
 _DIGITS = b"0123456789+-.eE, \n"  # characters of rows in which each cell is a finite number, or empty
@@ -90,12 +40,6 @@ _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # how a text begins that E
 _MOST_UTF_16 = 1 << 29  # bytes of such a file, which is decoded as a whole
 _LARGE = 2.0**53  # an integer from here on may be none as a float
 _INTEGER = re.compile(r"[+-]?\d{1,300}")  # more digits than a float has
-# Cells that stand for no value, as other programs write them (pandas.read_csv's na_values).
-_NO_VALUE = re.compile(
-    rb"(?:^|(?<=[,;\t\n]))[ ]*(?:-?nan|#?n/a|#n/a n/a|<?na>?|null|none)[ ]*(?=[,;\t\n]|$)", re.IGNORECASE
-)
-_NO_VALUES = (b"nan", b"n/a", b"na>", b"null", b"none", b",na", b";na", b"\tna", b" na")  # one of these is in each
-_LETTERS = re.compile(rb"[a-df-zA-DF-Z#<]")  # besides the exponent's
 _OR_A_DATE = f", or a date in each row, such as {FORMS}"
 _BLOCK = 1 << 22  # bytes that are parsed at a time, so that an interrupt does not wait for long
 
@@ -133,7 +77,7 @@ class CsvFile(Recording):
                 first = stream.readline(_LONGEST)
         if not first.endswith(b"\n"):
             return found
-        start = found._table(_with_newlines(first), 1, [self.names.index(START_COLUMN)])[0, 0]
+        start = found._table(with_newlines(first), 1, [self.names.index(START_COLUMN)])[0, 0]
         return replace(found, start_ns=round(start * 1e6) * 1000 if 0.0 < start < _LATEST_START else 0)
 
     def in_zone(self, zone: tzinfo) -> CsvFile:
@@ -185,11 +129,11 @@ class CsvFile(Recording):
             at, rest = stream.seek(self.head), b""
             while block := stream.read(_BLOCK):
                 lines, newline, rest = (rest + block).rpartition(b"\n")
-                text = without_comments(_with_newlines(self._checked(lines, at)))
+                text = without_comments(with_newlines(self._checked(lines, at)))
                 at += len(lines + newline)
                 if text.strip():
                     yield text
-            text = without_comments(_with_newlines(self._checked(rest, at)))
+            text = without_comments(with_newlines(self._checked(rest, at)))
             if CUT in self.notes:  # the last line is ignored
                 text = text[: text.rfind(b"\n") + 1]
             if text.strip():
@@ -208,8 +152,8 @@ class CsvFile(Recording):
         text = written = text.strip(b"\n")
         if self.has_commas:
             text = text.translate(_AS_POINTS)
-        if not self.is_strict and _LETTERS.search(text) and any(map(text.lower().__contains__, _NO_VALUES)):
-            text = _NO_VALUE.sub(b"", text)
+        if not self.is_strict:
+            text = without_words(text)
         table = None
         is_plain = self.delimiter == b"," or b"," not in text
         if is_plain and b'"' not in text and b"\n\n" not in text:
@@ -330,21 +274,19 @@ def open_csv(path: Path) -> CsvFile:
         head = stream.read(_LONGEST)
         size = stream.seek(0, os.SEEK_END)
         stream.seek(max(0, size - _LONGEST))
-        _, newline, last = _with_newlines(stream.read()).rpartition(b"\n")
+        _, newline, last = with_newlines(stream.read()).rpartition(b"\n")
     header = header_of(path, head)
     last = last if newline and header.end < size else b""
     # A last line that is short was cut off, as by a full disk or a kill.
     is_short = bool(last.strip()) and last.count(header.delimiter.encode()) < len(header.names) - 1
     notes = (CUT,) if is_short and size - len(last) > header.end else ()
-    cells = _first_cells(header, head[header.end :])
+    rows = head[header.end :]
+    cells = first_cells(header, rows)
     moments = {name: stamp for name, cell in cells.items() if (stamp := stamp_of(cell)) is not None}
-    minutes = [
-        f"{name}: {cell.strip()} is read as hours and minutes" for name, cell in cells.items() if in_minutes(cell)
-    ]
     return CsvFile(
         path=path,
         names=header.names,
-        remarks=(*notes, *header.notes, *minutes),
+        remarks=(*notes, *header.notes, *doubts_about(cells, header, rows)),
         delimiter=header.delimiter.encode(),
         head=header.end,
         last=last,
@@ -373,26 +315,9 @@ def _text_of(path: Path) -> BinaryIO:
             raise ConfigError(f"{path}: cannot be read: not UTF-16 at byte {error.start}") from error
 
 
-def _first_cells(header: Header, text: bytes) -> dict[str, str]:
-    """Return the cells of the first row, by the names of their columns; none if it cannot be read."""
-    first = next(
-        (line for line in without_comments(_with_newlines(text[:_LONGEST])).split(b"\n") if line.strip()), b""
-    )
-    try:
-        cells = next(csv.reader([first.decode(header.encoding)], delimiter=header.delimiter), [])
-    except (csv.Error, UnicodeDecodeError):
-        return {}
-    return {name: cell for name, cell in zip(header.names, cells, strict=False) if name}
-
-
 def _starts_of(moments: Mapping[str, Stamp], zone: tzinfo | None) -> dict[str, int]:
     """Return the wall clock at the first moment of each column [ns since 1970]."""
     return {name: stamp.epoch_ns(zone) for name, stamp in moments.items()}
-
-
-def _with_newlines(text: bytes) -> bytes:
-    """Return the text with a newline at the end of each line, and maybe a blank line between two blocks."""
-    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
 
 
 def _refusal_of(cell: str, number: int, bad: Sequence[int]) -> str:

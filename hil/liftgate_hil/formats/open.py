@@ -51,7 +51,7 @@ def _lazily(module: str, name: str) -> Callable[..., Any]:
 
 _CSV = _lazily("csv_file", "open_csv")
 FORMATS: Mapping[str, Format] = {
-    ".csv": Format(_CSV, _lazily("csv_file", "CsvWriter"), has_rows=True, is_text=True),
+    ".csv": Format(_CSV, _lazily("csv_writer", "CsvWriter"), has_rows=True, is_text=True),
     ".tsv": Format(_CSV, has_rows=True),
     ".txt": Format(_CSV, has_rows=True),
     ".parquet": Format(

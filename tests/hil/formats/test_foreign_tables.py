@@ -241,3 +241,12 @@ def test_words_for_no_value_are_empty_cells(tmp_path: Path, cell: str, more: str
     found = series_in(path, "F", "G")
     np.testing.assert_array_equal(found["F"].values, [1.0, np.nan, np.nan])
     np.testing.assert_array_equal(found["G"].values, [np.nan, 2.0, np.nan])
+
+
+def test_points_that_may_group_thousands_are_named(tmp_path: Path) -> None:
+    """As Excel writes 18 400 mA in German."""
+    rows = [f"{k};{'18.400' if k == 5 else 900 + k}" for k in range(10)]
+    file = open_file(written(tmp_path, "\n".join(["t;I [mA]", *rows, ""])))
+    assert file.notes == ("18.400 is read as 18.4, not with thousands",)
+    rows[3] = "3;0.250"  # so that they are decimal points
+    assert open_file(written(tmp_path, "\n".join(["t;I [mA]", *rows, ""]))).notes == ()
