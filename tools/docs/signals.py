@@ -13,7 +13,7 @@ the true value; in conditions the former is `sensed.NAME`.
 In place of `faults_in_force` a recording has a column for each of the first 51 faults of the scenario, 1 while
 it is in force:
 `fault.KIND` or `fault.KIND.WHERE`, such as `fault.spring_lost.left`, and of a second one alike
-`fault.spring_lost.left.2`. `fault.injected` is 1 while any other is in force, from a page, a program or a test
+`fault.spring_lost.left.2`. In real time `fault.injected` is 1 while any other is in force, from a page or a test
 bench. What each fault is stands in the provenance, under `faults`."""
 
 

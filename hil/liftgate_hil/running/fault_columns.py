@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 INJECTED = FAULT_PREFIX + "injected"  # of all that a page, a program or a test bench injects meanwhile
 
 
-def fault_columns_of(faults: Sequence[Fault]) -> dict[str, int]:
-    """Return the columns of a scenario's faults, and one for all others, with their bits in `faults_in_force`.
+def fault_columns_of(faults: Sequence[Fault], is_open: bool = False) -> dict[str, int]:
+    """Return the columns of a scenario's faults, with their bits in `faults_in_force`.
 
     The first 51 faults have a column, `fault.KIND` or `fault.KIND.WHERE`; that of a later fault alike has its
-    number: `fault.KIND.WHERE.2`.
+    number: `fault.KIND.WHERE.2`. One for all others follows where they may be injected meanwhile (`is_open`).
     """
     known = dict(zip(_names(faults), (1 << place for place in range(MOST_FAULTS)), strict=False))
-    return known | {INJECTED: 1 << MOST_FAULTS}
+    return known | ({INJECTED: 1 << MOST_FAULTS} if is_open else {})
 
 
 def faults_by_column(faults: Sequence[Fault]) -> dict[str, Mapping[str, Any]]:

@@ -46,7 +46,9 @@ def whole_content_of(plan: Plan, channel: str, bus: str) -> Content:
 
 def _bare_content_of(plan: Plan, channel: str) -> Content:
     content = Content(columns_of(plan.setup.vehicle.drives), channel, inputs=plan.inputs)
-    return content.with_faults(fault_columns_of(plan.setup.scenario.faults))
+    # On the clocks free and lockstep a run has the same columns on a bus, where faults may be injected, as without.
+    is_open = plan.opening.slots > 0 and plan.options.clock == "realtime"
+    return content.with_faults(fault_columns_of(plan.setup.scenario.faults, is_open))
 
 
 def origin_of(plan: Plan, bus: str = "") -> str:

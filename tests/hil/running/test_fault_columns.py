@@ -71,7 +71,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("name", FILES)
 def test_a_recording_states_of_each_fault_when_it_was_in_force(folder: Path, name: str) -> None:
     recording = open_recording(folder / name)
-    assert list(recording.signals) == [*columns_of(2), *COLUMNS, INJECTED]
+    assert list(recording.signals) == [*columns_of(2), *COLUMNS]
     rows = np.concatenate(list(recording.rows(["time_s", *COLUMNS])))
     for place, (begin, end) in enumerate(COLUMNS.values(), 1):
         # A row is what a tick has led to, at its end.
@@ -87,11 +87,13 @@ def test_the_provenance_states_what_each_fault_is(folder: Path) -> None:
     assert (weak["kind"], weak["where"], weak["factor"]) == ("spring_weak", "both", 0.5)
 
 
-def test_a_recording_without_faults_has_only_the_column_of_injected_ones(tmp_path: Path) -> None:
-    lh.run(find_config("scenarios", "demo"), duration=0.05, record=tmp_path / "run.csv")
+@pytest.mark.parametrize("clock", ["free", "realtime"])
+def test_a_recording_without_faults_has_at_most_a_column_of_injected_ones(tmp_path: Path, clock: str) -> None:
+    lh.run(find_config("scenarios", "demo"), clock=clock, duration=0.05, record=tmp_path / "run.csv")
     recording = open_recording(tmp_path / "run.csv")
-    assert [name for name in recording.signals if name.startswith("fault.")] == [INJECTED]
-    assert not np.concatenate(list(recording.rows([INJECTED]))).any()
+    found = [name for name in recording.signals if name.startswith("fault.")]
+    assert found == ([INJECTED] if clock == "realtime" else [])
+    assert not np.concatenate(list(recording.rows(["time_s", *found])))[:, 1:].any()
 
 
 def test_springs_are_drawn_as_they_were(folder: Path) -> None:
@@ -112,7 +114,7 @@ def test_of_injected_faults_it_is_stated_that_one_is_in_force() -> None:
     sheet, vehicle = Sheet(), lh.load_vehicle(find_config("vehicles", "suv"))
     own = [fault_of("motor_open", "left", {}), fault_of("supply_open", None, {})]
     faults = faults_of(constants_of(vehicle), [Injection((), Instant(0.0))] * 2, sheet, slots=3)
-    columns = fault_columns_of(own)
+    columns = fault_columns_of(own, is_open=True)
     content = Content(columns_of(2)).with_faults(columns)
 
     def stated() -> list[float]:
@@ -130,7 +132,7 @@ def test_of_injected_faults_it_is_stated_that_one_is_in_force() -> None:
 
 def test_more_faults_than_a_number_has_bits_have_no_columns() -> None:
     many = [fault_of("supply_open", None, {})] * (MOST_FAULTS + 3)
-    columns = fault_columns_of(many)
+    columns = fault_columns_of(many, is_open=True)
     assert list(columns)[-2:] == [f"fault.supply_open.{MOST_FAULTS}", INJECTED]
     assert columns[INJECTED] == 2**MOST_FAULTS
     faults = faults_of(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -25,6 +26,7 @@ _ENUMERATIONS = {
 # Words that say what a switch is at 1.
 _ACTUATED = {"pulled", "gezogen", "pressed", "gedrueckt", "betaetigt", "actuated", "active", "aktiv"}
 _NEGATED = {"not", "nicht", "no", "un"}  # then 1 is the opposite
+_STEPS = re.compile(r"(?P<size>\d+\.\d+)\s*(?P<unit>\D.*)")  # a unit with the size of a step before it
 # Step of a signal, in our unit, that no database of a gate has: the unit must be another one.
 _COARSE = {"A": 0.9, "V": 0.9, "deg": 4.0, "°C": 10.0, "rev/s": 20.0}
 _NO_VALUE = {
@@ -91,6 +93,10 @@ def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
     if factors is None:
         text = f"{candidate.unit!r} is not one of its units" if candidate.unit else "no unit in the database"
         reason = f"{text} ({low:g} to {high:g}); one of {allowed_units(ours)}"
+        steps = _STEPS.fullmatch(candidate.unit)  # 0.1%
+        if steps is not None and conversion(ours, steps["unit"]) is not None:
+            keys = {"scale": steps["size"], "unit": quoted(steps["unit"])}
+            return replace(line, keys=keys).withdrawn(f"{text} ({low:g} to {high:g}); in steps of that?")
         return replace(line, keys={"unit": '"?"'}).withdrawn(reason)
     step = abs(factors[0] * float(candidate.signal.scale))
     if step >= _COARSE.get(ours.unit, 1e300) and not candidate.signal.is_float:
