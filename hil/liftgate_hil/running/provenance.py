@@ -46,7 +46,7 @@ def whole_content_of(plan: Plan, channel: str, bus: str) -> Content:
 
 def _bare_content_of(plan: Plan, channel: str) -> Content:
     content = Content(columns_of(plan.setup.vehicle.drives), channel, inputs=plan.inputs)
-    # On the clocks free and lockstep a run has the same columns on a bus, where faults may be injected, as without.
+    # On the clocks free and lockstep it has the same columns on a bus, where faults may be injected, as without.
     is_open = plan.opening.slots > 0 and plan.options.clock == "realtime"
     return content.with_faults(fault_columns_of(plan.setup.scenario.faults, is_open))
 
