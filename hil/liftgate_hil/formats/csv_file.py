@@ -152,19 +152,21 @@ class CsvFile(Recording):
         text = written = text.strip(b"\n")
         if self.has_commas:
             text = text.translate(_AS_POINTS)
-        if not self.is_strict:
-            text = without_words(text)
-        table = None
-        is_plain = self.delimiter == b"," or b"," not in text
-        if is_plain and b'"' not in text and b"\n\n" not in text:
-            if _FEW * len(places) >= len(self.names):
-                table = self._whole(text, places)
-            if table is None:
-                table = self._cells(text, places)
+        table = self._at_once(text, places)
+        if table is None and not self.is_strict and (numbers := without_words(text)) is not text:
+            text, table = numbers, self._at_once(numbers, places)
         table = self._by_cell(text, written, number, places) if table is None else table
         if (np.abs(table) >= _LARGE).any():
             self._account_for_integers(text, table, places)
         return table
+
+    def _at_once(self, text: bytes, places: Sequence[int]) -> Floats | None:
+        """Return the columns by parsing many cells at a time; None if that is not possible."""
+        is_plain = self.delimiter == b"," or b"," not in text
+        if not is_plain or b'"' in text or b"\n\n" in text:
+            return None
+        table = self._whole(text, places) if _FEW * len(places) >= len(self.names) else None
+        return self._cells(text, places) if table is None else table
 
     def _account_for_integers(self, text: bytes, table: Floats, places: Sequence[int]) -> None:
         """Tell the account of the integers in large cells, which may have more digits than a float holds."""
