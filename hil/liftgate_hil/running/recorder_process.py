@@ -139,9 +139,9 @@ class RecorderProcess:
         self._names = ", ".join(map(str, paths))
         self._say, self._ended_too, self._count = say, ended, len(paths)
         self._began = time.monotonic()
-        with os.fdopen(self._given, "wb") as stream:
+        given, self._given = self._given, -1
+        with os.fdopen(given, "wb") as stream:
             stream.write(pickle.dumps(Order(paths, content, limit, trigger, begin)))
-        self._given = -1
         self._tell(True)
         if not self.is_there:  # before it had a file to report of
             ended()
