@@ -723,13 +723,13 @@ def test_connections_without_the_token_keep_nobody_out_however_many(
         until(client, is_going)
         host, port = client.host.split(":")
         with streamed(client) as viewer:
-            wires = [socket.create_connection((host, int(port)), timeout=30) for _ in range(400)]
+            wires = [socket.create_connection((host, int(port)), timeout=30) for _ in range(260)]
             with socket.create_connection((host, int(port)), timeout=30) as newest:
                 newest.sendall(request(client, client.token))
                 assert newest.recv(65_536).startswith(b"HTTP/1.1 200 OK")
             viewer.recv(timeout=30)
         deadline = time.monotonic() + 30
-        while len(served(int(port))) > 250:
+        while len(served(int(port))) > 220:
             assert time.monotonic() < deadline
             time.sleep(0.05)
         for wire in wires:
