@@ -260,3 +260,10 @@ def test_a_switch_whose_name_is_negated_is_asked_for(tmp_path: Path, name: str):
     text, _ = draft_of(tmp_path, COMMON, CURRENTS + signal)
     assert name in text
     assert not any(name in line for line in text.splitlines() if not line.startswith("#"))
+
+
+def test_a_unit_with_the_size_of_a_step_is_proposed_with_its_scale(tmp_path: Path) -> None:
+    duty = COMMON.replace('(0.01,0) [-100|100] "%"', '(1,0) [-1000|1000] "0.1%"')
+    text, unclear = draft_of(tmp_path, duty, CURRENTS)
+    assert '# left_duty = { signal = "GateCmd.MotorDuty", scale = 0.1, unit = "%" }' in text
+    assert "in steps of that?" in unclear["inputs.left_duty"]
