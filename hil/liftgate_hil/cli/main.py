@@ -42,6 +42,14 @@ COMMANDS = {
 
 
 _JUDGING = ("judge", "test")  # commands whose exit code 1 is a verdict
+# What a call without any argument prints.
+_FIRST_STEPS = (
+    "`bus`: missing; to see the gate move: liftgate-hil demo",
+    "to play with it on a page: liftgate-hil --bus virtual:any --ecu reference --dashboard",
+    "to test an ECU: liftgate-hil init my-gate",
+    "to connect a bus: liftgate-hil --bus socketcan:can0",
+    "all commands and flags: liftgate-hil help",
+)
 
 
 class Parser(argparse.ArgumentParser):
@@ -113,6 +121,11 @@ def _error_code(argv: Sequence[str] | None) -> int:
 def _command(argv: Sequence[str] | None) -> int:
     """Parse the command line, run the subcommand and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    is_bare = not arguments
+    if arguments[:1] == ["help"]:
+        arguments = [*arguments[1:2], "--help"]
+    elif arguments == ["version"]:
+        arguments = ["--version"]
     is_named = bool(arguments) and arguments[0] in COMMANDS
     name = arguments.pop(0) if is_named else "run"
     module = importlib.import_module(f"liftgate_hil.cli.{name}")
@@ -138,7 +151,8 @@ def _command(argv: Sequence[str] | None) -> int:
     try:
         return int(module.run(args))
     except ConfigError as error:
-        for fault in error.issues:
+        is_lost = is_bare and error.issues[0].startswith("`bus`: missing")
+        for fault in _FIRST_STEPS if is_lost else error.issues:
             streams.say(f"liftgate-hil: {as_flags(fault)}")
         return 2
     except LiftgateError as error:

@@ -160,7 +160,7 @@ def test_without_a_bus_the_message_says_how_to_name_one(
     monkeypatch.setattr(can.util, "CONFIG_FILES", [])
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
-    (line,) = complaint(capsys)
+    (line,) = complaint(capsys, "--quiet")
     assert "--bus" in line
     assert "socketcan:vcan0" in line
 
@@ -449,3 +449,27 @@ def test_a_run_that_falls_too_far_behind_says_so_and_is_inconclusive(
     told = capsys.readouterr().err
     assert told == "liftgate-hil: the bench was late: the loop fell more than --overrun-limit (1 ms) behind\n"
     assert lh.run(scenario="demo", bus=bus, clock="realtime", ecu="bus").verdict == "inconclusive"
+
+
+def test_a_bare_call_says_what_to_type(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(can.util, "CONFIG_FILES", [])
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+    said = complaint(capsys)
+    assert len(said) == 5
+    assert said[0] == "liftgate-hil: --bus: missing; to see the gate move: liftgate-hil demo"
+    assert complaint(capsys, "--quiet")[0].startswith("liftgate-hil: --bus: missing; allowed: ")
+
+
+def test_help_and_version_are_words_too(capsys: pytest.CaptureFixture[str]) -> None:
+    shown = []
+    for words in (["version"], ["--version"], ["help"], ["--help"], ["help", "judge"], ["judge", "--help"]):
+        assert call(*words) == 0
+        shown.append(capsys.readouterr().out)
+    assert shown[0::2] == shown[1::2]
+    assert "subcommands (each with its own --help)" in shown[2]
+    assert complaint(capsys, "help", "nosuch")[0].startswith(
+        "liftgate-hil: no subcommand 'nosuch'; allowed: run, "
+    )
