@@ -32,7 +32,7 @@ class Fault(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """How a command has ended."""
+    """Ending of a command: its exit code or signal, and what it printed."""
 
     code: int  # negative: the signal
     said: list[str]  # lines on stderr

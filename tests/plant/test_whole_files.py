@@ -75,12 +75,9 @@ def test_a_file_without_a_name_is_written_to(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_replaced_is_written_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
-    def refuse(*_: object) -> None:
-        raise OSError(number, os.strerror(number))
-
     path = tmp_path / "mounted.xml"
     path.write_bytes(b"before, and longer")
-    monkeypatch.setattr(Path, "replace", refuse)
+    monkeypatch.setattr(Path, "replace", refusing(number))
     write_whole(path, b"after")
     assert path.read_bytes() == b"after"
     assert list(tmp_path.iterdir()) == [path]

@@ -98,10 +98,12 @@ def _compared(
         )
     found = Comparison((), 0, (0, 0), ((), ()))
     if have_rows:
-        if rig is None:  # signals are decoded by the recordings' own rigs
-            tables = open_whole(paths[0], None, how, columns or ()), open_whole(paths[1], None, how, columns or ())
-        else:
-            tables = open_table(paths[0], rig, how), open_table(paths[1], rig, how)
+
+        def opened(path: Path) -> Recording:
+            """Open a table; without a rig, signals are decoded by the recording's own one."""
+            return open_whole(path, None, how, columns) if rig is None else open_table(path, rig, how)
+
+        tables = opened(paths[0]), opened(paths[1])
         common, own = tolerances
         found = compare_tables(
             tables, columns, own, common, window, lambda rows: progress.update(text=f"{rows} rows")

@@ -1,4 +1,4 @@
-"""What a file is in which no message could be read, by how it begins: another database, or another file."""
+"""Forms of files in which no message could be read, by how they begin: another database, or no database."""
 
 from __future__ import annotations
 

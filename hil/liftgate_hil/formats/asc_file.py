@@ -118,11 +118,9 @@ def _writer(stream: io.TextIOWrapper) -> Any:
 
 def open_asc(path: Path) -> BusLog:
     """Open a log in ASC. Raises ConfigError."""
-    date = ""
+    date = ""  # where the times begin; of the measurement, where no block states it
     for number, line, _ in lines_in(path):
-        if found := _BEGIN.match(
-            line
-        ):  # of the times; the date of the measurement stands for it where it is missing
+        if found := _BEGIN.match(line):
             date = found["date"]
         elif measured := _DATE.match(line):
             date = date or measured["date"]

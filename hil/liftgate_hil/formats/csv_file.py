@@ -82,7 +82,7 @@ class CsvFile(Recording):
 
     def in_zone(self, zone: tzinfo) -> CsvFile:
         """Return the table with local times in its cells read as those of a zone."""
-        return replace(self, starts=_starts_of(self.moments, zone))
+        return self.changed(starts=_starts_of(self.moments, zone))
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these columns, one block at a time; an empty cell is NaN."""

@@ -115,7 +115,7 @@ class ParquetFile(Recording):
 
     def in_zone(self, zone: tzinfo) -> ParquetFile:
         """Return the table with dates that state no zone read as local times of this one."""
-        return replace(self, starts=_starts_of(self.moments, zone))
+        return self.changed(starts=_starts_of(self.moments, zone))
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these columns, one batch at a time; null is NaN."""

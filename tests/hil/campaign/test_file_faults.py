@@ -1,4 +1,4 @@
-"""Whatever operation on files fails, or is a campaign's last one: nothing is lost, and the rest is resumed."""
+"""Campaigns of which one operation on files fails, or is the last: nothing is lost, and the rest is resumed."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Campaign(NamedTuple):
         return path.exists() and json.loads(path.read_bytes())["is_complete"]
 
     def results(self) -> tuple[pa.Table, dict[str, Any], bytes]:
-        """What it has found, without what differs from run to run: rows, verdicts, text on the data."""
+        """Results without what differs from run to run: rows, verdicts, text on the data."""
         manifest = json.loads((self.output / "campaign.json").read_bytes())
         assert (self.output / "report.html").read_text().rstrip().endswith("</html>")
         return (
@@ -95,7 +95,7 @@ def with_foreign_files(campaign: Campaign) -> Campaign:
 
 
 def assert_foreign_files_are_there(campaign: Campaign) -> None:
-    """Those whose places a campaign needs under any name."""
+    """Assert that foreign files are as they were; those at the places of a campaign's own, under any name."""
     for folder in (campaign.output, campaign.store):
         assert {name: (folder / name).read_bytes() for name in FOREIGN} == FOREIGN
     assert {*NAMED_LIKE_OURS.values()} <= {each.read_bytes() for each in campaign.output.iterdir()}
@@ -108,7 +108,7 @@ def names_in(campaign: Campaign) -> set[str]:
 
 
 class Expected(NamedTuple):
-    """What a campaign is whose operations do not fail."""
+    """Results and names of files of an undisturbed campaign."""
 
     results: tuple[pa.Table, dict[str, Any], bytes]
     names: set[str]
@@ -129,7 +129,7 @@ def expected(commands: FaultyCommands, tmp_path_factory: pytest.TempPathFactory)
 
 
 def assert_told(said: list[str], folder: Path, fault: Fault) -> None:
-    """That one line names a file and the cause; files that were set aside have lines of their own."""
+    """Check that one line names a file and the cause; files that were set aside have lines of their own."""
     (line,) = [each for each in said if "the file that was there is now" not in each]
     assert re.search(f"{folder}/.*: {os.strerror(fault.number)}", line)
 

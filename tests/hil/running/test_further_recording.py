@@ -130,7 +130,7 @@ def test_it_holds_what_came_between_start_and_stop_and_the_marks(
 def test_it_ends_where_it_was_stopped_even_before_it_was_ready(
     bench: Bench, memory: Memory, tmp_path: Path
 ) -> None:
-    """What comes meanwhile, while its process starts or completes the file, does not belong to it."""
+    """Rows that come while its process starts, or completes the file, do not belong to it."""
     bench.recording.prepare()
     put(memory, 0, 3)
     bench.recording.start("x.csv")
