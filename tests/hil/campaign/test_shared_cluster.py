@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pickle
 import subprocess
@@ -43,8 +44,15 @@ def slots_of(cluster: DaskProcesses) -> list[int]:
     found = []
     for worker in cluster.workers:
         for path in Path(f"/proc/{worker.pid}/task").glob("*/children"):
-            found += [int(each) for each in path.read_text().split()]
-    return [each for each in found if b"executors.worker" in Path(f"/proc/{each}/cmdline").read_bytes()]
+            found += [int(each) for each in text_of(path).split()]
+    return [each for each in found if "executors.worker" in text_of(Path(f"/proc/{each}/cmdline"))]
+
+
+def text_of(path: Path) -> str:
+    """What /proc says of a thread or a process; nothing if that has ended meanwhile."""
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+        return path.read_text()
+    return ""
 
 
 def wait_until(is_so: Callable[[], bool]) -> None:
