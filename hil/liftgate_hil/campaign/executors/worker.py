@@ -62,6 +62,9 @@ def main() -> int:
         is_ours = isinstance(error, LiftgateError)
         messenger.send(FAILED, text_of(error) if is_ours else f"{type(error).__name__}: {text_of(error)}")
         return 1
+    finally:
+        # It ends by itself now. Python removes its handlers then, and reports a signal that comes meanwhile.
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
     return 0
 
 
