@@ -15,8 +15,10 @@ import asyncio
 import json
 import os
 import select
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -151,15 +153,20 @@ def _serve_as_clients() -> None:
 def _one_run(
     seconds: float, clients: _Clients | None, is_realtime: bool, bus: str
 ) -> tuple[dict[str, float], int]:
-    """Run the emulator, with clients or without; return its summary, and how many states they have read."""
+    """Run the emulator for some seconds from when its page is there, with clients or without.
+
+    Returns its summary, and how many states the clients have read.
+    """
     command = [sys.executable, "-m", "liftgate_hil", "--bus", bus, "--ecu", "reference", "--json"]
-    command += ["--overrun-limit", "60", "--duration", f"{seconds:g}", "--dashboard", "--listen", "127.0.0.1:0"]
-    command += ["--realtime"] if is_realtime else []
+    command += ["--overrun-limit", "60", "--dashboard", "--listen", "127.0.0.1:0"]
+    command += ["--realtime" if is_realtime else "--no-realtime"]
     run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert run.stderr is not None
     address = next((line.strip() for line in run.stderr if line.startswith("http://")), "")
     if clients is not None and address:
         clients.read(address, run.pid)
+    time.sleep(seconds)
+    run.send_signal(signal.SIGINT)
     out, said = run.communicate(timeout=_PATIENCE_S + 10 * seconds)
     if run.returncode != 0 or not address:
         raise SystemExit(f"the run failed ({run.returncode}): {said}")
