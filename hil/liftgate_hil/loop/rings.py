@@ -148,6 +148,11 @@ class Memory:
             offset += size
         self.shared = Shared(*arrays)
 
+    def touch(self) -> None:
+        """Let the kernel provide the memory of both rings, before anything is written to them."""
+        for each in (self.shared.rows, self.shared.frames):
+            each.view(np.uint8).fill(0)
+
     def close(self) -> None:
         """Close the descriptor; the memory is released with the last array that shows it."""
         os.close(self.descriptor)
@@ -220,11 +225,12 @@ class RingReader:
         self.end: int | None = None  # row before which it ends; None: it goes on
         self.lost = 0
 
-    def take(self) -> Any:
-        """Return copies of the rows that have come since the last call."""
+    def take(self, most: int | None = None) -> Any:
+        """Return copies of the rows that have come since the last call; with `most` up to that row only."""
         capacity = len(self._rows)
         head = int(self._control[self._head][0])
-        head = head if self.end is None else max(self._next, min(head, self.end))
+        for limit in (self.end, most):
+            head = head if limit is None else max(self._next, min(head, limit))
         start = max(self._next, head - capacity)
         rows = self._rows[np.arange(start, head) % capacity]
         # Rows that the writer has reached meanwhile may be half overwritten; those of its present batch, too.

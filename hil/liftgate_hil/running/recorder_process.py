@@ -60,6 +60,9 @@ class Place(NamedTuple):
     frames: int
 
 
+EVERYWHERE = Place(2**62, 2**62)
+
+
 def place_in(memory: Memory) -> Place:
     """Return where the loop's rings are now."""
     control = memory.shared.control
@@ -291,10 +294,10 @@ class RingRecorder:
         """Rows and frames that were overwritten before they were read."""
         return self._rows.lost + self._frames.lost
 
-    def take(self, is_last: bool = False) -> None:
-        """Write all that is new, down to the operating system; frames in the order of time."""
-        rows = self._rows.take()
-        come = self._frames.take()
+    def take(self, most: Place = EVERYWHERE, is_last: bool = False) -> None:
+        """Write what is new up to a place, down to the operating system; frames in the order of time."""
+        rows = self._rows.take(most.rows)
+        come = self._frames.take(most.frames)
         frames = self._in_order(come, is_last)
         if len(rows) or len(frames):
             self.begin()
@@ -367,11 +370,14 @@ def main() -> int:
         return 2
     recorder = RingRecorder(memory, writers, content, triggered, order.begin)
     tell(ready=True)
+    seen = Place(0, 0)
     for told in itertools.chain([first[1:]], lines):
         for each in told:
             if isinstance(each, dict):
                 recorder.end_at(Place(*each["end"]))
-        recorder.take()
+        # Only what was there before these lines were waited for: an end before that has come by now.
+        recorder.take(seen)
+        seen = place_in(memory)
         for each in told:
             if isinstance(each, list):
                 recorder.mark(*each)

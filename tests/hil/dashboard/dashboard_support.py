@@ -7,9 +7,10 @@ import json
 import os
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -38,6 +39,21 @@ class Client:
 
     def command(self, **command: Any) -> tuple[int, Any]:
         return self.ask("/api/command", json.dumps(command).encode())
+
+
+def until(client: Client, is_so: Callable[[Any], bool]) -> Any:
+    """The first state in which it is so."""
+    for _ in range(15_000):
+        state = client.ask("/api/state")[1]
+        if is_so(state):
+            return state
+        time.sleep(0.02)
+    raise AssertionError(state)
+
+
+def is_going(state: Any) -> bool:
+    """Whether the run runs; a busy machine is late now and then."""
+    return state["phase"] in ("running", "late")
 
 
 def _read(answer: Any) -> Any:

@@ -9,13 +9,13 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
-from dashboard_support import Client, address_in, process
+from dashboard_support import Client, address_in, is_going, process, until
 from json_paths import written
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
@@ -63,21 +63,6 @@ def client(folder: Path, run: subprocess.Popen[str]) -> Iterator[Client]:
 def wire_until_closed(wire: Any) -> Iterator[Any]:
     while True:
         yield wire.recv(timeout=30)
-
-
-def until(client: Client, is_so: Callable[[Any], bool]) -> Any:
-    """The first state in which it is so."""
-    for _ in range(15_000):
-        state = client.ask("/api/state")[1]
-        if is_so(state):
-            return state
-        time.sleep(0.02)
-    raise AssertionError(state)
-
-
-def is_going(state: Any) -> bool:
-    """Whether the run runs; a busy machine is late now and then."""
-    return state["phase"] in ("running", "late")
 
 
 def states_until_closed(wire: Any) -> Iterator[Any]:

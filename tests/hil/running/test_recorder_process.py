@@ -19,7 +19,7 @@ from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.rotation import Limit
 from liftgate_hil.loop.rings import Memory, note_frames
-from liftgate_hil.running.recorder_process import RecorderProcess, RingRecorder
+from liftgate_hil.running.recorder_process import RecorderProcess, RingRecorder, place_in
 
 PATIENCE = 120.0  # s until something must have happened; nothing is judged by it
 MS = 10**6
@@ -99,6 +99,23 @@ def test_frames_are_written_in_the_order_of_time_whenever_they_were_logged(memor
     assert times == sorted(times)
     assert [way for _, _, way in notes.frames][:5] == [0, 1, 0, 1, 1]
     assert writer.lost == 0
+
+
+def test_rows_behind_a_place_wait_for_the_next_look(memory: Memory) -> None:
+    """Where to end is told a moment after it was found: till then nothing behind it may be written."""
+    notes = Notes()
+    writer = RingRecorder(memory, [notes], Content(()))
+    write(memory, rows_from(0, 3))
+    seen = place_in(memory)
+    write(memory, rows_from(3, 4))
+    end = place_in(memory)
+    write(memory, rows_from(7, 5))
+    writer.take(seen)
+    assert notes.rows == 3
+    writer.end_at(end)
+    writer.take(place_in(memory))
+    writer.take(is_last=True)
+    assert notes.rows == 7
 
 
 def test_a_recorder_gets_the_start_of_the_run_once(memory: Memory) -> None:

@@ -1,0 +1,60 @@
+"""Record on the page, begun and stopped at any moment beside other programs: the file holds what lay between."""
+
+from __future__ import annotations
+
+import random
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from asammdf import MDF
+from dashboard_support import Client, address_in, is_going, process, until
+
+from liftgate_hil.formats.open import open_recording
+from tools.busy import busy_processes
+
+MOMENTS, NEAR_S = 20, 0.05
+BENCH = ("--bus", "virtual:moments", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> Iterator[Client]:
+    text = 'duration = 1e6\n[[request]]\ntime = 0.5\naction = "open"\n'
+    (tmp_path / "s.toml").write_text(text, encoding="utf-8")
+    with process(*BENCH, folder=tmp_path) as run:
+        wait_for(run, "suv on ")
+        command = ("dashboard", "--attach", str(run.pid), "--listen", "127.0.0.1:0")
+        with process(*command, folder=tmp_path) as page:
+            found = Client(address_in(page))
+            until(found, is_going)
+            yield found
+
+
+def wait_for(run: subprocess.Popen[str], text: str) -> None:
+    assert run.stderr is not None
+    assert any(text in line for line in run.stderr)
+
+
+@pytest.mark.realtime
+def test_a_file_holds_what_lay_between_both_requests_and_its_marks(client: Client, tmp_path: Path) -> None:
+    """The times of the requests are those of the answers: the ticks at which the run got them."""
+    moments = random.Random(57)
+    with busy_processes(3):
+        for number in range(MOMENTS):
+            name = f"{number}.{'mf4' if number % 2 else 'csv'}"
+            begin = client.command(record={"file": name})[1]["time_s"]
+            time.sleep(moments.uniform(0.0, 0.5))
+            mark = client.command(mark=name)[1]["time_s"] if number % 2 else None
+            time.sleep(moments.uniform(0.0, 0.5))
+            end = client.command(record=None)[1]["time_s"]
+            until(client, lambda state: state["in_force"]["record"] is None)
+            recording = open_recording(tmp_path / name)
+            times = [time for rows in recording.rows(["time_s"]) for time in rows[:, 0].tolist()]
+            assert times[0] == pytest.approx(begin, abs=NEAR_S)
+            assert times[-1] == pytest.approx(end, abs=NEAR_S)
+            assert len(times) == round(1000.0 * (times[-1] - times[0])) + 1
+            if mark is not None:
+                with MDF(tmp_path / name) as measured:
+                    assert [(each.name, each.value) for each in measured.events] == [(name, pytest.approx(mark))]
