@@ -32,13 +32,20 @@ _FEW = 12  # names that a message lists
 
 def allowed_names(name: str, known: Iterable[str]) -> str:
     """Return the names allowed in place of an unknown one, as text; where they are many, the nearest."""
-    from difflib import get_close_matches  # takes as long as this file
-
     names = list(known)
     if len(names) <= _FEW:
         return ", ".join(names)
-    near = get_close_matches(name, names, 3)
-    return f"{', '.join(near or names[:_FEW])}, … ({len(names)} in all)"
+    return f"{', '.join(nearest(name, names) or names[:_FEW])}, … ({len(names)} in all)"
+
+
+def nearest(name: str, known: Iterable[str], most: int = 3) -> list[str]:
+    """Return the known names that may be meant: they begin with the name, contain it, or are spelled alike."""
+    from difflib import get_close_matches  # takes as long as this file
+
+    names, sought = list(known), name.lower()
+    begin = [each for each in names if each.lower().startswith(sought)]
+    contain = [each for each in names if sought in each.lower()]
+    return list(dict.fromkeys([*begin, *contain, *get_close_matches(name, names, most)]))[:most] if sought else []
 
 
 class Entries(dict[str, _T]):

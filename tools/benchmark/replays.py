@@ -109,7 +109,7 @@ def players(interface: str, channel: str, log: Path) -> dict[str, list[str]]:
     ours = [sys.executable, "-m", "liftgate_hil", "replay", str(log), "--json"]
     ours += ["--bus", f"{interface}:{channel}"]
     found = {
-        "liftgate-hil replay": ours,
+        "liftgate-hil replay --no-realtime": [*ours, "--no-realtime"],
         "liftgate-hil replay --realtime": [*ours, "--realtime"],
         "can.player": [
             sys.executable, "-m", "can.player", "-i", interface, "-c", channel, str(log),

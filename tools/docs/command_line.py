@@ -6,6 +6,7 @@ import argparse
 import importlib
 import re
 
+from liftgate_hil.cli.examples import EXAMPLES
 from liftgate_hil.cli.exit_codes import DEMO_EXIT_CODES, EXIT_CODES, RUN_EXIT_CODES
 from liftgate_hil.cli.main import COMMANDS, whole_parser
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS
@@ -59,7 +60,8 @@ def _subcommand(name: str, parser: argparse.ArgumentParser) -> list[str]:
     module = importlib.import_module(f"liftgate_hil.cli.{name}")
     flags = [each for each in parser._actions if each.help != argparse.SUPPRESS and not _is_common(each)]
     rows = [(_name_of(each), _words(each)) for each in flags]
-    return [f"## {name}", *_paragraphs(module.__doc__ or ""), table(["argument", "meaning"], rows)]
+    examples = "\n".join(["```text", *EXAMPLES[name], "```"])
+    return [f"## {name}", *_paragraphs(module.__doc__ or ""), examples, table(["argument", "meaning"], rows)]
 
 
 def _is_common(action: argparse.Action) -> bool:

@@ -29,7 +29,7 @@ DOCTOR = Document(
         "figures.duration_s": "duration of each measurement [s]",
         "figures.lateness": "lateness of the loop's wake-ups",
         **{f"figures.lateness.{name}": meaning for name, meaning in _LATENESS.items()},
-        "figures.lateness_realtime": "the same with `--realtime`; null: not possible, or not measured",
+        "figures.lateness_realtime": "the same with FIFO scheduling; null: not possible, or not measured",
         **{f"figures.lateness_realtime.{name}": meaning for name, meaning in _LATENESS.items()},
         "figures.tick": "execution time of a tick; null: not compiled yet (see `compile`)",
         **{f"figures.tick.{name}": meaning for name, meaning in DISTRIBUTION.items()},

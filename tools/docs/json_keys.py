@@ -151,6 +151,7 @@ RUN = Document(
         "injections_refused": "injections that were refused as invalid",
         "commands": "commands of an operator that were carried out",
         "commanded": "the first of them, as texts with their times",
+        "discarded": "frames of the ECU that were in flight where the precondition ended",
         "ecu_dropped_frames": "frames for which an ECU in this process had no room",
         **{
             key: meaning

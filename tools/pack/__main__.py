@@ -28,7 +28,7 @@ _LOADS = {"With nothing else": 0, "Beside two busy processes": 2}  # number of p
 
 _LOOK_S = 60.0  # about as long as scenarios take, to see rare delays
 # Checks of `doctor` on how well the machine keeps time; the page itself explains what that means for tests.
-_TIMING = ("kernel", "CPUs", "virtual machine", "lateness", "with --realtime", "stolen time", "--realtime", "tick")
+_TIMING = ("kernel", "CPUs", "virtual machine", "lateness", "without FIFO", "stolen time", "real time", "tick")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -213,7 +213,7 @@ class Evaluator:
             self._ecu = _Ecu(adapter, coding, reference_copied(adapter.state))
         kept = self._ecu
         kept.adapter.state = reference_copied(kept.state)
-        kept.adapter.begins_anew(0.0)
+        kept.adapter.begins_anew(0.0, 0)
         return kept.adapter
 
     def reset(self) -> None:

@@ -1,9 +1,5 @@
 """Many variants of a scenario: all combinations, samples, a search for the worst, a probability.
 
-liftgate-hil campaign s.toml --vary rod=10000,20000,65000 --vary angle=10:70:13
-liftgate-hil campaign s.toml --vary 'rod~loguniform(5e3,1e5)' --samples 10000
-liftgate-hil campaign FOLDER --replay VARIANT --record run.mf4
-
 Exit code 0: it is complete, whatever its verdicts.
 """
 

@@ -1,9 +1,5 @@
 """A script that lets a shell complete subcommands, flags, files, and the names of shipped vehicles, rigs and
-scenarios. It is static: completing starts no Python. Made anew after an update:
-
-  liftgate-hil completion bash > ~/.local/share/bash-completion/completions/liftgate-hil
-  liftgate-hil completion zsh > FOLDER/_liftgate-hil      (a FOLDER of $fpath)
-  liftgate-hil completion fish > ~/.config/fish/completions/liftgate-hil.fish
+scenarios. It is static: completing starts no Python. It is made anew after an update.
 """
 
 from __future__ import annotations

@@ -2,10 +2,6 @@
 frames, .mf4 and .mcap both. Every value and every frame is kept as it was. What OUT cannot hold is reported; if it
 could hold a part of it only with a loss, nothing is written.
 
-  liftgate-hil convert run.blf run.mf4
-  liftgate-hil convert run.mf4 run.csv                           # its rows; the frames are left out
-  liftgate-hil convert run.blf signals.csv --rig liftgate        # what the frames say, decoded
-
 With --rig a row stands for each time at which a frame came, with each signal as of its message's last frame.
 """
 

@@ -1,12 +1,6 @@
 """The operator's page of a running emulator, or of a recording: a web page of this machine, for those who have its
 address with the token. Runs until it is stopped; a run that has ended is followed by the next one on its bus.
 
-  liftgate-hil dashboard                       of the emulator that runs here
-  liftgate-hil dashboard --attach 4711         of one of several
-  liftgate-hil dashboard --recording run.mf4
-  liftgate-hil dashboard --scenarios FOLDER    of the scenarios that the page starts, with the reference ECU
-  liftgate-hil --bus socketcan:vcan0 --dashboard      both in one
-
 Scripts ask the same server: GET /api/state, GET /api/about (what can be commanded, with ranges), POST
 /api/command, WS /api/stream, each with ?token=…. Each start has a new token, unless LIFTGATE_HIL_TOKEN is set
 in the environment.

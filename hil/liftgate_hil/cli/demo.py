@@ -70,12 +70,11 @@ def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()
     folder = _folder(args)
-    has_wire = options.wire_choice(args).is_given
     is_whole = args.scenario in (None, "demo") and args.duration is None
     is_ours, mark = args.ecu == REFERENCE, ""
     judged = _LEARNED if is_ours else _JUDGED
     args.scenario = judged if is_whole else args.scenario or "demo"
-    shown = _shown(args, stopped, has_wire)
+    shown = _shown(args, stopped, is_whole)
     if shown.is_given_up and not shown.summary.ticks:  # the precondition was not reached
         return exit_code_of(shown, DEMO_EXIT_CODES)
     busy = ""
@@ -88,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"{_TOO_BUSY}: {busy}. {_AGAIN}", file=sys.stderr, flush=True)
         mark = _NOT_REAL_TIME
         args = argparse.Namespace(**{**vars(args), **_ON_THE_FREE_CLOCK})
-        shown = _shown(args, stopped, has_wire=False)
+        shown = _shown(args, stopped, is_whole)
     is_stopped = _is_stopped(args, shown, stopped)
     reasons = failures(shown, event_of(shown), is_ours) if is_whole and not is_stopped else []
     if reasons and not mark:
@@ -107,9 +106,13 @@ def run(args: argparse.Namespace) -> int:
     return 1 if reasons else exit_code_of(shown, DEMO_EXIT_CODES)
 
 
-def _shown(args: argparse.Namespace, stopped: StopSignals, has_wire: bool) -> Result:
+def _shown(args: argparse.Namespace, stopped: StopSignals, is_whole: bool) -> Result:
     """Run the demo and return its result. Raises LiftgateError."""
-    shown = run_loop(args, stopped, DEMO_EXIT_CODES, has_wire, _every(args, options.setup_of(args)))
+    wire = options.wire_choice(args)
+    every = _every(args, options.setup_of(args))
+    shown = run_loop(
+        args, stopped, DEMO_EXIT_CODES, wire if wire.is_given else None, every, gives_up_late=is_whole
+    )
     raise_error(args, shown, stopped)
     return shown
 

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
         progress.lasts(seconds, "measuring")
 
     with teller.progress("doctor") as progress:
-        found = Examination(args.rate, args.duration, args.realtime, args.cpu, tell, say)
+        found = Examination(args.rate, args.duration, bool(args.realtime), args.cpu, tell, say)
         found.run()
     if args.json:
         checks = [check._asdict() for check in found.checks]

@@ -10,7 +10,6 @@ import contextlib
 import gc
 import math
 import signal
-import sys
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -67,7 +66,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="seconds after the start; default: until stopped",
     )
-    parser.add_argument("--realtime", action="store_true", help="request FIFO scheduling; a refusal is reported")
+    parser.add_argument(
+        "--realtime",
+        action=argparse.BooleanOptionalAction,
+        help="request FIFO scheduling, and report a refusal in full; --no-realtime: do not; default: where it is "
+        "granted",
+    )
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 
 
@@ -128,8 +132,8 @@ def _drive(
     way = find_way(options.wire_choice(args), rig)
     transport, lost_before = open_transport(way), 0
     try:
-        if args.realtime:
-            _ask_for_priority(args)
+        if args.realtime is not False:
+            _ask_for_priority(args.realtime, teller)
         requests = _requests(args.request) if args.request else list(scenario.requests)
         if args.no_requests:
             requests = []
@@ -236,13 +240,13 @@ def _take_turns(
         peer.finish()
 
 
-def _ask_for_priority(args: argparse.Namespace) -> None:
-    from liftgate_hil.loop.priority import PRIORITY, ask_for_fifo, wake_sharply
+def _ask_for_priority(realtime: bool | None, teller: Teller) -> None:
+    from liftgate_hil.loop.priority import FIFO, PRIORITY, ask_for_fifo, in_one_line, wake_sharply
 
     wake_sharply()
     refused = ask_for_fifo(PRIORITY)  # the same as the gate's loop, so that this process never starves it
-    if refused and not args.quiet:
-        print(f"refused: {refused}", file=sys.stderr, flush=True)
+    if refused:
+        teller.say(f"refused: {refused}" if realtime else in_one_line([FIFO]))
 
 
 def _requests(given: list[str]) -> list[Request]:

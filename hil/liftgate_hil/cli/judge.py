@@ -5,9 +5,7 @@ over, so there is neither --ecu nor --clock.
 
 Recordings that are not ours have columns of their own (--map) and a bus of their own (--rig, a rig's file or a
 database): what the rig's outputs stand for is taken from a log's frames where no table has it. They are judged in
-ticks of --rate, each column as of its last sample:
-
-  liftgate-hil judge drive.log --scenario close.toml --rig their.dbc --map 'gate_angle_deg=Tailgate.Position'
+ticks of --rate, each column as of its last sample.
 """
 
 from __future__ import annotations

@@ -15,6 +15,8 @@ from types import ModuleType
 from typing import NoReturn
 
 from liftgate_hil.cli import stopping, streams
+from liftgate_hil.cli.examples import EXAMPLES
+from liftgate_hil.cli.help import Formatter, arrange
 from liftgate_hil.cli.options import as_flags
 from liftgate_hil.errors import ConfigError, LiftgateError, allowed_names, causes
 
@@ -37,6 +39,7 @@ COMMANDS = {
     "init": "a folder to start from: database, vehicle, rig, scenario, a test, an ECU in C",
     "compile": "the machine code of all loops ahead of time: for container images and CI caches",
     "completion": "a script with which bash, zsh or fish complete flags and names",
+    "list": "what is shipped, with descriptions: scenarios, vehicles, rigs, campaigns, ECUs",
     "doctor": "is this machine fit for real time: kernel, limits, buses, timer lateness",
 }
 
@@ -45,11 +48,16 @@ _JUDGING = ("judge", "test")  # commands whose exit code 1 is a verdict
 # What a call without any argument prints.
 _FIRST_STEPS = (
     "`bus`: missing; to see the gate move: liftgate-hil demo",
-    "to play with it on a page: liftgate-hil --bus virtual:any --ecu reference --dashboard",
+    "to play with it on a page: liftgate-hil --ecu reference --dashboard",
     "to test an ECU: liftgate-hil init my-gate",
     "to connect a bus: liftgate-hil --bus socketcan:can0",
     "all commands and flags: liftgate-hil help",
 )
+# Flags that other tools have, and what is typed here instead.
+_ELSEWHERE = {
+    "--fault": "faults are [[fault]] of a scenario, or injected on the page of a run (--dashboard); "
+    "liftgate-hil list pack names scenarios with faults"
+}
 
 
 class Parser(argparse.ArgumentParser):
@@ -62,7 +70,7 @@ class Parser(argparse.ArgumentParser):
         start, _, unknown = message.partition("unrecognized arguments: ")
         if not start and unknown.startswith("-"):
             flag = unknown.split()[0].partition("=")[0]
-            message += f"; allowed: {allowed_names(flag, self._flags())}"
+            message += f"; {_ELSEWHERE.get(flag) or f'allowed: {allowed_names(flag, self._flags())}'}"
         if self.on_error is not None:
             self.on_error(message)
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
@@ -132,11 +140,11 @@ def _command(argv: Sequence[str] | None) -> int:
     parser = Parser(
         prog="liftgate-hil" if name == "run" else f"liftgate-hil {name}",
         description=module.__doc__,
-        epilog=_overview() if name == "run" else None,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=Formatter,
         allow_abbrev=False,
     )
     _add_arguments(parser, module)
+    arrange(parser, EXAMPLES[name], _overview() if name == "run" else "")
     if name in _JUDGING:
         parser.on_error = functools.partial(_report_flags, arguments)
     if name == "run" and arguments and not arguments[0].startswith("-"):

@@ -66,7 +66,8 @@ def add_options(parser: argparse.ArgumentParser, *names: str, **defaults: Any) -
             default_text = default if isinstance(default, str) else f"{default:g}"
         text = f"{option.help}; default: {default_text}" if default_text else option.help
         if isinstance(option.kind, Flag):
-            parser.add_argument(flag, action="store_true", help=text)
+            either = argparse.BooleanOptionalAction  # not given: None
+            parser.add_argument(flag, action=either, help=text)
         elif isinstance(option.kind, Choice):
             words = option.kind.words
             parser.add_argument(flag, choices=words, default=default, help=text)
@@ -178,6 +179,19 @@ def vehicle_of(args: argparse.Namespace) -> Vehicle:
 def add_loop(parser: argparse.ArgumentParser) -> None:
     """Add the flags for the loop."""
     add_options(parser, "rate", "clock", "duration", "overrun_limit", "wall_timeout", *MACHINE)
+
+
+def tell_refused(realtime: bool | None, say: Callable[[str], None]) -> bool:
+    """Report in one line what a run in real time requests by itself and is refused; return whether it gets FIFO.
+
+    With --realtime each run reports its refusals in full, with --no-realtime nothing is requested.
+    """
+    from liftgate_hil.loop.priority import FIFO, in_one_line, refused_here
+
+    refused = [] if realtime is False else refused_here()
+    if refused and realtime is None:
+        say(in_one_line(refused))
+    return realtime is not False and FIFO not in refused
 
 
 def add_ecu(

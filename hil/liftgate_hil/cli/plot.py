@@ -1,11 +1,4 @@
-"""A picture of a recording or of a vehicle: one of the figures below. Bus logs are drawn with --rig.
-
-liftgate-hil plot run.csv
-liftgate-hil plot run.mf4 --columns left_current_a,sensed_left_current_a --from 12.3 --to 12.6 --output run.svg
-liftgate-hil plot run.blf --rig liftgate --columns Gate.Angle,LeftDrive.MotorCurrent
-liftgate-hil plot run.csv --figure phase --output phase.pdf
-liftgate-hil plot --figure forces --vehicle suv --set environment.road_slope_deg=8
-"""
+"""A picture of a recording or of a vehicle: one of the figures below. Bus logs are drawn with --rig."""
 
 from __future__ import annotations
 

@@ -1,11 +1,6 @@
 """Plays the frames of a recording onto a bus or a serial line with the original timing: a recording of this
 program, or a log of others (.log .asc .blf .trc .mf4 .mcap).
 
-  liftgate-hil replay run.blf --bus socketcan:can0                # what the gate sent, for the ECU
-  liftgate-hil replay run.blf --bus socketcan:can0 --direction received    # what it received, for a gate
-  liftgate-hil replay car.asc --bus socketcan:can0 --except 0x120,0x7E0-0x7EF
-  liftgate-hil replay run.mf4 --bus socketcan:can0 --from 13 --to 20 --loop
-
 Without --direction it plays the frames that are marked as sent (Tx); if there are none, as in logs without
 directions, all of them. It waits and sends in machine code, as the emulator does. At its end it tells how late
 the frames were: from when each was due until the kernel, or the driver of another interface, had it.
@@ -111,6 +106,7 @@ def run(args: argparse.Namespace) -> int:
         cpu=args.cpu,
     )
     teller = Teller(args.quiet, args.json)
+    options.tell_refused(args.realtime, teller.say)
     way = find_way(options.wire_choice(args), rig)
     shown = teller.progress("replay")
 

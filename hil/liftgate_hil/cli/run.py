@@ -21,6 +21,7 @@ from liftgate_hil.judging.verdict import ERROR, GIVEN_UP
 
 if TYPE_CHECKING:
     from liftgate_hil.running.result import Result
+    from liftgate_hil.transport.can_arguments import WireChoice
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,10 +37,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()
-    result = run_loop(args, stopped, RUN_EXIT_CODES)
+    result = run_loop(args, stopped, RUN_EXIT_CODES, _wire_of(args))
     raise_error(args, result, stopped)
     report(args, result, stopped)
     return exit_code_of(result, RUN_EXIT_CODES)
+
+
+def _wire_of(args: argparse.Namespace) -> WireChoice | None:
+    """Return the choice of the wire; None: the ECU and the bus are in this process. Raises ConfigError."""
+    wire = options.wire_choice(args)
+    if wire.is_given or args.ecu == ON_A_BUS:
+        return wire
+    return wire if args.clock != "free" and wire.is_configured else None
 
 
 def raise_error(args: argparse.Namespace, result: Result, stopped: StopSignals) -> None:

@@ -109,6 +109,8 @@ def run(args: argparse.Namespace) -> int:
         template = _template(args, QuietListener(teller))
         cases = _cases_of(args, template, targets)
     clear_the_way(targets, teller.say)
+    if args.clock == "realtime":
+        options.tell_refused(args.realtime, teller.say)
     _tell_fit(cases, teller)
     stop = StopSignals()
     jobs = 1 if suite.is_alone(template) else args.jobs or len(os.sched_getaffinity(0))

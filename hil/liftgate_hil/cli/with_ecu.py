@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from liftgate_hil.running.job import Job
     from liftgate_hil.running.plan import Plan
     from liftgate_hil.running.result import Result
+    from liftgate_hil.transport.can_arguments import WireChoice
     from liftgate_plant.vehicle import Vehicle
 
 _USAGE = 2  # exit code for wrong usage or configuration
@@ -47,13 +48,15 @@ def run_loop(
     args: argparse.Namespace,
     stopped: StopSignals,
     exit_codes: Mapping[str, int],
-    has_wire: bool = True,
+    wire: WireChoice | None,
     trace: int = 0,
+    gives_up_late: bool = False,
 ) -> Result:
     """Run the gate with its ECU and return the result; `exit_codes` of the command are told on the page.
 
-    Without a wire and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus it
-    is a second process there. Raises LiftgateError; what went wrong in the run is in the result.
+    Without a `wire` and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus
+    it is a second process there. With `gives_up_late` a run ends at the first lateness after which its verdicts
+    are not all known. Raises LiftgateError; what went wrong in the run is in the result.
     """
     from liftgate_hil.config.after_the_end import stimuli_after
     from liftgate_hil.config.rig_fit import notes_on_fit
@@ -61,11 +64,10 @@ def run_loop(
     from liftgate_hil.running.run import execute
 
     teller = Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}")
-    # On the free clock a loop with its ECU in this process needs no bus.
-    has_wire = has_wire and (options.wire_choice(args).is_given or args.ecu == ON_A_BUS or args.clock != "free")
-    job = _job_of(args, exit_codes, has_wire, trace, teller)
+    job = _job_of(args, exit_codes, wire, trace, gives_up_late, teller)
     with teller.progress("preparing the run"):
         plan = plan_of(job)
+    has_fifo = args.clock == "realtime" and options.tell_refused(args.realtime, teller.say)
     vehicle = plan.setup.vehicle
     after_s = AFTER_S if args.clock == "free" else 0.0  # in real time the first seconds count, too
     teller.sees(View(math.degrees(vehicle.gate.open_angle), plan.duration, vehicle.drives, after_s))
@@ -76,7 +78,7 @@ def run_loop(
             if args.ecu == ON_A_BUS or is_here:
                 result = execute(plan, stopped)
             else:
-                result = _with_process(args, plan, stopped)
+                result = _with_process(args, plan, stopped, has_fifo)
     except EcuError as error:  # the ECU could not be created, or its process failed
         raise stopped.failure(str(error)) from error
     finally:
@@ -90,11 +92,11 @@ def run_loop(
     return result
 
 
-def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) -> Result:
+def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals, has_fifo: bool) -> Result:
     """Run the gate with the ECU in a second process on the same bus. Raises LiftgateError.
 
     The ECU gets its requests by its own clock, so that no precondition is possible. Its machine code is compiled
-    before, so that the run does not begin without it.
+    before, so that the run does not begin without it. It requests FIFO scheduling where the gate `has_fifo`.
     """
     from liftgate_hil.ecu.adapter import Adapter
     from liftgate_hil.ecu.peer import machine_code
@@ -109,7 +111,7 @@ def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) ->
     relay = Relay(plan.job.listener)  # so that attached clients get the events of the ECU's process, too
     job = replace(plan.job, ecu=ON_A_BUS, ecu_elsewhere=plan.job.ecu, is_isolated=False, listener=relay)
     plan = plan.varied(job)
-    with _ecu_process(args, plan.setup.vehicle, job.listener) as child:
+    with _ecu_process(args, plan.setup.vehicle, job.listener, has_fifo) as child:
         result = execute(plan, lambda: stopped() or child.has_ended())
         try:
             child.end(was_stopped=stopped(), has_taken_part=bool(result.summary.received.accepted))
@@ -120,7 +122,12 @@ def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) ->
 
 
 def _job_of(
-    args: argparse.Namespace, exit_codes: Mapping[str, int], has_wire: bool, trace: int, teller: Teller
+    args: argparse.Namespace,
+    exit_codes: Mapping[str, int],
+    wire: WireChoice | None,
+    trace: int,
+    gives_up_late: bool,
+    teller: Teller,
 ) -> Job:
     from liftgate_hil.ecu.find import is_foreign
     from liftgate_hil.running.job import Job
@@ -135,9 +142,10 @@ def _job_of(
         initial=args.initial,
         seed=args.seed,
         variant=variant_of(args.draw, args.ideal),
-        wire=options.wire_choice(args) if has_wire else None,
+        wire=wire,
         options=options.run_options(args),
         trace=trace,
+        gives_up_late=gives_up_late,
         is_isolated=is_foreign(args.ecu),
         attachable_as=os.getpid(),
         exit_codes=exit_codes,
@@ -197,7 +205,9 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _ecu_process(args: argparse.Namespace, vehicle: Vehicle, teller: Listener) -> Iterator[EcuProcess]:
+def _ecu_process(
+    args: argparse.Namespace, vehicle: Vehicle, teller: Listener, has_fifo: bool
+) -> Iterator[EcuProcess]:
     """Context with `liftgate-hil ecu` on the same bus; the process ends with the context."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", "ecu"]
     command += ["--drives", str(vehicle.drives), "--ecu", args.ecu]
@@ -208,7 +218,7 @@ def _ecu_process(args: argparse.Namespace, vehicle: Vehicle, teller: Listener) -
             command += [f"--{flag}", str(value)]
     if getattr(args, "ecu_serial", None) is not None:
         command += ["--serial", args.ecu_serial]
-    command += [flag for flag in ("--fd", "--realtime") if getattr(args, flag.strip("-"))]
+    command += ["--fd"] * args.fd + ["--realtime" if has_fifo or args.realtime else "--no-realtime"]
     child = EcuProcess(command, teller, is_ours=args.ecu == REFERENCE)
     try:
         yield child

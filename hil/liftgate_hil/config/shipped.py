@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterable
 from pathlib import Path
 
 from liftgate_hil.config.files import is_there, issue_with
 from liftgate_hil.config.toml import shortened
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, nearest
 
 _SHOWN = 12  # names that a message lists
-_SETS = ("pack",)  # sets of scenarios, each in a folder of its own
+KINDS = ("scenarios", "vehicles", "rigs", "campaigns")  # folders of shipped files, by what a name of theirs names
+_PARTS = "parts"  # folder of scenarios that others include
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -49,23 +51,39 @@ def shipped_folder(kind: str, name: str) -> Path | None:
     return folder if is_name and folder.is_dir() else None
 
 
-def _listed(kind: str) -> str:
-    """Return the shipped names of a kind and its folders, as a text."""
-    folder = data_root() / "configs" / kind
-    names = shipped_names(f"configs/{kind}")
-    names = [*names[:_SHOWN], "…"] if len(names) > _SHOWN else names
-    return ", ".join([*names, *(f"{name}/NAME" for name in _SETS if (folder / name).is_dir())])
+def shipped_files(kind: str) -> dict[str, Path]:
+    """Return the shipped files of a kind by the names that a value may have, such as `pack/crank_dip`, in order.
+
+    Those in a folder beside a file of its name, of a campaign's own scenarios, are not among them.
+    """
+    top = data_root() / "configs" / kind
+    sets = [each for each in sorted(top.iterdir()) if each.is_dir() and not each.with_suffix(".toml").exists()]
+    names = {path.stem: path for path in sorted(top.glob("*.toml"))}
+    for folder in sets:
+        if folder.name != _PARTS:
+            names |= {f"{folder.name}/{path.stem}": path for path in sorted(folder.glob("*.toml"))}
+    return names
 
 
-def _near(path: Path) -> str:
-    """Return which file beside a path that does not exist may have been meant, as the begin of a sentence."""
+def _listed(names: Iterable[str]) -> str:
+    """Return shipped names, the folders of sets as FOLDER/NAME, as a text."""
+    shown = list(dict.fromkeys(f"{name.partition('/')[0]}/NAME" if "/" in name else name for name in names))
+    return ", ".join([*shown[:_SHOWN], "…"] if len(shown) > _SHOWN else shown)
+
+
+def _proposal(path: Path, names: Iterable[str]) -> str:
+    """Return what may be meant by a path that does not exist, a shipped name or a file, as begin of a sentence."""
     from difflib import get_close_matches  # imported only where used, since the import takes time
 
+    near: list[str] = []
+    if not path.suffix:
+        near = nearest(str(path), names) or nearest(path.name, names)
     beside: list[str] = []
     with contextlib.suppress(OSError, ValueError):  # no such folder
         beside = [each.name for each in path.parent.iterdir() if each.suffix == path.suffix]
-    near = get_close_matches(path.name, filter(str.isprintable, beside), 1, cutoff=0.8)
-    return f"did you mean {path.parent / near[0]}? " if near else ""
+    files = get_close_matches(path.name, filter(str.isprintable, beside), 1, cutoff=0.8)
+    near = near or [str(path.parent / each) for each in files]
+    return f"did you mean {' or '.join(near)}? " if near else ""
 
 
 def find_config(kind: str, name: str, called: str = "") -> Path:
@@ -77,17 +95,21 @@ def find_config(kind: str, name: str, called: str = "") -> Path:
     called = called or f"`{kind[:-1]}`"
     path = Path(name)
     is_name = not path.suffix and len(path.parts) == 1
-    if len(path.parts) == 2 and not is_there(path) and shipped_folder(kind, path.parts[0]):
-        return find_config(f"{kind}/{path.parts[0]}", path.stem, called)
-    if is_name and name in shipped_names(f"configs/{kind}"):
-        return data_root() / "configs" / kind / f"{name}.toml"
+    if is_name or (len(path.parts) == 2 and not is_there(path)):
+        shipped = data_root() / "configs" / kind / f"{name.removesuffix('.toml')}.toml"
+        with contextlib.suppress(OSError):  # too long a name
+            if ".." not in path.parts and not path.is_absolute() and shipped.is_file():
+                return shipped
     issue = issue_with(path)
     if issue and not is_there(path):
-        shipped = f"a shipped name ({_listed(kind)})"
+        names = shipped_files(kind)
+        what = f"a shipped name ({_listed(names)})"
         if is_name:
-            issue = f"neither a file nor {shipped}"
+            issue = f"neither a file nor {what}"
+            proposal = _proposal(path, names).removesuffix(" ")
+            issue += f"; {proposal}" if proposal else ""
         else:
-            issue = f"{issue}; {_near(path)}allowed: a file, or {shipped}"
+            issue = f"{issue}; {_proposal(path, names)}allowed: a file, or {what}"
     if issue:
         raise ConfigError(f"{called} {shortened(name)}: {issue}")
     return path

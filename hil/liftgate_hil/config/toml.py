@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.config.files import read_bytes
-from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
+from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names, nearest
 
 Table = dict[str, Any]
 
@@ -126,15 +126,22 @@ def table(issues: ConfigIssues, key: str, value: object) -> Table:
     return value
 
 
-def known_keys(issues: ConfigIssues, prefix: str, given: Mapping[str, Any], known: Iterable[str]) -> None:
-    """Note an issue for each unknown key; beyond _MOST_KEYS of them only their number."""
+def known_keys(
+    issues: ConfigIssues, prefix: str, given: Mapping[str, Any], known: Iterable[str], deeper: Iterable[str] = ()
+) -> None:
+    """Note an issue for each unknown key; beyond _MOST_KEYS of them only their number.
+
+    Of `deeper`, the dotted keys of the tables in this one, those that may be meant are proposed.
+    """
     names = list(known)
     start = f"{prefix}." if prefix else ""
     unknown = [key for key in given if key not in names]
     for key in unknown[:_MOST_KEYS]:
         value = "" if isinstance(given[key], dict | list) else f"{show(given[key])}: "
         short = shortened(key)
-        issues.add(f"{start}{short}", f"{value}unknown key; allowed: {allowed_names(short, names)}")
+        meant = nearest(f".{key}", deeper)
+        proposal = f"did you mean {' or '.join(meant)}? " if meant else ""
+        issues.add(f"{start}{short}", f"{value}unknown key; {proposal}allowed: {allowed_names(short, names)}")
     if len(unknown) > _MOST_KEYS:
         issues.add(
             f"{start}{shortened(unknown[_MOST_KEYS])}", f"and {len(unknown) - _MOST_KEYS - 1} more: unknown keys"

@@ -14,7 +14,7 @@ from liftgate_hil.config.settings import Setting, applied
 from liftgate_hil.config.spread import spreads_of
 from liftgate_hil.config.toml import Table, copied_table, known_keys, number, read_toml, show, table, text
 from liftgate_hil.config.variant import AS_FILED, Variant, settings_for
-from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, keys_of
+from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, dotted_keys, keys_of
 from liftgate_hil.errors import ConfigIssues, with_unit
 from liftgate_plant import gate as gate_body
 from liftgate_plant import hall
@@ -70,7 +70,7 @@ def load_vehicle(path: Path, settings: Sequence[Setting] = (), variant: Variant 
 def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None) -> Vehicle:
     """Return the vehicle of a file's content; `source` names it in messages, `origins` is as in ConfigIssues."""
     issues = ConfigIssues(source, origins)
-    known_keys(issues, "", raw, _KNOWN)
+    known_keys(issues, "", raw, _KNOWN, dotted_keys())
     spreads_of(issues, raw)
     drives = raw.get("drives")
     if isinstance(drives, bool) or drives not in (1, 2):

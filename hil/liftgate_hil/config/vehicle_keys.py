@@ -56,6 +56,13 @@ class Key(NamedTuple):
 
 
 @functools.cache
+def dotted_keys() -> list[str]:
+    """Return TABLE.KEY of all keys in the tables of a vehicle file."""
+    tables = {**BODY_TABLES, **DRIVE_TABLES}
+    return [f"{table}.{key}" for table, kind in tables.items() for key in keys_of(kind)]
+
+
+@functools.cache
 def keys_of(kind: type) -> Mapping[str, Key]:
     """Return the keys of a table as they are named in the file."""
     defaults: Mapping[str, Any] = kind._field_defaults  # type: ignore[attr-defined]

@@ -67,7 +67,7 @@ class Examination:
             limits.priority(ROOT, user),
             limits.memory(ROOT, user),
             limits.sleep_states(ROOT),
-            limits.swap(ROOT, self.realtime and limits.may_lock_memory(ROOT)),
+            limits.swap(ROOT, limits.may_lock_memory(ROOT)),
             limits.rivals(ROOT),
             limits.receive_buffer(ROOT),
         )
@@ -87,12 +87,12 @@ class Examination:
         self.say(f"measuring timer lateness, {often} {self.duration:g} s …", times * self.duration)
         before = timing.steal(ROOT)
         plain = timing.measure(self.rate, self.duration)
-        self._modes["without --realtime"] = plain
-        mend = (
-            "run with --realtime" if may else "allow the FIFO priority as advised above, then run with --realtime"
-        )
-        self._add(timing.lateness("lateness", plain, self.rate, mend))
+        self._modes[timing.WITHOUT] = plain
         fifo = self._measure_fifo() if may or self.realtime else None
+        if fifo is None:
+            self._add(timing.lateness("lateness", plain, self.rate, "allow the FIFO priority as advised above"))
+        else:  # as runs are not unless --no-realtime is given
+            self._add(timing.lateness("without FIFO", plain, self.rate)._replace(level="ok"))
         shares = timing.stolen_percent(before, timing.steal(ROOT))
         self._add(timing.stolen(shares))
         if compiler.enabled() and _is_compiled():
@@ -101,15 +101,15 @@ class Examination:
         self.figures = timing.figures(self.rate, self.duration, plain, fifo, self._tick, shares)
 
     def _measure_fifo(self) -> timing.Wakeups | None:
-        """Measure lateness with --realtime; None where FIFO scheduling was refused."""
-        realtime = Realtime(self.cpu)
+        """Measure lateness as runs in real time request it; None where FIFO scheduling was refused."""
+        realtime = Realtime(self.cpu, self.realtime)
         wakeups = timing.measure(self.rate, self.duration, realtime)
         self._add(timing.given(realtime.refused, asked=self.realtime))
         if any(text.startswith("FIFO") for text in realtime.refused):
             return None
-        self._modes["with --realtime"] = wakeups
+        self._modes[timing.WITH] = wakeups
         mend = "end other programs, isolate a CPU (isolcpus=), or boot a PREEMPT_RT kernel"
-        self._add(timing.lateness("with --realtime", wakeups, self.rate, mend))
+        self._add(timing.lateness("lateness", wakeups, self.rate, mend))
         return wakeups
 
 

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 from liftgate_hil.doctor.check import Check, number, read
+from liftgate_hil.loop.locked_memory import short_of_memory
 from liftgate_hil.loop.priority import PRIORITY
 from liftgate_hil.transport.receive_buffer import RECEIVE_BUFFER
 
@@ -40,38 +41,41 @@ def _allow(user: str, name: str, value: str, unit: str) -> str:
 
 
 def may_have_fifo(root: Path) -> bool:
-    """Whether --realtime will probably be granted its priority."""
+    """Whether a run in real time will probably be granted its priority."""
     limit = _limit(root, "Max realtime priority")
     return limit >= PRIORITY or has_capability(root, _CAP_SYS_NICE)
 
 
 def may_lock_memory(root: Path) -> bool:
-    """Whether --realtime will probably be allowed to lock its memory."""
+    """Whether a run in real time will probably be allowed to lock its memory."""
     return _limit(root, "Max locked memory") >= RUN_MAPS or has_capability(root, _CAP_IPC_LOCK)
 
 
 def priority(root: Path, user: str) -> Check:
     """Check whether this user may use FIFO scheduling at the loop's priority."""
     if may_have_fifo(root):
-        return Check("FIFO priority", "ok", f"--realtime may use priority {PRIORITY}")
+        return Check("FIFO priority", "ok", f"runs in real time may use priority {PRIORITY}")
     limit = _limit(root, "Max realtime priority")
     return Check(
         "FIFO priority",
         "warning",
-        f"this user may have at most {limit}, --realtime needs {PRIORITY}: other programs can hold up the loop",
+        f"this user may have at most {limit}, a run in real time requests {PRIORITY}: other programs can hold up "
+        "the loop",
         _allow(user, "rtprio", str(PRIORITY), "LimitRTPRIO"),
     )
 
 
 def memory(root: Path, user: str) -> Check:
     """Check whether this user may lock enough memory."""
+    if short := short_of_memory(root):
+        return Check("locked memory", "warning", short.partition("; ")[0], "give the container more memory")
     if may_lock_memory(root):
-        return Check("locked memory", "ok", "--realtime may lock its memory")
+        return Check("locked memory", "ok", "runs in real time may lock their memory")
     limit = _limit(root, "Max locked memory") / 2**20
     return Check(
         "locked memory",
         "warning",
-        f"this user may lock {limit:.0f} MiB, --realtime locks all: a page fault can hold up the loop",
+        f"this user may lock {limit:.0f} MiB, a run has more: a page fault can hold up the loop",
         _allow(user, "memlock", "unlimited", "LimitMEMLOCK").replace("=unlimited", "=infinity"),
     )
 
@@ -106,9 +110,12 @@ def swap(root: Path, locked: bool) -> Check:
         return Check("swap", "ok", "none")
     found = f"{used:.0f} MiB in use"
     if used == 0.0 or locked:
-        return Check("swap", "ok", f"{found}{', but --realtime locks memory' if used else ''}")
+        return Check("swap", "ok", f"{found}{', but memory is locked' if used else ''}")
     return Check(
-        "swap", "warning", f"{found}, and memory is not locked", "run with --realtime, or sudo swapoff -a"
+        "swap",
+        "warning",
+        f"{found}, and memory cannot be locked",
+        "allow that as advised above, or sudo swapoff -a",
     )
 
 

@@ -21,6 +21,7 @@ MANY = 0.01  # share of missed periods above which nothing can be tested
 MOTION = 10.0  # s that a gate takes to open and close: the window of many expectations
 DIRECT = 0.9  # share of such windows to be judged without stepping the gate again
 LONG_LOOK = 60.0  # s, measurement in which a single long wake-up is already too many for that
+WITH, WITHOUT = "with FIFO scheduling", "without FIFO scheduling"  # modes of measurements
 _TICK_TIME = 0.5  # s, duration of the ticks that are timed
 
 
@@ -153,7 +154,7 @@ def recommended(lateness: Distribution, tick: Distribution | None) -> int:
     return next((rate for rate in RATES if needed <= 1e6 / rate), 0)
 
 
-def lateness(name: str, wakeups: Wakeups, rate: float, mend: str) -> Check:
+def lateness(name: str, wakeups: Wakeups, rate: float, mend: str = "") -> Check:
     """Check the lateness and the missed periods of a measurement."""
     from liftgate_hil.loop.statistics import in_words
 
@@ -167,12 +168,12 @@ def lateness(name: str, wakeups: Wakeups, rate: float, mend: str) -> Check:
 
 
 def given(refused: Sequence[str], asked: bool) -> Check:
-    """Check what --realtime was refused, which is reported in full only where it was requested."""
+    """Check what a run in real time is refused; how to get it is reported only where --realtime was `asked`."""
     if not refused:
-        return Check("--realtime", "ok", "gets everything that it requests")
+        return Check("real time", "ok", "a run gets everything that it requests")
     parts = [text.partition("; ") for text in refused]
     return Check(
-        "--realtime",
+        "real time",
         "warning" if asked else "ok",
         f"refused: {', '.join(what for what, _, _ in parts)}",
         "; ".join(how.removeprefix("to get it: ") for _, _, how in parts) if asked else "",
@@ -195,7 +196,7 @@ def tick_cost(tick: Distribution | None, rate: float) -> Check:
 
 
 def verdict(rate: float, modes: dict[str, Wakeups], tick: Distribution | None, problems: int) -> Check:
-    """Judge this machine at a rate [Hz]; `modes` are "with --realtime" and "without --realtime"."""
+    """Judge this machine at a rate [Hz]; `modes` are WITH and WITHOUT FIFO scheduling."""
     from liftgate_hil.loop.statistics import force_of
 
     if not modes:

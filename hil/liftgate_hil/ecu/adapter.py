@@ -40,6 +40,7 @@ class Adapter:
         config = ecu_config(rig, drives, calibration)
         self.shares_clock = shares_clock  # ECU time is the gate's, else it begins when the gate is first heard
         self._began = 0.0  # s of the ECU's clock, from which the times of events count
+        self.in_flight = 0  # frames that it had sent at that time, and that the gate will not receive
         self.node = Node(self.kind, config, wire.NO_PORT)
         self.state = NodeState(new_ecu(config, shares_clock), wire.new_port_state())
 
@@ -55,9 +56,9 @@ class Adapter:
         """Return the events that the ECU has reported after the first `since`; this one reports none."""
         return []
 
-    def begins_anew(self, time: float) -> None:
-        """Count the times of events from a time [s] of the ECU's clock from now on."""
-        self._began = time
+    def begins_anew(self, time: float, in_flight: int) -> None:
+        """Count the times of events from a time [s] of the ECU's clock, at which frames of it were in flight."""
+        self._began, self.in_flight = time, in_flight
 
     def failure(self) -> str:
         """Return why a call of the ECU failed."""
@@ -108,9 +109,9 @@ class ReferenceEcu(Adapter):
         check_rig(rig, drives)
         super().__init__(rig, drives, shares_clock, calibration)
 
-    def begins_anew(self, time: float) -> None:
+    def begins_anew(self, time: float, in_flight: int) -> None:
         """Count the times of events from a time [s] of the ECU's clock, and discard the events so far."""
-        super().begins_anew(time)
+        super().begins_anew(time, in_flight)
         control = self.state.reference.memory.control
         control.events[:] = control.noted[:] = 0
 

@@ -154,6 +154,15 @@ class Judge:
             found.append(self._verdict(place, "") if is_over else Verdict(name, PENDING))
         return found
 
+    def spoilt(self) -> str:
+        """Return the lateness of the bench after which what is not decided yet gets no verdict; "": none."""
+        if self._timeliness is None:
+            return ""
+        worst = self._timeliness.worst(0.0, self._last)
+        is_too_late = worst.seconds > self._silence + SLACK
+        places = range(len(self.expected.expectations) - self.expected.awaited)
+        return worst.text if is_too_late and not all(self._progress(each).is_decided for each in places) else ""
+
     def late(self) -> str:
         """Return when the bench was later than is tolerated, in all the run; "": it was not."""
         if self._timeliness is None:

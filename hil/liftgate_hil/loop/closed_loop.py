@@ -73,6 +73,11 @@ class Episode:
         return self._now.loop
 
     @property
+    def in_flight(self) -> int:
+        """Frames that the ECU has sent and the gate has not received yet."""
+        return int(self._now.pending)
+
+    @property
     def ticks(self) -> int:
         """Plant steps done since the scenario's time 0."""
         return int(self._now.loop.tick - self._script.stimuli.origin[0])

@@ -99,5 +99,5 @@ def after_precondition(
     finally:
         episode.close()
     stimuli.origin[0] = episode.state.tick
-    adapter.begins_anew(episode.state.tick * config.step)
+    adapter.begins_anew(episode.state.tick * config.step, episode.in_flight)
     return episode.state._replace(counts=NO_COUNTS, timeouts=0)

@@ -1,4 +1,4 @@
-"""Requests of `--realtime` to the machine; each refusal is reported, with how to get what was refused."""
+"""Requests of a run in real time to the machine, and what it refuses, with how to get that."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ import ctypes
 import gc
 import os
 import struct
+import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from liftgate_hil.loop.locked_memory import lock_memory, unlock_memory
 from liftgate_hil.loop.loop_thread import cpus_of_earlier_loops
 
 _NAME, _TIMERSLACK = 15, 29  # PR_SET_NAME, PR_SET_TIMERSLACK
@@ -17,19 +19,21 @@ _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # the system call's number
 # linux/sched/types.h: size, policy, flags, nice, priority, runtime, deadline, period
 _SCHED_ATTR = struct.Struct("IIQiIQQQ")
 _SLICE_NS = 100_000  # ns, the shortest possible slice
-_CURRENT, _FUTURE = 1, 2  # MCL_CURRENT, MCL_FUTURE
 PRIORITY = 80  # above the threads of interrupts (50), below the kernel's watchdogs (99)
+FIFO = "FIFO scheduling"
 PRIORITY_BESIDE = 10  # above all threads without such scheduling
 
 
 class Realtime:
-    """Requests to the machine for real time: locked memory, no deep sleep, a CPU, and FIFO scheduling.
+    """Requests to the machine for real time: locked memory, a CPU, and FIFO scheduling.
 
     What the process gets holds until `release`; what is refused is listed in `refused`. `cpu` is the CPU for the
-    threads that `enter`; None: `best_cpu`.
+    threads that `enter`; None: `best_cpu`. Where the user `has_asked`, no deep sleep of the CPUs is requested,
+    too, which costs power.
     """
 
-    def __init__(self, cpu: int | None = None) -> None:
+    def __init__(self, cpu: int | None = None, has_asked: bool = True) -> None:
+        self.has_asked = has_asked
         self._cpu = cpu
         self._latency: int | None = None
         self._is_locked = False
@@ -40,16 +44,24 @@ class Realtime:
         gc.collect()
         gc.freeze()
         self._lock_memory()
-        self._wake_fast()
+        if self.has_asked:
+            self._wake_fast()
 
     def enter(self) -> None:
-        """Bind the calling thread to the CPU, with FIFO scheduling that its children do not inherit."""
+        """Bind the calling thread to the CPU, with FIFO scheduling that its children do not inherit.
+
+        Without that it takes another CPU than its own only where the user has asked.
+        """
+        refused = ask_for_fifo(PRIORITY)
+        self._refuse(refused)
+        if refused and not self.has_asked:
+            stay_on_cpu()
+            return
         cpu = best_cpu() if self._cpu is None else self._cpu
         try:
             os.sched_setaffinity(0, {cpu})
         except OSError as error:
             self._refuse(f"CPU {cpu}: {error.strerror}; allowed: {allowed_cpus()}")
-        self._refuse(ask_for_fifo(PRIORITY))
 
     def _refuse(self, what: str) -> None:
         """Note what was refused, once: several threads enter, one after the other."""
@@ -82,20 +94,16 @@ class Realtime:
         """Undo what `prepare` has done."""
         gc.unfreeze()
         if self._is_locked:
-            ctypes.CDLL(None).munlockall()
+            unlock_memory()
             self._is_locked = False
         if self._latency is not None:
             os.close(self._latency)
             self._latency = None
 
     def _lock_memory(self) -> None:
-        library = ctypes.CDLL(None, use_errno=True)
-        self._is_locked = library.mlockall(_CURRENT | _FUTURE) == 0
-        if not self._is_locked:
-            self._refuse(
-                f"locked memory: {os.strerror(ctypes.get_errno())}; to get it: ulimit -l unlimited "
-                "(memlock in /etc/security/limits.conf), or CAP_IPC_LOCK"
-            )
+        refused = lock_memory()
+        self._is_locked = not refused
+        self._refuse(refused)
 
     def _wake_fast(self) -> None:
         path = Path("/dev/cpu_dma_latency")
@@ -104,6 +112,12 @@ class Realtime:
             os.write(self._latency, struct.pack("i", 0))  # µs
         except OSError as error:
             self._refuse(f"no deep sleep of the CPU: {path}: {error.strerror}; to get it: write permission on it")
+
+
+def in_one_line(refused: Sequence[str]) -> str:
+    """Return what `refused_here` has found, as a message."""
+    what = " and ".join(refused)
+    return f"refused: {what}: other programs can delay this one; liftgate-hil doctor says how to get it"
 
 
 def ask_for_fifo(priority: int, thread: int = 0) -> str:
@@ -116,7 +130,7 @@ def ask_for_fifo(priority: int, thread: int = 0) -> str:
         os.sched_setscheduler(thread, policy, os.sched_param(priority))
     except OSError as error:
         return (
-            f"FIFO scheduling: {error.strerror}; to get it: ulimit -r {priority} (rtprio in "
+            f"{FIFO}: {error.strerror}; to get it: ulimit -r {priority} (rtprio in "
             "/etc/security/limits.conf), or CAP_SYS_NICE"
         )
     return ""
@@ -165,10 +179,33 @@ def prepare_thread(realtime: Realtime | None) -> None:
     wake_sharply()
     if realtime is not None:
         realtime.enter()
-        return
+    else:
+        stay_on_cpu()
+
+
+def stay_on_cpu() -> None:
+    """Bind the calling thread to its CPU, or to one without another bench's loop."""
     here, free = ctypes.CDLL(None).sched_getcpu(), _free_cpus()
     with contextlib.suppress(OSError, ValueError):  # a kernel that does not tell the CPU says -1
         os.sched_setaffinity(0, {here if here in free else min(free)})
+
+
+def refused_here() -> list[str]:
+    """Return what this machine refuses to a run in real time: FIFO scheduling, locked memory, or nothing."""
+    found: list[str] = []
+
+    def ask() -> None:
+        if ask_for_fifo(PRIORITY):
+            found.append(FIFO)
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    thread.join()
+    if lock_memory():
+        found.append("locked memory")
+    else:
+        unlock_memory()
+    return found
 
 
 def _free_cpus() -> set[int]:

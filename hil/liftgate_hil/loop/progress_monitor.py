@@ -79,6 +79,7 @@ class ProgressMonitor:
         self._command = rig.command_message()
         self._row = self._texts.command_row
         self._next = 0.0
+        self._last = -math.inf  # s, the time of the last look
         self._heard = math.inf  # when the command was last valid, or the time of the first look
         self._was_heard = False
         self._is_waiting = False
@@ -97,8 +98,11 @@ class ProgressMonitor:
         self._heard = min(self._heard, now)
         time_s = moment.tick * self._config.step
         for event in self._events(self._reported_events):
+            if event.time > self._last and not is_last:  # the rows up to it are judged by the next look
+                break
             self._reported_events += 1
             self._listener.happened(event.time, event.text)
+        self._last = time_s
         for cause in REFUSED:
             if self._reception.refusals[cause].count and cause not in self._listed_causes:
                 self._listed_causes.add(cause)

@@ -109,8 +109,12 @@ class RealtimeRun:
     # False: another run goes on where this one ends; that one requests and releases `realtime`.
     is_last: bool = True
     is_first: bool = True  # False: another run has used the line before
+    spoilt: Callable[[], str] = lambda: (
+        ""
+    )  # why the run is of no use any more, by what `sinks` have seen; "": it is
     outcome: int = realtime_loop.ENDED
     _failure: BaseException | None = None
+    _spoilt: str = ""  # why the run was ended
     _dropped_before: int = 0  # frames dropped before this run, by the count of the line; -1: not known
     _ecu_dropped_before: int = 0  # frames dropped on the way to peers before this run
     _unseen: int = 0  # rows and frames that were overwritten before `sinks` got them
@@ -125,6 +129,7 @@ class RealtimeRun:
         self._run(self.config, copied(self.state), nowhere, scratch.shared, self._room)
         scratch.close()
         if self.realtime is not None and self.is_last:
+            self.memory.touch()
             self.realtime.prepare()
         else:
             gc.collect()  # here, not during a peer's turns
@@ -146,7 +151,7 @@ class RealtimeRun:
         control = self.memory.shared.control[0]
         thread.start()
         try:
-            if self.realtime is not None and self.is_last:
+            if self.realtime is not None and self.realtime.has_asked and self.is_last:
                 self._entered.wait()
                 for refused in self.realtime.refused:
                     self.say(f"refused: {refused}")
@@ -160,10 +165,12 @@ class RealtimeRun:
                 self.realtime.release()
         if self._failure is not None:
             raise self._failure
+        if self._spoilt:
+            raise OverrunError(self._spoilt)
         if self.outcome == realtime_loop.OVERRUN:
             raise OverrunError(
-                f"the loop fell more than `overrun_limit` ({self.limit_ns / 1e6:.0f} ms) behind; "
-                "allowed: a lower `rate`, a faster machine"
+                f"the bench was late: the loop fell more than `overrun_limit` ({self.limit_ns / 1e6:.0f} ms) "
+                "behind; allowed: a lower `rate`, a faster machine"
             )
         if self.outcome == realtime_loop.DIVERGED:
             raise PlantDivergedError.at(self._ticks * self.config.step)
@@ -270,8 +277,12 @@ class RealtimeRun:
                 if news:
                     seconds = int(control.tick) * self.config.step
                     self.alarm(f"{seconds:.3f} s: {self.line.name} {news}")
-                self._look_out()
                 self._hand_on(rows, frames)
+                self._spoilt = self.spoilt()
+                if self._spoilt:
+                    control.stop = 1
+                    break
+                self._look_out()
             self._observe(heard)
             if now >= next_figures:
                 next_figures = now + _FIGURES
@@ -280,9 +291,11 @@ class RealtimeRun:
             for turn in turns:
                 turn.give(int(control.tick + self.stimuli.origin[0]) * self.config.step_ns)
             thread.join(pause)
+        thread.join()
         self._observe(heard)
         self._hand_on(rows, frames)
-        self._look_out(is_last=True)
+        if not self._spoilt:  # else what the ECU has reported since is no story to tell
+            self._look_out(is_last=True)
 
     def _observe(self, heard: ArrivalReader) -> None:
         if not self.observers:

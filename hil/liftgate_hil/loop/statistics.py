@@ -88,6 +88,7 @@ class Summary:
     frames_sent: int = 0
     command_timeouts: int = 0
     received: Counts = NO_COUNTS
+    discarded: int = 0  # frames of the ECU that were in flight where the precondition ended
     first_refused: list[str] = field(default_factory=list)  # the first frame refused for each cause, with its time
     first_foreign: str = ""  # the first frame with an identifier that the rig does not receive; "": there is none
     fd_frames: int = 0  # CAN FD frames received, whatever became of them
@@ -187,10 +188,11 @@ class Summary:
         why = self.refusals_text()
         percent = self.load()
         load = "" if math.isnan(percent) else f", bus load {percent:.1f} %"
+        discarded = f", {self.discarded} discarded after the precondition" if self.discarded else ""
         lines = [
             f"ticks {self.ticks}, model time {self.model_time_s:.3f} s, clock {self.clock}",
             f"frames sent {self.frames_sent}, commands accepted {received.accepted}, rejected "
-            f"{rejected(received)}{f' ({why})' if why else ''}, lost {received.lost}, foreign "
+            f"{rejected(received)}{f' ({why})' if why else ''}, lost {received.lost}{discarded}, foreign "
             f"{received.foreign}, error frames {received.error}",
             f"command time-outs {self.command_timeouts}{load}",
         ]

@@ -53,7 +53,7 @@ class Replay:
     how: ReadOptions = AS_IT_IS  # to read it
     speed: float = 1.0
     times: int | None = 1  # None: until it is stopped
-    realtime: bool = False
+    realtime: bool | None = None  # None: FIFO scheduling and locked memory where they are granted
     cpu: int | None = None
 
     def check(self) -> None:
@@ -64,7 +64,7 @@ class Replay:
             raise ConfigError(f"`speed` {self.speed:g}: allowed: {low:g} to {high:g}")
         if self.times is not None and not 1 <= self.times <= MOST_TIMES:
             raise ConfigError(f"`times` {self.times}: allowed: 1 to {MOST_TIMES}")
-        if self.cpu is not None and not self.realtime:
+        if self.cpu is not None and self.realtime is False:
             raise ConfigError(f"`cpu` {self.cpu}: allowed: together with `realtime`")
 
 
@@ -263,7 +263,8 @@ class Player:
     def _play(self, line: Line, memory: Memory, is_kernels: bool) -> None:
         """Play from the first frame to the last. Raises TransportError, ConfigError."""
         schedule, control = self._schedule, memory.shared.control[0]
-        realtime = Realtime(self._replay.cpu) if self._replay.realtime else None
+        asked = self._replay.realtime
+        realtime = None if asked is False else Realtime(self._replay.cpu, bool(asked))
         room = make_room()
         room.writing.pause[1] = TRIAL_NS
         params = params_for(line.descriptor, is_kernels)
@@ -273,7 +274,7 @@ class Player:
         def in_thread() -> None:
             try:
                 prepare_thread(realtime)
-                for refused in [] if realtime is None else realtime.refused:
+                for refused in realtime.refused if realtime is not None and realtime.has_asked else ():
                     self._listener.say(f"refused: {refused}")
                 self._code(schedule, params, memory.shared, room)
             except BaseException as error:  # raised by the thread that started this one

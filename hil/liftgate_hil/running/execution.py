@@ -47,6 +47,9 @@ class Execution:
         began_s = int(stimuli.origin[0]) * plan.config.step
         texts = RefusalTexts(plan.rig, plan.config, began_s, is_bus=plan.way is not None)
         texts.tell(summary, state.reception)
+        received = summary.received
+        summary.discarded = min(received.lost, self.adapter.in_flight)  # by the counter of the next frame
+        summary.received = received._replace(lost=received.lost - summary.discarded)
         return summary
 
     def started(self, stimuli: StimulusPlan) -> LoopState:

@@ -42,6 +42,7 @@ class Job:
     listener: Listener = field(default_factory=Listener)
     attachable_as: int | None = None  # process that clients may attach to; None: they may not
     exit_codes: Mapping[str, int] = field(default_factory=dict)  # of the command, by verdict; told to clients
+    gives_up_late: bool = False  # end a run at the first lateness after which its verdicts are not all known
     is_summarized: bool = False  # keep trace summaries for pictures of the expectations
 
     @property

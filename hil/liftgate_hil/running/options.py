@@ -10,7 +10,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 from liftgate_hil.config.arguments import value_of
 from liftgate_hil.config.kinds import Choice, Flag, Kind, Number, Size, Texts, Whole
@@ -123,11 +123,22 @@ class RunOptions:
         Option(_AROUND_S, "also record this long after that", "S", f"{AROUND:g}", needs="record_when"),
     ] = None
     realtime: Annotated[
-        bool, Option(Flag(), "request FIFO scheduling, locked memory and a CPU; refusals are reported")
-    ] = False
+        bool | None,
+        Option(
+            Flag(),
+            "request FIFO scheduling, locked memory, a CPU and no deep sleep, and report each refusal; "
+            "--no-realtime: request nothing; default: FIFO scheduling and locked memory, where they are granted",
+        ),
+    ] = False  # None: where it is granted
     cpu: Annotated[
         int | None,
-        Option(Whole(0, 1023), "the CPU for --realtime", "N", "an isolated one, else the last", needs="realtime"),
+        Option(
+            Whole(0, 1023),
+            "the CPU of the loop in real time",
+            "N",
+            "an isolated one, else the last",
+            needs="realtime",
+        ),
     ] = None
 
     @classmethod
@@ -150,7 +161,7 @@ class RunOptions:
         given = {name: checked(name, getattr(self, name)) for name in OPTIONS}
         for name, value in given.items():
             needed = OPTIONS[name].needs
-            if needed and value != getattr(RunOptions, name) and not given[needed]:
+            if needed and value != getattr(RunOptions, name) and given[needed] == getattr(RunOptions, needed):
                 text = f"{value:g}" if isinstance(value, float) else show(value)
                 text = ", ".join(value) if isinstance(value, tuple) else text
                 raise ConfigError(f"`{name}` {text}: allowed: together with `{needed}`")
@@ -165,13 +176,13 @@ class RunOptions:
             raise ConfigError(f"`cpu` {self.cpu}: allowed here: {allowed_cpus()}")
 
 
-OPTIONS: Mapping[str, Option] = {
-    name: hint.__metadata__[0] for name, hint in get_type_hints(RunOptions, include_extras=True).items()
-}
+_HINTS = get_type_hints(RunOptions, include_extras=True)
+OPTIONS: Mapping[str, Option] = {name: hint.__metadata__[0] for name, hint in _HINTS.items()}
+_MAY_BE_NONE = {name for name, hint in _HINTS.items() if type(None) in get_args(hint.__origin__)}
 
 
 def checked(name: str, value: object) -> Any:
     """Return the value of an option as RunOptions has it. Raises ConfigError."""
-    if value is None and getattr(RunOptions, name) is None:
+    if value is None and name in _MAY_BE_NONE:
         return None
     return value_of(name, value, OPTIONS[name].kind)

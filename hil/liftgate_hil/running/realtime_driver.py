@@ -7,6 +7,7 @@ import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from liftgate_hil.judging.judge import Judge
 from liftgate_hil.loop.begun import Begun
 from liftgate_hil.loop.priority import Realtime
 from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
@@ -29,8 +30,8 @@ class RealtimeDriver:
 
     def __init__(self, run: BusRun) -> None:
         self._run = run
-        cpu, is_asked = run.plan.options.cpu, run.plan.options.realtime
-        self._realtime = Realtime(cpu) if is_asked else None
+        options = run.plan.options
+        self._realtime = None if options.realtime is False else Realtime(options.cpu, bool(options.realtime))
         self._loop: RealtimeRun | None = None
         self._recorder: RecorderProcess | None = None
         self.begun: Begun | None = None
@@ -62,6 +63,9 @@ class RealtimeDriver:
         has_run = run.prepare(functools.partial(self._phase_begun, made))
         loop.state, loop.monitor = run.state, run.monitor()
         loop.is_first = not has_run
+        if plan.job.gives_up_late:
+            judge = next((each for each in run.execution.sinks if isinstance(each, Judge)), None)
+            loop.spoilt = loop.spoilt if judge is None else judge.spoilt
         self.begun = Begun.at(plan.config, run.state, run.stimuli)
 
     def _mark(self, time_s: float, text: str) -> bool:

@@ -55,6 +55,7 @@ def run(
     record_after: float | None = None,
     bus: str | None = None,
     wall_timeout: float | None = None,
+    realtime: bool | None = False,
     trace: bool = False,
 ) -> Result:
     """Run a scenario (a shipped name, a file, or a loaded one) against an ECU.
@@ -67,7 +68,8 @@ def run(
 
     `record` names files, each in parts of at most `record_limit` (bytes, "500MB"), of which the last `record_keep`
     are kept; with `record_when`, conditions, only from `record_before` to `record_after` [s] around the ticks in
-    which one is true. `trace`: keep every row. A C library runs in a process of its own.
+    which one is true. `trace`: keep every row. A C library runs in a process of its own. `realtime`: in real time,
+    request FIFO scheduling, locked memory, a CPU and no deep sleep; None: the first two, where they are granted.
 
     Raises ConfigError for invalid arguments. What goes wrong in the run itself is the result's verdict.
     """
@@ -84,6 +86,7 @@ def run(
             "record_before": record_before,
             "record_after": record_after,
             "wall_timeout": wall_timeout,
+            "realtime": realtime,
         }
     )
     job = Job(

@@ -153,7 +153,7 @@ class _Run:
         except LiftgateError as error:
             reason = "; ".join(causes(error))
             if isinstance(error, OverrunError) and self._plan.options.clock == "realtime":
-                reason, given_up = "", f"the bench was late: {reason}"
+                reason, given_up = "", reason
         summary = self._summary()
         if given_up:
             return self._noted(result_of(sinks, adapter, summary, "", given_up=given_up))

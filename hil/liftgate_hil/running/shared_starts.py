@@ -26,6 +26,7 @@ class _Kept:
     loop: LoopState
     node: NodeState
     origin: int  # tick of the scenario's time 0
+    in_flight: int  # frames of the ECU
 
 
 class SharedStarts:
@@ -44,7 +45,7 @@ class SharedStarts:
         if kept is None or kept.key != _key_of(plan):
             return False
         adapter.state = reference_copied(kept.node)
-        adapter.begins_anew(kept.origin * plan.config.step)
+        adapter.begins_anew(kept.origin * plan.config.step, kept.in_flight)
         stimuli.origin[0] = kept.origin
         return True
 
@@ -63,7 +64,8 @@ class SharedStarts:
         same = before._replace(origin=stimuli.origin, faults=faults)
         is_shared = adapter.kind == REFERENCE and _are_equal(stimuli, same)
         node = reference_copied(adapter.state)
-        self._kept = _Kept(_key_of(plan), copied(loop), node, origin) if is_shared else None
+        kept = _Kept(_key_of(plan), copied(loop), node, origin, adapter.in_flight)
+        self._kept = kept if is_shared else None
 
 
 def reference_copied(node: NodeState) -> NodeState:

@@ -55,6 +55,16 @@ def pytest_configure(config: pytest.Config) -> None:
         config.option.dist = "loadgroup"
 
 
+def pytest_report_header(config: pytest.Config) -> str | None:
+    """Return what this machine refuses to runs on the bus, which are in real time."""
+    if not config.getoption("liftgate_bus"):
+        return None
+    from liftgate_hil.loop.priority import in_one_line, refused_here
+
+    refused = refused_here()
+    return f"liftgate: {in_one_line(refused)}" if refused else None
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Put all tests on the bus into one group of xdist, see `pytest_configure`."""
     if not config.getoption("liftgate_bus") or not config.pluginmanager.hasplugin("xdist"):
@@ -207,7 +217,7 @@ def _template(config: pytest.Config) -> Job:
         vehicle=config.getoption("liftgate_vehicle"),
         rig=config.getoption("liftgate_rig"),
         wire=WireChoice(bus=bus) if bus else None,
-        options=RunOptions(clock="realtime" if bus else "free"),
+        options=RunOptions(clock="realtime" if bus else "free", realtime=None),
     )
 
 
@@ -244,6 +254,8 @@ class Liftgate:
         if arguments.get("bus") is not None:
             arguments.setdefault("ecu", ON_A_BUS)
             arguments.setdefault("clock", "realtime")
+        if arguments.get("clock") == "realtime":
+            arguments.setdefault("realtime", None)
         self._runs += 1
         stem = self._folder / f"run-{self._runs}"
         arguments.setdefault("record", [f"{stem}.log", f"{stem}.csv"])

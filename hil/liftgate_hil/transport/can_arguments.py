@@ -14,7 +14,7 @@ _NO_BITRATE = ("socketcan", "virtual", "udp_multicast")
 _MISSING = (
     "`bus`: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or python-can's own "
     "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL; or `serial` PORT; "
-    "with the `ecu` in this process also virtual:any, or, with `clock` free, no bus at all"
+    "an `ecu` in this process needs none"
 )
 
 
@@ -33,6 +33,16 @@ class WireChoice(NamedTuple):
         """Whether the user chose a wire at all."""
         named = (self.bus, self.serial, self.interface, self.channel)
         return any(each is not None for each in named)
+
+    @property
+    def is_configured(self) -> bool:
+        """Whether python-can's configuration names a bus: can.conf, or CAN_* in the environment."""
+        from liftgate_hil.config.can_libraries import can
+
+        try:
+            return can.util.load_config().get("interface") is not None
+        except Exception:  # what is wrong with it is told where it is used
+            return any(name.startswith("CAN_") for name in os.environ)
 
 
 def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:

@@ -63,7 +63,7 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
         (["--bitrate", "0"], "bitrate"),
         (["--bitrate", "-5"], "bitrate"),
         (["--nosuch"], "unrecognized arguments: --nosuch; allowed: "),
-        (["--dur", "1"], ", --duration, … ("),
+        (["--dur", "1"], "; allowed: --duration, "),
         (["rig", "check", "liftgate", "--vehicel", "suv"], "--vehicle, "),
         (["rig", "draft", "their.dbc", "--out", "x"], "--output"),
         (["nosuch"], "nosuch"),
@@ -74,7 +74,7 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
         (["--scenario", "nosuch"], "demo"),
         (["--set", "motor.resistance"], "KEY=VALUE"),
         (["--set", "motor.volts=3"], "motor.volts"),
-        (["--cpu", "0"], "--cpu 0: allowed: together with --realtime"),
+        (["--cpu", "0", "--no-realtime"], "--cpu 0: allowed: together with --realtime"),
         (["--cpu", "one", "--realtime"], "0 to 1023"),
         (["--realtime", "--cpu", "1023"], "cpu 1023: allowed here: "),
         (["--record", "x.pcap"], ".csv"),
@@ -93,14 +93,22 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
     assert lines[0].startswith("liftgate-hil")
 
 
-def test_the_free_clock_needs_no_bus_for_an_ecu_in_this_process(capsys: pytest.CaptureFixture[str]) -> None:
-    of = ["--clock", "free", "--ecu", "reference", "--duration", "0.05"]
+@pytest.mark.parametrize("clock", ["free", "lockstep", "realtime"])
+def test_an_ecu_in_this_process_needs_no_bus(capsys: pytest.CaptureFixture[str], clock: str) -> None:
+    of = ["--clock", clock, "--ecu", "reference", "--duration", "0.05", "--overrun-limit", "3600"]
     assert main(of) == 0
     told = capsys.readouterr()
     assert "commands accepted 5," in told.out
     assert "ignored" not in told.err
-    assert main([*of[2:], "--clock", "lockstep"]) == 2
-    assert "--bus: missing" in capsys.readouterr().err
+
+
+def test_a_bus_in_the_configuration_of_python_can_is_taken_all_the_same(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CAN_INTERFACE", "virtual")
+    monkeypatch.setenv("CAN_CHANNEL", "configured")
+    assert main(["--ecu", "reference", "--duration", "0.05", "--overrun-limit", "3600"]) == 0
+    assert "suv on configured" in capsys.readouterr().err
 
 
 def test_a_recording_of_the_same_name_is_kept_once(tmp_path: Path, capsys: pytest.CaptureFixture[str], bus: str):
@@ -442,7 +450,7 @@ def test_a_run_that_falls_too_far_behind_says_so_and_is_inconclusive(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, bus: str
 ) -> None:
     def behind(self: RealtimeDriver, ticks: int | None, stopped: Callable[[], bool]) -> None:
-        raise OverrunError("the loop fell more than `overrun_limit` (1 ms) behind")
+        raise OverrunError("the bench was late: the loop fell more than `overrun_limit` (1 ms) behind")
 
     monkeypatch.setattr(RealtimeDriver, "advance", behind)
     assert call("--bus", bus, "--duration", "60", "--quiet") == 3

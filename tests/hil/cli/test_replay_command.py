@@ -52,7 +52,7 @@ def test_json_has_the_distribution_and_where_it_is_from(log: Path, capsys: pytes
         (["--speed", "0"], "argument --speed: '0'; allowed: 0.001 to 1000"),
         (["--times", "2", "--loop"], "not allowed with argument --times"),
         (["--direction", "sent"], "no frame sent in the recording"),
-        (["--cpu", "0"], "--cpu 0: allowed: together with --realtime"),
+        (["--cpu", "0", "--no-realtime"], "--cpu 0: allowed: together with --realtime"),
         (["--loop", "--to", "0"], "all frames have the same time"),
     ],
 )

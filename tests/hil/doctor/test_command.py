@@ -78,7 +78,7 @@ def test_the_answer_as_json(answers: Mapping[str, Done]):
     assert done.stderr == ""
     answer = json.loads(done.stdout)
     assert_sound(answer, done.returncode)
-    assert "--realtime" in [each["check"] for each in answer["checks"]]
+    assert "real time" in [each["check"] for each in answer["checks"]]
 
 
 def test_the_answer_in_words_and_only_what_is_not_ok(answers: Mapping[str, Done]):
@@ -107,7 +107,7 @@ def test_an_unprivileged_user_gets_an_answer(answers: Mapping[str, Done]):
     assert_sound(answer, done.returncode)
     levels = {each["check"]: each["level"] for each in answer["checks"]}
     assert levels["FIFO priority"] == "warning"
-    assert levels["--realtime"] == "warning"
+    assert levels["real time"] == "warning"
     assert answer["figures"]["lateness_realtime"] is None
 
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from liftgate_hil.doctor import timing
-from liftgate_hil.doctor.timing import Wakeups
+from liftgate_hil.doctor.timing import WITH, WITHOUT, Wakeups
 from liftgate_hil.loop.histogram import BINS, NOTHING, Distribution
 from liftgate_hil.loop.realtime_loop import make_room
 from liftgate_hil.loop.wakeups import in_own_thread, measure_wakeups, note_wakeups
 
-WITH, WITHOUT = "with --realtime", "without --realtime"
 CHEAP = Distribution(500, 5.0, 10.0, 20.0, 30.0)
 
 
@@ -41,7 +40,8 @@ def test_the_verdict_names_the_rate_the_mode_and_the_force():
     check = timing.verdict(1000.0, {WITHOUT: wakeups(900.0), WITH: wakeups(60.0)}, CHEAP, 0)
     assert check.level == "ok"
     assert check.found == (
-        "fit for up to 10000 Hz with --realtime (1000 Hz without --realtime), and for tests in real time; "
+        "fit for up to 10000 Hz with FIFO scheduling (1000 Hz without FIFO scheduling), "
+        "and for tests in real time; "
         "p99 lateness 50 µs is 0.14 N of pinch force on the 10 N/mm rod"
     )
 

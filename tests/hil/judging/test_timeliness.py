@@ -148,6 +148,32 @@ def test_a_force_that_is_closer_to_its_limit_than_the_delay_means_is_undecided()
     assert found.uncertainty == pytest.approx(1.8)
 
 
+@pytest.mark.parametrize(
+    ("columns", "window", "spoilt"),
+    [
+        ({}, {}, ""),
+        ({"ticks_missed": {500: 300}}, {}, "the bench was late: 300 ticks were missed at about 0.501 s"),
+        ({"ticks_missed": {500: 200}}, {}, ""),  # the gate can be stepped again
+        ({"ticks_missed": {2500: 300}}, {"kind": "eventually"}, ""),  # it was decided before
+        (
+            {"frames_dropped": {2500: 1}},
+            {"within": 3.0},
+            "the bench was late: frames were dropped at about 2.501 s",
+        ),
+    ],
+)
+def test_after_a_long_lateness_what_is_not_decided_has_no_verdict_any_more(
+    columns: dict[str, Any], window: dict[str, Any], spoilt: str
+) -> None:
+    own = {"kind": "always", "condition": "pinch_force_n < 100", "after": 1.0, "within": 1.0} | window
+    expected = expected_of([Expectation(name="soft", hold=0.0, key="expect[0]", **own)], {}, {}, 2, "s.toml")
+    judge = Judge(expected, 1000.0, 4.0, TOLERANCE)
+    judge.take(rows_of(**columns), no_logged())
+    assert judge.spoilt() == spoilt
+    if spoilt:
+        assert judge.verdicts()[0].verdict == "inconclusive"
+
+
 def test_what_no_row_tells_is_not_late() -> None:
     rows = rows_of()
     for name in ("ticks_missed", "frames_dropped", "command_delay_s"):

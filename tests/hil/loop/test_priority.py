@@ -1,4 +1,4 @@
-"""The thread of a loop: what `--realtime` asks for, what is refused, what outlives it, and its CPU without it."""
+"""The thread of a loop: what it requests of the machine, what is refused, what outlives it, and its CPU."""
 
 from __future__ import annotations
 
@@ -120,10 +120,54 @@ def test_fifo_is_asked_for_so_that_children_do_not_inherit_it(monkeypatch: pytes
     monkeypatch.setattr(os, "sched_setscheduler", lambda *given: asked.append(given))
     realtime = Realtime(3)
     realtime.enter()
-    assert asked[0] == (0, {3})
-    assert asked[1][:2] == (0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
-    assert asked[1][2].sched_priority == PRIORITY
+    assert asked[0][:2] == (0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
+    assert asked[0][2].sched_priority == PRIORITY
+    assert asked[1] == (0, {3})
     assert realtime.refused == []
+
+
+@pytest.mark.parametrize("has_asked", [True, False])
+def test_without_fifo_a_loop_that_nobody_asked_for_stays_on_its_cpu(
+    monkeypatch: pytest.MonkeyPatch, has_asked: bool
+):
+    taken: list[set[int]] = []
+    monkeypatch.setattr(os, "sched_setaffinity", lambda thread, cpus: taken.append(cpus))
+    monkeypatch.setattr(priority, "ask_for_fifo", lambda _: "FIFO scheduling: refused")
+    monkeypatch.setattr(priority, "best_cpu", lambda: 77)
+    Realtime(has_asked=has_asked).enter()
+    assert (taken == [{77}]) == has_asked
+    assert len(taken[0]) == 1
+
+
+def test_deep_sleep_is_left_to_the_machine_unless_somebody_asks(monkeypatch: pytest.MonkeyPatch):
+    woken: list[bool] = []
+    monkeypatch.setattr(Realtime, "_wake_fast", lambda asked: woken.append(asked.has_asked))
+    monkeypatch.setattr(priority, "lock_memory", lambda: "")
+    monkeypatch.setattr(priority, "unlock_memory", lambda: None)
+    for has_asked in (False, True):
+        realtime = Realtime(has_asked=has_asked)
+        realtime.prepare()
+        realtime.release()
+        assert woken == [True] * has_asked
+
+
+@pytest.mark.parametrize("realtime", ["", "--no-realtime", "--realtime"])
+def test_what_is_refused_is_said_in_one_line_in_full_or_not_at_all(realtime: str):
+    done = child(f"""
+        priority.ask_for_fifo = lambda *_: "FIFO scheduling: no; to get it: a limit"
+        priority.lock_memory = lambda: "locked memory: no; to get it: a limit"
+        arguments = ["--ecu", "reference", "--duration", "0.1", "--overrun-limit", "3600", *{realtime.split()!r}]
+        sys.exit(main(arguments))
+    """)
+    assert done.returncode == 0, done.stderr
+    refused = [line for line in done.stderr.splitlines() if line.startswith("refused: ")]
+    if realtime == "--realtime":
+        assert [each for each in refused if each.startswith("refused: no deep sleep") is False] == [
+            "refused: locked memory: no; to get it: a limit", "refused: FIFO scheduling: no; to get it: a limit",
+        ]  # fmt: skip
+    else:
+        line = "refused: FIFO scheduling and locked memory: other programs can delay this one; liftgate-hil doctor"
+        assert refused == ([] if realtime else [f"{line} says how to get it"])
 
 
 class FakeThread:

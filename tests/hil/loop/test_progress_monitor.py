@@ -159,11 +159,12 @@ def test_of_a_link_that_is_lost_is_not_told_that_frames_cannot_be_sent(bench: Be
 
 def test_what_the_ecu_tells_is_handed_on_as_it_happens(bench: Bench):
     bench.events.append(Event(0.5, IN_WORDS, "opening"))
-    assert bench.look() == ["0.5 opening"]
-    bench.events.append(Event(0.9, IN_WORDS, "open"))
-    assert bench.look(after=0.0) == []  # too soon
-    assert bench.look(after=0.0, is_last=True) == ["0.9 open"]
-    assert bench.look() == []
+    assert bench.look(tick=600) == []  # the rows up to it are judged by the next look
+    assert bench.look(tick=700) == ["0.5 opening"]
+    bench.events.append(Event(0.6, IN_WORDS, "open"))
+    assert bench.look(tick=800, after=0.0) == []  # too soon
+    assert bench.look(tick=800, after=0.0, is_last=True) == ["0.6 open"]
+    assert bench.look(tick=900) == []
 
 
 def test_a_bus_with_frames_of_others_only_is_reported_as_that(bench: Bench):

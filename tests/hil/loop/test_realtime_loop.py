@@ -745,6 +745,8 @@ class SocketLine:
 class Asked:
     """Stands for `--realtime`; slow to be refused, as a busy machine is."""
 
+    has_asked = True
+
     def __init__(self) -> None:
         self.refused = ["locked memory"]
         self.calls: list[str] = []
@@ -964,6 +966,20 @@ def test_waiting_of_an_ecu_in_this_process_is_the_benchs_delay_its_code_is_not(
     run.begin()
     run.run(None, lambda: peer.turns > 60)
     assert (longest_delay(run) > 0.25) == is_the_bench
+
+
+def test_a_run_that_is_of_no_use_any_more_ends_and_tells_no_more(ready: Callable[..., RealtimeRun]):
+    told: list[bool] = []
+
+    class Monitor:
+        def look(self, moment: object, is_last: bool = False) -> None:
+            told.append(is_last)
+
+    run = ready(monitor=Monitor(), spoilt=lambda: "the bench was late: by far" if told else "")
+    run.begin()
+    with pytest.raises(OverrunError, match=r"^the bench was late: by far$"):
+        run.run(None, never)
+    assert told == [False]
 
 
 def test_an_overrun_is_an_error_that_says_what_helps(ready: Callable[..., RealtimeRun]):

@@ -1,0 +1,48 @@
+"""What is shipped, with descriptions: scenarios, vehicles, rigs, campaigns and ECUs, as flags take their names."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+
+from liftgate_hil.errors import ConfigError, allowed_names
+
+_FLAGS = {
+    "scenarios": "liftgate-hil test NAME, --scenario NAME",
+    "vehicles": "--vehicle NAME",
+    "rigs": "--rig NAME",
+    "campaigns": "liftgate-hil campaign NAME",
+    "ECUs": "--ecu NAME; mutants are defects of it, for `test` alone",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments to the parser."""
+    parser.add_argument(
+        "prefix", nargs="?", default="", metavar="PREFIX", help="only names, or their second parts, that begin so"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command and return the exit code. Raises ConfigError."""
+    from liftgate_hil.config.shipped_list import Shipped, shipped_list
+    from liftgate_hil.ecu.mutants import MUTANTS
+    from liftgate_hil.ecu.names import REFERENCE
+
+    every = [*shipped_list(), Shipped("ECUs", REFERENCE, "the reference ECU")]
+    every += [Shipped("ECUs", f"mutant:{name}", each.meaning) for name, each in MUTANTS.items()]
+    found = [each for each in every if _begins(each.name, args.prefix)]
+    if not found:
+        names = allowed_names(args.prefix, [each.name for each in every])
+        raise ConfigError(f"PREFIX {args.prefix}: no name begins so; allowed: {names}")
+    width = max(len(each.name) for each in found)
+    for number, (kind, those) in enumerate(itertools.groupby(found, lambda each: each.kind)):
+        print(f"{chr(10) * bool(number)}{kind} ({_FLAGS[kind]})")
+        for each in those:
+            print(f"  {each.name:<{width}}  {each.description}".rstrip())
+    return 0
+
+
+def _begins(name: str, prefix: str) -> bool:
+    """Whether a name, or what follows its set or the word `mutant`, begins with a prefix."""
+    return any(each.startswith(prefix) for each in (name, name.replace(":", "/").partition("/")[2]) if each)
