@@ -33,7 +33,7 @@ def read_measurement(
         from liftgate_hil.measurement.bus_log import read_bus_log
 
         return read_bus_log(path, rig() if callable(rig) else rig, before or {}, how)
-    return read_table(path, open_file(path), mapping)
+    return read_table(path, open_file(path, how=how), mapping)
 
 
 def needs_rig(path: Path, mapping: ColumnMap) -> bool:
