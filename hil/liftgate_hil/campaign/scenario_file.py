@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,15 +16,18 @@ from liftgate_hil.config.variant import AS_FILED, settings_for
 from liftgate_hil.config.vehicle import VehicleFile
 
 
-def scenario_text(prepared: Prepared, values: Sequence[float], comment: str) -> str:
-    """Return a scenario file that runs as the variant with these values does, at the campaign's rate."""
+def scenario_text(prepared: Prepared, values: Sequence[float], comment: str, folder: Path) -> str:
+    """Return a scenario file for a folder that runs as the variant with these values does, at the campaign's rate.
+
+    It names other files relative to the folder, so that both can be moved together.
+    """
     base, job = prepared.base, prepared.base.job_of(values)
     file, vehicle = job.scenario, job.vehicle
     assert isinstance(file, ScenarioFile)
     assert isinstance(vehicle, VehicleFile)
     lines = [f"# {line}" for line in comment.splitlines()]
-    lines += [f"include = {json.dumps([str(file.path.resolve())])}"]
-    lines += [f"{name} = {_toml(value)}" for name, value in _heads(prepared, base, job.seed).items()]
+    lines += [f"include = {json.dumps([_relative(file.path, folder)])}"]
+    lines += [f"{name} = {_toml(value)}" for name, value in _heads(prepared, base, job.seed, folder).items()]
     if job.parameters:
         lines += ["", "[parameters]", *(f"{name} = {value!r}" for name, value in job.parameters.items())]
     settings = settings_of(job.settings)
@@ -36,14 +40,14 @@ def scenario_text(prepared: Prepared, values: Sequence[float], comment: str) -> 
     return "\n".join(lines) + "\n"
 
 
-def _heads(prepared: Prepared, base: Base, seed: int | None) -> dict[str, Any]:
+def _heads(prepared: Prepared, base: Base, seed: int | None, folder: Path) -> dict[str, Any]:
     """Return the keys at the top of the file, where they are not those of the included one."""
     request, vehicle, found = prepared.request, base.job.vehicle, dict[str, Any]()
     assert isinstance(vehicle, VehicleFile)
     if request.vehicle is not None:
-        found["vehicle"] = _name(vehicle.name)
+        found["vehicle"] = _name(vehicle.name, folder)
     if request.rig is not None:
-        found["rig"] = _name(request.rig)
+        found["rig"] = _name(request.rig, folder)
     if request.duration is not None:
         found["duration"] = request.duration
     if seed is not None:
@@ -51,8 +55,12 @@ def _heads(prepared: Prepared, base: Base, seed: int | None) -> dict[str, Any]:
     return found
 
 
-def _name(name: str) -> str:
-    return str(Path(name).resolve()) if Path(name).is_file() else name
+def _name(name: str, folder: Path) -> str:
+    return _relative(Path(name), folder) if Path(name).is_file() else name
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return os.path.relpath(path.resolve(), folder.resolve())
 
 
 def _toml(value: Any) -> str:

@@ -66,7 +66,7 @@ def _search(found: Prepared, campaign: Campaign, folder: Folder) -> Analysis:
         variant = found.base.variant(least.values)
         margin = with_unit(f"{least.margin:.6g}", unit)
         comment = f"Smallest margin of {name!r} that was found: {margin}.\nvariant {variant}"
-        folder.write(WORST_FILE, scenario_text(found, least.values, comment).encode())
+        folder.write(WORST_FILE, scenario_text(found, least.values, comment, folder.path).encode())
     line = replay_line(folder.path, variant)
     return Analysis(
         adaptive_sections.worst_as_dict(worst, name, variant, names, unit),

@@ -1,5 +1,6 @@
-"""The emulator with an ECU: the gate opens, closes onto an obstacle, is detected by motor current, reverses, then
-opens and closes fully. Prints what happened, writes recordings and a picture, and judges itself.
+"""The gate with an ECU, which opens it, closes it onto an obstacle, detects that by the currents and speeds of its
+motors, reverses, then opens and closes it fully. Prints what happened, writes recordings and a picture, and judges
+itself.
 
 Without a bus both run in this process: on the free clock as machine code, else on a virtual bus. On any other
 bus the ECU is a second process. On a serial line it needs a port of its own, the line's other end: --ecu-serial.

@@ -44,10 +44,11 @@ COMMANDS = {
 }
 
 
+_WORDS = {"help": "this text, or that of a subcommand: help test", "version": "the version"}
 _JUDGING = ("judge", "test")  # commands whose exit code 1 is a verdict
 # What a call without any argument prints.
 _FIRST_STEPS = (
-    "`bus`: missing; to see the gate move: liftgate-hil demo",
+    "liftgate-hil: --bus: missing; to see the gate move: liftgate-hil demo",
     "to play with it on a page: liftgate-hil --ecu reference --dashboard",
     "to test an ECU: liftgate-hil init my-gate",
     "to connect a bus: liftgate-hil --bus socketcan:can0",
@@ -160,8 +161,9 @@ def _command(argv: Sequence[str] | None) -> int:
         return int(module.run(args))
     except ConfigError as error:
         is_lost = is_bare and error.issues[0].startswith("`bus`: missing")
-        for fault in _FIRST_STEPS if is_lost else error.issues:
-            streams.say(f"liftgate-hil: {as_flags(fault)}")
+        issues = [f"liftgate-hil: {as_flags(fault)}" for fault in error.issues]
+        for line in _FIRST_STEPS if is_lost else issues:
+            streams.say(line)
         return 2
     except LiftgateError as error:
         for text in causes(error):
@@ -212,7 +214,7 @@ def _add_arguments(parser: argparse.ArgumentParser, module: ModuleType) -> None:
 
 
 def _overview() -> str:
-    lines = [f"  {name:<10} {text}" for name, text in COMMANDS.items()]
+    lines = [f"  {name:<10} {text}" for name, text in {**COMMANDS, **_WORDS}.items()]
     return "subcommands (each with its own --help):\n" + "\n".join(lines)
 
 

@@ -181,19 +181,6 @@ def add_loop(parser: argparse.ArgumentParser) -> None:
     add_options(parser, "rate", "clock", "duration", "overrun_limit", "wall_timeout", *MACHINE)
 
 
-def tell_refused(realtime: bool | None, say: Callable[[str], None]) -> bool:
-    """Report in one line what a run in real time requests by itself and is refused; return whether it gets FIFO.
-
-    With --realtime each run reports its refusals in full, with --no-realtime nothing is requested.
-    """
-    from liftgate_hil.loop.priority import FIFO, in_one_line, refused_here
-
-    refused = [] if realtime is False else refused_here()
-    if refused and realtime is None:
-        say(in_one_line(refused))
-    return realtime is not False and FIFO not in refused
-
-
 def add_ecu(
     parser: argparse.ArgumentParser, default: str, has_bus: bool = True, has_mutants: bool = False
 ) -> None:

@@ -106,7 +106,6 @@ def run(args: argparse.Namespace) -> int:
         cpu=args.cpu,
     )
     teller = Teller(args.quiet, args.json)
-    options.tell_refused(args.realtime, teller.say)
     way = find_way(options.wire_choice(args), rig)
     shown = teller.progress("replay")
 

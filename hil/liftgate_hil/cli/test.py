@@ -108,9 +108,11 @@ def run(args: argparse.Namespace) -> int:
     with reporting_issues(targets):
         template = _template(args, QuietListener(teller))
         cases = _cases_of(args, template, targets)
+    for why in suite.unreadable_files(args.paths):
+        teller.say(f"note: left out: {why}")
     clear_the_way(targets, teller.say)
-    if args.clock == "realtime":
-        options.tell_refused(args.realtime, teller.say)
+    if args.clock == "realtime" and args.realtime is not False:
+        _tell_refused(teller)
     _tell_fit(cases, teller)
     stop = StopSignals()
     jobs = 1 if suite.is_alone(template) else args.jobs or len(os.sched_getaffinity(0))
@@ -164,6 +166,14 @@ def _cases_of(args: argparse.Namespace, template: Job, targets: Mapping[str, lis
     if args.results and args.recordings != "none":
         return _recorded(cases, Path(args.results), args.retry_inconclusive, inputs)
     return cases
+
+
+def _tell_refused(teller: Teller) -> None:
+    """Print in one line what is refused to runs in real time, whose own reports are not shown."""
+    from liftgate_hil.loop.priority import in_one_line, refused_here
+
+    if refused := refused_here():
+        teller.say(in_one_line(refused))
 
 
 def _tell_fit(cases: Sequence[Case], teller: Teller) -> None:

@@ -24,6 +24,7 @@ from liftgate_hil.cli.teller import Teller
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, EcuError
 from liftgate_hil.judging.verdict import ERROR
+from liftgate_hil.loop.priority import has_fifo
 from liftgate_hil.running.processes.children import end, foreign_output
 from liftgate_hil.running.processes.supervisor import dies_with_parent
 
@@ -67,7 +68,6 @@ def run_loop(
     job = _job_of(args, exit_codes, wire, trace, gives_up_late, teller)
     with teller.progress("preparing the run"):
         plan = plan_of(job)
-    has_fifo = args.clock == "realtime" and options.tell_refused(args.realtime, teller.say)
     vehicle = plan.setup.vehicle
     after_s = AFTER_S if args.clock == "free" else 0.0  # in real time the first seconds count, too
     teller.sees(View(math.degrees(vehicle.gate.open_angle), plan.duration, vehicle.drives, after_s))
@@ -78,7 +78,7 @@ def run_loop(
             if args.ecu == ON_A_BUS or is_here:
                 result = execute(plan, stopped)
             else:
-                result = _with_process(args, plan, stopped, has_fifo)
+                result = _with_process(args, plan, stopped)
     except EcuError as error:  # the ECU could not be created, or its process failed
         raise stopped.failure(str(error)) from error
     finally:
@@ -92,11 +92,11 @@ def run_loop(
     return result
 
 
-def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals, has_fifo: bool) -> Result:
+def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) -> Result:
     """Run the gate with the ECU in a second process on the same bus. Raises LiftgateError.
 
     The ECU gets its requests by its own clock, so that no precondition is possible. Its machine code is compiled
-    before, so that the run does not begin without it. It requests FIFO scheduling where the gate `has_fifo`.
+    before, so that the run does not begin without it.
     """
     from liftgate_hil.ecu.adapter import Adapter
     from liftgate_hil.ecu.peer import machine_code
@@ -111,7 +111,7 @@ def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals, ha
     relay = Relay(plan.job.listener)  # so that attached clients get the events of the ECU's process, too
     job = replace(plan.job, ecu=ON_A_BUS, ecu_elsewhere=plan.job.ecu, is_isolated=False, listener=relay)
     plan = plan.varied(job)
-    with _ecu_process(args, plan.setup.vehicle, job.listener, has_fifo) as child:
+    with _ecu_process(args, plan.setup.vehicle, job.listener) as child:
         result = execute(plan, lambda: stopped() or child.has_ended())
         try:
             child.end(was_stopped=stopped(), has_taken_part=bool(result.summary.received.accepted))
@@ -205,9 +205,7 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _ecu_process(
-    args: argparse.Namespace, vehicle: Vehicle, teller: Listener, has_fifo: bool
-) -> Iterator[EcuProcess]:
+def _ecu_process(args: argparse.Namespace, vehicle: Vehicle, teller: Listener) -> Iterator[EcuProcess]:
     """Context with `liftgate-hil ecu` on the same bus; the process ends with the context."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", "ecu"]
     command += ["--drives", str(vehicle.drives), "--ecu", args.ecu]
@@ -218,7 +216,9 @@ def _ecu_process(
             command += [f"--{flag}", str(value)]
     if getattr(args, "ecu_serial", None) is not None:
         command += ["--serial", args.ecu_serial]
-    command += ["--fd"] * args.fd + ["--realtime" if has_fifo or args.realtime else "--no-realtime"]
+    # It does not report again what the gate's loop reports to be refused.
+    is_asked = args.realtime or (args.realtime is None and args.clock == "realtime" and has_fifo())
+    command += ["--fd"] * args.fd + ["--realtime" if is_asked else "--no-realtime"]
     child = EcuProcess(command, teller, is_ours=args.ecu == REFERENCE)
     try:
         yield child

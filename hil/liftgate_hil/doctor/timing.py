@@ -220,7 +220,9 @@ def verdict(rate: float, modes: dict[str, Wakeups], tick: Distribution | None, p
     elif problems:
         level, text, advice = "problem", f"fit {found}, except for the problems above", "fix these"
     elif rates[best] < rate:
-        level, text = "warning", f"fit {found}, but not {rate:g} Hz"
+        late_ms = 1e-3 * modes[best].lateness.p999_us
+        level = "warning"
+        text = f"fit {found}, but not {rate:g} Hz: p99.9 of the lateness is {late_ms:.2g} ms, more than a period"
         advice = f"use --rate {rates[best]}, or {quieter}"
     elif missed > FEW:
         text = f"fit {found}, but {percent:.2f} % of periods were missed at {rate:g} Hz"

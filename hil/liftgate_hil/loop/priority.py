@@ -63,6 +63,12 @@ class Realtime:
         except OSError as error:
             self._refuse(f"CPU {cpu}: {error.strerror}; allowed: {allowed_cpus()}")
 
+    def reported(self) -> list[str]:
+        """Return what was refused as messages: each in full where the user has asked, else all in one line."""
+        if self.has_asked:
+            return [f"refused: {each}" for each in self.refused]
+        return [in_one_line([each.partition(":")[0] for each in self.refused])] if self.refused else []
+
     def _refuse(self, what: str) -> None:
         """Note what was refused, once: several threads enter, one after the other."""
         if what and what not in self.refused:
@@ -192,20 +198,21 @@ def stay_on_cpu() -> None:
 
 def refused_here() -> list[str]:
     """Return what this machine refuses to a run in real time: FIFO scheduling, locked memory, or nothing."""
-    found: list[str] = []
-
-    def ask() -> None:
-        if ask_for_fifo(PRIORITY):
-            found.append(FIFO)
-
-    thread = threading.Thread(target=ask)
-    thread.start()
-    thread.join()
+    found = [] if has_fifo() else [FIFO]
     if lock_memory():
         found.append("locked memory")
     else:
         unlock_memory()
     return found
+
+
+def has_fifo() -> bool:
+    """Whether this machine grants FIFO scheduling to this process."""
+    refused: list[str] = []
+    thread = threading.Thread(target=lambda: refused.append(ask_for_fifo(PRIORITY)))
+    thread.start()
+    thread.join()
+    return refused == [""]
 
 
 def _free_cpus() -> set[int]:

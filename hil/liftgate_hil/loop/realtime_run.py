@@ -151,10 +151,10 @@ class RealtimeRun:
         control = self.memory.shared.control[0]
         thread.start()
         try:
-            if self.realtime is not None and self.realtime.has_asked and self.is_last:
+            if self.realtime is not None and self.is_last:
                 self._entered.wait()
-                for refused in self.realtime.refused:
-                    self.say(f"refused: {refused}")
+                for each in self.realtime.reported():
+                    self.say(each)
             realtime = self.realtime
             with nullcontext() if realtime is None else realtime.beside(self.line.threads):
                 self._look_after(thread, stopped)

@@ -274,8 +274,8 @@ class Player:
         def in_thread() -> None:
             try:
                 prepare_thread(realtime)
-                for refused in realtime.refused if realtime is not None and realtime.has_asked else ():
-                    self._listener.say(f"refused: {refused}")
+                for each in [] if realtime is None else realtime.reported():
+                    self._listener.say(each)
                 self._code(schedule, params, memory.shared, room)
             except BaseException as error:  # raised by the thread that started this one
                 self._failure = error

@@ -18,7 +18,7 @@ ENTRY_POINTS = {
     "block": "simulation",
     "run": "identification model",
     "walk": "reader of bus logs",
-    "judge_block": "judge",
+    "judge_block": "evaluation of expectations",
     "note_wakeups": "lateness measurement",
     "put_lines": "CSV text",
     "put_messages": "MCAP text",

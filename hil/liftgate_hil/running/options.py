@@ -126,8 +126,9 @@ class RunOptions:
         bool | None,
         Option(
             Flag(),
-            "request FIFO scheduling, locked memory, a CPU and no deep sleep, and report each refusal; "
-            "--no-realtime: request nothing; default: FIFO scheduling and locked memory, where they are granted",
+            "ask for FIFO scheduling, locked memory, a CPU and no deep sleep, and report what is refused; "
+            "--no-realtime: ask for nothing; default: FIFO scheduling and locked memory, where they are granted. "
+            "This is no clock: see --clock",
         ),
     ] = False  # None: where it is granted
     cpu: Annotated[

@@ -144,6 +144,19 @@ def scenario_files(paths: Sequence[str]) -> list[Path]:
     return list(kept.values())
 
 
+def unreadable_files(paths: Sequence[str]) -> list[str]:
+    """Return why TOML files in these folders are none, each with its path; scenarios among them are refused."""
+    found: list[str] = []
+    for folder in filter(Path.is_dir, map(Path, paths)):
+        for path in sorted(folder.rglob("*.toml")):
+            if not may_be_scenario(path, _is_test(path)):
+                try:
+                    read_toml(path)
+                except ConfigError as error:
+                    found += error.issues[:1]
+    return found
+
+
 def _is_test(path: Path) -> bool:
     """Whether a file is named as a test, as pytest's are."""
     return path.name.startswith("test_")
@@ -153,7 +166,7 @@ def may_be_scenario(path: Path, is_test: bool = False) -> bool:
     """Whether a TOML file is a scenario, or cannot be read but contains [[expect]].
 
     The error of the latter shall be reported, or a scenario would be missing without notice. So shall be that
-    of a file that is named as a test (`is_test`) and expects nothing, or misspells it.
+    of a file that misspells it, or is named as a test (`is_test`) and expects nothing.
     """
     try:
         content = read_toml(path)
@@ -165,8 +178,10 @@ def may_be_scenario(path: Path, is_test: bool = False) -> bool:
     if is_scenario(path):
         return True
     own = {*content} & _KNOWN - {"expect"}
-    is_like_one = any(_is_like_expect(each) for each in content) or {*content} <= _KNOWN
-    return is_test and len(content) > 1 and bool(own) and is_like_one
+    misspelt = [value for key, value in content.items() if _is_like_expect(key) and key not in _KNOWN]
+    is_misspelt = any(is_test or isinstance(each, list) for each in misspelt)
+    is_like_one = is_misspelt or (is_test and {*content} <= _KNOWN)
+    return len(content) > 1 and bool(own) and is_like_one
 
 
 def _is_like_expect(key: str) -> bool:
@@ -275,7 +290,8 @@ def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome
     if not reason and result is not None and stopped():
         end = job.options.duration or scenario.duration or 0.0
         if result.summary.model_time_s < end:
-            reason = f"stopped at {result.summary.model_time_s:.3f} s"
+            time_s = result.summary.model_time_s
+            reason = f"stopped at {time_s:.3f} s" if result.summary.ticks else "stopped before it began"
     found = result.expectations if result is not None and not reason else {}
     verdicts = tuple(
         found.get(each.name) or Verdict(each.name, ERROR, reason=reason) for each in scenario.expectations

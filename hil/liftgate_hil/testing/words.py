@@ -116,7 +116,8 @@ def _fault(fault: Fault) -> str:
     where = f", {fault.where}" if fault.where else ""
     own = _values(fault.values)
     again = f", in the first {100.0 * fault.share:g} % of every {fault.period:g} s" if fault.period else ""
-    return f"fault {fault.kind}{where}{own}: {_span(fault.start, fault.end)}{again}{meaning}"
+    length = f", for {fault.length:g} s" if math.isfinite(fault.length) else ""
+    return f"fault {fault.kind}{where}{own}: {_span(fault.start, fault.end)}{length}{again}{meaning}"
 
 
 def _values(values: Mapping[str, object]) -> str:

@@ -29,6 +29,7 @@ def _renew_lock() -> None:
 os.register_at_fork(after_in_child=_renew_lock)
 
 _LOOK_S = 0.1
+_is_compiling = threading.Event()  # a thread of this process compiles
 
 
 def machine_code_of(
@@ -40,8 +41,9 @@ def machine_code_of(
     """
     began = time.monotonic()
     lock = _lock
-    while not lock.acquire(timeout=_LOOK_S):  # another thread compiles
-        watcher().waits(function.__qualname__, time.monotonic() - began)
+    while not lock.acquire(timeout=_LOOK_S):  # another thread loads code, or compiles
+        if _is_compiling.is_set():
+            watcher().waits(function.__qualname__, time.monotonic() - began)
     try:
         stored = _from_disk(function, kinds)
     finally:
@@ -95,9 +97,13 @@ def _compiled(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:
     building.check_numba()
     look()
     made = None
-    if function.__module__ != "__main__":
-        made = compile_apart(Request(function, kinds, building.key_of(function)), look)
-    if made is None:
-        made = building.make_here(function, kinds)
+    _is_compiling.set()
+    try:
+        if function.__module__ != "__main__":
+            made = compile_apart(Request(function, kinds, building.key_of(function)), look)
+        if made is None:
+            made = building.make_here(function, kinds)
+    finally:
+        _is_compiling.clear()
     watcher().ready(name, time.monotonic() - began)
     return made

@@ -75,7 +75,7 @@ def seen(found: Prepared, values: list[float]) -> Row:
 def written(found: Prepared, values: list[float], folder: Path) -> Path:
     path = folder / "elsewhere" / "worst.toml"
     path.parent.mkdir(exist_ok=True)
-    path.write_text(scenario_text(found, values, COMMENT))
+    path.write_text(scenario_text(found, values, COMMENT, path.parent))
     return path
 
 
@@ -124,17 +124,19 @@ def test_what_the_request_says_is_in_the_file(more: dict[str, object], scenario:
     assert_runs_as(run(str(written(found, [4e4], tmp_path))), row, found.base.expectations)
 
 
-def test_a_vehicle_of_the_user_is_named_by_its_whole_path(scenario: Path, tmp_path: Path) -> None:
+def test_other_files_are_named_relative_to_its_folder(scenario: Path, tmp_path: Path) -> None:
     own = tmp_path / "own car.toml"
     own.write_text((Path(__file__).parents[3] / "configs/vehicles/suv.toml").read_text())
-    text = scenario_text(campaign_of(scenario, "rod=1,2", vehicle=str(own)), [1.0], "")
-    path = tmp_path / "worst.toml"
-    path.write_text(text)
-    assert load_scenario(path).vehicle == str(own)
+    found = campaign_of(scenario, "rod=1,2", vehicle=str(own))
+    path = written(found, [1.0], tmp_path)
+    assert str(tmp_path) not in path.read_text()
+    vehicle = load_scenario(path).vehicle
+    assert vehicle is not None
+    assert Path(vehicle).resolve() == own
 
 
 def test_the_file_says_where_it_is_from(scenario: Path) -> None:
-    assert scenario_text(campaign_of(scenario, "rod=1,2"), [1.0], COMMENT).startswith(
+    assert scenario_text(campaign_of(scenario, "rod=1,2"), [1.0], COMMENT, scenario.parent).startswith(
         "# found\n# in a search\ninclude"
     )
 

@@ -166,7 +166,7 @@ def test_what_is_refused_is_said_in_one_line_in_full_or_not_at_all(realtime: str
             "refused: locked memory: no; to get it: a limit", "refused: FIFO scheduling: no; to get it: a limit",
         ]  # fmt: skip
     else:
-        line = "refused: FIFO scheduling and locked memory: other programs can delay this one; liftgate-hil doctor"
+        line = "refused: locked memory and FIFO scheduling: other programs can delay this one; liftgate-hil doctor"
         assert refused == ([] if realtime else [f"{line} says how to get it"])
 
 

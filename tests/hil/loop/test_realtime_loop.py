@@ -745,11 +745,12 @@ class SocketLine:
 class Asked:
     """Stands for `--realtime`; slow to be refused, as a busy machine is."""
 
-    has_asked = True
-
     def __init__(self) -> None:
         self.refused = ["locked memory"]
         self.calls: list[str] = []
+
+    def reported(self) -> list[str]:
+        return [f"refused: {each}" for each in self.refused]
 
     def prepare(self) -> None:
         self.calls.append("prepare")

@@ -106,7 +106,7 @@ def test_what_cannot_be_played_is_reported_before_a_bus_is_opened(tmp_path: Path
         (Replay(tmp_path / "rows.csv"), "holds only rows; allowed: a recording with frames"),
         (Replay(path, speed=0.0), "`speed` 0: allowed: 0.001 to 1000"),
         (Replay(path, times=0), "`times` 0: allowed: 1 to"),
-        (Replay(path, cpu=0), "`cpu` 0: allowed: together with `realtime`"),
+        (Replay(path, realtime=False, cpu=0), "`cpu` 0: allowed: together with `realtime`"),
         (Replay(tmp_path / "none.log"), "no such file"),
     ):
         with pytest.raises(ConfigError) as caught:

@@ -23,6 +23,24 @@ def test_it_is_reported_by_the_command(tmp_path: Path, header: str, capsys: pyte
     assert "bad.toml" in capsys.readouterr().err
 
 
+def test_a_file_without_other_keys_of_ours_is_reported_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "good.toml").write_text(GOOD)
+    (tmp_path / "bad.toml").write_text("duration = 1.0\n[[expct]]" + EXPECT)
+    assert main(["test", str(tmp_path)]) == 2
+    assert "bad.toml: expct: unknown key; allowed: expect" in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_toml_is_left_out_with_a_note(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "good.toml").write_text(GOOD)
+    (tmp_path / "bad.toml").write_text("duration = \n")
+    assert main(["test", str(tmp_path)]) == 0
+    assert f"note: left out: {tmp_path}/bad.toml: not valid TOML: " in capsys.readouterr().err
+
+
 def test_other_tools_files_are_left_out(tmp_path: Path) -> None:
     (tmp_path / "good.toml").write_text(GOOD)
     (tmp_path / "pyproject.toml").write_text('[tool.x]\nexpect = "y"\n')
