@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from liftgate_hil.config.drafting.words import concepts_in, words_of
-from liftgate_hil.conversion.compare import differences_of
+from liftgate_hil.conversion.held_values import differences_of
 from liftgate_hil.conversion.ours import ours_in
+from liftgate_hil.conversion.partners import nearest, ns_of
 from liftgate_hil.conversion.sheet import FONT, HEIGHT, SMALL, WIDTH, finish, legend_above, settings
 from liftgate_hil.conversion.table import Floats
 from liftgate_hil.errors import ConfigError
@@ -152,13 +153,18 @@ def _draw_marks(axes: Sequence[Axes], marks: Sequence[tuple[float, str]]) -> str
 
 
 def two_pictures(
-    titles: tuple[str, str], both: tuple[Columns, Columns], names: Sequence[str], units: Mapping[str, str]
+    titles: tuple[str, str],
+    both: tuple[Columns, Columns],
+    names: Sequence[str],
+    units: Mapping[str, str],
+    time_tolerance: float,
 ) -> Figure:
-    """Plot columns of two recordings over each other, and beside them second minus first."""
+    """Plot columns of two recordings over each other, and beside them second minus first.
+
+    The difference is that to the nearest row of the second recording, within `time_tolerance` [s].
+    """
     first, second = both
-    _, here, there = np.intersect1d(
-        np.round(first["time_s"] * 1e9), np.round(second["time_s"] * 1e9), return_indices=True
-    )
+    here, there = nearest(ns_of(first["time_s"]), ns_of(second["time_s"]), round(1e9 * time_tolerance))
     times = first["time_s"][here]
     with style():
         settings()

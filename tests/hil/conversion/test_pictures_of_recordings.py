@@ -61,7 +61,7 @@ def test_an_input_is_held_from_its_sample_to_the_next_and_an_output_is_not(tmp_p
     units = {name: run.signals[name].unit for name in names}
     figure = picture.run_picture("a.csv", columns, [[name] for name in names], units)
     assert [axis.lines[0].get_drawstyle() for axis in figure.axes] == ["steps-post", "default"]
-    both = picture.two_pictures(("a", "b"), (columns, columns), names, units)
+    both = picture.two_pictures(("a", "b"), (columns, columns), names, units, 1e-6)
     drawn = [axis.lines[0].get_drawstyle() for axis in both.axes[::2]]
     assert drawn == ["steps-post", "default"]
 
@@ -110,7 +110,7 @@ def test_two_recordings_stand_over_each_other_with_their_difference(tmp_path: Pa
     )
     names = ["left_current_a", "gate_angle_deg"]
     both = columns_in(first, names, Window()), columns_in(second, names, Window())
-    drawn = picture.two_pictures(("a", "b"), both, names, dict.fromkeys(names, ""))
+    drawn = picture.two_pictures(("a", "b"), both, names, dict.fromkeys(names, ""), 1e-6)
     over, beside, _, equal = drawn.axes
     assert [len(each) for each in lines_of(over)] == [100, 95]
     difference = lines_of(beside)[1]
