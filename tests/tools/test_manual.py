@@ -48,7 +48,7 @@ def test_flags_keys_and_columns_are_in_the_index_with_their_place(manual: Path) 
         ("--retry-inconclusive", "test, Command line"),
         ("resistance", "[motor], Vehicle files"),
         ("timing_tolerance_s", "The file, Scenario files"),
-        ("gate_angle_deg", "Signals and columns"),
+        ("gate_angle_deg", "Signals"),
         ("inconclusive", "What a verdict means"),
     ):
         assert re.search(rf"^\s*{re.escape(term)}$(?:\n[^\n]*){{1,40}}{re.escape(place)}", text, re.MULTILINE), (

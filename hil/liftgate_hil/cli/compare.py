@@ -1,5 +1,5 @@
-"""Two recordings against each other: of each column the first difference and the largest one, with their times and
-values, and the root mean square, at the times that both have; and whether their frames are the same ones.
+"""Compare two recordings: the first and the largest difference of each column, with times and values, and the
+root mean square, at the times that both have; and whether their frames are the same.
 
   liftgate-hil compare before.csv after.csv
   liftgate-hil compare before.mf4 after.parquet --columns gate_angle_deg,left_current_a --output both.png
