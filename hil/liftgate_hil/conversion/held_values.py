@@ -77,6 +77,7 @@ class HeldValues:
         low = np.maximum(np.searchsorted(other, times - tolerance, side="right") - 1, 0)
         high = np.searchsorted(other, times + tolerance, side="right")
         held = np.searchsorted(rows, times, side="right") - 1
+        low, high, held = _smallest(low, high, held)
         places, begins, held = np.unique(held, return_index=True, return_inverse=True)
         return _Windows(len(rows), rows[places], begin + places, begins, held, low, high)
 
@@ -131,9 +132,21 @@ class _Windows(NamedTuple):
         # The first one of the largest of each row.
         most = np.maximum.reduceat(size, self.begins)
         at = np.flatnonzero(size == most[self.held])
-        _, first = np.unique(self.held[at], return_index=True)
-        nearest: Floats = found[at[first]]
+        nearest: Floats = found[at[np.diff(self.held[at], prepend=-1) > 0]]
         return nearest
+
+
+def _smallest(low: Places, high: Places, held: Places) -> tuple[Places, Places, Places]:
+    """Return the windows without those that contain another one of the same row: the row is not further off there.
+
+    Both ends of successive windows rise, so that it is enough to compare a window with its neighbours.
+    """
+    kept = np.ones(len(held), dtype=bool)
+    kept[:-1] = (np.diff(high) != 0) | (np.diff(held) != 0)
+    low, high, held = low[kept], high[kept], held[kept]
+    kept = np.ones(len(held), dtype=bool)
+    kept[1:] = (np.diff(low) != 0) | (np.diff(held) != 0)
+    return low[kept], high[kept], held[kept]
 
 
 def _extremes(values: Floats, low: Places, high: Places) -> tuple[Floats, Floats, NDArray[np.bool_]]:
