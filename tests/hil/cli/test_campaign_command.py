@@ -223,7 +223,9 @@ def test_the_worst_is_a_scenario_of_its_own_with_the_same_margin(
     assert main(["campaign", scenario, *flags, "--worst", "stays open"]) == 0
     found = manifest_in("campaign")["analysis"]
     out = capsys.readouterr().out
-    assert f"smallest margin of stays open: {found['margin']:.6g} {found['margin_unit']} with angle = " in out
+    angle, seed = found["values"]["angle"], found["values"]["seed"]
+    least = f"{found['margin']:.6g} {found['margin_unit']} with angle = {angle:.6g} deg, seed = {seed:g}"
+    assert f"smallest margin of stays open: {least}\n" in out
     assert "as a scenario for other ECUs: campaign/worst.toml" in out
     (line,) = [each for each in out.splitlines() if each.startswith("to run it again: liftgate-hil ")]
     assert main(line.partition("liftgate-hil ")[2].split()) == 0
