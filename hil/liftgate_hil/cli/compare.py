@@ -1,10 +1,6 @@
 """Compare two recordings: the first and the largest difference of each column, with times and values, and the
 root mean square, at the times that both have; and whether their frames are the same.
 
-  liftgate-hil compare before.csv after.csv
-  liftgate-hil compare before.mf4 after.parquet --columns gate_angle_deg,left_current_a --output both.png
-  liftgate-hil compare before.csv after.csv --tolerance gate_angle_deg=0.01 --time-tolerance 0.002
-
 Exit code 0: equal within the tolerances, 1: not, 2: they cannot be compared.
 """
 
