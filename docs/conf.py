@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import re
+import sys
+from pathlib import Path
 from typing import Any
 
 from liftgate_hil import version as versions
 
+EXTENSIONS = Path(__file__).parent / "extensions"
+sys.path.insert(0, str(EXTENSIONS))
+
 project = "liftgate-hil"
 author = "the authors of liftgate-hil"
 release = versions.version()
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
-exclude_patterns = ["examples"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "table_index", "search_from_disk"]
+exclude_patterns = ["examples", "extensions"]
 html_theme = "furo"
 html_title = f"liftgate-hil {release}"
 html_extra_path = ["trap-matrix.html"]
+html_search_scorer = str(EXTENSIONS / "scorer.js")
 man_pages = [("command-line", "liftgate-hil", "emulator of an electrically powered lift gate", [], 1)]
 html_copy_source = html_show_sourcelink = False
 

@@ -330,7 +330,7 @@ def test_recordings_are_drawn_and_compared(folder: Path) -> None:
     run("liftgate-hil simulate --voltage 12.5 --duration 1 --output after.csv", folder)
     assert run(command("liftgate-hil plot before.csv"), folder).startswith("written: before.csv.png\n")
     told = run(command("liftgate-hil compare before.csv"), folder, codes=(1,))
-    assert re.search(r"^left_voltage_v +0\.5 ", told, re.MULTILINE)
+    assert re.search(r"^left_voltage_v +0\.000000 s: 12 V and 12\.5 V +0\.5 V at 0\.000000 s ", told, re.MULTILINE)
     assert (folder / "both.png").is_file()
 
 

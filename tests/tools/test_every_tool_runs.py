@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from tools.anti_trap import page as anti_trap_page
+from tools.anti_trap import picture as anti_trap_picture
 from tools.anti_trap import study as anti_trap_study
 from tools.anti_trap.__main__ import main as anti_trap
 from tools.docs import PAGES
@@ -122,16 +123,20 @@ def test_the_study_of_scheduling_runs_to_its_end(tmp_path: Path, monkeypatch: py
 def test_the_study_of_the_anti_trap_runs_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The study is of three cars, which takes 5 s of CPU time."""
     conditions = dict(list(anti_trap_study.CONDITIONS.items())[:2])
-    for module in (anti_trap_study, anti_trap_page):
-        monkeypatch.setattr(module, "GAPS", (1.0, 30.0))
-        monkeypatch.setattr(module, "CONDITIONS", conditions)
-        monkeypatch.setattr(module, "FREE", 1)
-        monkeypatch.setattr(module, "FACTORS", (0.4, 1.0))
+    values = {"GAPS": (1.0, 30.0), "CONDITIONS": conditions, "FREE": 1, "FACTORS": (0.4, 1.0)}
+    for module in (anti_trap_study, anti_trap_page, anti_trap_picture):
+        for name in values.keys() & vars(module).keys():
+            monkeypatch.setattr(module, name, values[name])
     monkeypatch.setattr(anti_trap_study, "PACES", (1.0, 0.5))
     assert anti_trap(["--cars", "3", "--trade-cars", "3", "--output", str(tmp_path)]) == 0
     page = (tmp_path / "anti-trap.md").read_text(encoding="utf-8")
     assert "| suv |" in page
     assert (tmp_path / "anti-trap.png").stat().st_size > 10_000
+    again = tmp_path / "again"
+    again.mkdir()
+    assert anti_trap(["--drawn-again", str(tmp_path / "anti-trap.json"), "--output", str(again)]) == 0
+    assert (again / "anti-trap.md").read_text(encoding="utf-8") == page
+    assert (again / "anti-trap.png").read_bytes() == (tmp_path / "anti-trap.png").read_bytes()
 
 
 GAIN, TIME, DEAD, DELAY = (0.4457, 0.0375, 0.222, 0.0084)  # as docs/identification.md has the public motor
@@ -195,12 +200,17 @@ def test_the_study_of_identification_runs_to_its_end(
         "The three runs of the thesis",
         "Do the intervals cover? 1 seeds each",
         "Speed: run 1 at 1 kHz",
-        "A motor that nobody here measured",
+        "A motor measured by others",
     ]
     assert (tmp_path / "identification.png").stat().st_size > 10_000
     monkeypatch.setattr(sys, "argv", ["tools.identification", "--data", str(tmp_path)])
     assert identification.main() == 0
     assert (tmp_path / "closing.csv").exists()
+    drawn = (tmp_path / "identification.png").read_bytes()
+    (tmp_path / "identification.png").unlink()
+    monkeypatch.setattr(sys, "argv", ["tools.identification", "--picture", "--output", str(tmp_path)])
+    assert identification.main() == 0
+    assert (tmp_path / "identification.png").read_bytes() == drawn
 
 
 def test_the_studies_run_to_their_ends() -> None:

@@ -114,10 +114,10 @@ def test_the_keys_of_verdicts(printed: Any, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_the_keys_of_a_comparison(printed: Any) -> None:
-    for name in ("a", "b"):
-        lh.run(Path("s.toml"), record=[Path(f"{name}.log"), Path(f"{name}.csv")])
-    tables = printed("compare", "a.csv", "b.csv", "--json")
-    logs = printed("compare", "a.log", "b.log", "--json")
+    for seed, name in enumerate(("a", "b")):
+        lh.run(Path("s.toml"), seed=seed, record=[Path(f"{name}.log"), Path(f"{name}.csv")])
+    tables = printed("compare", "a.csv", "b.csv", "--json", code=1)
+    logs = printed("compare", "a.log", "b.log", "--json", code=1)
     assert_documented(COMPARE, tables, logs)
 
 

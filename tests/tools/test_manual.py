@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -40,6 +41,21 @@ def test_every_page_is_in_the_manual_and_no_link_leads_nowhere(manual: Path) -> 
         assert "https://fonts." not in path.read_text(encoding="utf-8"), "the manual is read without a network"
 
 
+def test_flags_keys_and_columns_are_in_the_index_with_their_place(manual: Path) -> None:
+    """As keys.toml in genindex.html: a term, and below it the places where it is explained."""
+    text = re.sub(r"<[^>]+>", "", (manual / "html" / "genindex.html").read_text(encoding="utf-8"))
+    for term, place in (
+        ("--retry-inconclusive", "test, Command line"),
+        ("resistance", "[motor], Vehicle files"),
+        ("timing_tolerance_s", "The file, Scenario files"),
+        ("gate_angle_deg", "Signals"),
+        ("inconclusive", "What a verdict means"),
+    ):
+        assert re.search(rf"^\s*{re.escape(term)}$(?:\n[^\n]*){{1,40}}{re.escape(place)}", text, re.MULTILINE), (
+            term
+        )
+
+
 def test_the_man_page_has_every_subcommand(manual: Path) -> None:
     text = (manual / "man" / "liftgate-hil.1").read_text(encoding="utf-8")
     for name in COMMANDS:
@@ -53,6 +69,7 @@ def test_a_link_that_leads_nowhere_is_an_error(tmp_path: Path) -> None:
     source.mkdir()
     for name in ("conf.py", "trap-matrix.html"):
         shutil.copy(DOCS / name, source)
+    shutil.copytree(DOCS / "extensions", source / "extensions")
     (source / "index.md").write_text(f"# A page\n\n{given}\n\n```{{toctree}}\nother\n```\n")
     (source / "other.md").write_text("# Another page\n")
     result = sphinx("html", source, tmp_path)

@@ -28,8 +28,8 @@ def page_of(found: Sequence[Errors]) -> str:
     met = [each for each in solved if each.is_met]
     lines = [
         _HEAD.format(count=len(found), step=1e3 * STEP, tolerance=TOLERANCE),
-        f"**{len(met)} of {len(solved)}** stay under {CURRENT_BAR:g} mA rms of each current and "
-        f"{ANGLE_BAR:g}° of angle and twist at worst.\n\n",
+        f"**{len(met)} of {len(solved)}** stay under {CURRENT_BAR:g} mA rms in each current and "
+        f"under {ANGLE_BAR:g}° in angle and twist.\n\n",
         "| | median | 90 % | 99 % | worst |\n|---|---|---|---|---|\n",
     ]
     for name, unit, digits in (("current", "mA rms", 3), ("angle", "°", 6), ("warmth", "K", 5)):
@@ -38,7 +38,7 @@ def page_of(found: Sequence[Errors]) -> str:
         what = {"current": "current", "angle": "angle, twist", "warmth": "temperatures"}[name]
         lines.append(f"| {what} [{unit}] | {' | '.join(cells)} |\n")
     if len(met) < len(solved):
-        lines.append("\nThose that do not:\n\n| case | current [mA rms] | angle [°] |\n|---|---|---|\n")
+        lines.append("\nThe others:\n\n| case | current [mA rms] | angle [°] |\n|---|---|---|\n")
         lines += [
             f"| {each.number} | {each.current:.3f} | {each.angle:.5f} |\n" for each in solved if not each.is_met
         ]
@@ -54,7 +54,8 @@ _BRIDGES = """
 {count} points drawn at random (`tools/accuracy/bridges.py`): one drive or two on one source, alike and unlike,
 slow, diode and fast freewheeling, 1 to 20 kHz, source 9 to 16 V behind 0 to 0.2 Ω, duties of both directions,
 back-EMF from −0.3 to 1.1 of the source, against a solution that follows every switch and diode
-(`tests/reference/switched_bridges.py`). Errors by the value, of a current under {floor:g} A by that.
+(`tests/reference/switched_bridges.py`). Errors are relative to the value, those of currents under
+{floor:g} A to {floor:g} A.
 
 **{met} of {count}** stay within {bar:g} % in mean, effective value and what the source gives.
 

@@ -2,5 +2,7 @@
 
 trials      one gate that learns, runs undisturbed and meets rods
 study       many trials: the whole travel in all conditions, drawn cars, wider and narrower limits, stiffer rods
-page        the page and its figure
+figures     figures of the study, and their file
+page        the page
+picture     its picture
 """

@@ -9,15 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from tools.anti_trap.study import CONDITIONS, FACTORS, FREE, GAPS, LIMIT, RODS, VEHICLES, Energy, Many, speed_for
+from tools.anti_trap.figures import Figures
+from tools.anti_trap.picture import draw
+from tools.anti_trap.study import (
+    CONDITIONS,
+    FREE,
+    GAPS,
+    LIMIT,
+    RODS,
+    VEHICLES,
+    Energy,
+    Many,
+    largest_of,
+    speed_for,
+)
 from tools.anti_trap.trials import DISTANCE, Outcome
 
 _INTRODUCTION = f"""# The reference ECU's anti-trap
 
-Made by `make anti-trap`. The reference ECU is no product: it is a baseline to compare your ECU with, as
-something to compare your own with. It knows the gate by its bus only, and has one calibration for all vehicles
-(`hil/liftgate_hil/ecu/calibration.py`), which each vehicle's `[coding]` scales: how fast it closes, how much is
-tolerated.
+Made by `make anti-trap`. The reference ECU is no product: it is a baseline to compare your ECU with. It knows
+the gate by its bus only, and has one calibration for all vehicles (`hil/liftgate_hil/ecu/calibration.py`). Each
+vehicle's `[coding]` scales two of its values: the closing speed and the tolerance.
 
 It judges the **load** of the drives, i − K dn/dt, with the motors' currents and their speed by the period of
 the Hall edges (`LeftHall`, `RightHall`), both behind the same filter: an obstacle slows the rotors down before
@@ -28,22 +40,15 @@ is judged. A rod of 10 N/mm stands {DISTANCE:g} m from the hinge; forces are pea
 """
 
 
-def written(
-    folder: Path,
-    travel: Mapping[str, Mapping[str, Outcome]],
-    many: Mapping[str, Many],
-    trade: Mapping[float, Mapping[str, Many]],
-    rods: Mapping[tuple[str, float], list[Any]],
-    energies: Mapping[str, Energy],
-) -> None:
-    """Write anti-trap.md and its figure, anti-trap.png, to a folder."""
+def written(folder: Path, found: Figures) -> None:
+    """Write anti-trap.md and its picture, anti-trap.png, to a folder."""
     lines = [_INTRODUCTION]
-    lines += _travel(travel)
-    lines += _many(many)
-    lines += _trade(trade)
-    lines += _rods(rods, energies)
+    lines += _travel(found.travel)
+    lines += _many(found.many)
+    lines += _trade(found.trade)
+    lines += _rods(found.rods, found.energies)
     (folder / "anti-trap.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    _draw(folder / "anti-trap.png", travel, trade)
+    draw(folder / "anti-trap.png", found.travel, found.trade)
 
 
 def _worst(outcomes: Mapping[str, Outcome]) -> tuple[float, str, float]:
@@ -97,31 +102,27 @@ def _many(many: Mapping[str, Many]) -> list[str]:
         middle, high = np.quantile(each.peaks, (0.5, 0.95))
         lines.append(
             f"| {vehicle} | {each.cars} | {each.false} of {each.judged} | {middle:.0f} N | {high:.0f} N "
-            f"| {_largest(each):.0f} N |"
+            f"| {largest_of(each):.0f} N |"
         )
     return [*lines, ""]
 
 
-def _largest(many: Many) -> float:
-    """Return the largest force [N]; NaN: no car reached its rod."""
-    return max(many.peaks, default=math.nan)
-
-
 def _trade(trade: Mapping[float, Mapping[str, Many]]) -> list[str]:
     lines = [
-        "## What a wider limit costs",
+        "## What a larger tolerance costs",
         "",
-        "All that is tolerated, times a factor: the largest force of the drawn cars' rods, and how many of their "
-        "motions reverse falsely.",
+        "All tolerances are multiplied by a factor, the tolerance scale: 1 is calibrated. The table has the "
+        "largest force on the rods of the drawn cars, and how many of their motions reverse falsely.",
         "",
-        "![False reversals and pinch force over the width of the limits](anti-trap.png)",
+        "![Largest pinch force over the travel; largest pinch force and share of false reversals over the "
+        "tolerance scale](anti-trap.png)",
         "",
-        "| factor | " + " | ".join(f"{each}: force, false" for each in VEHICLES) + " |",
+        "| tolerance scale | " + " | ".join(f"{each}: force, false" for each in VEHICLES) + " |",
         "|---|" + "---|" * len(VEHICLES),
     ]
     for factor, found in trade.items():
         cells = [
-            f"{_largest(found[each]):.0f} N, {found[each].false} of {found[each].judged}" for each in VEHICLES
+            f"{largest_of(found[each]):.0f} N, {found[each].false} of {found[each].judged}" for each in VEHICLES
         ]
         lines.append(f"| {factor:g} | " + " | ".join(cells) + " |")
     return [*lines, ""]
@@ -156,40 +157,3 @@ def _rods(rods: Mapping[tuple[str, float], list[Any]], energies: Mapping[str, En
                 f"| {alone:.3f} m/s | {shown} |"
             )
     return lines
-
-
-def _draw(
-    path: Path, travel: Mapping[str, Mapping[str, Outcome]], trade: Mapping[float, Mapping[str, Many]]
-) -> None:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(15, 4.6), layout="constrained")
-    for number, vehicle in enumerate(VEHICLES):
-        peaks = np.array([each.peaks for each in travel[vehicle].values()])
-        colour = f"C{number}"
-        left.plot(GAPS, np.nanmax(peaks, axis=0), colour, marker="o", markersize=3, label=vehicle)
-        forces = [_largest(trade[factor][vehicle]) for factor in FACTORS]
-        rates = [trade[factor][vehicle].false / trade[factor][vehicle].judged for factor in FACTORS]
-        middle.plot(FACTORS, forces, colour, marker="o", markersize=3, label=vehicle)
-        right.plot(FACTORS, np.maximum(rates, 1e-4), colour, marker="o", markersize=3, label=vehicle)
-    for panel in left, middle:
-        panel.axhline(LIMIT, color="0.4", linestyle="--", linewidth=1.0)
-        panel.set(ylabel="largest pinch force [N]", ylim=(0.0, None))
-    left.set(xscale="log", xlabel="gap [deg]", title="Over the travel, all conditions")
-    middle.set(xscale="log", xlabel="tolerance scale", title="Drawn cars")
-    right.axhline(1.0 / 500.0, color="0.4", linestyle="--", linewidth=1.0)
-    right.set(
-        xscale="log", yscale="log", xlabel="tolerance scale",
-        ylabel="motions reversed falsely", title="Drawn cars (1e-4: none)",
-    )  # fmt: skip
-    for panel in middle, right:
-        panel.set_xticks(FACTORS, [f"{each:g}" for each in FACTORS], minor=False)
-        panel.minorticks_off()
-    left.legend()
-    for panel in left, middle, right:
-        panel.grid(alpha=0.3)
-    figure.savefig(path, dpi=110, metadata={"Software": None})
-    plt.close(figure)

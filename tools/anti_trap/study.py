@@ -47,8 +47,13 @@ class Many(NamedTuple):
 
     cars: int
     judged: int  # undisturbed openings and closings of all cars
-    false: int  # of these, the number broken off for nothing
+    false: int  # of these, the number that reversed falsely
     peaks: tuple[float, ...]  # N, largest force on each car's rod, if it was reached
+
+
+def largest_of(many: Many) -> float:
+    """Return the largest force [N]; NaN: no car reached its rod."""
+    return max(many.peaks, default=math.nan)
 
 
 class Energy(NamedTuple):

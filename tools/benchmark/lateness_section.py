@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.loop.priority import PRIORITY
 from liftgate_hil.loop.statistics import in_words
 from tools.benchmark import lateness
 from tools.benchmark.effort import WHOLE, Effort
-from tools.benchmark.lateness import Pairs
+from tools.benchmark.lateness import Condition, Pairs, Times
 from tools.benchmark.units import paragraph
 
 
@@ -64,28 +68,51 @@ def lateness_table(pairs: list[Pairs]) -> list[str]:
 
 
 def plot(path: Path, pairs: list[Pairs]) -> None:
-    """Write a figure of the share of wake-ups that are later than a lateness, over that lateness [µs]."""
+    """Write a figure of the share of wake-ups that are later than a lateness, over that lateness [µs].
+
+    Each round is a thin line, all rounds together are a thick one: ours is solid, cyclictest's dashed and
+    narrower, so that equal curves are both seen.
+    """
     import matplotlib as mpl
 
     mpl.use("Agg")
     import matplotlib.pyplot as plt
-    import numpy as np
 
-    figure, panels = plt.subplots(2, len(pairs) // 2, figsize=(16, 7), sharex=True, sharey=True, squeeze=False)
+    figure, panels = plt.subplots(
+        2, len(pairs) // 2, figsize=(16, 7.4), sharex=True, sharey=True, squeeze=False, layout="constrained"
+    )
     for panel, pair in zip(panels.T.flat, pairs, strict=True):
-        for runs, label, colour in ((pair.ours, "liftgate-hil", "C0"), (pair.theirs, "cyclictest", "C1")):
-            for number, run in enumerate(runs):
-                later = 1.0 - np.cumsum(run.number) / run.number.sum()
-                panel.step(
-                    run.late_us, np.maximum(later, 1e-6), where="post", color=colour,
-                    alpha=0.5, linewidth=1.0, label=label if number == 0 else None,
-                )  # fmt: skip
-        panel.set_title(str(pair.condition), fontsize="medium")
+        for runs, label, looks in (
+            (pair.ours, "liftgate-hil", {"color": "C0", "linestyle": "-", "linewidth": 3.0}),
+            (pair.theirs, "cyclictest", {"color": "C1", "linestyle": (0, (4, 1.5)), "linewidth": 1.8}),
+        ):
+            for run in runs:
+                panel.step(*_later([run]), where="post", color=looks["color"], alpha=0.3, linewidth=0.6)
+            panel.step(*_later(runs), where="post", label=f"{label}, all rounds", **looks)
+        panel.set_title(_in_words(pair.condition), fontsize="medium", loc="left")
         panel.set(xscale="log", yscale="log", xlim=(5, 2e4), ylim=(1e-5, 1.0))
+        panel.set_xticks((10, 100, 1000, 10_000), ("10", "100", "1,000", "10,000"))
+        panel.set_yticks([10.0**-k for k in range(6)], [f"{10.0 ** (2 - k):g} %" for k in range(6)])
         panel.grid(alpha=0.3)
-    panels[0, 0].legend()
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2, handlelength=4)
     figure.supxlabel("lateness of a wake-up [µs]")
     figure.supylabel("share of wake-ups that are later")
-    figure.tight_layout()
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def _later(runs: list[Times]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return latenesses [µs] and the share of the wake-ups of all runs that are later than each."""
+    late = np.concatenate([run.late_us for run in runs])
+    number = np.concatenate([run.number for run in runs])
+    order = np.argsort(late, kind="stable")
+    later = 1.0 - np.cumsum(number[order]) / number.sum()
+    return late[order], np.maximum(later, 1e-6)
+
+
+def _in_words(condition: Condition) -> str:
+    """Return a condition for whoever does not know the names of Linux's policies."""
+    policy = f"priority {PRIORITY} (FIFO)" if condition.fifo else "no priority (SCHED_OTHER)"
+    slack = ", equal timer slack" if condition.same_slack else ""
+    load = "machine under load" if condition.loaded else "idle machine"
+    return f"{condition.rate:,.0f} Hz, {policy}\n{load}{slack}"

@@ -118,7 +118,7 @@ def _weaknesses(found: Data, size: Size) -> list[str]:
         ),
         search_table("weakness", evaluations, size.budget),
         text(f"All together: {total(evaluations, size.budget)}."),
-        text(f"Where another one finds more, or needs fewer in the mean: {worse(evaluations, size.budget)}."),
+        text(f"Better than the search, by the number found or by the mean: {worse(evaluations, size.budget)}."),
         text(
             f"""With {size.seeds} seeds, a difference of few seeds or of a third of the mean is chance; the
             next table has more."""
@@ -133,12 +133,13 @@ def _pockets(found: Data, size: Size) -> list[str]:
         text(
             f"""Margins with a narrow pocket at a place of each seed's own
             (`tools/campaign_study/pockets.py`), narrow in 3 of 5 dimensions for example, and its share of
-            the space. Seeds {FIRST} to {FIRST + size.pocket_seeds - 1}, with none of which the constants of
-            the search were chosen, although with these kinds; a budget of {size.budget} (found, mean):"""
+            the space. Seeds {FIRST} to {FIRST + size.pocket_seeds - 1}; the constants of the search were
+            chosen with other seeds, but with the same kinds of pockets. A budget of {size.budget} (found,
+            mean):"""
         ),
         search_table("pocket", found, size.budget),
         text(f"All but the last: {total(others, size.budget)}.") if HARDEST in found else "",
-        text(f"Where another one finds more, or needs fewer in the mean: {worse(found, size.budget)}."),
+        text(f"Better than the search, by the number found or by the mean: {worse(found, size.budget)}."),
         text(
             """Of a needle of the share q no search can know more than what it has covered: random draws
             find it within n evaluations with the probability 1 - (1 - q)ⁿ, and well-spread points a little
@@ -156,7 +157,7 @@ def _tests(found: Data, size: Size) -> list[str]:
             Hartmann -3.32, all others 0, `mixed` about 0."""
         ),
         minima_table(found),
-        text(f"Where another one has a smaller median: {not_least(found)}."),
+        text(f"Smaller median than the search: {not_least(found)}."),
     ]
 
 

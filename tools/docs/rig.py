@@ -28,8 +28,9 @@ A quantity is mapped by `quantity = "MESSAGE.SIGNAL"`, or by a table if the sign
 unit, scale or values."""
 
 _DATABASE = """\
-DBC, ARXML, KCD and SYM (version 5.0 and 6.0) are read by cantools. What of a file is faulty is left out, and a
-note of `rig check`, `rig draft`, `judge`, `convert`, `plot` and `compare` says what, why and, in a DBC, the line:
+DBC, ARXML, KCD and SYM (version 5.0 and 6.0) are read by cantools. Faulty parts of a
+file are left out. A note of `rig check`, `rig draft`, `judge`, `convert`, `plot` and `compare` names each of them
+with the reason and, in a DBC, the line:
 
 - A message whose signals overlap or go beyond its end, that has the name or the identifier of another one, or that
   a line defines which is not understood. It is refused where the rig uses it.

@@ -41,9 +41,15 @@ def main() -> int:
     parser.add_argument("--dc-motor", metavar="FOLDER", help="the public data; see dc_motor.py")
     parser.add_argument("--short", action="store_true", help="leave out scipy with measured voltage")
     parser.add_argument("--data", metavar="FOLDER", help="only write the generated measurements there")
+    parser.add_argument("--picture", action="store_true", help="only draw the picture, which takes some seconds")
     args = parser.parse_args()
     if args.data:
         write_thesis_data(Path(args.data))
+        return 0
+    if args.picture:
+        with tempfile.TemporaryDirectory() as name:
+            write_thesis_data(Path(name))
+            _picture(Path(name), Path(args.output) / "identification.png")
         return 0
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
@@ -151,7 +157,7 @@ def _dc_motor(work: Path, folder: str | None) -> list[str]:
         return []
     _say("the public DC motor")
     return [
-        "## A motor that nobody here measured",
+        "## A motor measured by others",
         "",
         "Public data of a geared DC motor (nebisman/DCMotor.jl, MIT licence; "
         "`tools/identification/dc_motor.py` says where and how): commanded voltage, a PRBS of two levels, "

@@ -28,9 +28,9 @@ motions first (`precondition`). Numbers such as 15V415 are those of NHTSA recall
 reference ECU."""
 
 _MUTANTS = """\
-Who tests the tests? Each mutant is the reference ECU with one defect, by other data, nothing is compiled anew
-([`mutants.py`](../hil/liftgate_hil/ecu/mutants.py)). A scenario finds it where an expectation fails that the
-sound ECU passes. `liftgate-hil test MY_SCENARIOS --mutants` does the same for your own."""
+Do the scenarios find defects? Each mutant is the reference ECU with one defect, made by other
+data ([`mutants.py`](../hil/liftgate_hil/ecu/mutants.py)). A scenario finds a mutant if an expectation fails
+that passes with the reference ECU. `liftgate-hil test MY_SCENARIOS --mutants` does the same for your own."""
 
 _REALTIME = """\
 The same scenarios against the reference ECU on a virtual bus in real time, their verdicts on the free clock,
@@ -63,9 +63,9 @@ def pack_page(outcomes: Sequence[Outcome], matrix: Matrix, seconds: float, jobs:
         _MUTANTS,
         f"{len(matrix.killed)} of {len(MUTANTS)} are found.",
         table(("mutant", "defect", "found by"), found),
-        "\n".join(["Expectations that hold with every mutant, and with no ECU at all:", "", *idle])
+        "\n".join(["Expectations that pass with every mutant, and without an ECU:", "", *idle])
         if idle
-        else "There is no expectation that no mutant fails and that holds with no ECU.",
+        else "Each expectation fails with at least one mutant, or without an ECU.",
     )
     return made.replace(MADE, MADE.replace("make docs", "make pack"), 1)
 

@@ -26,7 +26,7 @@ class Figures:
         0.05, "", "scatter of a batch's time, of its logarithm", "assumed: machines of one kind"
     )
     start_s: float = _given(3.0, "s", "start of a worker until it evaluates, CPU time")
-    task_s: float = _given(0.0026, "s", "a batch on its worker beside its variants: unpacking, checks")
+    task_s: float = _given(0.0026, "s", "overhead of a batch on its worker: unpacking, checks")
     row_s: float = _given(3e-6, "s", "a variant's row: its hash, its columns, its message")
     slow_share: float = _given(0.01, "", "batches that meet a slow machine", "assumed")
     slow_factor: float = _given(3.0, "", "how much slower these are", "assumed")
@@ -39,9 +39,11 @@ class Figures:
     store_rate: float = _given(3500.0, "1/s", "files that the store takes", "Amazon S3: PUT a prefix")
     list_s: float = _given(1e-6, "s", "listing a file")
     # The process that schedules
-    hash_s: float = _given(1e-7, "s", "a variant on its way into the list of batches: design, hash")
+    hash_s: float = _given(1e-7, "s", "a variant on its way into the list of batches: its values, its hash")
     submit_s: float = _given(0.0002, "s", "submitting a batch")
-    submit_each_s: float = _given(0.0, "s", "the same for each worker of the cluster, of which it is told")
+    submit_each_s: float = _given(
+        0.0, "s", "the same for each worker of the cluster, which Dask tells the client of"
+    )
     result_s: float = _given(0.0019, "s", "taking a batch's result in")
     poll_s: float = _given(4e-7, "s", "asking whether a batch is done, for each in flight", "a flag of Dask's")
     sleep_s: float = _given(0.02, "s", "pause between two looks", "`campaign/executors/cluster.py`")

@@ -21,7 +21,7 @@ _WORDS = {
     "client": "waiting for the client, which passes batches on and takes results in",
     "scheduler": "waiting for Dask's scheduler",
     "store": "writing to the store",
-    "task": "a batch beside its variants",
+    "task": "overhead of a batch",
     "cores": "waiting for a core that others use",
     "deaths": "what a worker had done when it died, and its start again",
     "tail": "waiting for the last batches",
@@ -30,13 +30,14 @@ _WORDS = {
 }
 _HEAD = """# Campaigns at scale
 
-Made by `make scheduling`. A campaign on 2,000 workers is simulated (`tools/scheduling/model.py`, discrete events):
-batches, workers that start, are slow or die, the store, Dask's scheduler, and the client: the process that runs
-`liftgate-hil campaign`. What goes in was measured on one machine, or is marked as assumed. A variant is 10 s of
-model time, a gate that closes onto a rod (`docs/examples/rod.toml`), with two values varied.
+Made by `make scheduling`. A campaign on 2,000 workers is simulated (`tools/scheduling/model.py`, discrete
+events): batches, workers that start, are slow or die, the store, Dask's scheduler, and the client: the process
+that runs `liftgate-hil campaign`. Its inputs were measured on one machine, or are marked as assumed. A variant
+is 10 s of model time, a gate that closes onto a rod (`docs/examples/rod.toml`), with two values varied. How to
+run one: [a campaign on a cluster](cluster.md).
 
 """
-_INPUTS = """## What it is fed with
+_INPUTS = """## Inputs of the simulation
 
 The client's cost of a batch is that of the executor itself: batches without work go through a real Dask scheduler,
 which names as many workers as a large cluster has, while two answer. All of them share this machine's cores, so
@@ -47,9 +48,10 @@ the figure is an upper bound.
 """
 _CHECK = """## The check
 
-Worker processes on this machine, and the simulation of the same. Cores: what the machine's other processes left.
-Start and variant are CPU times of runs with one process. Where others take all that is left, a run gets no more
-than its share: the check then says more of batches, starts and the caller's work than of cores.
+Worker processes on this machine, and the simulation of the same. Cores: what the machine's other processes
+left. Start and variant are CPU times of runs with one process. Where other processes use all the remaining
+time, a run gets its share only: the check then tests the cost of batches, of starts and of the client, not the
+number of cores.
 
 """
 _PASSAGE = """Batches without work through a cluster. What a batch costs is from the first and the last line.

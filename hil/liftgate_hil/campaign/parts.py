@@ -9,8 +9,8 @@ from typing import NamedTuple
 from liftgate_hil.campaign.file import CampaignFile, Part
 from liftgate_hil.campaign.folder import REPORT, Folder
 from liftgate_hil.campaign.reporting.combined import PartResult, combined_report
-from liftgate_hil.campaign.request import inputs_of, prepared
-from liftgate_hil.campaign.run import NOBODY, Outcome, Places, Watcher, choice_of, run_campaign, units_of
+from liftgate_hil.campaign.request import inputs_of, prepared, units_of
+from liftgate_hil.campaign.run import NOBODY, Outcome, Places, Watcher, choice_of, run_campaign
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.provenance import Provenance
 
@@ -52,7 +52,8 @@ def run_parts(
         results = [_result_of(each) for each in found if each.outcome.summary is not None]
         if results:
             is_whole = len(found) == len(file.parts)
-            html = combined_report(file.title, file.description, results, provenance, is_whole)
+            ecu = file.parts[0].request.ecu  # the flag applies to all parts
+            html = combined_report(file.title, file.description, results, provenance, is_whole, ecu)
             folder.write(REPORT, html.encode())
         folder.tidy()
     return found

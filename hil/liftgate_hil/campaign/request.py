@@ -11,7 +11,8 @@ from liftgate_hil.campaign.base import Base, base_of
 from liftgate_hil.campaign.design import DEFAULT_METHOD, Design
 from liftgate_hil.campaign.results import check_columns
 from liftgate_hil.campaign.space import DRAW, Space, space_of
-from liftgate_hil.config.scenario import read_scenario
+from liftgate_hil.config.parameter_units import parameter_units
+from liftgate_hil.config.scenario import ScenarioFile, read_scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle import read_vehicle
@@ -62,7 +63,9 @@ class Request:
         """Return the request of such a dictionary. Raises ConfigError where it is none."""
         own = cls("", ())
         if not isinstance(given, Mapping) or set(given) != {each.name for each in fields(cls)}:
-            raise ConfigError("campaign.json: request: not one; allowed: that of a campaign of this version")
+            raise ConfigError(
+                "campaign.json: request: damaged or of another version; allowed: as this version writes it"
+            )
         issues = [
             f"campaign.json: request.{name}: {show(value)}; allowed: as it was written"
             for name, value in given.items()
@@ -115,7 +118,7 @@ def prepared(request: Request) -> Prepared:
     if plan.ticks is None:
         raise ConfigError(f"{request.scenario}: duration: missing; allowed: in the scenario, or `duration`")
     content = job.vehicle.raw if job.vehicle is not None else {}  # type: ignore[union-attr]
-    space = space_of(request.vary, plan.setup.scenario.parameters, plan.setup.vehicle, content)
+    space = space_of(request.vary, _parameters_of(job, plan), plan.setup.vehicle, content)
     _check_once(request, space)
     if request.ideal and any(each.kind == DRAW for each in space.targets):
         raise ConfigError("`vary` draw: allowed without `ideal`, which has no spread")
@@ -130,6 +133,18 @@ def prepared(request: Request) -> Prepared:
     return Prepared(request, base, space, plan, design, against)
 
 
+def _parameters_of(job: Job, plan: Plan) -> dict[str, str]:
+    """Return the parameters of the scenario with their units; "": unknown."""
+    assert isinstance(job.scenario, ScenarioFile)  # see _job_of
+    units = parameter_units(part.raw for part in job.scenario.parts)
+    return {name: units.get(name, "") for name in plan.setup.scenario.parameters}
+
+
+def units_of(found: Prepared) -> dict[str, str]:
+    """Return the unit of each varied name, in their order; "": none, or it is not known."""
+    return {each.name: each.unit for each in found.space.targets}
+
+
 def inputs_of(found: Prepared) -> list[Path]:
     """Return the files of a request, with the library of the other ECU, none of which a campaign writes."""
     return [*found.plan.inputs, *([] if found.against is None else [Path(found.request.against)])]
@@ -142,7 +157,7 @@ def _check_once(request: Request, space: Space) -> None:
     given |= {"draw"} if request.draw is not None else set()
     twice = [name for name in space.names if name in given]
     if twice:
-        raise ConfigError(f"`vary` {', '.join(twice)}: varied and given; allowed: one of them")
+        raise ConfigError(f"`vary` {', '.join(twice)}: varied, and given by another flag; allowed: one of the two")
 
 
 def check_expectation(request: Request, base: Base, expectations: Mapping[str, Expectation]) -> None:

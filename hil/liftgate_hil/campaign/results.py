@@ -13,6 +13,7 @@ import numpy as np
 from liftgate_hil.campaign.base import Base
 from liftgate_hil.campaign.evaluation import Row
 from liftgate_hil.campaign.figures import Figures
+from liftgate_hil.campaign.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, Target
 from liftgate_hil.campaign.store import StoreError, reason_of
 from liftgate_hil.errors import ConfigError
 
@@ -132,9 +133,20 @@ def numbers_in(table: pa.Table, name: str) -> Floats:
     return found
 
 
+_KINDS = {
+    PARAMETER: "a parameter of the scenario", KEY: "a key of the vehicle file", SEED_OF_RUN: "the seed of the run",
+    DRAW: "the number of the car that is drawn",
+}  # fmt: skip
+
+
+def _meaning_of(target: Target) -> str:
+    unit = f"{target.unit}, " if target.unit else ""
+    return f"{unit}varied: {_KINDS[target.kind]}"
+
+
 def description_of(base: Base) -> Mapping[str, str]:
     """Return the meaning of each column."""
-    varied = {each.name: f"varied: {each.kind}" for each in base.targets}
+    varied = {each.name: _meaning_of(each) for each in base.targets}
     judged = {f"{JUDGED}{name}": f"verdict on the expectation {name!r}" for name in base.expectations}
     margins = {
         f"{MARGIN}{name}": f"margin of the expectation {name!r}, 0 or negative where it failed; null: it has none"

@@ -17,12 +17,13 @@ from liftgate_hil.campaign.executors.local import local_executor
 from liftgate_hil.campaign.folder import BATCHES, DATA, OWN, REPORT, RESULTS, Folder, data_text
 from liftgate_hil.campaign.reporting.report import Choice, incomplete, report
 from liftgate_hil.campaign.reporting.summary import Summary, summary_of
-from liftgate_hil.campaign.request import Prepared, Request, absolute, inputs_of, prepared
+from liftgate_hil.campaign.request import Prepared, Request, absolute, inputs_of, prepared, units_of
 from liftgate_hil.campaign.results import VERDICT
 from liftgate_hil.campaign.resumption import Pace, as_json, pace_before
 from liftgate_hil.campaign.store import Store
 from liftgate_hil.campaign.trial import tried
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.report.force_limits import force_limits
 from liftgate_hil.report.provenance import Provenance
 
 if TYPE_CHECKING:
@@ -159,8 +160,24 @@ def _summary(found: Prepared, folder: Folder, counts: dict[str, int]) -> Summary
         return None
     path, request = folder.path / RESULTS, found.request
     return summary_of(
-        path, found.space.names, found.base.expectations, request.expectation, found.base.margin_units
+        path,
+        found.space.names,
+        found.base.expectations,
+        request.expectation,
+        found.base.margin_units,
+        force_limit_of(found),
     )
+
+
+def force_limit_of(found: Prepared) -> float | None:
+    """Return the least pinch force [N] at which an expectation fails; None: none is judged, or it is varied."""
+    setup = found.plan.setup
+    limits = [
+        each.force_n
+        for each in force_limits(setup.scenario, found.plan.rig, setup.vehicle.gate.pinch_limit)
+        if not each.is_timed and not any(f"${name}" in each.condition for name in found.space.names)
+    ]
+    return min(limits, default=None)
 
 
 def _results_of(outcome: Outcome) -> dict[str, Any]:
@@ -211,8 +228,3 @@ def choice_of(found: Prepared) -> Choice:
     if found.design is None:
         return "search"
     return "sample" if found.design.is_sampled else "grid"
-
-
-def units_of(found: Prepared) -> dict[str, str]:
-    """Return the units of the varied names, as far as they are known."""
-    return {each.name: each.unit for each in found.space.targets}

@@ -39,11 +39,14 @@ class Target(NamedTuple):
     kind: str  # PARAMETER, KEY, SEED_OF_RUN or DRAW
     quantity: Quantity | None = None  # of KEY
     point: tuple[float, float] | None = None  # of a coordinate: both of the file's, in the file's unit
+    parameter_unit: str = ""  # of PARAMETER; "": none, or it is not known
 
     @property
     def unit(self) -> str:
-        """Unit of a key's values; "": none, or it is not known."""
-        return "" if self.quantity is None or self.quantity.unit == "1" else self.quantity.unit
+        """Unit of the values; "": none, or it is not known."""
+        if self.quantity is None:
+            return self.parameter_unit
+        return "" if self.quantity.unit == "1" else self.quantity.unit
 
     @property
     def key(self) -> str:
@@ -148,10 +151,11 @@ class Space(NamedTuple):
         return np.hstack(found) if found else np.zeros((len(shares), 0))
 
 
-def space_of(texts: Sequence[str], parameters: Mapping[str, float], vehicle: Vehicle, content: Table) -> Space:
+def space_of(texts: Sequence[str], parameters: Mapping[str, str], vehicle: Vehicle, content: Table) -> Space:
     """Return the space of texts such as `rod=1,2`.
 
-    `parameters` are those of the scenario, `content` is the vehicle file's. Raises ConfigError with all issues.
+    `parameters` are those of the scenario, with their units ("": unknown), `content` is the vehicle file's. Raises
+    ConfigError with all issues.
     """
     factors: list[Axis | Covariance] = []
     issues: list[str] = []
@@ -172,7 +176,7 @@ def space_of(texts: Sequence[str], parameters: Mapping[str, float], vehicle: Veh
     return Space(tuple(factors))
 
 
-def _factor_of(text: str, parameters: Mapping[str, float], vehicle: Vehicle, content: Table) -> Axis | Covariance:
+def _factor_of(text: str, parameters: Mapping[str, str], vehicle: Vehicle, content: Table) -> Axis | Covariance:
     if text.strip() == COVARIANCE:
         return _covariance_of(vehicle, content)
     place = min((at for at in (text.find("="), text.find("~")) if at > 0), default=-1)
@@ -191,9 +195,9 @@ def _factor_of(text: str, parameters: Mapping[str, float], vehicle: Vehicle, con
     return Axis(target, grid)
 
 
-def _target_of(name: str, parameters: Mapping[str, float], vehicle: Vehicle) -> Target:
+def _target_of(name: str, parameters: Mapping[str, str], vehicle: Vehicle) -> Target:
     if name in parameters:
-        return Target(name, PARAMETER)
+        return Target(name, PARAMETER, parameter_unit=parameters[name])
     if name in (SEED_OF_RUN, DRAW):
         return Target(name, name)
     try:

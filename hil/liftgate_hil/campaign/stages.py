@@ -12,7 +12,7 @@ from liftgate_hil.campaign.executors.executor import Batch, Executor
 from liftgate_hil.campaign.folder import AGAINST, DIFFERENCES, RESULTS, WORST_FILE, Folder, replay_line
 from liftgate_hil.campaign.reporting import adaptive_sections
 from liftgate_hil.campaign.reporting.comparison import comparison_of, comparison_section
-from liftgate_hil.campaign.request import PROBABILITY, WORST, Prepared
+from liftgate_hil.campaign.request import PROBABILITY, WORST, Prepared, units_of
 from liftgate_hil.campaign.results import without_results
 from liftgate_hil.campaign.resumption import Pace
 from liftgate_hil.campaign.scenario_file import scenario_text
@@ -70,7 +70,7 @@ def _search(found: Prepared, campaign: Campaign, folder: Folder) -> Analysis:
     line = replay_line(folder.path, variant)
     return Analysis(
         adaptive_sections.worst_as_dict(worst, name, variant, names, unit),
-        [adaptive_sections.worst_section(worst, name, names, line, unit)],
+        [adaptive_sections.worst_section(worst, name, units_of(found), line, unit)],
     )
 
 
@@ -129,4 +129,4 @@ def evaluate_against(
     ecus, names = (found.request.ecu, found.request.against), found.space.names
     comparison = comparison_of(folder.path / RESULTS, folder.path / AGAINST, names, base.expectations, ecus)
     folder.write_results([comparison.differing], DIFFERENCES)
-    return Analysis({"against": comparison.as_dict()}, [comparison_section(comparison, names)])
+    return Analysis({"against": comparison.as_dict()}, [comparison_section(comparison, units_of(found))])

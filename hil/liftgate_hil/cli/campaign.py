@@ -220,6 +220,7 @@ def line_of(state: State) -> str:
 def _found(outcome: Outcome) -> Iterator[str]:
     """Yield what a search for the worst, or for a probability, has found, as lines."""
     from liftgate_hil.campaign.folder import WORST_FILE, replay_line
+    from liftgate_hil.campaign.request import units_of
 
     found = outcome.analysis.content
     if not outcome.is_complete or "expectation" not in found:
@@ -228,7 +229,10 @@ def _found(outcome: Outcome) -> Iterator[str]:
     if found.get("margin", found.get("probability")) is None:
         yield f"no variant has a margin of {name}: it is inconclusive in all of them"
     elif "margin" in found:
-        values = ", ".join(f"{each} = {value:.6g}" for each, value in found["values"].items())
+        units = units_of(outcome.prepared)
+        values = ", ".join(
+            f"{each} = {with_unit(f'{value:.6g}', units[each])}" for each, value in found["values"].items()
+        )
         margin = with_unit(f"{found['margin']:.6g}", found["margin_unit"])
         yield f"smallest margin of {name}: {margin} with {values}"
         yield f"to run it again: {replay_line(outcome.folder.path, found['variant'])}"

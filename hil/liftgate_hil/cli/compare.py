@@ -1,9 +1,5 @@
-"""Two recordings against each other: of each column the largest difference, when it was, and its root mean square,
-at the times that both have; and whether their frames are the same ones.
-
-  liftgate-hil compare before.csv after.csv
-  liftgate-hil compare before.mf4 after.parquet --columns gate_angle_deg,left_current_a --output both.png
-  liftgate-hil compare before.csv after.csv --tolerance 1e-9 --tolerance gate_angle_deg=0.01
+"""Compare two recordings: the first and the largest difference of each column, with times and values, and the
+root mean square, at the times that both have; and whether their frames are the same.
 
 Exit code 0: equal within the tolerances, 1: not, 2: they cannot be compared.
 """
@@ -15,19 +11,29 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from liftgate_hil.cli import recordings
-from liftgate_hil.errors import ConfigError, printable
+from liftgate_hil.cli import options, recordings
+from liftgate_hil.errors import ConfigError, number_of, printable, with_unit
 
 if TYPE_CHECKING:
     from liftgate_hil.cli.progress import Progress
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.conversion.compare import Comparison
+    from liftgate_hil.conversion.compare import Comparison, Difference, Values
+    from liftgate_hil.conversion.compare_frames import FramesCompared
     from liftgate_hil.conversion.table import Window
     from liftgate_hil.formats.recording import ReadOptions, Recording
 
 _PICTURED = 6  # columns that are drawn where none are named
+_LONGEST_S = 3600.0  # s; all rows within it are kept in memory
+
+
+class _Tolerances(NamedTuple):
+    """Tolerances of all columns, of some by name, and of times [s]."""
+
+    common: float
+    columns: dict[str, float]
+    time: float
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +46,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="[NAME=]X",
-        help="largest difference that counts as equal, for all columns or for one; default: 0 (repeatable)",
+        help="largest difference that counts as equal, in the unit of the column, for all columns or for one; "
+        "default: 0 (repeatable)",
+    )
+    parser.add_argument(
+        "--time-tolerance",
+        type=options.bounded(0.0, _LONGEST_S, "s"),
+        metavar="S",
+        help="how much earlier or later a change of a value, or a frame, may be in the other recording; default: "
+        "a microsecond, to which formats keep times",
     )
     recordings.add_picture(parser, "none")
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
@@ -51,10 +65,12 @@ def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.conversion.table import files_of
+    from liftgate_hil.conversion.time_offset import TIME_TOLERANCE_S
 
     columns, window = recordings.columns_of(args), recordings.window_of(args)
     how = recordings.reading_of(args)
-    tolerances = _tolerances(args.tolerance)
+    time_tolerance = TIME_TOLERANCE_S if args.time_tolerance is None else args.time_tolerance
+    tolerances = _Tolerances(*_tolerances(args.tolerance), time_tolerance)
     paths = (Path(args.first), Path(args.second))
     sources = [*paths, *([] if args.rig is None else files_of(args.rig))]
     target = recordings.check_picture(args.output, sources) if args.output else None
@@ -75,7 +91,7 @@ def _compared(
     how: ReadOptions,
     columns: Sequence[str],
     window: Window,
-    tolerances: tuple[float, dict[str, float]],
+    tolerances: _Tolerances,
     target: Path | None,
     progress: Progress,
     teller: Teller,
@@ -87,6 +103,7 @@ def _compared(
     from liftgate_hil.conversion.compare import Comparison, compare_tables
     from liftgate_hil.conversion.compare_frames import compare_frames
     from liftgate_hil.conversion.table import Window, open_table, open_whole
+    from liftgate_hil.conversion.time_offset import aligned
     from liftgate_hil.formats.open import open_recording
 
     sources = open_recording(paths[0], how), open_recording(paths[1], how)
@@ -104,17 +121,23 @@ def _compared(
             return open_whole(path, None, how, columns) if rig is None else open_table(path, rig, how)
 
         tables = opened(paths[0]), opened(paths[1])
-        common, own = tolerances
+        tables = tables[0], aligned(*tables, round(1e9 * tolerances.time))
         found = compare_tables(
-            tables, columns, own, common, window, lambda rows: progress.update(text=f"{rows} rows")
+            tables,
+            columns,
+            tolerances.columns,
+            tolerances.common,
+            window,
+            tolerances.time,
+            lambda rows: progress.update(text=f"{rows} rows"),
         )
         recordings.tell_notes("compare", tables, is_quiet)
         if target is not None:
-            _draw(target, tables, found, columns, window, teller)
+            _draw(target, tables, found, columns, window, tolerances.time, teller)
     elif target is not None:
         raise ConfigError(f"--output {target}: allowed with recordings that hold rows, or with --rig")
     if have_frames and not columns and window == Window() and rig is None:
-        frames = compare_frames(*sources, lambda count: progress.update(text=f"{count} frames"))
+        frames = compare_frames(*sources, tolerances.time, lambda count: progress.update(text=f"{count} frames"))
         found = replace(found, frames=frames)
         if not have_rows:
             recordings.tell_notes("compare", sources, is_quiet)
@@ -145,6 +168,7 @@ def _draw(
     found: Comparison,
     columns: Sequence[str],
     window: Window,
+    time_tolerance: float,
     teller: Teller,
 ) -> None:
     """Draw columns of both recordings into the file `target`.
@@ -169,23 +193,14 @@ def _draw(
     if titles[0] == titles[1]:
         titles = (str(tables[0].path), str(tables[1].path))
     units = {name: tables[0].signals[name].unit for name in names}
-    figure = picture.two_pictures(titles, both, names, units)
+    figure = picture.two_pictures(titles, both, names, units, time_tolerance)
     write_picture(target, figure, " and ".join(titles), ", ".join(names), teller.say)
 
 
 def _lines(found: Comparison, names: tuple[str, str]) -> list[str]:
-    unlike = [each for each in found.columns if each.largest != 0.0]
-    rows = [("column", "largest difference", "at", "rms", "tolerance")] if unlike else []
-    rows += [
-        (
-            each.name,
-            "no value in one" if math.isnan(each.largest) else f"{each.largest:.6g}",
-            f"{each.time_s:.6f} s",
-            f"{each.rms:.4g}",
-            f"{each.tolerance:g}" + ("" if each.is_equal else ": different"),
-        )
-        for each in unlike
-    ]
+    unlike = [each for each in found.columns if each.at is not None]
+    rows = [("column", "first difference", "largest difference", "rms", "tolerance")] if unlike else []
+    rows += [_cells(each) for each in unlike]
     widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
     if found.columns:
@@ -193,26 +208,49 @@ def _lines(found: Comparison, names: tuple[str, str]) -> list[str]:
         lines.append(f"{same} of {len(found.columns)} columns are the same in all {found.rows} rows")
     for name, count, missing in zip(names, found.alone, found.missing, strict=True):
         if count:
-            lines.append(f"{count} rows are only in {name}")
+            lines.append(f"{number_of(count, 'row')} only in {name}")
         if missing:
             text = ", ".join(missing[:8]) + (", …" if len(missing) > 8 else "")
-            lines.append(f"{len(missing)} columns are only in {name}: {text}")
+            lines.append(f"{number_of(len(missing), 'column')} only in {name}: {text}")
     if found.frames is not None:
-        first, second = found.frames.counts
-        text = f"{first} frames, the same"
-        if found.frames.first is not None:
-            at = f"frame {found.frames.first + 1}, {found.frames.time_s:.6f} s"
-            what = f": {found.frames.what}" if found.frames.what else ""
-            text = f"{first} and {second} frames; the first difference is at {at}{what}"
-        lines.append(text)
+        lines += _frame_lines(found.frames, names)
     lines.append("equal" if found.is_equal else "different")
     return lines
 
 
-def _as_json(found: Comparison) -> dict[str, Any]:
-    def number(value: float) -> float | None:
-        return value if math.isfinite(value) else None
+def _cells(found: Difference) -> tuple[str, str, str, str, str]:
+    """Return the cells of a column with a difference, whose numbers have their unit."""
+    assert found.at is not None
+    first = "within the tolerance"
+    if found.first is not None:
+        values = " and ".join(_number(each, found.unit) for each in found.first[1:])
+        first = f"{found.first.time_s:.6f} s: {values}"
+    largest = "no value in one" if math.isnan(found.largest) else with_unit(f"{found.largest:.6g}", found.unit)
+    return (
+        found.name,
+        first,
+        f"{largest} at {found.at.time_s:.6f} s",
+        with_unit(f"{found.rms:.4g}", found.unit),
+        with_unit(f"{found.tolerance:g}", found.unit) + ("" if found.is_equal else ": different"),
+    )
 
+
+def _number(value: float, unit: str) -> str:
+    return "no value" if math.isnan(value) else with_unit(f"{value:.6g}", unit)
+
+
+def _frame_lines(found: FramesCompared, names: tuple[str, str]) -> list[str]:
+    first, second = found.counts
+    if found.first is None:
+        return [f"{number_of(first, 'frame')}, the same"]
+    what = f" ({found.what})" if found.what else ""
+    return [
+        f"{first} and {number_of(second, 'frame')}; the first difference is at frame {found.first + 1}{what}:",
+        *(f"  {name}: {frame}" for name, frame in zip(names, found.values, strict=True)),
+    ]
+
+
+def _as_json(found: Comparison) -> dict[str, Any]:
     frames = found.frames
     return {
         "equal": found.is_equal,
@@ -221,9 +259,11 @@ def _as_json(found: Comparison) -> dict[str, Any]:
         "columns_alone": [list(each) for each in found.missing],
         "columns": {
             each.name: {
-                "largest": number(each.largest),
-                "time_s": number(each.time_s),
-                "rms": number(each.rms),
+                "unit": each.unit,
+                "largest": _finite(each.largest),
+                "at": _as_values(each.at),
+                "first": _as_values(each.first),
+                "rms": _finite(each.rms),
                 "tolerance": each.tolerance,
                 "equal": each.is_equal,
             }
@@ -234,7 +274,18 @@ def _as_json(found: Comparison) -> dict[str, Any]:
         else {
             "counts": list(frames.counts),
             "first_unlike": frames.first,
-            "time_s": number(frames.time_s),
+            "time_s": _finite(frames.time_s),
             "what": frames.what,
+            "values": list(frames.values),
         },
     }
+
+
+def _as_values(found: Values | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {"time_s": found.time_s, "values": [_finite(found.first), _finite(found.second)]}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,8 +1,9 @@
-"""A recording in another format, which the suffix says: .csv and .parquet hold rows, .log, .asc, .blf and .trc
-frames, .mf4 and .mcap both. Every value and every frame is kept as it was. What OUT cannot hold is reported; if it
-could hold a part of it only with a loss, nothing is written.
+"""Convert a recording into another format, by the suffix: .csv and .parquet hold rows, .log, .asc, .blf and .trc
+frames, .mf4 and .mcap both. Every value and every frame is kept as it was. What OUT cannot hold is left out and
+reported; if OUT could hold something only in another form, nothing is written.
 
-With --rig a row stands for each time at which a frame came, with each signal as of its message's last frame.
+With --rig there is a row for each time at which a frame arrived; a signal has the value of its message's last
+frame.
 """
 
 from __future__ import annotations

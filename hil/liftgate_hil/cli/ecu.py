@@ -1,6 +1,6 @@
-"""An ECU alone, on any bus: drives the gate as a car's control unit would, by what the bus says.
+"""An ECU alone, on any bus: drives the gate as a car's control unit would, by the messages on the bus.
 
-The reference ECU does what the scenario's [[request]] tables ask (default: the demo's), or --request, repeatable.
+The reference ECU obeys the scenario's [[request]] tables (default: the demo's), or the requests of --request.
 """
 
 from __future__ import annotations

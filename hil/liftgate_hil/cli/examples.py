@@ -64,7 +64,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "compare": (
         "liftgate-hil compare before.csv after.csv",
         "liftgate-hil compare before.mf4 after.mf4 --columns left_current_a --tolerance 0.05",
-        "liftgate-hil compare bench.log car.log --rig liftgate --output difference.png",
+        "liftgate-hil compare bench.log car.log --rig liftgate --time-tolerance 0.002 --output difference.png",
     ),
     "simulate": (
         "liftgate-hil simulate --voltage 12 --duration 8 --output opening.csv",

@@ -29,7 +29,7 @@ _SUBJECTS: Mapping[str, tuple[str, ...]] = {
     "page": ("dashboard", "attach", "listen", "read_only"),
     "results": (
         *("figure", "tolerance", "every", "output", "edges", "result", "results", "save_vehicle", "save_inputs"),
-        *("json", "junit", "html", "quiet"),
+        *("time_tolerance", "json", "junit", "html", "quiet"),
     ),
 }
 _SUBJECT_OF = {name: subject for subject, names in _SUBJECTS.items() for name in names}

@@ -1,11 +1,10 @@
 """The verdicts and margins of a scenario again, from recordings: tables (CSV, Parquet, MF4, MCAP), bus logs (ASC,
-BLF, candump, TRC, MF4, MCAP), or both. Files of one name but for the suffix (run.csv, run.log) are of one run;
-each run is judged, all of them in one report. Exit codes as of `liftgate-hil test`. The run is
-over, so there is neither --ecu nor --clock.
+BLF, candump, TRC, MF4, MCAP), or both. Files whose names differ in the suffix only (run.csv, run.log) belong to
+one run; each run is judged, and all stand in one report. Exit codes are those of `liftgate-hil test`.
 
-Recordings that are not ours have columns of their own (--map) and a bus of their own (--rig, a rig's file or a
-database): what the rig's outputs stand for is taken from a log's frames where no table has it. They are judged in
-ticks of --rate, each column as of its last sample.
+Recordings of other tools have other columns (--map) and another bus (--rig: a rig's file or a database).
+Quantities that no table has are decoded from the log's frames by the rig's outputs. They are judged in ticks of
+--rate; in each tick a column has the value of its last sample.
 """
 
 from __future__ import annotations

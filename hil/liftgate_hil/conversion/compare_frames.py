@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import no_logged
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD_FLAGS, REMOTE, no_logged
+from liftgate_hil.conversion.time_offset import TIME_TOLERANCE_S, offset_of
 from liftgate_hil.formats.recording import Recording
 
 _FIELDS = {"identifier": "identifier", "length": "length", "is_sent": "direction", "payload": "data"}
-_SAME_NS = 1000  # formats keep microseconds, rounded or truncated
-_COARSE_NS = 1_000_000  # resolution of the start time in ASC and TRC
+_NONE = "none"
 
 
 @dataclass(frozen=True)
@@ -22,58 +22,67 @@ class FramesCompared:
 
     counts: tuple[int, int]  # frames in each recording
     first: int | None  # index of the first frame that differs; None: all are equal
-    time_s: float  # time of that frame
+    time_s: float  # time of that frame, in the first recording if it has one; NaN: all are equal
     what: str = ""  # fields that differ in that frame
+    values: tuple[str, str] = ("", "")  # that frame in each recording, in words; "": all are equal
 
 
 def compare_frames(
-    first: Recording, second: Recording, report: Callable[[int], None] = lambda frames: None
+    first: Recording,
+    second: Recording,
+    time_tolerance: float = TIME_TOLERANCE_S,
+    report: Callable[[int], None] = lambda frames: None,
 ) -> FramesCompared:
-    """Compare the frames of two recordings, with their times to the microsecond.
+    """Compare the frames of two recordings in their order, with their times within `time_tolerance` [s].
 
     Times count from the start of the run or, if one recording does not know it, by the wall clock. `report` is
     called with the frames compared so far.
     """
-    counts, unlike, time, offset, what = [0, 0], None, float("nan"), None, ""
+    counts, offset, tolerance_ns = [0, 0], None, round(1e9 * time_tolerance)
+    found = FramesCompared((0, 0), None, float("nan"))
     heads = [_Frames(first), _Frames(second)]
     while all(head.fill() for head in heads):
         count = min(len(head.block) for head in heads)
         here, there = (head.take(count) for head in heads)
         shift = here["time_ns"] - there["time_ns"]
         if offset is None:
-            offset = _offset(int(shift[0]), first.start_ns, second.start_ns)
-        differs = {"time": abs(shift - offset) > _SAME_NS}
+            offset = offset_of(int(shift[0]), first.start_ns, second.start_ns, tolerance_ns)
+        differs = {"time": abs(shift - offset) > tolerance_ns}
         for field, name in _FIELDS.items():
             own = here[field] != there[field]
             differs[name] = own.any(axis=1) if own.ndim > 1 else own
         bad = np.logical_or.reduce(list(differs.values()))
-        if unlike is None and bad.any():
+        if found.first is None and bad.any():
             at = int(np.argmax(bad))
-            unlike, time = counts[0] + at, float(here["time_ns"][at] / 1e9)
             what = ", ".join(name for name, own in differs.items() if own[at])
+            values = in_words(here[at]), in_words(there[at], offset)
+            found = FramesCompared((0, 0), counts[0] + at, float(here["time_ns"][at] / 1e9), what, values)
         counts = [each + count for each in counts]
         report(counts[0])
     for place, head in enumerate(heads):
         while head.fill():
-            if unlike is None:
-                unlike, time = counts[place], float(head.block["time_ns"][0] / 1e9)
+            if found.first is None:
+                shift_ns = (offset or 0) if place else 0
+                time = float((head.block["time_ns"][0] + shift_ns) / 1e9)
+                values = (_NONE, in_words(head.block[0], shift_ns)) if place else (in_words(head.block[0]), _NONE)
+                found = FramesCompared((0, 0), counts[place], time, "", values)
             counts[place] += len(head.take(len(head.block)))
-    return FramesCompared((counts[0], counts[1]), unlike, time, what)
+    return FramesCompared((counts[0], counts[1]), found.first, found.time_s, found.what, found.values)
 
 
-def _offset(shift: int, first_ns: int, second_ns: int) -> int:
-    """Return the offset [ns] between the times of two recordings, which is no difference of their frames.
-
-    `shift` [ns] is the time of the first frame in the first recording minus that in the second, `first_ns` and
-    `second_ns` are the wall clock at their starts (0: unknown). The offset is the difference of the starts if the
-    first frames differ by that, too; `shift`, if they do so to the millisecond, and a start is known no better;
-    else 0.
-    """
-    by_clock = second_ns - first_ns
-    if abs(shift - by_clock) <= _SAME_NS:
-        return by_clock
-    is_coarse = any(each and each % _COARSE_NS == 0 for each in (first_ns, second_ns))
-    return shift if is_coarse and abs(shift - by_clock) <= _COARSE_NS else 0
+def in_words(frame: np.void, offset_ns: int = 0) -> str:
+    """Return a frame as a line: time, direction, identifier, data; `offset_ns` [ns] is added to its time."""
+    identifier = int(frame["identifier"])
+    number = identifier & ~FD_FLAGS & ~(EXTENDED | REMOTE | ERROR)
+    kinds = [
+        name
+        for flag, name in ((EXTENDED, "extended"), (REMOTE, "remote"), (ERROR, "error"), (FD_FLAGS, "FD"))
+        if identifier & flag
+    ]
+    data = bytes(frame["payload"][: int(frame["length"])]).hex(" ").upper()
+    direction = "sent" if frame["is_sent"] else "received"
+    shown = f"0x{number:X}" + (f" ({', '.join(kinds)})" if kinds else "")
+    return f"{(int(frame['time_ns']) + offset_ns) / 1e9:.6f} s {direction} {shown}: {data or 'no data'}"
 
 
 class _Frames:

@@ -142,7 +142,9 @@ def _notes_about(source: Recording, target: Path) -> list[str]:
         return []
     able = ", ".join(suffix for suffix, each in FORMATS.items() if each.holds_about)
     if form.has_comments:
-        return [f"provenance shortened: {target.suffix} holds it as comments; allowed, for all of it: {able}"]
+        return [
+            f"provenance shortened: {target.suffix} holds it as comments; allowed for the whole provenance: {able}"
+        ]
     return [f"provenance omitted: {target.suffix} cannot hold it; allowed: {able}"]
 
 

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from liftgate_hil.config.drafting.words import concepts_in, words_of
-from liftgate_hil.conversion.compare import differences_of
+from liftgate_hil.conversion.held_values import differences_of
 from liftgate_hil.conversion.ours import ours_in
+from liftgate_hil.conversion.partners import nearest, ns_of
 from liftgate_hil.conversion.sheet import FONT, HEIGHT, SMALL, WIDTH, finish, legend_above, settings
 from liftgate_hil.conversion.table import Floats
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, with_unit
 from liftgate_hil.formats.recording import COMMAND, Recording
 from liftgate_hil.report.drawing import FINAL, GRID, INK, MARK, MEASURED, ORANGE, line, new_figure, style
 from liftgate_hil.report.numbers import axis_label, clean, significant
@@ -152,13 +153,18 @@ def _draw_marks(axes: Sequence[Axes], marks: Sequence[tuple[float, str]]) -> str
 
 
 def two_pictures(
-    titles: tuple[str, str], both: tuple[Columns, Columns], names: Sequence[str], units: Mapping[str, str]
+    titles: tuple[str, str],
+    both: tuple[Columns, Columns],
+    names: Sequence[str],
+    units: Mapping[str, str],
+    time_tolerance: float,
 ) -> Figure:
-    """Plot columns of two recordings over each other, and beside them second minus first."""
+    """Plot columns of two recordings over each other, and beside them second minus first.
+
+    The difference is that to the nearest row of the second recording, within `time_tolerance` [s].
+    """
     first, second = both
-    _, here, there = np.intersect1d(
-        np.round(first["time_s"] * 1e9), np.round(second["time_s"] * 1e9), return_indices=True
-    )
+    here, there = nearest(ns_of(first["time_s"]), ns_of(second["time_s"]), round(1e9 * time_tolerance))
     times = first["time_s"][here]
     with style():
         settings()
@@ -169,7 +175,7 @@ def two_pictures(
                 _draw(over, columns["time_s"], columns[name], looks, clean(title, 40), name in INPUT_SIGNALS)
             over.set_ylabel(_label(name, units[name]))
             difference = differences_of(first[name][here], second[name][there])
-            _draw_difference(beside, times, difference)
+            _draw_difference(beside, times, difference, units[name])
         grid[0, 0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
         grid[0, 1].set_title(f"{clean(titles[1], 40)} minus {clean(titles[0], 40)}", loc="left")
         for axis in grid[-1]:
@@ -193,8 +199,8 @@ def _draw(
     line(axis, times, values, colour, linestyle=dashes, linewidth=width, label=label, drawstyle=how)
 
 
-def _draw_difference(axis: Axes, times: Floats, difference: Floats) -> None:
-    """Draw a difference, with its largest value and the time of that."""
+def _draw_difference(axis: Axes, times: Floats, difference: Floats, unit: str) -> None:
+    """Draw a difference, with its largest value, in its unit, and the time of that."""
     axis.axhline(0.0, color=GRID, linewidth=1.0, zorder=0)
     line(axis, times, difference, _DIFFERENCE, linewidth=1.2)
     known = np.flatnonzero(np.isfinite(difference))
@@ -204,7 +210,8 @@ def _draw_difference(axis: Axes, times: Floats, difference: Floats) -> None:
         return
     at = known[int(np.argmax(np.abs(difference[known])))]
     axis.plot([times[at]], [difference[at]], "o", color=_DIFFERENCE, markersize=5)
-    caption = f"largest {significant(float(difference[at]))} at {times[at]:.3f} s"
+    largest = with_unit(significant(float(difference[at])), clean(unit, 12))
+    caption = f"largest {largest} at {times[at]:.3f} s"
     low, high = axis.get_ylim()
     axis.set_ylim(low, high + 0.22 * (high - low))  # room for the text
     axis.text(0.99, 0.97, caption, transform=axis.transAxes, ha="right", va="top", color=INK)

@@ -87,7 +87,14 @@ def decoded(source: Recording, rig: str) -> DecodedRows:
     if not messages:
         raise ConfigError([f"`rig` {rig}: no frame of its messages is in {source.path}", *left_out])
     signals = Decoder(messages).signals
-    return DecodedRows(path=source.path, signals=signals, source=source, messages=messages, left_out=left_out)
+    return DecodedRows(
+        path=source.path,
+        signals=signals,
+        start_ns=source.start_ns,
+        source=source,
+        messages=messages,
+        left_out=left_out,
+    )
 
 
 def messages_of(rig: str) -> Messages:

@@ -57,7 +57,7 @@ class PatientStream(io.RawIOBase):
             self._has_given_up = not poll.poll(1000.0 * self._patience)
         raise TimeoutError(
             errno.ETIMEDOUT,
-            f"nobody has read from it for {self._patience:g} s; what was not read, and all that follows, is lost",
+            f"its reader stalled for {self._patience:g} s: unread and later rows or frames are lost",
         )
 
     def close(self) -> None:

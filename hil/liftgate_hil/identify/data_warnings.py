@@ -38,7 +38,7 @@ def never_driven(data: Sequence[Data]) -> list[str]:
     """Return a warning on data in which no motor is ever driven."""
     if any(np.any(is_driven(each)) for each in data):
         return []
-    return ["no motor is ever driven: the estimates rest on what moves the gate by itself"]
+    return ["no motor is driven: the data show only motion by weight, springs and hand"]
 
 
 def moves_one_way(problem: Problem, states: Sequence[Floats]) -> list[str]:

@@ -63,7 +63,7 @@ def stepped_again(
         )
         text = f"the margin of {margin} is within its uncertainty of {within}"
         if verdict.margin == 0.0:  # such as that of a comparison with `==`
-            text = "a margin of 0 leaves no room for that"
+            text = f"the margin is 0, with an uncertainty of {within}"
         reason = f"{why}; stepped again, {text}"
         return Verdict(verdict.name, INCONCLUSIVE, reason=reason, uncertainty=uncertainty, method=REPLAY)
     return replace(verdict, method=REPLAY, uncertainty=uncertainty)

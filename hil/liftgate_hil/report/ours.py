@@ -8,9 +8,9 @@ from pathlib import Path
 from liftgate_hil.report.page import GENERATOR
 
 SOFTWARE = "liftgate-hil"  # what pictures name as the program that made them
-SUITES = "liftgate-hil"  # begin of the name of JUnit's root element
+JUNIT = "<!-- JUnit XML of liftgate-hil -->"  # before JUnit's root element, which has no attributes
 _HEAD = 2000  # bytes in which these stand, but for a PDF's
-_MARKS = (GENERATOR, f'<testsuites name="{SUITES}', f"Software\0{SOFTWARE}", f"<dc:title>{SOFTWARE}</dc:title>")
+_MARKS = (GENERATOR, JUNIT, f"Software\0{SOFTWARE}", f"<dc:title>{SOFTWARE}</dc:title>")
 _PDF = f"/Creator ({SOFTWARE})"
 
 

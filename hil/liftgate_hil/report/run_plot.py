@@ -107,6 +107,7 @@ def _draw_whole(axes: Iterable[Axes], picture: RunPicture) -> None:
     draw_angle(angle, picture)
     angle.legend(loc="upper right")
     draw_drives(current, picture, "_current_a", "motor current [A]")
+    _mark_command_reversal(current, picture)
     draw_drives(speed, picture, "_hall_speed", "Hall speed [counts/s]")
     draw_force(force, picture)
     event = picture.event
@@ -126,7 +127,7 @@ def _draw_event(axes: Iterable[Axes], whole: RunPicture) -> None:
     low, high = window_of(event)
     picture = whole.between(low, high)
     force, angle, current = axes
-    force.set_title(f"{high - low:.2f} s around the pinch; limits borrowed", loc="left")
+    force.set_title(f"{high - low:.2f} s around the pinch; limits from other doors", loc="left")
     draw_force(force, picture)
     top = max(event.force_n, *(limit.force for limit in LIMITS))
     force.set_ylim(0.0, 1.12 * top)
@@ -147,6 +148,7 @@ def _draw_event(axes: Iterable[Axes], whole: RunPicture) -> None:
     _draw_margin(force, event, (low, high))
     draw_angle(angle, picture)
     draw_drives(current, picture, "_current_a", "motor current [A]")
+    _mark_command_reversal(current, picture)
     for name, time in (("first touch", event.start_s), ("turned", event.turn_s)):
         if np.isfinite(time):
             for axis in (force, angle, current):
@@ -215,11 +217,48 @@ def draw_angle(axis: Axes, picture: RunPicture) -> None:
     times = picture.columns["time_s"]
     line(axis, times, picture.columns["gate_angle_deg"], FINAL, label="gate")
     for each in picture.obstacles:
-        span = np.clip((each.start, each.end), times[0], times[-1])
+        span = np.clip((_acts_from(picture.columns, each), each.end), times[0], times[-1])
         if span[1] > span[0]:
             name = f"obstacle at {each.angle_deg:g} deg"
             axis.plot(span, [each.angle_deg] * 2, color=MARK, linewidth=2.4, label=name)
     axis.set_ylabel("gate angle [deg]")
+
+
+def _acts_from(columns: Columns, obstacle: DrawnObstacle) -> float:
+    """Return the time [s] from which on an obstacle can be met by the closing gate: once that is beyond it.
+
+    That is its start where the gate never is, as with an obstacle that the opening gate meets.
+    """
+    times = columns["time_s"]
+    is_clear = (times >= obstacle.start) & (columns["gate_angle_deg"] > obstacle.angle_deg)
+    return float(times[np.argmax(is_clear)]) if is_clear.any() else obstacle.start
+
+
+def command_reversal(columns: Columns, event: PinchEvent) -> tuple[float, float] | None:
+    """Return the spike of a motor's current when the ECU reverses in a contact: its time [s] and the current [A].
+
+    It is the largest current from the first command in the other direction until the gate turns. None: the ECU
+    does not reverse, or the columns do not show it.
+    """
+    times = columns["time_s"]
+    first, last = np.searchsorted(times, (event.start_s, window_of(event)[1])).tolist()
+    for side in DRIVES:
+        duty, current = (columns.get(f"{side}_{name}") for name in ("duty", "current_a"))
+        if duty is None or current is None or first == 0:
+            continue
+        back = np.flatnonzero(duty[first:last] * duty[first - 1] < 0.0)
+        if len(back):
+            at = first + int(back[0])
+            until = max(at + 1, int(np.searchsorted(times, np.nan_to_num(event.turn_s, nan=times[at]))))
+            peak = at + int(np.argmax(np.abs(current[at:until])))
+            return float(times[peak]), float(current[peak])
+    return None
+
+
+def _mark_command_reversal(axis: Axes, picture: RunPicture) -> None:
+    """Name the spike of the current with which the ECU reverses the motors."""
+    if picture.event is not None and (found := command_reversal(picture.columns, picture.event)) is not None:
+        _annotate(axis, found, "ECU reverses", (8, -6))
 
 
 def draw_drives(axis: Axes, picture: RunPicture, ending: str, label: str) -> None:
@@ -242,4 +281,4 @@ def draw_force(axis: Axes, picture: RunPicture) -> None:
 
 
 def _annotate(axis: Axes, place: tuple[float, float], text: str, offset: tuple[int, int]) -> None:
-    axis.annotate(text, place, offset, textcoords="offset points", fontsize=_FONT)
+    axis.annotate(text, place, offset, textcoords="offset points", fontsize=_FONT, bbox=_PAPER)

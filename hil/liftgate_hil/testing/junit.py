@@ -1,7 +1,7 @@
 """Outcomes of a suite as JUnit XML, as CI servers read it.
 
-The elements and attributes are those of Apache Ant's schema, whose timestamps have no time zone (they are UTC
-here), except the name of the root element, which is in Jenkins' schema.
+It is valid against the schema of Apache Ant's reports (windyroad/JUnit-Schema, JUnit.xsd), whose timestamps have
+no time zone: they are UTC here.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from xml.etree import ElementTree
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.judging.shown_verdict import line_of
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
+from liftgate_hil.report.ours import JUNIT
 from liftgate_hil.testing.mutation import MutationResult
-from liftgate_hil.testing.suite import Outcome, subject_of
+from liftgate_hil.testing.suite import Outcome
 
 _NOT_IN_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _NOT_IN_A_CLASS = re.compile(r"[\s.]+")
@@ -31,8 +32,7 @@ def as_junit(outcomes: Sequence[Outcome], mutation: MutationResult | None = None
     One that fails is a failure, one that is inconclusive or an error is an error, nothing is skipped. `mutation`
     adds a case for mutation testing that was stopped, or for which a share was required.
     """
-    command = "judge" if subject_of(outcomes) == "recording" else "test"
-    root = ElementTree.Element("testsuites", name=f"liftgate-hil {command}")
+    root = ElementTree.Element("testsuites")
     classes = class_names([_subject(each) for each in outcomes])
     for number, (outcome, name) in enumerate(zip(outcomes, classes, strict=True)):
         root.append(_suite(outcome, number, name))
@@ -56,7 +56,7 @@ def _of_mutants(number: int, mutation: MutationResult) -> ElementTree.Element:
 
 def issues_as_junit(issues: Sequence[str]) -> bytes:
     """Return JUnit XML of a suite that was not begun: an error for each issue of its files and flags."""
-    root = ElementTree.Element("testsuites", name="liftgate-hil")
+    root = ElementTree.Element("testsuites")
     suite = _testsuite("files and flags", 0, "", time.time(), 0.0, [ERROR] * len(issues))
     root.append(suite)
     ElementTree.SubElement(suite, "properties")
@@ -163,8 +163,8 @@ def properties_of(outcome: Outcome) -> list[tuple[str, str]]:
 
 def _written(root: ElementTree.Element) -> bytes:
     ElementTree.indent(root)
-    content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
-    return content
+    content = ElementTree.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{JUNIT}\n{content}\n'.encode()
 
 
 def _text(text: str) -> str:

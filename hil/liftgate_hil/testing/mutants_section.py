@@ -43,8 +43,11 @@ def mutants_section(mutation: MutationResult) -> str:
     if rows:
         parts += ["<p>Killed:</p>", table(("mutant", "defect", "killed by"), rows, ("n", "", ""))]
     for story, expectations in (
-        ("Expectations that no mutant fails, and that hold with no ECU, prove nothing:", matrix.prove_nothing),
-        ("Expectations that the ECU without a defect does not pass can kill no mutant:", matrix.not_counted),
+        ("Expectations that pass with every mutant, and without an ECU, prove nothing:", matrix.prove_nothing),
+        (
+            "Expectations that do not pass even with the ECU without a defect can kill no mutant:",
+            matrix.not_counted,
+        ),
     ):
         items = "".join(f"<li>{text(file)}: {text(name)}</li>" for file, name in expectations)
         parts += [f"<p>{story}</p><ul>{items}</ul>"] if items else []

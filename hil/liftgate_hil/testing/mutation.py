@@ -107,7 +107,7 @@ class Matrix:
 
     @property
     def prove_nothing(self) -> list[tuple[str, str]]:
-        """Expectations that no mutant fails, and that hold with no ECU at all, as pairs of file and name.
+        """Expectations that pass with every mutant, and without an ECU, as pairs of file and name.
 
         A mutant may leave them inconclusive, for example where it does not complete the precondition.
         """
@@ -168,9 +168,9 @@ class Matrix:
             yield f"{mutant.name:<{width}}  {by}"
         yield self.summary()
         for file, name in self.prove_nothing:
-            yield f"proves nothing: {file}: {name} (no mutant fails it, and it holds with no ECU)"
+            yield f"proves nothing: {file}: {name} (passes with every mutant, and without an ECU)"
         for file, name in self.not_counted:
-            yield f"can kill no mutant: {file}: {name} (does not pass with the ECU without a defect)"
+            yield f"can kill no mutant: {file}: {name} (does not pass even without a defect)"
 
 
 def _as_dicts(expectations: Sequence[tuple[str, str]]) -> list[dict[str, str]]:

@@ -190,7 +190,7 @@ def as_recorded(paths: Sequence[Path], about: Expectations) -> tuple[Expectation
         noted("rig", Path(found.rig.source).stem, Path(rig.source).stem, given.rig is not None)
         rig = found.rig if given.rig is None else rig
     elif found.states_rig and found.rig is None and given.rig is None:
-        notes.append(f"{found.path}: its rig is not there as it was; judged by {Path(rig.source).stem}")
+        notes.append(f"{found.path}: its rig is missing or has changed; judged by {Path(rig.source).stem}")
     if found.vehicle is not None and found.vehicle != setup.vehicle:
         same = " with its changes" if found.vehicle_name == setup.vehicle_name else ""
         noted("vehicle", found.vehicle_name + same, setup.vehicle_name, given.vehicle is not None)

@@ -29,7 +29,7 @@ _MAX_HOPS = 255
 # linux/in.h, linux/in6.h; Python has no names for them.
 _IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29
 _ECHOES = 256
-_UNNOTICED = "this kernel does not tell how many frames it drops: lost ones go unnoticed (Linux 4.12 tells it)"
+_UNNOTICED = "this kernel does not count dropped frames: losses go unnoticed (Linux 4.12 and later count them)"
 _KNOWN_S = 1.0  # s for which it is remembered whether an address is this machine's
 _KNOWN = 64  # addresses that are remembered at most
 

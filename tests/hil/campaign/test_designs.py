@@ -18,7 +18,7 @@ from liftgate_plant.vehicle import Vehicle
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=60)
 
-PARAMETERS = {"rod": 10000.0, "angle": 40.0, "limit": 100.0}
+PARAMETERS = {"rod": "N/m", "angle": "deg", "limit": "N"}
 
 
 @cache

@@ -175,7 +175,7 @@ def test_parts_with_titles_alike_are_a_valid_page(titles: tuple[str, str], tmp_p
                "peak_pinch_force_n": force, "error": pa.array([None] * 60, pa.string())}  # fmt: skip
     pq.write_table(pa.table(columns), tmp_path / "r")
     parts = [PartResult(each, summary_of(tmp_path / "r", ["rod"], []), {}, "out", "", True) for each in titles]
-    Page(combined_report("All", "", parts, Provenance("c", "d"), True)).check_alone()
+    Page(combined_report("All", "", parts, Provenance("c", "d"), True, "reference")).check_alone()
 
 
 def test_a_uniform_value_from_0_has_classes_of_equal_width() -> None:
@@ -224,7 +224,7 @@ def test_too_many_variants_are_refused_before_their_samples_are_drawn() -> None:
             drawn.append(samples)
             return {"rod": np.zeros(1)}
 
-    space = space_of(["rod~uniform(0,1)", "angle=1:2:100"], {"rod": 1.0, "angle": 1.0}, vehicle_from("suv"), {})
+    space = space_of(["rod~uniform(0,1)", "angle=1:2:100"], {"rod": "", "angle": ""}, vehicle_from("suv"), {})
     with pytest.raises(ConfigError):
         Watched(space, 10**9, "random", 0)
     assert drawn == []

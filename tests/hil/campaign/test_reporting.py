@@ -199,7 +199,9 @@ def test_a_heat_map_escapes_its_labels() -> None:
     assert Page(html).text.count("<script>alert") == 2
 
 
-def many(tmp_path: Path, name: str = "soft", count: int = 240, limit: float = 100.0) -> Summary:
+def many(
+    tmp_path: Path, name: str = "soft", count: int = 240, limit: float = 100.0, force_limit: float | None = None
+) -> Summary:
     """Return the summary of a grid of 6 × 40 variants whose force rises with both values."""
     rod = np.repeat(np.arange(6.0), 40)[:count]
     angle = np.tile(np.linspace(10.0, 70.0, 40), 6)[:count]
@@ -208,11 +210,63 @@ def many(tmp_path: Path, name: str = "soft", count: int = 240, limit: float = 10
     path = write(
         tmp_path / "many.parquet", verdicts, {"rod": rod, "angle": angle}, {name: limit - force}, force=force
     )
-    return summary_of(path, ["rod", "angle"], [name])
+    return summary_of(path, ["rod", "angle"], [name], force_limit=force_limit)
 
 
 def made_report(summary: Summary, more: Sequence[str] = (), title: str = "Campaign: trap") -> str:
-    return report(title, summary, {"angle": "deg"}, "out/a & b", PROVENANCE, more)
+    return report(title, summary, {"rod": "N/m", "angle": "deg"}, "out/a & b", PROVENANCE, more)
+
+
+def tile_with(html: str, words: str) -> str:
+    """The CSS class of a tile."""
+    (found,) = re.findall(rf'<div class="tile (\w*)"><b>[^<]*</b><span>[^<]*{re.escape(words)}', html)
+    return str(found)
+
+
+def test_a_force_is_good_or_bad_only_by_a_limit_that_is_judged(tmp_path: Path) -> None:
+    """Or a green "none fails" stands beside a red force, which nobody judges."""
+    html = made_report(many(tmp_path, limit=400.0))
+    assert "None of 240 variants fails." in Page(html).text
+    assert tile_with(html, "largest pinch force; no limit is judged") == ""
+    assert tile_with(html, "press with more than 100 N, for reference only: UN R21 5.8, car windows") == ""
+    assert 'class="over"' not in html
+    assert "line: 100 N, for reference only" in html
+    html = made_report(many(tmp_path, limit=400.0, force_limit=400.0))
+    assert tile_with(html, "largest pinch force; judged: at most 400 N") == "fine"
+    assert "for reference only" not in html
+    html = made_report(many(tmp_path, limit=100.0, force_limit=100.0))
+    assert tile_with(html, "judged: at most 100 N") == "bad"
+    assert 'class="over"' in html
+    assert "framed: over the limit of 100 N" in html
+
+
+def test_what_is_judged_stands_before_what_is_shown_for_reference(tmp_path: Path) -> None:
+    for html in (
+        made_report(many(tmp_path)),
+        combined_report("All", "x", [part(many(tmp_path), "Rods")], PROVENANCE, True, "reference"),
+    ):
+        places = [
+            html.index(each) for each in ("fail: ", "smallest margin", "Largest pinch force", "explains alone")
+        ]
+        assert places == sorted(places)
+
+
+def test_values_have_their_units_wherever_they_stand(tmp_path: Path) -> None:
+    shown = Page(made_report(many(tmp_path))).text
+    assert "N at 5 N/m" in shown  # the sentence
+    assert "rod [N/m] ↓" in shown  # the heat map
+    assert re.search(r"rod \d+ % \S+ … \S+ 5 N/m", shown)  # where the force is highest
+    assert "variant rod [N/m] angle [deg] verdict" in shown  # the worst ones
+
+
+def test_long_names_break_so_that_tables_fit_the_page(tmp_path: Path) -> None:
+    name = "environment.ambient_temperature_degc"
+    varied = {name: np.repeat([1.0, 2.0], 20), "rod": np.tile(np.arange(20.0), 2)}
+    path = write(tmp_path / "r", ["pass"] * 40, varied, {}, force=np.arange(40.0))
+    html = made_report(summary_of(path, list(varied), []))
+    heads = [each for each in re.findall(r"<t[hd][^>]*>([^<]*(?:<wbr>[^<]*)*)</t[hd]>", html) if "ambient" in each]
+    assert heads
+    assert all("environment.<wbr>ambient_<wbr>temperature_<wbr>degc" in each for each in heads)
 
 
 def test_a_report_is_one_whole_page_that_needs_nothing_else(tmp_path: Path) -> None:
@@ -314,10 +368,10 @@ def part(summary: Summary, title: str, is_complete: bool = True) -> PartResult:
 def test_a_combined_report_is_one_whole_page_with_what_each_part_has_found(tmp_path: Path) -> None:
     summary = many(tmp_path, HOSTILE)
     parts = [part(summary, "Rods"), part(summary, "Other <b>rods</b>")]
-    shown = Page(combined_report("All & all", "of <i>both</i>", parts, PROVENANCE, has_all=True))
+    shown = Page(combined_report("All & all", "of <i>both</i>", parts, PROVENANCE, has_all=True, ecu="reference"))
     shown.check_alone()
     assert "480 variants" in shown.text
-    assert "Other <b>rods</b>: expectations" in shown.text
+    assert "Other <b>rods</b>: what drives it" in shown.text
     assert "Incomplete" not in shown.text
 
 
@@ -325,7 +379,7 @@ def test_a_combined_report_is_one_whole_page_with_what_each_part_has_found(tmp_p
 def test_a_combined_report_tells_what_is_missing(has_all: bool, is_complete: bool, tmp_path: Path) -> None:
     path = write(tmp_path / "r", ["pass"], {}, {})
     parts = [part(summary_of(path, [], []), "Rods", is_complete)]
-    assert "Incomplete" in Page(combined_report("All", "of both", parts, PROVENANCE, has_all)).text
+    assert "Incomplete" in Page(combined_report("All", "of both", parts, PROVENANCE, has_all, "reference")).text
 
 
 def test_forces_are_listed_by_the_value_that_explains_most_of_them(tmp_path: Path) -> None:
@@ -333,6 +387,10 @@ def test_forces_are_listed_by_the_value_that_explains_most_of_them(tmp_path: Pat
     assert "Largest pinch force by rod" in shown
     assert "rod [N/m]" in shown
     assert "5 40 140 N 167 N 170 N 100 %" in shown
+    assert "100 N, for reference only" in shown
+    both = Page(by_value(many(tmp_path, force_limit=160.0), {"rod": "N/m"})).text
+    assert "largest over 160 N over 100 N" in both
+    assert "5 40 140 N 167 N 170 N 17.5 % 100 %" in both
 
 
 VERDICTS = ["pass", "pass", "fail", "fail", "inconclusive"]
@@ -370,13 +428,13 @@ def test_pairs_of_verdicts_are_counted(two: tuple[Path, Path]) -> None:
 def test_equal_results_differ_in_nothing(two: tuple[Path, Path]) -> None:
     found = comparison_of(two[0], two[0], ["rod"], ["a.b", "c"], ("one", HOSTILE))
     assert found.differing.num_rows == 0
-    shown = Page(comparison_section(found, ["rod"])).text
+    shown = Page(comparison_section(found, {"rod": "N/m"})).text
     assert "have the same verdicts and margins in all 5 variants" in shown
 
 
 def test_a_comparison_is_a_section_of_a_page(two: tuple[Path, Path]) -> None:
     found = comparison_of(*two, ["rod"], ["a.b", "c"], ("one", HOSTILE))
-    shown = Page(page("Two", "", [comparison_section(found, ["rod"])]))
+    shown = Page(page("Two", "", [comparison_section(found, {"rod": "N/m"})]))
     shown.check_alone()
     assert "Of 5 variants 3 differ, 1 in the verdict." in shown.text
     assert HOSTILE in shown.text
@@ -405,7 +463,7 @@ def test_a_search_tells_its_smallest_margin_and_its_first_failure() -> None:
 
 @pytest.mark.parametrize("history", [HISTORY, HISTORY[1:2], []])
 def test_the_section_of_a_search_is_of_a_whole_page(history: list[Evaluated]) -> None:
-    own = adaptive_sections.worst_section(Worst(end_of(4), history, HISTORY), HOSTILE, ["rod"], "run <it>")
+    own = adaptive_sections.worst_section(Worst(end_of(4), history, HISTORY), HOSTILE, {"rod": "N/m"}, "run <it>")
     Page(page("Worst", "", [own])).check_alone()
 
 

@@ -19,7 +19,7 @@ from liftgate_plant.vehicle import Vehicle
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=60)
 
-PARAMETERS = {"rod": 10000.0, "angle": 40.0}
+PARAMETERS = {"rod": "N/m", "angle": "deg"}
 NUMBERS = "numbers as VALUE,VALUE,… or FIRST:LAST:COUNT with 2 to 100000 values"
 FORM = "NAME=VALUE,VALUE,…, NAME=FIRST:LAST:COUNT, NAME~DISTRIBUTION, or vehicle"
 SEEDS = "whole numbers from 0 to 4294967295"
@@ -294,11 +294,11 @@ def test_a_factor_is_told_as_it_was_given() -> None:
     assert [str(each) for each in made.factors] == ["rod=10000,20000", "angle~uniform(20, 60)", "vehicle"]
 
 
-def test_units_are_those_of_the_keys() -> None:
+def test_units_are_those_of_the_parameters_and_keys() -> None:
     made = space(
         "rod=1", "supply.voltage=12", "environment.ambient_temperature_degc=20", "gate.gravity_point[0]=0.4"
     )
-    assert [each.unit for each in made.targets] == ["", "V", "°C", "m"]
+    assert [each.unit for each in made.targets] == ["N/m", "V", "°C", "m"]
 
 
 def test_draws_of_a_vehicle_have_the_mean_and_the_covariance_of_its_identification() -> None:

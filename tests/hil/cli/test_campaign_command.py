@@ -223,7 +223,9 @@ def test_the_worst_is_a_scenario_of_its_own_with_the_same_margin(
     assert main(["campaign", scenario, *flags, "--worst", "stays open"]) == 0
     found = manifest_in("campaign")["analysis"]
     out = capsys.readouterr().out
-    assert f"smallest margin of stays open: {found['margin']:.6g} {found['margin_unit']} with angle = " in out
+    angle, seed = found["values"]["angle"], found["values"]["seed"]
+    least = f"{found['margin']:.6g} {found['margin_unit']} with angle = {angle:.6g} deg, seed = {seed:g}"
+    assert f"smallest margin of stays open: {least}\n" in out
     assert "as a scenario for other ECUs: campaign/worst.toml" in out
     (line,) = [each for each in out.splitlines() if each.startswith("to run it again: liftgate-hil ")]
     assert main(line.partition("liftgate-hil ")[2].split()) == 0
@@ -418,5 +420,5 @@ def test_a_shipped_campaign_runs_in_parts_with_one_report(tmp_path: Path, monkey
     assert len(rows_in("campaign/rods")) == 2
     assert len(rows_in("campaign/undisturbed")) == 2
     page = Path("campaign/report.html").read_text()
-    assert page.index("Closing onto a rod") < page.index("Nothing in its way") < page.index("expectations")
+    assert page.index("Closing onto a rod") < page.index("Nothing in its way") < page.index("worst variants")
     assert main(["campaign", "pack:nothing"]) == 2

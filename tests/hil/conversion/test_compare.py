@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conversion_support import FRAMES, HEAD, ROWS, STAMPS, log, table
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
@@ -19,6 +26,8 @@ from liftgate_hil.conversion.table import Window, open_table
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats import csv_file
 from liftgate_hil.formats.open import open_recording
+from liftgate_hil.formats.recording import Recording
+from liftgate_plant.signals import TIME, Signal
 
 
 def compared(first: Path, second: Path, **more: object) -> Comparison:
@@ -33,7 +42,7 @@ def test_a_recording_equals_itself_and_what_it_was_converted_to(tmp_path: Path) 
     assert found.is_equal
     assert found.rows == 100
     assert [each.largest for each in found.columns] == [0.0, 0.0]
-    assert all(math.isnan(each.time_s) for each in found.columns)
+    assert all(each.at is None and each.first is None for each in found.columns)
 
 
 @pytest.mark.parametrize("block", [1 << 22, 300])
@@ -49,12 +58,28 @@ def test_the_largest_difference_is_reported_with_its_time(
     second = table(tmp_path / "b.csv", [tuple(row) for row in others])
     found = compared(first, second)
     current, angle = found.columns
-    assert (current.largest, current.time_s) == (pytest.approx(-0.25), 0.04)
+    assert (current.largest, current.unit) == (pytest.approx(-0.25), "A")
+    assert current.at == current.first == (0.04, ROWS[40][1], others[40][1])
     assert current.rms == pytest.approx(math.sqrt((0.25**2 + 0.125**2) / 100))
     assert (angle.largest, angle.rms) == (0.0, 0.0)
     assert not found.is_equal
-    again = compared(second, first).columns[0]
-    assert (again.largest, again.time_s) == (pytest.approx(0.25), 0.04)
+    again = compared(second, first, tolerance=0.2).columns[0]
+    assert (again.largest, again.at, again.first) == (
+        pytest.approx(0.25),
+        *[(0.04, others[40][1], ROWS[40][1])] * 2,
+    )
+
+
+def test_the_first_difference_is_the_first_one_beyond_the_tolerance(tmp_path: Path) -> None:
+    others = [(t, a + 0.1 * (k == 20) - 0.3 * (k == 50), b) for k, (t, a, b) in enumerate(ROWS)]
+    first, second = table(tmp_path / "a.csv", ROWS), table(tmp_path / "b.csv", others)
+    for tolerance, at in ((0.0, 20), (0.2, 50)):
+        found = compared(first, second, tolerance=tolerance).columns[0]
+        assert found.first == (0.001 * at, ROWS[at][1], others[at][1])
+        assert found.at is not None
+        assert found.at.time_s == 0.05
+    found = compared(first, second, tolerance=0.4).columns[0]
+    assert (found.first, found.is_equal, found.largest) == (None, True, pytest.approx(-0.3))
 
 
 def test_a_tolerance_is_of_all_columns_or_of_one(tmp_path: Path) -> None:
@@ -94,7 +119,10 @@ def test_a_value_where_the_other_has_none_is_a_difference(tmp_path: Path) -> Non
     first, second = table(tmp_path / "a.csv", ROWS), table(tmp_path / "b.csv", gap)
     found = compared(first, second, tolerance=1e9).columns[0]
     assert math.isnan(found.largest)
-    assert (found.time_s, found.is_equal) == (0.007, False)
+    for each in (found.at, found.first):
+        assert each is not None
+        assert (each[:2], math.isnan(each.second)) == ((0.007, ROWS[7][1]), True)
+    assert not found.is_equal
     assert compared(second, second).is_equal  # none in both is equal
 
 
@@ -107,6 +135,123 @@ def test_what_cannot_be_compared_is_reported(tmp_path: Path) -> None:
     ):
         with pytest.raises(ConfigError, match=said):
             compared(first, table(tmp_path / "b.csv", rows, head))
+
+
+# A tolerance of time.
+
+
+def steps(path: Path, at_ms: float, delay_ms: float = 0.0, spike_ms: int = -1, every: int = 1) -> Path:
+    """A signal that steps from 0 to 10, perhaps with a spike of one row; all rows come later by a delay."""
+    times = list(range(0, 200, every))
+    values = [5.0 if k == spike_ms else 10.0 * (k >= at_ms) for k in times]
+    rows = [(round(1e-3 * (k + delay_ms), 9), each, 0.0) for k, each in zip(times, values, strict=True)]
+    return table(path, rows)
+
+
+@pytest.mark.parametrize("block", [1 << 22, 300])
+@pytest.mark.parametrize("delay_ms", [0.0, 0.3, -0.3])
+def test_a_step_that_comes_later_by_the_tolerance_is_no_difference(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, delay_ms: float
+) -> None:
+    """Also where the rows themselves are at other times, and whichever recording is the first."""
+    monkeypatch.setattr(csv_file, "_BLOCK", block)
+    first = steps(tmp_path / "a.csv", 100)
+    second = steps(tmp_path / "b.csv", 103, delay_ms)
+    shift = 3.0 + delay_ms
+    for pair in ((first, second), (second, first)):
+        found = compared(*pair, time_tolerance=1e-3 * (shift + 0.01))
+        assert (found.is_equal, found.alone, found.rows) == (True, (0, 0), 200)
+        late = compared(*pair, time_tolerance=1e-3 * (shift - 0.01)).columns[0]
+        assert abs(late.largest) == 10.0
+        assert late.at is not None
+        assert late.at.time_s == pytest.approx(0.1, abs=0.004)
+
+
+def test_a_tolerance_shorter_than_the_raster_hides_no_delay_of_a_row(tmp_path: Path) -> None:
+    first, second = (
+        table(tmp_path / "a.csv", ROWS),
+        table(tmp_path / "b.csv", [(t, *ROWS[max(k - 1, 0)][1:]) for k, (t, *_) in enumerate(ROWS)]),
+    )
+    assert compared(first, second, time_tolerance=0.0004).columns[1].largest == -0.5
+    assert compared(first, second, time_tolerance=0.001).is_equal
+
+
+def test_a_tolerance_beyond_the_recordings_is_refused(tmp_path: Path) -> None:
+    path = table(tmp_path / "a.csv", ROWS)
+    assert compared(path, path, time_tolerance=0.04).is_equal
+    with pytest.raises(ConfigError, match="longer than half of what both recordings hold"):
+        compared(path, path, time_tolerance=0.06)
+
+
+def test_a_spike_that_one_recording_has_alone_remains_a_difference(tmp_path: Path) -> None:
+    first, spike = steps(tmp_path / "a.csv", 100), steps(tmp_path / "b.csv", 100, spike_ms=150)
+    for pair in ((first, spike), (spike, first)):
+        found = compared(*pair, time_tolerance=0.004).columns[0]
+        assert abs(found.largest) == 5.0
+        assert found.at is not None
+        assert found.at.time_s == pytest.approx(0.15, abs=0.0041)
+
+
+def test_rows_of_another_raster_are_compared_within_the_tolerance(tmp_path: Path) -> None:
+    first, thin = steps(tmp_path / "a.csv", 100), steps(tmp_path / "b.csv", 100, every=10)
+    assert compared(first, thin, time_tolerance=0.010).is_equal
+    found = compared(first, thin, time_tolerance=0.004)
+    assert (found.alone, found.is_equal) == ((19 + 5, 0), False)  # what is 5 ms from its neighbours, and the end
+    assert compared(first, thin).rows == 20
+
+
+def held(rows: list[tuple[float, float]], time: float) -> float:
+    """The value that holds at a time."""
+    return next((value for at, value in reversed(rows) if at <= time + 1e-12), math.nan)
+
+
+@given(
+    rows=st.tuples(*[st.lists(st.tuples(st.integers(1, 6), st.integers(0, 3)), min_size=1, max_size=12)] * 2),
+    tolerance=st.integers(0, 7),
+)
+def test_the_difference_is_that_of_a_fine_raster(rows: tuple[list[tuple[int, int]], ...], tolerance: int) -> None:
+    """Each signal at every fourth of a millisecond, against all values of the other within the tolerance."""
+    both = []
+    for steps_and_values in rows:
+        times = np.cumsum([step for step, _ in steps_and_values]).tolist()
+        both.append([(float(t), float(v)) for t, (_, v) in zip(times, steps_and_values, strict=True)])
+    near = [
+        [row for row in own if any(abs(row[0] - at) <= tolerance for at, _ in other)]
+        for own, other in (both, both[::-1])
+    ]
+    assume(near[0] and near[1])
+    largest = None
+    for own, other, whole in ((*near, both[1]), (*near[::-1], both[0])):
+        end = (
+            2.0 * whole[-1][0] - whole[-2][0] if len(whole) > 1 else math.inf
+        )  # its last row is as long as the other
+        for k in range(4 * int(own[0][0]), 4 * int(own[-1][0] + whole[-1][0]) + 4 * tolerance + 5):
+            if k / 4 - tolerance < whole[0][0] or k / 4 + tolerance >= end:
+                continue
+            window = [held(other, j / 4) for j in range(k - 4 * tolerance, k + 4 * tolerance + 1)]
+            known, value = [each for each in window if not math.isnan(each)], held(own, k / 4)
+            largest = max(largest or 0.0, value - max(known), min(known) - value)
+    assert largest_of(both, tolerance) == largest
+
+
+def largest_of(both: list[list[tuple[float, float]]], tolerance: int) -> float | None:
+    """The largest difference of two signals, with times in milliseconds; None: there is no window to compare."""
+    tables = tuple(Rows(path=Path("x"), content=tuple((1e-3 * t, v) for t, v in own)) for own in both)
+    with contextlib.suppress(ConfigError):
+        return abs(compare_tables(tables, time_tolerance=1e-3 * tolerance).columns[0].largest)  # type: ignore[arg-type]
+    return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows(Recording):
+    """Rows of one column, in blocks of three."""
+
+    content: tuple[tuple[float, float], ...]
+    signals: Mapping[str, Signal] = field(default_factory=lambda: {"time_s": TIME, "x": TIME})
+
+    def rows(self, wanted: Sequence[str]) -> Iterator[np.ndarray]:
+        for k in range(0, len(self.content), 3):
+            yield np.array(self.content[k : k + 3])
 
 
 # Frames.
@@ -148,6 +293,19 @@ def test_a_format_that_says_its_begin_in_milliseconds_may_have_another_origin(tm
     assert (found.first, found.what) == (20, "time")
 
 
+def test_frames_may_come_later_by_the_tolerance(tmp_path: Path) -> None:
+    first = open_recording(log(tmp_path / "a.log", FRAMES, STAMPS))
+    second = open_recording(
+        log(tmp_path / "b.log", FRAMES, [each + 0.002 * (k > 20) for k, each in enumerate(STAMPS)])
+    )
+    assert compare_frames(first, second, 0.002).first is None
+    found = compare_frames(first, second, 0.0019)
+    assert (found.first, found.what) == (21, "time")
+    assert found.values == (
+        "0.710000 s sent 0x100: 15", "0.712000 s sent 0x100: 15",
+    )  # fmt: skip
+
+
 # The command.
 
 
@@ -160,15 +318,19 @@ def test_it_says_what_is_unlike_and_exits_with_1(tmp_path: Path, capsys: pytest.
     assert capsys.readouterr().out.splitlines() == ["2 of 2 columns are the same in all 100 rows", "equal"]
     assert main(["compare", str(first), str(second)]) == 1
     head, line, *rest = capsys.readouterr().out.splitlines()
-    assert head.split() == ["column", "largest", "difference", "at", "rms", "tolerance"]
-    assert line.split() == ["left_current_a", "-0.25", "0.040000", "s", "0.025", "0:", "different"]
+    assert re.split(" {2,}", head) == ["column", "first difference", "largest difference", "rms", "tolerance"]
+    values = f"{ROWS[40][1]:.6g} A and {others[40][1]:.6g} A"
+    at = ["0.040000 s: " + values, "-0.25 A at 0.040000 s"]
+    assert re.split(" {2,}", line) == ["left_current_a", *at, "0.025 A", "0 A: different"]
     assert rest == ["1 of 2 columns are the same in all 100 rows", "different"]
     assert main(["compare", str(first), str(second), "--tolerance", "left_current_a=0.3"]) == 0
     capsys.readouterr()
     assert main(["compare", str(first), str(second), "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     assert not told["equal"]
-    assert told["columns"]["left_current_a"]["time_s"] == 0.04
+    values_then = {"time_s": 0.04, "values": [ROWS[40][1], others[40][1]]}
+    assert told["columns"]["left_current_a"]["first"] == told["columns"]["left_current_a"]["at"] == values_then
+    assert told["columns"]["left_current_a"]["unit"] == "A"
     assert told["columns"]["gate_angle_deg"]["equal"]
 
 
@@ -179,12 +341,34 @@ def test_bus_logs_are_compared_by_their_frames_or_what_they_say(
     first = log(tmp_path / "a.log", rows, STAMPS)
     second = log(tmp_path / "b.blf", [*rows[:-1], (0x220, bytes(8))], STAMPS)
     assert main(["compare", str(first), str(second)]) == 1
-    told = "50 and 50 frames; the first difference is at frame 50, 0.990000 s: data"
-    assert capsys.readouterr().out.splitlines() == [told, "different"]
+    told = [
+        "50 and 50 frames; the first difference is at frame 50 (data):",
+        f"  {first}: 0.990000 s sent 0x220: 31 00 00 00 00 00 00 00",
+        f"  {second}: 0.990000 s sent 0x220: 00 00 00 00 00 00 00 00",
+    ]
+    assert capsys.readouterr().out.splitlines() == [*told, "different"]
     line = ["compare", str(first), str(second), "--rig", "liftgate", "--columns", "Gate.Angle"]
     assert main(line) == 1
-    assert capsys.readouterr().out.splitlines()[1].split()[:3] == ["Gate.Angle", "-0.49", "0.990000"]
+    cells = re.split(" {2,}", capsys.readouterr().out.splitlines()[1])
+    assert cells[:3] == ["Gate.Angle", "0.990000 s: 0.49 deg and 0 deg", "-0.49 deg at 0.990000 s"]
     assert main([*line, "--to", "0.98"]) == 0
+
+
+@pytest.mark.parametrize("more", [[], ["--rig", "liftgate"]])
+def test_bus_logs_whose_times_count_from_other_instants_are_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str]
+) -> None:
+    """One logger was started 4.25 s before the other; their clocks show it."""
+    rows, epoch = [(0x220, bytes([k, 0, 0, 0, 0, 0, 0, 0])) for k in range(50)], 1_700_000_000_123_456_000
+    first = str(log(tmp_path / "a.blf", rows, STAMPS, epoch))
+    second = str(log(tmp_path / "b.log", rows, [each + 4.25 for each in STAMPS], epoch - 4_250_000_000))
+    assert main(["compare", first, second, *more]) == 0
+    other = str(log(tmp_path / "c.log", rows, [each + 4.25 for each in STAMPS], epoch))
+    assert main(["compare", first, other, *more]) != 0
+    capsys.readouterr()
+    picture = tmp_path / "both.svg"
+    assert main(["compare", first, second, "--rig", "liftgate", "--output", str(picture)]) == 0
+    assert "equal" in picture.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -192,6 +376,7 @@ def test_bus_logs_are_compared_by_their_frames_or_what_they_say(
     [
         (["--tolerance", "x"], "--tolerance x: allowed: X or NAME=X, X at least 0"),
         (["--tolerance", "-1"], "--tolerance"),
+        (["--time-tolerance", "-1"], "argument --time-tolerance: '-1'; allowed: 0 to 3600 s"),
         (["--columns", "gate_angl_deg"], "allowed: left_current_a, gate_angle_deg"),
         (["--from", "2", "--to", "1"], "--from 2: after --to 1; allowed: before it"),
         (["--output", "x.gif"], "--output x.gif: allowed: a file of .png, .svg, .pdf, .html"),

@@ -61,7 +61,7 @@ def test_an_input_is_held_from_its_sample_to_the_next_and_an_output_is_not(tmp_p
     units = {name: run.signals[name].unit for name in names}
     figure = picture.run_picture("a.csv", columns, [[name] for name in names], units)
     assert [axis.lines[0].get_drawstyle() for axis in figure.axes] == ["steps-post", "default"]
-    both = picture.two_pictures(("a", "b"), (columns, columns), names, units)
+    both = picture.two_pictures(("a", "b"), (columns, columns), names, units, 1e-6)
     drawn = [axis.lines[0].get_drawstyle() for axis in both.axes[::2]]
     assert drawn == ["steps-post", "default"]
 
@@ -110,13 +110,13 @@ def test_two_recordings_stand_over_each_other_with_their_difference(tmp_path: Pa
     )
     names = ["left_current_a", "gate_angle_deg"]
     both = columns_in(first, names, Window()), columns_in(second, names, Window())
-    drawn = picture.two_pictures(("a", "b"), both, names, dict.fromkeys(names, ""))
+    drawn = picture.two_pictures(("a", "b"), both, names, dict(zip(names, ("A", "deg"), strict=True)), 1e-6)
     over, beside, _, equal = drawn.axes
     assert [len(each) for each in lines_of(over)] == [100, 95]
     difference = lines_of(beside)[1]
     assert len(difference) == 95  # at the times that both have
     assert np.flatnonzero(difference).tolist() == [55]
-    assert beside.texts[0].get_text() == "largest 0.5000 at 0.060 s"
+    assert beside.texts[0].get_text() == "largest 0.5000 A at 0.060 s"
     assert beside.get_title(loc="left") == "b minus a"
     assert [each.get_text() for each in equal.texts] == ["equal"]
 

@@ -85,7 +85,7 @@ def test_a_pipe_that_nobody_reads_ends_its_recording_once_and_closes_at_once(tmp
             recorder.write_rows(rows_from(first, 100))
             recorder.flush()
         recorder.close()
-        said = "nobody has read from it for 0.01 s; what was not read, and all that follows, is lost"
+        said = "its reader stalled for 0.01 s: unread and later rows or frames are lost"
         assert told == [recorder.failure]
         assert recorder.failure.endswith(said)
         assert "recording ended at 0." in recorder.failure

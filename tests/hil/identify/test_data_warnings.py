@@ -93,7 +93,7 @@ def test_data_in_which_nothing_drives_are_warned_of() -> None:
     data = later_driven(first=9.0, hand_force_n=400.0)
     result = estimated(true_vehicle(), "third-order", ["spring.preload"], [data])
     (warning,) = [each for each in warnings_of(result) if "no motor" in each]
-    assert warning == "no motor is ever driven: the estimates rest on what moves the gate by itself"
+    assert warning == "no motor is driven: the data show only motion by weight, springs and hand"
     assert never_driven([data, later_driven()]) == []
 
 

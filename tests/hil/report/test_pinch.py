@@ -10,7 +10,7 @@ import pytest
 from matplotlib.axes import Axes
 
 from liftgate_hil.report.pinch import LIMITS, PinchEvent, pinch_event
-from liftgate_hil.report.run_plot import DrawnObstacle, RunPicture, plot_run, run_figure
+from liftgate_hil.report.run_plot import DrawnObstacle, RunPicture, command_reversal, plot_run, run_figure
 
 TIMES = np.arange(0.0, 10.0, 0.001)
 
@@ -135,6 +135,33 @@ def test_the_picture_says_peak_limits_margin_and_reversal() -> None:
         "obstacle at 41 deg", "first touch", "turned 499 ms after the first touch", "reversal", "left",
     ):  # fmt: skip
         assert text in said
+
+
+def test_a_rod_is_drawn_from_when_the_closing_gate_can_meet_it() -> None:
+    """It is there from the start, but the gate opens past it first."""
+    columns = rows()
+    opening = TIMES < 2.0
+    columns["gate_angle_deg"] = np.where(opening, 22.0 * TIMES, columns["gate_angle_deg"])
+    for obstacle, begins in ((DrawnObstacle(41.0, 0.0, 9.0), 41.0 / 22.0), (DrawnObstacle(41.0, 3.0, 9.0), 3.0)):
+        axes = run_figure(RunPicture("a run", columns, None, [obstacle])).findobj(Axes)
+        (rod,) = [line for line in axes[0].get_lines() if str(line.get_label()).startswith("obstacle")]
+        assert rod.get_xdata().tolist() == pytest.approx([begins, 9.0], abs=0.002)
+    # One that is met while opening: the gate is never beyond it.
+    axes = run_figure(RunPicture("a run", rows(way=1.0), None, [DrawnObstacle(41.0, 0.0, 9.0)])).findobj(Axes)
+    (rod,) = [line for line in axes[0].get_lines() if str(line.get_label()).startswith("obstacle")]
+    assert rod.get_xdata().tolist() == [0.0, 9.0]
+
+
+def test_the_ecu_reverses_where_its_current_has_its_spike() -> None:
+    columns = rows()
+    columns["left_duty"] = np.where(TIMES < 4.8, -0.7, 0.9)
+    columns["left_current_a"] = np.interp(TIMES, [4.8, 4.81, 5.0], [-2.0, 25.0, 10.0])
+    event = event_of(columns)
+    assert command_reversal(columns, event) == (pytest.approx(4.81), pytest.approx(25.0))
+    assert texts_of(picture_of(columns)).count("ECU reverses") == 2  # the whole run, and the pinch
+    stays = {**columns, "left_duty": np.full(len(TIMES), -0.7)}
+    assert command_reversal(stays, event) is None
+    assert "ECU reverses" not in texts_of(picture_of(stays))
 
 
 def test_a_gate_with_one_drive_shows_one_and_one_with_two_shows_both_apart() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -103,6 +104,7 @@ def test_a_file_of_others_in_a_folder_that_cannot_be_written_to_stays(
         return real(path, flags, *more, **others)  # type: ignore[arg-type]
 
     path = tmp_path / "report.html"
+    tempfile.gettempdir()  # which is found by creating a file, once
     monkeypatch.setattr(os, "open", refuse)
     path.write_bytes(THEIRS["report.html"])
     with pytest.raises(OSError, match="Permission denied"):

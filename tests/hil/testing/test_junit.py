@@ -1,4 +1,8 @@
-"""JUnit XML of a suite, by what its schemas ask for."""
+"""JUnit XML of a suite, by what its schema asks for.
+
+`vendor/JUnit.xsd` is a copy of the schema of Apache Ant's reports, github.com/windyroad/JUnit-Schema (commit
+cfa434d), under the Apache License 2.0, which stands in `vendor/JUnit.LICENSE`.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +14,28 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from xmlschema import XMLSchema10
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.shipped import data_root
+from liftgate_hil.errors import LiftgateError
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.testing import suite
-from liftgate_hil.testing.junit import as_junit, class_names
+from liftgate_hil.testing.junit import as_junit, class_names, issues_as_junit
+from liftgate_hil.testing.mutation import MutationResult
 
 HEAD = "duration = 0.1\ninitial = 30\n"
 EXPECT = '[[expect]]\nname = "{name}"\nalways = "{condition}"\n'
 
 
-def elements(folder: Path) -> ElementTree.Element:
-    """Those of a scenario that passes, and of one that fails, is inconclusive and has a note."""
+@pytest.fixture(scope="module")
+def schema() -> XMLSchema10:
+    return XMLSchema10(Path(__file__).parent / "vendor" / "JUnit.xsd")
+
+
+def cases_in(folder: Path) -> list[suite.Case]:
+    """A scenario that passes, and one that fails, is inconclusive and has a note."""
     (folder / "sub").mkdir()
     (folder / "a.toml").write_text(HEAD + EXPECT.format(name="x", condition="time_s > 0"))
     brief = '[[fault]]\nkind = "supply_open"\nfor_s = 0.01\n'
@@ -31,14 +43,57 @@ def elements(folder: Path) -> ElementTree.Element:
     fails = EXPECT.format(name="y", condition="time_s < 0.05")
     (folder / "sub" / "b.x.toml").write_text(HEAD + brief + fails + late)
     files = [folder / "a.toml", folder / "sub" / "b.x.toml"]
-    cases = suite.cases_of(files, Job(scenario=None, ecu="reference", options=RunOptions(clock="free")))
-    return ElementTree.fromstring(as_junit([suite.run_case(each) for each in cases]))
+    return suite.cases_of(files, Job(scenario=None, ecu="reference", options=RunOptions(clock="free")))
+
+
+def test_the_xml_is_valid_whatever_the_verdict(
+    tmp_path: Path, schema: XMLSchema10, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pass, fail, inconclusive, error, stopped before and while it runs; with mutants; wrong files."""
+    cases = cases_in(tmp_path)
+    outcomes = [suite.run_case(each) for each in cases]
+    outcomes += suite.run_suite(cases, 1, lambda: True)
+    outcomes.append(suite.run_case(cases[0], lambda: True))
+
+    def fail(*_: object) -> None:
+        raise LiftgateError("the ECU has crashed \x1b[31m & <ended>")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(suite, "execute", fail)
+        outcomes.append(suite.run_case(cases[0]))
+    assert [each.verdict for each in outcomes] == ["pass", "fail", "error", "error", "error", "error"]
+    reasons = [each.reason for each in outcomes[2:]]
+    assert reasons[0] == reasons[1] == "stopped before it began"
+    assert reasons[2].startswith("stopped at ")
+    assert "inconclusive" in [each.verdict for each in outcomes[1].expectations]
+    for content in (
+        as_junit(outcomes),
+        as_junit([]),
+        as_junit(outcomes, MutationResult(None)),
+        issues_as_junit(["a.toml: duration: missing", "\x00 & <"]),
+    ):
+        schema.validate(content.decode())
+    with pytest.raises(Exception, match="name"):  # the schema does refuse something
+        schema.validate(as_junit(outcomes).decode().replace("<testsuites>", '<testsuites name="x">'))
+
+
+def test_the_xml_of_commands_is_valid(
+    tmp_path: Path, schema: XMLSchema10, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.toml").write_text(HEAD + EXPECT.format(name="x", condition="time_s > 0"))
+    assert main(["test", "a.toml", "--results", "r"]) == 0
+    assert main(["judge", "r/a.csv", "--scenario", "a.toml", "--junit", "judged.xml"]) == 0
+    assert main(["test", "a.toml", "--junit", "wrong.xml", "--jobs", "0"]) == 2
+    capsys.readouterr()
+    for name in ("r/junit.xml", "judged.xml", "wrong.xml"):
+        schema.validate(name)
 
 
 def test_a_suite_says_when_and_where_it_ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     before = datetime.datetime.fromtimestamp(time.time() - 1.0, datetime.UTC)
-    root = elements(tmp_path)
+    root = ElementTree.fromstring(as_junit([suite.run_case(each) for each in cases_in(tmp_path)]))
     for number, each in enumerate(root):
         stamp = str(each.get("timestamp"))
         assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d", stamp)  # Ant's: without a time zone

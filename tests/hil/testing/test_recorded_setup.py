@@ -81,7 +81,7 @@ def test_a_rig_that_has_changed_since_is_not_taken(recording: Path) -> None:
     finally:
         own.write_text(before)
     assert Path(about.rig.source).name == "liftgate.toml"
-    assert f"{recording}: its rig is not there as it was; judged by liftgate" in notes
+    assert f"{recording}: its rig is missing or has changed; judged by liftgate" in notes
 
 
 @pytest.mark.parametrize("vehicle", [{}, {"drives": 2}, None, 5, {"drives": 2, "left": 1}])

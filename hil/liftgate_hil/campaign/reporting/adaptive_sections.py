@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -65,8 +65,12 @@ def _random_as_dict(history: Sequence[Evaluated]) -> dict[str, Any]:
     }
 
 
-def worst_section(found: Worst, expectation: str, names: Sequence[str], line: str, unit: str = "") -> str:
-    """Return the report's section on a search; `line` runs the found variant again, `unit` is the margins'."""
+def worst_section(found: Worst, expectation: str, units: Mapping[str, str], line: str, unit: str = "") -> str:
+    """Return the report's section on a search.
+
+    `units` are those of all varied names, in their order; `line` runs the found variant again, `unit` is the
+    margins'.
+    """
     best = least_of(found.everything)
     if best is None:
         return section("Search for the worst", "<p>No variant has a margin.</p>")
@@ -74,7 +78,10 @@ def worst_section(found: Worst, expectation: str, names: Sequence[str], line: st
         f"The smallest margin of “{expectation}” is {with_unit(significant(best.margin, 4), unit)}"
         f"{': it fails' if best.fails else ''}, after {best.number} evaluations."
     )
-    values = [(name, significant(value, 6)) for name, value in zip(names, best.values, strict=True)]
+    values = [
+        (name, with_unit(significant(value, 6), units[name]))
+        for name, value in zip(units, best.values, strict=True)
+    ]
     rows = [_row("search", found.search), _row("random draws", found.random)]
     drawn = svg(_convergence(found), "search", "smallest margin over evaluations")
     return section(

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from liftgate_hil.campaign.reporting import report as single
+from liftgate_hil.campaign.reporting.heat_map import label_of
 from liftgate_hil.campaign.reporting.report import Choice
 from liftgate_hil.campaign.reporting.summary import Summary
 from liftgate_hil.report.page import page, pairs, section, table, text
@@ -29,14 +30,14 @@ class PartResult(NamedTuple):
 
 
 def combined_report(
-    title: str, description: str, parts: Sequence[PartResult], provenance: Provenance, has_all: bool
+    title: str, description: str, parts: Sequence[PartResult], provenance: Provenance, has_all: bool, ecu: str
 ) -> str:
-    """Return the page; `has_all`: no part is missing."""
+    """Return the page; `has_all`: no part is missing. `ecu` names the ECU."""
     number = sum(each.summary.count for each in parts)
     is_complete = has_all and all(each.is_complete for each in parts)
     return page(
         title,
-        f"{description}: {number:,} variants, {provenance.date}",
+        f"{description}: {number:,} variants, ECU {ecu}, {provenance.date}",
         [
             single.incomplete(is_complete),
             *(_first(each) for each in parts),
@@ -48,12 +49,13 @@ def combined_report(
 
 
 def _first(part: PartResult) -> str:
-    """Return what a part has found: a sentence, its numbers, a heat map or a table by its most important value."""
+    """Return what a part has found: a sentence, its numbers, what is judged; then the forces."""
     summary = part.summary
     return section(
         part.title,
-        single.lead(summary),
+        single.lead(summary, part.units),
         single.tiles(summary, part.choice),
+        single.requirements(summary),
         by_value(summary, part.units) if single.has_forces(summary) else "",
         single.heat_section(summary, part.units, has_margin=False) if single.has_forces(summary) else "",
     )
@@ -64,8 +66,7 @@ def _evidence(part: PartResult, number: int) -> str:
     name = part.title
     return "\n".join(
         [
-            section(f"{name}: expectations", single.requirements(summary)),
-            section(f"{name}: what drives it", *single.drivers(summary, part.choice)),
+            section(f"{name}: what drives it", *single.drivers(summary, part.units, part.choice)),
             section(f"{name}: distributions", *single.distributions(summary, f"part{number}-")),
             section(f"{name}: worst variants", single.worst(summary, part.units, part.folder)),
         ]
@@ -81,23 +82,18 @@ def by_value(summary: Summary, units: Mapping[str, str]) -> str:
     distinct = np.unique(values)
     if len(distinct) > _FEW:
         return ""
+    judged = {} if summary.force_limit is None else {f"over {summary.force_limit:g} N": summary.force_limit}
+    limits = {**judged, f"over {single.REFERENCE_LIMIT:g} N": single.REFERENCE_LIMIT}
     rows = []
     for value in distinct.tolist():
         force = summary.force[(values == value) & np.isfinite(summary.force)]
         if not len(force):
             continue
-        over = 100.0 * float((force > single.LIMIT).mean())
         middle, high = (float(each) for each in np.quantile(force, (0.5, 0.95)))
-        rows.append(
-            (
-                f"{value:g}",
-                f"{len(force):,}",
-                f"{middle:.0f} N",
-                f"{high:.0f} N",
-                f"{force.max():.0f} N",
-                f"{over:.3g} %",
-            )
-        )
-    label = f"{top.name} [{units[top.name]}]" if units.get(top.name) else top.name
-    heads = (label, "closings", "median", "95 %", "largest", f"over {single.LIMIT:.0f} N")
-    return f"<h3>Largest pinch force by {text(top.name)}</h3>" + table(heads, rows, ("r",) * 6)
+        forces = [f"{each:.0f} N" for each in (middle, high, force.max())]
+        over = [f"{100.0 * float((force > limit).mean()):.3g} %" for limit in limits.values()]
+        rows.append((f"{value:g}", f"{len(force):,}", *forces, *over))
+    heads = (label_of(top.name, units), "variants", "median", "95 %", "largest", *limits)
+    is_reference = single.REFERENCE_LIMIT not in judged.values()
+    note = f'<p class="key">{text(single.REFERENCE_ONLY)}.</p>' if is_reference else ""
+    return f"<h3>Largest pinch force by {text(top.name)}</h3>" + table(heads, rows, ["r"] * len(heads)) + note

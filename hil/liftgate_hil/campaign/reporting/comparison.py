@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from liftgate_hil.campaign.reporting.heat_map import breakable, label_of
 from liftgate_hil.campaign.results import JUDGED, MARGIN, VARIANT, VERDICT, arrow, numbers_in, reading
-from liftgate_hil.report.numbers import significant
+from liftgate_hil.report.numbers import plain, significant
 from liftgate_hil.report.page import Markup, section, table, text
 
 if TYPE_CHECKING:
@@ -77,8 +78,8 @@ def comparison_of(
     return Comparison(one.num_rows, dict(pairs), found, names)
 
 
-def comparison_section(found: Comparison, varied: Sequence[str]) -> str:
-    """Return the report's section on a comparison."""
+def comparison_section(found: Comparison, units: Mapping[str, str]) -> str:
+    """Return the report's section on a comparison; `units` are those of all varied names, in their order."""
     one, other = found.names
     if not found.differing.num_rows:
         story = f"{one} and {other} have the same verdicts and margins in all {found.variants:,} variants."
@@ -89,14 +90,15 @@ def comparison_section(found: Comparison, varied: Sequence[str]) -> str:
         (a, b, f"{number:,}" if a == b else Markup(f"<b>{number:,}</b>"))
         for (a, b), number in sorted(found.pairs.items())
     ]
-    rows = [_row(each, varied) for each in found.differing.slice(0, _SHOWN).to_pylist()]
+    rows = [_row(each, list(units)) for each in found.differing.slice(0, _SHOWN).to_pylist()]
+    names = [breakable(label_of(each, units)) for each in units]
     return section(
         "Two ECUs",
         f"<p>{text(story)}</p>",
         table((one, other, "variants"), pairs, ("", "", "r")),
         "<h3>The most different</h3>",
         table(
-            ("variant", *varied, one, other, "largest difference"), rows, ("", *("r" for _ in varied), "", "", "r")
+            ("variant", *names, one, other, "largest difference"), rows, ("", *("r" for _ in names), "", "", "r")
         ),
     )
 
@@ -105,7 +107,7 @@ def _row(row: dict[str, Any], varied: Sequence[str]) -> tuple[str, ...]:
     difference = row[DIFFERENCE]
     return (
         Markup(f"<code>{text(row[VARIANT][:12])}</code>"),
-        *(significant(float(row[name]), 5) for name in varied),
+        *(plain(float(row[name])) for name in varied),
         row[VERDICT],
         row[f"{AGAINST}{VERDICT}"],
         significant(math.nan if difference is None else float(difference), 4),

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from liftgate_hil.campaign.distributions import Floats
-from liftgate_hil.report.page import text
+from liftgate_hil.report.page import Markup, text
 
 _CLASSES = 10  # of a continuous value, at most: more columns are wider than a printed page
 
@@ -67,37 +68,50 @@ def _is_logarithmic(values: Floats) -> bool:
     return abs(middle - math.sqrt(low * high)) < abs(middle - 0.5 * (low + high))
 
 
-def heat_map(cells: Cells, across: str, down: str, good: float, bad: float, digits: int = 0) -> str:
+def heat_map(
+    cells: Cells, across: str, down: str, good: float, bad: float, digits: int = 0, *, is_judged: bool = True
+) -> str:
     """Return the heat map as HTML; a cell is green at `good`, red at `bad`, and framed beyond it.
 
-    `across` and `down` are the labels of the two values.
+    A result that is not judged is neither: the shade of blue grows from `good` to `bad`. `across` and `down` are
+    the labels of the two values.
     """
     head = "".join(f"<th>{text(each)}</th>" for each in cells.columns)
     body = []
     for name, row in zip(cells.rows, cells.worst.tolist(), strict=True):
-        inside = "".join(_cell(value, good, bad, digits) for value in row)
+        inside = "".join(_cell(value, good, bad, digits, is_judged) for value in row)
         body.append(f"<tr><th>{text(name)}</th>{inside}</tr>")
     return (
         '<div class="wide"><table class="heat"><thead>'
-        f'<tr><th class="corner">{_breakable(down)} ↓ &nbsp; {_breakable(across)} →</th>{head}</tr>'
+        f'<tr><th class="corner">{breakable(down)} ↓ &nbsp; {breakable(across)} →</th>{head}</tr>'
         f"</thead><tbody>{''.join(body)}</tbody></table></div>"
     )
 
 
-def _breakable(label: str) -> str:
+def label_of(name: str, units: Mapping[str, str]) -> str:
+    """Return a varied name with its unit."""
+    unit = units.get(name, "")
+    return f"{name} [{unit}]" if unit else name
+
+
+def breakable(label: str) -> Markup:
     """Return a label as HTML whose lines may break within a key."""
-    return re.sub(r"([._])", r"\1<wbr>", text(label))
+    return Markup(re.sub(r"([._])", r"\1<wbr>", text(label)))
 
 
-def _cell(value: float, good: float, bad: float, digits: int) -> str:
+# Ends and middle of the colours: ColorBrewer's RdYlGn, whose ends differ in lightness too, and Blues.
+_JUDGED = ((0x91, 0xCF, 0x60), (0xFF, 0xEE, 0xA0), (0xF4, 0x7B, 0x5A))
+_NOT_JUDGED = ((0xF7, 0xFB, 0xFF), (0xC6, 0xDB, 0xEF), (0x9E, 0xCA, 0xE1))
+
+
+def _cell(value: float, good: float, bad: float, digits: int, is_judged: bool) -> str:
     if not np.isfinite(value):
         return '<td class="none">·</td>'
     share = min(max((value - good) / (bad - good), 0.0), 1.0) if bad != good else 0.0
-    # Of ColorBrewer's RdYlGn, whose ends differ in lightness too: green, yellow, red.
-    stops = ((0x91, 0xCF, 0x60), (0xFF, 0xEE, 0xA0), (0xF4, 0x7B, 0x5A))
+    stops = _JUDGED if is_judged else _NOT_JUDGED
     left, right = (stops[0], stops[1]) if share < 0.5 else (stops[1], stops[2])
     at = 2.0 * share if share < 0.5 else 2.0 * share - 1.0
     colour = "".join(f"{round(a + at * (b - a)):02x}" for a, b in zip(left, right, strict=True))
-    is_over = (value > bad) if bad > good else (value < bad)
+    is_over = is_judged and ((value > bad) if bad > good else (value < bad))
     kind = ' class="over"' if is_over else ""
     return f'<td{kind} style="background:#{colour}">{value:.{digits}f}</td>'

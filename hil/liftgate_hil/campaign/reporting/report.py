@@ -10,7 +10,7 @@ import numpy as np
 from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.campaign.folder import replay_line
 from liftgate_hil.campaign.reporting.heat_map import STYLE as HEAT_STYLE
-from liftgate_hil.campaign.reporting.heat_map import Cells, cells_of, heat_map
+from liftgate_hil.campaign.reporting.heat_map import Cells, breakable, cells_of, heat_map, label_of
 from liftgate_hil.campaign.reporting.sensitivity import Index, rest_of
 from liftgate_hil.campaign.reporting.summary import FORCE, Summary
 from liftgate_hil.campaign.results import MARGIN
@@ -18,9 +18,9 @@ from liftgate_hil.campaign.share import clopper_pearson
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import with_unit
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
-from liftgate_hil.report.numbers import axis_label, significant
+from liftgate_hil.report.numbers import axis_label, plain, significant
 from liftgate_hil.report.page import Markup, alert, figure, page, pairs, section, table, text
-from liftgate_hil.report.pinch import BORROWED, ORIGINS
+from liftgate_hil.report.pinch import BORROWED
 from liftgate_hil.report.provenance import Provenance
 
 if TYPE_CHECKING:
@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 _FEW = 8  # values of a varied name that a sentence or a table lists
 _TELLING = 0.1  # share of the variance from which a value is worth a sentence
 Choice = Literal["sample", "grid", "search"]  # how the variants of a campaign were chosen
-LIMIT = 100.0  # N, at which the force's heat map is red: UN R21 5.8, borrowed
+REFERENCE_LIMIT = 100.0  # N, with which forces are compared where none is judged: UN R21 5.8, borrowed
+REFERENCE_ONLY = f"{REFERENCE_LIMIT:.0f} N, for reference only: UN R21 5.8, car windows"
 
 STYLE = (
     HEAT_STYLE
@@ -41,6 +42,7 @@ STYLE = (
 @media (prefers-color-scheme: dark) { .bad b { color: #ff8a80; } .fine b { color: #2fc79c; } }
 .bar { display: inline-block; height: .7em; background: var(--final); border-radius: .2em; }
 code { font: .85em ui-monospace, monospace; overflow-wrap: anywhere; } p.lead { font-size: 1.05rem; }
+th { vertical-align: bottom; } th.r { white-space: normal; } td code { white-space: nowrap; }
 """
 )
 
@@ -70,10 +72,11 @@ def report(
         title,
         f"{summary.count:,} variants, ECU {ecu}, {made_by}",
         [
-            _first_screen(summary, units, choice),
-            *more,
+            lead(summary, units) + tiles(summary, choice),
             section("Expectations", requirements(summary)),
-            section("What drives it", *drivers(summary, choice)),
+            *more,
+            section("Where it happens", heat_section(summary, units)),
+            section("What drives it", *drivers(summary, units, choice)),
             section("Distributions", *distributions(summary)),
             section("Worst variants", worst(summary, units, folder)),
             section(
@@ -85,13 +88,9 @@ def report(
     )
 
 
-def _first_screen(summary: Summary, units: Mapping[str, str], choice: Choice) -> str:
-    return lead(summary) + tiles(summary, choice) + heat_section(summary, units)
-
-
-def lead(summary: Summary) -> str:
-    """Return the result in a sentence or two."""
-    return f'<p class="lead">{text(_story(summary))}</p>'
+def lead(summary: Summary, units: Mapping[str, str]) -> str:
+    """Return the result in a sentence or two; `units` are those of varied names."""
+    return f'<p class="lead">{text(_story(summary, units))}</p>'
 
 
 def has_forces(summary: Summary) -> bool:
@@ -115,13 +114,24 @@ def tiles(summary: Summary, choice: Choice = "sample") -> str:
         tile(share, f"fail: {failed:,} of {decided:,} decided ({means[choice]})", "bad" if failed else "fine"),
     ]
     if has_forces(summary):
-        force = summary.force[np.isfinite(summary.force)]
-        over = int((force > LIMIT).sum())
-        parts.append(tile(f"{force.max():.0f} N", "largest pinch force", "bad" if force.max() > LIMIT else "fine"))
-        parts.append(tile(f"{over:,}", f"variants press with more than {LIMIT:.0f} N", "bad" if over else "fine"))
+        parts += _force_tiles(summary)
     if wrong:
         parts.append(tile(f"{wrong:,}", "errors: no result", "bad"))
     return f'<div class="tiles">{"".join(parts)}</div>'
+
+
+def _force_tiles(summary: Summary) -> list[str]:
+    """Return the largest force; it is good or bad only by a limit that is judged."""
+    force = summary.force[np.isfinite(summary.force)]
+    largest, limit = float(force.max()), summary.force_limit
+    if limit is not None:
+        words = f"largest pinch force; judged: at most {limit:g} N"
+        return [tile(f"{largest:.0f} N", words, "fine" if largest < limit else "bad")]
+    over = int((force > REFERENCE_LIMIT).sum())
+    return [
+        tile(f"{largest:.0f} N", "largest pinch force; no limit is judged"),
+        tile(f"{over:,}", f"variants press with more than {REFERENCE_ONLY}"),
+    ]
 
 
 def interval(failed: int, count: int) -> str:
@@ -132,7 +142,7 @@ def interval(failed: int, count: int) -> str:
     return f"{significant(100.0 * low, 2)} to {significant(100.0 * high, 2)} %"
 
 
-def _story(summary: Summary) -> str:
+def _story(summary: Summary, units: Mapping[str, str]) -> str:
     """Return the result in a sentence or two."""
     counts = summary.counts
     failed = counts.get("fail", 0)
@@ -143,11 +153,11 @@ def _story(summary: Summary) -> str:
         parts.append(f"{failed:,} of {decided:,} variants fail, {most.failed:,} of them “{most.name}”.")
     elif summary.expectations and decided:
         parts.append(f"None of {decided:,} variants fails.")
-    parts.append(_forces(summary))
+    parts.append(_forces(summary, units))
     return " ".join(part for part in parts if part)
 
 
-def _forces(summary: Summary) -> str:
+def _forces(summary: Summary, units: Mapping[str, str]) -> str:
     """Return the largest forces by the value that explains most of them, in a sentence."""
     top = next(iter(summary.force_indices), None)
     if top is None or not has_forces(summary) or top.first_order < _TELLING:
@@ -157,7 +167,8 @@ def _forces(summary: Summary) -> str:
     if len(distinct) > _FEW:
         return f"{top.name} alone explains {100.0 * top.first_order:.0f} % of the variance of the force."
     found = [(each, np.nanmax(summary.force[values == each], initial=0.0)) for each in distinct]
-    shown = ", ".join(f"{force:.0f} N at {value:g}" for value, force in found)
+    unit = units.get(top.name, "")
+    shown = ", ".join(f"{force:.0f} N at {with_unit(f'{value:g}', unit)}" for value, force in found)
     return f"Largest force by {top.name}: {shown}."
 
 
@@ -173,17 +184,22 @@ def heat_section(summary: Summary, units: Mapping[str, str], has_margin: bool = 
     if np.nanmax(summary.force, initial=0.0) > 0.0:
         pinched = np.where(summary.force > 0.0, summary.force, np.nan)
         cells = cells_of(summary.values[across], summary.values[down], pinched, is_low_worst=False)
-        drawn = heat_map(cells, _label(across, units), _label(down, units), 0.5 * LIMIT, LIMIT)
+        limit, is_judged = summary.force_limit, summary.force_limit is not None
+        high = float(np.nanmax(cells.worst)) if limit is None else limit
+        drawn = heat_map(
+            cells, label_of(across, units), label_of(down, units), 0.25 * high, high, is_judged=is_judged
+        )
+        colours = f"; red and framed: over the limit of {limit:g} N" if is_judged else ""
         parts.append(
             f"<h3>Largest pinch force [N]</h3>{drawn}"
-            f'<p class="key">The worst of all other varied values in each cell; framed: over {LIMIT:.0f} N '
-            f"(borrowed from {text(ORIGINS[LIMIT])}).{_empty(cells, 'nothing was pinched or known')}</p>"
+            f'<p class="key">The worst of all other varied values in each cell{colours}.'
+            f"{_empty(cells, 'nothing was pinched or known')}</p>"
         )
     if summary.driver != FORCE and has_margin:
         cells = cells_of(summary.values[across], summary.values[down], summary.result, is_low_worst=True)
         high = float(np.nanmax(cells.worst)) if np.isfinite(cells.worst).any() else 1.0
         drawn = heat_map(
-            cells, _label(across, units), _label(down, units), max(high, 1e-9), 0.0, _digits(cells.worst)
+            cells, label_of(across, units), label_of(down, units), max(high, 1e-9), 0.0, _digits(cells.worst)
         )
         name = summary.driver.removeprefix(MARGIN)
         parts.append(
@@ -202,11 +218,6 @@ def _digits(values: Floats) -> int:
     return 0 if largest >= 100.0 else 1 if largest >= 10.0 else 2
 
 
-def _label(name: str, units: Mapping[str, str]) -> str:
-    unit = units.get(name, "")
-    return f"{name} [{unit}]" if unit else name
-
-
 def requirements(summary: Summary) -> str:
     """Return the table of expectations."""
     rows = [
@@ -221,25 +232,22 @@ def requirements(summary: Summary) -> str:
         for each in summary.expectations
     ]
     heads = ("expectation", "pass", "fail", "undecided", "smallest margin", "in variant")
-    note = f'<p class="soft">{text(BORROWED)}</p>' if rows else ""
+    note = f'<p class="soft">{text(BORROWED)}</p>' if summary.force_limit is not None else ""
     return table(heads, rows, ("name", "r", "r", "r", "r", "")) + note
 
 
-def drivers(summary: Summary, choice: Choice = "sample") -> list[str]:
-    """Return the tables of first-order indices; `choice` as for `report`."""
+def drivers(summary: Summary, units: Mapping[str, str], choice: Choice = "sample") -> list[str]:
+    """Return the tables of first-order indices; `units` and `choice` as for `report`."""
     parts: list[str] = []
     for column, indices in ((summary.driver, summary.indices), (FORCE, summary.force_indices)):
         if not indices or (column == FORCE and parts and summary.driver == FORCE):
             continue
-        rows = [_driver_row(each) for each in indices]
+        rows = [_driver_row(each, units) for each in indices]
         rows.append(("together, or by chance", _bar(rest_of(indices)), "", ""))
-        what = f"margin of “{column.removeprefix(MARGIN)}”" if column.startswith(MARGIN) else axis_label(column)
-        parts.append(f"<h3>{text(what)}</h3>")
-        parts.append(
-            table(
-                ("varied", "explains alone", "its mean, from … to …", "highest at"), rows, ("name", "", "r", "r")
-            )
-        )
+        what, unit = f"margin of “{column.removeprefix(MARGIN)}”", _unit_of(column, summary)
+        parts.append(f"<h3>{text(what if column.startswith(MARGIN) else axis_label(column))}</h3>")
+        mean = f"mean, from … to … [{unit}]" if unit else "mean, from … to …"
+        parts.append(table(("varied", "explains alone", mean, "highest at"), rows, ("name", "", "r", "r")))
     if parts:
         parts.append(
             '<p class="soft">First-order Sobol indices of these variants: the share of variance that a value '
@@ -250,9 +258,17 @@ def drivers(summary: Summary, choice: Choice = "sample") -> list[str]:
     return parts
 
 
-def _driver_row(index: Index) -> tuple[str, str, str, str]:
+def _unit_of(column: str, summary: Summary) -> str:
+    """Return the unit of a result; "": none, or several."""
+    if column == FORCE:
+        return "N"
+    return next((each.unit for each in summary.expectations if f"{MARGIN}{each.name}" == column), "")
+
+
+def _driver_row(index: Index, units: Mapping[str, str]) -> tuple[str, str, str, str]:
     span = f"{significant(index.low_mean, 3)} … {significant(index.high_mean, 3)}"
-    return index.name, _bar(index.first_order), span, significant(index.at_high, 4)
+    at = with_unit(plain(float(f"{index.at_high:.4g}")), units.get(index.name, ""))
+    return breakable(index.name), _bar(index.first_order), span, at
 
 
 def _bar(share: float) -> Markup:
@@ -266,13 +282,11 @@ def distributions(summary: Summary, prefix: str = "") -> list[str]:
         parts.append(f'<p class="soft">Of each {summary.every}th variant, as are heat maps and indices.</p>')
     force = summary.force[np.isfinite(summary.force)]
     if len(force) > 1 and force.max() > 0.0:
-        parts.append(
-            figure(
-                svg(_histogram(force, "largest pinch force [N]", LIMIT), f"{prefix}force", "histogram of forces"),
-                "Largest pinch force of each variant; line: 100 N.",
-                small=True,
-            )
-        )  # fmt: skip
+        limit = summary.force_limit
+        line = REFERENCE_LIMIT if limit is None else limit
+        words = REFERENCE_ONLY if limit is None else f"{limit:g} N, the limit that is judged"
+        drawn = svg(_histogram(force, "largest pinch force [N]", line), f"{prefix}force", "histogram of forces")
+        parts.append(figure(drawn, f"Largest pinch force of each variant; line: {words}.", small=True))
     if summary.driver != FORCE:
         result = summary.result[np.isfinite(summary.result)]
         if len(result) > 1:
@@ -300,13 +314,13 @@ def _histogram(values: Floats, label: str, line: float) -> Figure:
 def worst(summary: Summary, units: Mapping[str, str], folder: str) -> str:
     """Return the table of the worst variants, with the command that runs one again."""
     has_margin = summary.driver != FORCE
-    unit = next((each.unit for each in summary.expectations if f"{MARGIN}{each.name}" == summary.driver), "")
-    margin = [_label("margin", {"margin": unit})] if has_margin else []
-    heads = ("variant", *(_label(each, units) for each in summary.values), "verdict", *margin, "force [N]")
+    margin = [label_of("margin", {"margin": _unit_of(summary.driver, summary)})] if has_margin else []
+    names = [breakable(label_of(each, units)) for each in summary.values]
+    heads = ("variant", *names, "verdict", *margin, "force [N]")
     rows = [
         (
             Markup(f"<code>{text(each.variant[:12])}</code>"),
-            *(significant(value, 5) for value in each.values),
+            *(plain(value) for value in each.values),
             each.verdict,
             *([significant(each.margin, 4)] if has_margin else []),
             significant(each.force, 4),

@@ -62,6 +62,7 @@ class Summary:
     force: Floats  # (n,) N
     indices: Sequence[Index]  # of `driver`
     force_indices: Sequence[Index]
+    force_limit: float | None = None  # N, at which an expectation fails; None: none is judged
 
 
 def summary_of(
@@ -70,11 +71,13 @@ def summary_of(
     expectations: Sequence[str],
     preferred: str = "",
     margin_units: Sequence[str] = (),
+    force_limit: float | None = None,
 ) -> Summary:
     """Return the summary of a file of results, which is read in parts.
 
     `preferred` is the expectation that the campaign is about; "": the one that fails most, else the largest force.
-    `margin_units` are those of the expectations' margins; (): not told.
+    `margin_units` are those of the expectations' margins; (): not told. `force_limit` [N] is the least force at
+    which an expectation fails; None: none is judged.
     Of a large file, sensitivity, heat maps and distributions are those of each n-th variant (`every`). Raises
     StoreError.
     """
@@ -108,6 +111,7 @@ def summary_of(
             force=kept[FORCE],
             indices=first_order(values, kept[driver]),
             force_indices=first_order(values, kept[FORCE]),
+            force_limit=force_limit,
         )
 
 

@@ -48,7 +48,7 @@ def trace_figure(experiment: Experiment) -> Figure:
             handles, labels = axes[1].get_legend_handles_labels()
             legend = figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
             for handle in legend.get_lines():
-                handle.set_linewidth(2.0)
+                handle.set_linewidth(max(2.0, handle.get_linewidth()))
         figure.align_ylabels(axes)
     return figure
 
@@ -56,11 +56,11 @@ def trace_figure(experiment: Experiment) -> Figure:
 def _traces(axis: Axes, series: Series) -> None:
     measured, final, before = series.measured, series.simulated, series.before
     # Wide, as the model's line lies on it where the fit is good.
-    line(axis, series.times, measured, MEASURED, linewidth=2.8, label="measured")
-    fits = f"fit {fit(series.fit_percent)} %"
+    line(axis, series.times, measured, MEASURED, linewidth=3.5, label="measured", solid_capstyle="butt")
+    fits = f"fit: {fit(series.fit_percent)} %"
     if len(before):
         line(axis, series.times, before, INITIAL, linestyle=(0, (5, 2)), linewidth=1.2, label="initial model")
-        fits = f"fit {fit(series.fit_before)} → {fit(series.fit_percent)} %"
+        fits = f"fit: initial model {fit(series.fit_before)} %, estimated model {fit(series.fit_percent)} %"
     name = "estimated model" if len(before) else "model"
     line(axis, series.times, final, FINAL, linewidth=1.1, label=name)
     bounds = limits(np.concatenate([measured, final]), before)

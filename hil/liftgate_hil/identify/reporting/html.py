@@ -226,9 +226,9 @@ def _residuals(experiments: Sequence[Experiment]) -> list[str]:
             figure(errors, "Prediction errors: ideally white noise around zero."),
             figure(
                 tests,
-                "Autocorrelation of the residuals, and their correlation with the voltage; the band holds 99 % "
-                "of the lags of white residuals that don't depend on the input; those outside it, some of them by "
-                "chance, are coloured.",
+                "Autocorrelation of the residuals, and their correlation with the voltage. The band holds 99 % "
+                "of the lags if the residuals are white and independent of the input. Lags outside the band are "
+                "coloured; one in a hundred is there by chance.",
             ),
         ]
     return parts

@@ -1,0 +1,151 @@
+"""Rows of two recordings that have a partner: a row of the other one at the same time, within a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.recording import Recording
+
+Floats = NDArray[np.float64]
+Nanoseconds = NDArray[np.int64]
+Places = NDArray[np.intp]
+
+NEVER = 2**62  # ns
+_LONGEST_S = 1e9  # latest time in a recording
+
+
+class TimedRows(NamedTuple):
+    """Rows (n, columns) and their times [ns] (n,), in order of time."""
+
+    times: Nanoseconds
+    values: Floats
+
+    def where(self, chosen: NDArray[np.bool_] | slice) -> TimedRows:
+        """Return some of the rows."""
+        return TimedRows(self.times[chosen], self.values[chosen])
+
+    def then(self, others: TimedRows) -> TimedRows:
+        """Return these rows and later ones."""
+        if not len(self.times):
+            return others
+        return TimedRows(np.concatenate([self.times, others.times]), np.concatenate([self.values, others.values]))
+
+
+def no_rows(columns: int) -> TimedRows:
+    """Return no rows."""
+    return TimedRows(np.zeros(0, dtype=np.int64), np.zeros((0, columns)))
+
+
+class Partners(NamedTuple):
+    """Rows of both recordings with a partner, in a span of time, and the numbers of rows there that have none."""
+
+    rows: tuple[TimedRows, TimedRows]
+    alone: tuple[int, int]
+    until: int  # ns, end of the span; NEVER: both recordings have ended
+    held: tuple[tuple[int, int], tuple[int, int]]  # ns, from when and until when each recording has values
+
+
+def partners(
+    tables: tuple[Recording, Recording], blocks: tuple[Iterator[Floats], Iterator[Floats]], tolerance: int
+) -> Iterator[Partners]:
+    """Yield the rows of both recordings span by span; `tolerance` [ns] is that of the times.
+
+    The first column of the rows is the time [s]. Raises ConfigError for rows that are not in order of time.
+    """
+    columns = [_Reader(table, each) for table, each in zip(tables, blocks, strict=True)]
+    begin = -NEVER
+    while True:
+        known = min(each.last for each in columns)
+        until = known - tolerance if known < NEVER else NEVER
+        if until > begin:
+            spans = [each.rows.where(_between(each.rows.times, begin, until)) for each in columns]
+            chosen = [
+                _has_partner(span.times, other.rows.times, tolerance)
+                for span, other in zip(spans, reversed(columns), strict=True)
+            ]
+            first, second = (span.where(those) for span, those in zip(spans, chosen, strict=True))
+            alone = [int(len(those) - those.sum()) for those in chosen]
+            yield Partners((first, second), (alone[0], alone[1]), until, (columns[0].held, columns[1].held))
+            begin = until
+            for each in columns:
+                each.drop(begin - tolerance)
+        if known == NEVER:
+            return
+        min(columns, key=lambda each: each.last).read()
+
+
+def ns_of(times: Floats) -> Nanoseconds:
+    """Return times [s] (n,) in nanoseconds."""
+    return np.round(times * 1e9).astype(np.int64)
+
+
+def nearest(times: Nanoseconds, others: Nanoseconds, tolerance: int) -> tuple[Places, Places]:
+    """Return the places of the times with a partner, and those of their nearest partners."""
+    here = np.flatnonzero(_has_partner(times, others, tolerance))
+    after = np.clip(np.searchsorted(others, times[here]), 1, max(len(others) - 1, 1))
+    is_before = times[here] - others[after - 1] <= others[np.minimum(after, len(others) - 1)] - times[here]
+    return here, np.where(is_before, after - 1, np.minimum(after, len(others) - 1))
+
+
+def _between(times: Nanoseconds, begin: int, end: int) -> slice:
+    """Return the place of the rows after `begin` up to `end` [ns]."""
+    return slice(*np.searchsorted(times, (begin, end), side="right").tolist())
+
+
+def _has_partner(times: Nanoseconds, others: Nanoseconds, tolerance: int) -> NDArray[np.bool_]:
+    """Return which of the times (n,) are within the tolerance of one of the others."""
+    found: NDArray[np.bool_] = np.searchsorted(others, times - tolerance) < np.searchsorted(
+        others, times + tolerance, side="right"
+    )
+    return found
+
+
+class _Reader:
+    """Rows of a table as far as they are read and needed."""
+
+    def __init__(self, table: Recording, blocks: Iterator[Floats]) -> None:
+        self._path, self._blocks = table.path, blocks
+        self.last = -NEVER  # ns, time of the last row that is read; NEVER: there are no more
+        self.rows = no_rows(1)
+        self._first, self._ends = NEVER, no_rows(1).times  # ns, time of the first row, and those of the last two
+        self.read()
+
+    def read(self) -> None:
+        """Read the next block. Raises ConfigError where its rows are not in order of time."""
+        values = next(self._blocks, None)
+        if values is None:
+            self.last = NEVER
+            return
+        if (none := np.flatnonzero(~(np.abs(values[:, 0]) < _LONGEST_S))).size:
+            at = values[none[0], 0]
+            raise ConfigError(f"{self._path}: a row at {at:g} s; allowed: up to {_LONGEST_S:g} s")
+        times = ns_of(values[:, 0])
+        steps = np.diff(times, prepend=self.last)
+        if (steps <= 0).any():
+            at = values[int(np.flatnonzero(steps <= 0)[0]), 0]
+            raise ConfigError(
+                f"{self._path}: the row at {at:g} s comes after a later one; allowed: rows in order of time"
+            )
+        self.last = int(times[-1])
+        self._first = min(self._first, int(times[0]))
+        self._ends = np.concatenate([self._ends, times])[-2:]
+        self.rows = self.rows.then(TimedRows(times, values))
+
+    @property
+    def held(self) -> tuple[int, int]:
+        """From when and until when the table has values [ns]; NEVER: there may be more.
+
+        Its last row holds as long as the one before it.
+        """
+        if self.last < NEVER or len(self._ends) < 2:
+            return self._first, NEVER
+        return self._first, int(2 * self._ends[1] - self._ends[0])
+
+    def drop(self, until: int) -> None:
+        """Forget the rows before a time [ns]."""
+        self.rows = self.rows.where(slice(int(np.searchsorted(self.rows.times, until)), None))
