@@ -55,10 +55,10 @@ def page(title: str, subtitle: str, sections: Iterable[str], style: str = "") ->
         f"{GENERATOR}\n"
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{text(title)}</title>\n<style>{_CSS}{style}</style>\n</head>\n<body>\n"
+        f"<title>{text(title)}</title>\n<style>{_CSS}{style}</style>\n</head>\n<body>\n<main>\n"
         f'<h1>{text(title)}</h1>\n<p class="soft">{text(subtitle)}</p>\n'
         + "\n".join(each for each in sections if each)
-        + "\n</body>\n</html>\n"
+        + "\n</main>\n</body>\n</html>\n"
     )
 
 
