@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
-from liftgate_hil.conditions.parser import parsed
-from liftgate_hil.judging.comparisons import comparisons_of
 from liftgate_hil.report.page import section, table, text
 from liftgate_hil.report.pinch import BORROWED, ORIGINS, OWN_LIMIT
+from liftgate_hil.running.force_limits import force_limits_of
 from liftgate_hil.testing.suite import Outcome
 
-_FORCES = ("pinch_force_n", "pinch_force_peak_n")
-_TIMED = "pinch_over_limit_s"  # s over the vehicle's [gate] pinch_limit
-_ON_BUS = ("pinch_force", "pinch_force_max", "pinch_force_peak")
-_UPPER = {"always": ("<", "<="), "never": (">", ">=")}  # comparisons that limit a force from above, by their kind
 _MOST_USERS = 4  # expectations that are named
 
 
@@ -21,8 +16,10 @@ def limits_section(outcomes: Sequence[Outcome]) -> str:
     """Return the report's section on limits of pinch forces; empty where there are none."""
     users: dict[float, list[str]] = {}
     for outcome in outcomes:
-        for force, name in _limits_of(outcome):
-            users.setdefault(force, []).append(f"{outcome.case.file}: {name}")
+        plan = outcome.case.plan
+        for limit in force_limits_of(plan.setup.scenario, plan.setup.vehicle, plan.rig):
+            name = limit.expectation if limit.longest_s == 0.0 else f"{limit.expectation} (time over it)"
+            users.setdefault(limit.force_n, []).append(f"{outcome.case.file}: {name}")
     rows = [(f"{force:g} N", ORIGINS.get(force, OWN_LIMIT), _named(users[force])) for force in sorted(users)]
     if not rows:
         return ""
@@ -32,25 +29,6 @@ def limits_section(outcomes: Sequence[Outcome]) -> str:
         "limits of that rule.</p>",
         table(("limit", "value also found in", "used by"), rows, ("n", "", "name")),
     )
-
-
-def _limits_of(outcome: Outcome) -> Iterable[tuple[float, str]]:
-    """Yield (limit [N], name of the expectation) for each upper limit of a pinch force."""
-    plan = outcome.case.plan
-    rig, scenario = plan.rig, plan.setup.scenario
-    on_bus = {f"{wire.message}.{wire.signal}" for wire in rig.outputs if wire.quantity in _ON_BUS}
-    for each in scenario.expectations:
-        if each.kind == "dtc":
-            continue
-        condition = parsed(each.condition, scenario.parameters, rig.messages)
-        for comparison in comparisons_of(condition):
-            limit = comparison.limit
-            if _TIMED in (*comparison.left.names(), *comparison.right.names()):
-                yield plan.setup.vehicle.gate.pinch_limit, f"{each.name} (time over it)"
-            if limit is None or limit[0].unit != "N":
-                continue
-            if set(limit[0].names()) & {*_FORCES, *on_bus} and limit[1] in _UPPER.get(each.kind, ()):
-                yield limit[2], each.name
 
 
 def _named(users: Sequence[str]) -> str:
