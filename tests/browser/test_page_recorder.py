@@ -47,7 +47,7 @@ def test_a_file_holds_what_lay_between_the_clicks_and_its_marks(page: Any, folde
     until(page, lambda _: text_of(page, "#record-button") == "Record")
     after = value_of(page, "time_s")
     first, last = told(page, HOLDS, name)
-    assert before <= first == pytest.approx(begins, abs=1.5 * TICK_S)
+    assert before <= first == pytest.approx(begins, abs=TICK_S / 2)
     assert begins + 0.5 < last <= after
     table = open_file(folder / name)
     times = [time for block in table.rows(["time_s"]) for (time,) in block.tolist()]
