@@ -264,7 +264,7 @@ class Drawing {
     this.given.replaceChildren(...(this.isGiven ? this.givenRod(rod) : []));
     this.label("angle", `gate ${this.angle.toFixed(1)}°`);
     this.label("slope", this.slope ? `slope of the road ${this.slope.toFixed(1)}°` : "");
-    if (this.handles) this.handles.show(obstacle, values.hand_force_n || 0, this.isGiven);
+    if (this.handles) this.handles.show(obstacle, values.hand_force_n || 0, this.isGiven ? rod : null);
     return true;
   }
 

@@ -5,6 +5,7 @@ const HAND_N_PER_M = 1000,
   MOST_HAND_N = 300; // the hand pulls like a spring: chosen
 const HAND_MS = 100; // between two commands of the hand
 const GRIP = 13; // radius of the hand, in the drawing's own units
+const APART_DEG = 25; // between the handle of the obstacle and the one that the scenario has put
 const TOUCH_PX = 22; // radius in which a finger takes a handle: 44 px across, of WCAG 2.2's target size (enhanced)
 
 class Handles {
@@ -17,7 +18,8 @@ class Handles {
     this.sent = null;
     this.rodInForce = null;
     const { open_angle_deg: open, length_m: length } = drawing.geometry;
-    this.rodAt = { angle: 0.45 * open, distance: 1.22 * length }; // beside the gate's way
+    this.parked = { angle: 0.45 * open, distance: 1.22 * length }; // beside the gate's way
+    this.rodAt = { ...this.parked };
     this.make();
     this.makeRodDraggable();
     this.makeGripDraggable();
@@ -201,12 +203,21 @@ class Handles {
     this.rodText.setAttribute("y", y + ROD_M * drawing.scale + 5);
   }
 
-  // Shows the obstacle that was commanded, the hand's force [N], and whether the scenario has put an obstacle.
-  show(obstacle, hand, isGiven) {
+  // The handle of the obstacle where it is not in the gate's way, nor beside the obstacle that is `given`.
+  park(given) {
+    const { angle, distance } = this.parked;
+    const isNear = given && Math.abs(given.angle_deg - angle) < APART_DEG;
+    const away = given && given.angle_deg < angle + APART_DEG / 2 ? APART_DEG : -APART_DEG;
+    this.rodAt = { angle: isNear ? given.angle_deg + away : angle, distance };
+  }
+
+  // Shows the obstacle that was commanded, the hand's force [N], and the obstacle that the scenario has put, or null.
+  show(obstacle, hand, given) {
     const { drawing } = this,
-      { geometry } = drawing;
+      { geometry } = drawing,
+      isTaken = this.rod.classList.contains("held") || document.activeElement === this.rod;
     const grip = drawing.at(drawing.onGate(geometry.hand_distance_m, geometry.thickness_m + 0.04));
-    this.isGiven = isGiven;
+    this.isGiven = Boolean(given);
     this.grip.setAttribute("transform", `translate(${grip[0]} ${grip[1]})`);
     this.grip.setAttribute("aria-valuenow", Math.round(hand));
     this.grip.setAttribute(
@@ -222,12 +233,12 @@ class Handles {
     this.grip.style.display = isOffered || hand ? "" : "none";
     this.rodInForce = obstacle;
     this.rod.classList.toggle("parked", !obstacle);
-    if (obstacle && !this.rod.classList.contains("held") && document.activeElement !== this.rod) {
+    if (obstacle && !isTaken)
       this.rodAt = { angle: obstacle.angle_deg, distance: obstacle.distance ?? geometry.length_m };
-    } else if (!obstacle && this.wasInForce) {
-      this.rodAt = { ...this.rodAt, distance: 1.22 * geometry.length_m };
-    }
+    else if (!obstacle && (this.wasInForce || (given?.angle_deg !== this.givenAt && !isTaken)))
+      this.park(given);
     this.wasInForce = Boolean(obstacle);
+    this.givenAt = given?.angle_deg;
     this.placeRod();
   }
 }
