@@ -120,5 +120,5 @@ function zoomToPeak() {
     return;
   }
   charts.now = contact.peak_s;
-  zoomTo(...around(contact));
+  zoomTo(...around(contact).map((time) => within(time, charts.times[0], charts.times.at(-1))));
 }
