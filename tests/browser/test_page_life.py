@@ -33,7 +33,7 @@ class Ecu:
         time.sleep(3.0 if now_s > 0.2 else 0.0)
         return []
 """
-# A hand that pulls the open gate onto a rod and lifts it, whatever the ECU does, and an expectation that this fails.
+# A hand pulls the open gate onto a rod and lifts it, whatever the ECU does; the expectation fails.
 TRAP = """duration = 5.0
 initial = "open"
 description = "pulled onto a rod"
