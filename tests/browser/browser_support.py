@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 OPENS = 'duration = 1e6\n[[request]]\ntime = 0.5\naction = "open"\n'  # a scenario
@@ -20,11 +21,12 @@ def until(browser: Any, is_so: Any) -> Any:
         exceptions.JavascriptException,
         exceptions.StaleElementReferenceException,
         exceptions.ElementNotInteractableException,
+        exceptions.ElementClickInterceptedException,  # what it stands above has just grown
     )
     try:
         return WebDriverWait(browser, WAIT_S, poll_frequency=0.05, ignored_exceptions=passing).until(is_so)
     except exceptions.TimeoutException:
-        shown = (text_of(browser, each) for each in ("#phase", "#end-verdict", "#end-reason", "#answer"))
+        shown = (text_of(browser, each) for each in ("#phase", "#end-reason", "#answer"))
         raise AssertionError(f"{browser.title}: {', '.join(shown)}; {errors_in(browser)}") from None
 
 
@@ -39,6 +41,13 @@ def text_of(browser: Any, selector: str) -> str:
 def click(browser: Any, selector: str) -> None:
     """Click what the page shows at last."""
     until(browser, lambda _: found(browser, selector).click() is None)
+
+
+def set_value(browser: Any, selector: str, value: str) -> None:
+    """Replace what a field holds."""
+    field = found(browser, selector)
+    field.clear()
+    field.send_keys(value)
 
 
 def errors_in(browser: Any) -> list[str]:
@@ -60,7 +69,7 @@ def value_of(browser: Any, name: str) -> float:
 
 def press(browser: Any, action: str) -> None:
     """A button of the driver."""
-    browser.find_element("xpath", f"//div[@id='requests']/button[text()='{action}']").click()
+    click(browser, f"#request-{action}")
     until(browser, lambda _: f"request {action}" in text_of(browser, "#answer"))
 
 
@@ -79,6 +88,19 @@ def press_until(browser: Any, action: str, is_so: Callable[[], bool]) -> None:
         return False
 
     until(browser, holds)
+
+
+@contextlib.contextmanager
+def window(browser: Any, width: int, height: int) -> Iterator[None]:
+    """The inside of the browser's window in that size [px], also below what a window may have."""
+    browser.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
+    )
+    try:
+        yield
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def clear_all(browser: Any) -> None:

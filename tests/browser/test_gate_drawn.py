@@ -19,6 +19,13 @@ from browser_support import (
     value_of,
 )
 
+# From where the obstacle is parked to where the gate's edge meets it at an angle [px].
+WAY_OF_THE_ROD = """
+const [from, to] = [drawing.handles.rodAt, { angle: arguments[0], distance: 0.95 * about.geometry.length_m }].map(
+  ({ angle, distance }) => drawing.at(drawing.onGate(distance, -ROD_M, angle)));
+const scale = drawing.svg.getScreenCTM().a;
+return from.map((each, k) => Math.round(scale * (to[k] - each)));
+"""
 pytestmark = pytest.mark.realtime  # the ECU takes a late bench for a drive without feedback
 
 
@@ -92,10 +99,11 @@ def test_a_command_that_has_timed_out_does_not_look_alive(page: Any) -> None:
 
 def test_an_obstacle_placed_with_the_mouse_makes_the_ecu_reverse(page: Any) -> None:
     """The gate closes onto it, in real time."""
-    drag(page, "#rod", -110, 20).perform()
+    right, down = page.execute_script(WAY_OF_THE_ROD, 35.0)
+    drag(page, "#rod", right, down).perform()
     until(page, lambda _: page.execute_script("return last.in_force.obstacle !== null"))
     rod = page.execute_script("return last.in_force.obstacle")
-    assert 15.0 < rod["angle_deg"] < 60.0
+    assert rod["angle_deg"] == pytest.approx(35.0, abs=1.0)
     assert "parked" not in found(page, "#rod").get_attribute("class")
     press_until(page, "close", lambda: value_of(page, "pinch_force_peak_n") > 5.0)
     assert value_of(page, "pinch_contact_deg") == pytest.approx(rod["angle_deg"], abs=1.0)

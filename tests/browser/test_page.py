@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import re
 from typing import Any
 
 import pytest
-from browser_support import clear_all, click, errors_in, found, press, text_of, until
+from browser_support import clear_all, click, errors_in, found, press, set_value, text_of, until
 from dashboard_support import Client
 
 
@@ -33,6 +33,43 @@ def test_tables_are_shown_on_request_and_a_column_is_drawn(page: Any) -> None:
     assert errors_in(page) == []
 
 
+def test_signals_of_the_bus_have_their_units(page: Any) -> None:
+    click(page, "#bus-view summary")
+    until(page, lambda _: "TerminalVoltage = " in text_of(page, "#messages"))
+    cells = "document.querySelectorAll('#messages td:last-child')"
+    signals = page.execute_script(f"return [...{cells}].map((it) => it.innerText)")
+    (gate,) = (each for each in signals if "TerminalVoltage" in each)
+    assert re.search(r"Angle = -?[\d.]+ deg,", gate)
+    assert re.search(r"LatchState = \w+,", gate)  # a label has no unit
+    assert re.search(r"TerminalVoltage = [\d.]+ V$", gate)
+
+
+def test_a_trace_is_filtered_held_and_goes_on(page: Any) -> None:
+    names = "return [...document.querySelectorAll('#trace tbody tr')].map((it) => it.cells[2].innerText)"
+    newest = "return +document.querySelector('#trace tbody tr').cells[0].innerText"
+    assert page.execute_script("return trace.frames.length") == 0  # nobody asks while it is closed
+    click(page, "#trace-view summary")
+    until(page, lambda _: {"LeftDrive", "Gate", "DriveCommand"} <= set(page.execute_script(names)))
+    set_value(page, "#trace-filter", "LATCHSTATE sent")
+    until(page, lambda _: set(page.execute_script(names)) == {"Gate"})
+    click(page, "#trace-hold")
+    held = page.execute_script(newest)
+    count = page.execute_script("return trace.frames.length")
+    set_value(page, "#trace-filter", "TerminalVoltage")  # what is held can be filtered anew
+    until(page, lambda _: set(page.execute_script(names)) == {"Gate"})
+    time_s = float(text_of(page, "#time"))
+    until(page, lambda _: float(text_of(page, "#time")) > time_s + 1.0)
+    assert (page.execute_script(newest), page.execute_script("return trace.frames.length")) == (held, count)
+    click(page, "#trace-hold")
+    until(page, lambda _: page.execute_script(newest) > held)
+    last, first = page.execute_script("return [trace.frames.at(-1).time_s, trace.frames[0].time_s]")
+    assert first < held < last
+    set_value(page, "#trace-filter", "no such frame")
+    until(page, lambda _: page.execute_script(names) == [])
+    assert text_of(page, "#trace-count").startswith("0 of ")
+    assert errors_in(page) == []
+
+
 def test_a_fault_is_injected_shown_and_cleared(page: Any, address: str) -> None:
     from selenium.webdriver.support.ui import Select
 
@@ -45,7 +82,7 @@ def test_a_fault_is_injected_shown_and_cleared(page: Any, address: str) -> None:
     kinds.select_by_visible_text("Spring weak")
     assert text_of(page, "#fault-meaning") == "The drive's spring has less force."
     Select(found(page, "#fault-keys select")).select_by_visible_text("right")
-    found(page, "#fault-keys input").send_keys("0.5")
+    set_value(page, "#fault-keys input", "0.5")
     click(page, "#fault button")
     until(page, lambda _: "fault kind spring_weak" in text_of(page, "#answer"))
     until(page, lambda _: "Spring weak right factor 0.5" in text_of(page, "#fault-on"))
@@ -91,8 +128,11 @@ def test_surroundings_and_driver_are_commanded_in_words(page: Any, address: str)
     until(page, lambda _: client.ask("/api/state")[1]["in_force"]["set"].get("supply_voltage_v") == 6.0)
     click(page, "#set button[aria-label='clear Supply voltage']")
     until(page, lambda _: "supply_voltage_v" not in client.ask("/api/state")[1]["in_force"]["set"])
+    assert text_of(page, "#switch-handle_pulled") == "Pull handle"
     click(page, "#switch-handle_pulled")
     until(page, lambda _: client.ask("/api/state")[1]["truth"]["handle_pulled"] == 1.0)
+    until(page, lambda _: text_of(page, "#switch-handle_pulled") == "Release handle")
+    until(page, lambda _: "2 settings" in text_of(page, "#clear"))
     press(page, "stop")
     clear_all(page)
     assert errors_in(page) == []
@@ -104,7 +144,7 @@ def test_the_form_of_the_obstacle_shows_the_one_in_force(page: Any, address: str
     assert client.command(obstacle={"angle_deg": 41.5})[0] == 200  # by another tab
     until(page, lambda _: found(page, field).get_property("value") == "41.5")
     clear_all(page)
-    assert text_of(page, "#gauge-limit-text") == "limit 100 N"
+    assert text_of(page, "#gauge-text .limit") == "vehicle's limit 100 N"  # the scenario states none
     assert errors_in(page) == []
 
 
@@ -168,25 +208,6 @@ def test_labels_of_a_database_are_shown_as_text(page: Any) -> None:
     assert "liftgate-hil" in page.title
 
 
-def test_a_recording_is_started_marked_and_stopped(page: Any, folder: Path) -> None:
-    from asammdf import MDF
-
-    name = found(page, "#record-name")
-    name.clear()
-    name.send_keys("browser.mf4")
-    click(page, "#record-button")
-    until(page, lambda _: text_of(page, "#record-button") == "Stop browser.mf4")
-    until(page, lambda _: "recording" in text_of(page, "#health"))
-    found(page, "#mark-text").send_keys("a squeak")
-    click(page, "#mark button")
-    until(page, lambda _: "mark a squeak" in text_of(page, "#answer"))
-    click(page, "#record-button")
-    until(page, lambda _: text_of(page, "#record-button") == "Record")
-    with MDF(folder / "browser.mf4") as measured:
-        assert [each.name for each in measured.events] == ["a squeak"]
-    assert errors_in(page) == []
-
-
 def test_zoom_agrees_over_all_charts_to_the_bit(page: Any) -> None:
     until(page, lambda _: page.execute_script("return charts.times.length > 60"))
     from selenium.webdriver import ActionChains
@@ -196,7 +217,7 @@ def test_zoom_agrees_over_all_charts_to_the_bit(page: Any) -> None:
     actions = ActionChains(page, duration=20).move_to_element_with_offset(over, -width // 5, 0).click_and_hold()
     actions.move_by_offset(width // 10, 3).release().perform()
     ranges = "return charts.charts.map(({ plot }) => [plot.scales.x.min, plot.scales.x.max])"
-    until(page, lambda _: text_of(page, "#hold") == "Go on")
+    until(page, lambda _: text_of(page, "#hold") == "Resume charts")
     first, *others = page.execute_script(ranges)
     assert others == [first] * 3
     lefts = page.execute_script("return charts.charts.map(({ plot }) => [plot.bbox.left, plot.bbox.width])")
@@ -225,7 +246,7 @@ def test_a_fault_shows_in_the_right_charts_only(page: Any) -> None:
     before = page.execute_script(apart)
     Select(found(page, "#fault-kind")).select_by_visible_text("Current offset")
     Select(found(page, "#fault-keys select")).select_by_visible_text("left")
-    found(page, "#fault-keys input").send_keys("5")
+    set_value(page, "#fault-keys input", "5")
     click(page, "#fault button")
     until(page, lambda _: page.execute_script(apart)[1] > 4.0)
     angle, left, right, voltage = page.execute_script(apart)

@@ -11,6 +11,7 @@ _QUANTITY = {
     "labels": "list of the labels of its values; empty: a number",
     "slide_low": "where a slider begins, in `unit`",
     "slide_high": "where a slider ends, in `unit`",
+    "actions": "of a switch what a button says that sets 0, and 1; else empty",
 }
 _SHOWN = {
     "kind": "`run`, `recording` or `none`",
@@ -22,6 +23,15 @@ _SHOWN = {
     "starts": "whether scenarios can be started, see `GET /api/run`",
     "ends_with_run": "whether the server ends with its run",
 }
+_EXPECTED = {
+    "expectations": "what the scenario expects; of a recording as far as its files are there as they were",
+    "expectations.NAME": "formula of the expectation, with numbers for parameters",
+    "force_limits": "upper limits of the pinch force in these expectations",
+    "force_limits[].force_n": "the limit [N]",
+    "force_limits[].longest_s": "how long the force may be above it without interruption [s]; 0: never; null: no "
+    "number says it",
+    "force_limits[].expectation": "the expectation",
+}
 RUN_KEYS = {
     **_SHOWN,
     "version": "version of the program",
@@ -29,6 +39,7 @@ RUN_KEYS = {
     "vehicle": "name or file of the vehicle",
     "scenario": "file of the scenario; empty: none",
     "stimuli": "list of the scenario's requests and stimuli, in words",
+    **_EXPECTED,
     "duration_s": "duration [s]; null: until stopped",
     "rig": "file of the rig",
     "database": "file of the database",
@@ -61,6 +72,7 @@ RUN_KEYS = {
     "commands.fault.KIND.keys.KEY.low": "lowest value; of numbers only",
     "commands.fault.KIND.keys.KEY.high": "highest value; of numbers only",
     "commands.fault.KIND.keys.KEY.default": "value where the command does not state it; null: none",
+    "commands.fault.KIND.keys.KEY.typical": "value with which the page's form begins; null: none",
     "commands.signal": "signals of the restbus",
     "commands.signal.SIGNAL": "a signal, as `Message.Signal`",
     "commands.signal.SIGNAL.unit": "unit in the database",
@@ -71,6 +83,8 @@ RUN_KEYS = {
     "commands.signal.SIGNAL.meaning": "comment in the database",
     "commands.request": "list of the requests that reach the ECU",
     "commands.record": "list of the formats of recordings",
+    "signal_units": "units of the database's signals that have one",
+    "signal_units.SIGNAL": "unit of a signal, as `Message.Signal`",
 }
 RECORDING_KEYS = {
     **_SHOWN,
@@ -87,6 +101,7 @@ RECORDING_KEYS = {
     "marks": "marks, among them an operator's commands",
     "marks[].time_s": "time [s]",
     "marks[].text": "text",
+    **_EXPECTED,
 }
 _DRIVE = {
     "body_point": "its point on the body [x, y] [m]",
@@ -124,8 +139,26 @@ PLOT_KEYS = {
     "high": "highest values",
     "high.COLUMN": "list of the highest value in each stretch",
 }
+TRACE_KEYS = {
+    "first": "number of the first of these frames, counted from 1; higher than asked for: those before are gone",
+    "frames": "the frames, in their order",
+    "frames[].id": "identifier in hexadecimal digits, followed by x if it has 29 bits",
+    "frames[].name": "name in the database; empty: unknown",
+    "frames[].direction": "`sent` or `received` by the gate",
+    "frames[].time_s": "model time [s]",
+    "frames[].data": "payload: bytes in hexadecimal digits",
+    "frames[].signals": "decoded signals; empty: unknown message",
+    "frames[].signals.SIGNAL": "value in the database's unit, or its label",
+}
 SCENARIOS_KEYS = {
-    "scenarios": "list of the files that can be started",
+    "scenarios": "the files that can be started",
+    "scenarios[].name": "file, below the folder",
+    "scenarios[].description": "what it is about; empty: it does not say",
+    "scenarios[].requirement": "list of the requirements that it is for",
+    "scenarios[].issue": "why it cannot be read; empty: it can",
+    "scenarios[].verdict": "`pass`, `inconclusive`, `fail` or `error` of its last run from this page; empty: none "
+    "yet, or it has no expectations",
+    "is_all": "false: the folder has more files than are listed",
     "running": "the one that runs; null: none",
     "exit_code": "exit code of the last one; null: none yet",
 }
@@ -134,5 +167,6 @@ PAGES = {
     "About a recording (`GET /api/about`)": RECORDING_KEYS,
     "Geometry (`GET /api/geometry`)": GEOMETRY_KEYS,
     "Curves (`GET /api/plot`)": PLOT_KEYS,
+    "Trace (`GET /api/trace`)": TRACE_KEYS,
     "Scenarios (`GET /api/run`)": SCENARIOS_KEYS,
 }

@@ -26,7 +26,7 @@ from tools.page.watched import watched
 _CYCLES = "duration = 1e6\n" + "".join(
     f'[[request]]\ntime = {20 * k + 1}\naction = "{"open" if k % 2 == 0 else "close"}"\n' for k in range(60)
 )
-_PICTURE = (1500, 1180)  # px
+_PICTURE = (1500, 1143)  # px of the window: 1500 x 1000 inside
 # Stops the page once the pinch force has begun to fall again.
 _FREEZE = """
 const draw = show;
@@ -83,7 +83,7 @@ def print_memory(minutes: float, every: float, output: Path | None) -> None:
 
 def write_picture(output: Path) -> None:
     """Write the picture of the demo's page."""
-    with watched("demo", *_PICTURE) as (browser, _):
+    with watched("parts/demo_judged", *_PICTURE) as (browser, _):
         browser.execute_script(_FREEZE)
         deadline = time.monotonic() + 120.0
         while not browser.execute_script("return window.isFrozen"):

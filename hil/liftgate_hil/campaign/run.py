@@ -23,8 +23,8 @@ from liftgate_hil.campaign.resumption import Pace, as_json, pace_before
 from liftgate_hil.campaign.store import Store
 from liftgate_hil.campaign.trial import tried
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.report.force_limits import force_limits
 from liftgate_hil.report.provenance import Provenance
+from liftgate_hil.running.force_limits import force_limits_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -172,10 +172,15 @@ def _summary(found: Prepared, folder: Folder, counts: dict[str, int]) -> Summary
 def force_limit_of(found: Prepared) -> float | None:
     """Return the least pinch force [N] at which an expectation fails; None: none is judged, or it is varied."""
     setup = found.plan.setup
+    varied = {
+        each.name
+        for each in setup.scenario.expectations
+        if any(f"${name}" in each.condition for name in found.space.names)
+    }
     limits = [
         each.force_n
-        for each in force_limits(setup.scenario, found.plan.rig, setup.vehicle.gate.pinch_limit)
-        if not each.is_timed and not any(f"${name}" in each.condition for name in found.space.names)
+        for each in force_limits_of(setup.scenario, setup.vehicle, found.plan.rig)
+        if each.longest_s == 0.0 and each.expectation not in varied
     ]
     return min(limits, default=None)
 

@@ -124,7 +124,12 @@ def _source(args: argparse.Namespace) -> Live | RecordingSource | NoSource:
     from liftgate_hil.dashboard.live import Live
     from liftgate_hil.running.attachment.client import Client
 
-    return Live(Client(_chosen() if args.attach is None else args.attach, args.patience))
+    try:
+        return Live(Client(_chosen() if args.attach is None else args.attach, args.patience))
+    except ConfigError as error:
+        if args.attach is None:
+            raise
+        raise ConfigError([f"{each}; {_running()}" for each in error.issues]) from error
 
 
 def _starter(args: argparse.Namespace) -> Starter | None:
@@ -141,6 +146,14 @@ def _starter(args: argparse.Namespace) -> Starter | None:
         flags += [] if getattr(args, name) is None else [f"--{name}", getattr(args, name)]
     folder = Path(args.scenarios)
     return Starter(folder if folder.is_dir() else shipped_folder("scenarios", args.scenarios) or folder, flags)
+
+
+def _running() -> str:
+    """Return in words which runs there are."""
+    from liftgate_hil.running.attachment import endpoint
+
+    found = ", ".join(map(str, endpoint.runs()))
+    return f"running: {found}" if found else "none is running"
 
 
 def _chosen() -> int:

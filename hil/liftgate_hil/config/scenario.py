@@ -119,6 +119,10 @@ class ScenarioFile:
         values = (value for part in self.parts for key, value in part.raw.items() if key not in _FREE)
         return frozenset(name for value in values for name in _parameters_in(value))
 
+    def stated(self, key: str, default: Any) -> Any:
+        """Return the value of a key as the files state it, the file itself before those that it includes."""
+        return next((part.raw[key] for part in reversed(self.parts) if key in part.raw), default)
+
     def scenario(self, replaced: Mapping[str, float] | None = None) -> Scenario:
         """Return the scenario with parameters replaced. Raises ConfigError with all issues of its files."""
         return _scenario_of(self, replaced or {})

@@ -48,6 +48,8 @@ class ActiveSource:
             line, number = (line, number) if number == self.number else (0, self.number)
             if isinstance(source, Live):
                 span = await self.look(source)
+                if source.end is not None and self._starter is not None:
+                    self._starter.note_end(source.pid, source.end)
                 if source.has_ended and time.monotonic() > looked + _NEXT_S:
                     looked = time.monotonic()
                     await self._go_on(source)

@@ -24,10 +24,34 @@ _USUAL: Mapping[str, tuple[float, float]] = {
     "gap": (0.0, 0.1),  # chosen
     "stiffness": (1000.0, 65_000.0),  # to the stiffest rod of 49 CFR 571.118 S5
 }
+# What a button says that sets a switch to 0, and to 1.
+_ACTIONS: Mapping[str, tuple[str, str]] = {
+    "handle_pulled": ("Release handle", "Pull handle"),
+    "button_pressed": ("Release button", "Press button"),
+}
+# Values with which the form of a fault begins, where the command needs one and has no default.
+_TYPICAL: Mapping[tuple[str, str], float | str] = {
+    ("contact_resistance", "ohm"): 0.7,  # as much as a motor of the shipped `suv` has
+    ("hall_missing", "probability"): 0.5,  # of pack/hall_missing
+    ("hall_extra", "rate"): 100.0,  # chosen: some 15 % more edges than a drive of `suv` makes while the gate moves
+    ("current_offset", "value"): 2.0,  # chosen: as pack/latch_not_releasing takes for a motor that pushes
+    ("current_gain", "factor"): 0.5,  # chosen: the ECU sees half of the force
+    ("angle_offset", "value"): 5.0,  # chosen: more than a sensor's tolerance, less than the soft stop
+    ("spring_weak", "factor"): 0.7,  # of pack/spring_weak
+    ("friction", "factor"): 2.0,  # chosen
+    ("parameter", "key"): "gate.mass",
+    ("parameter", "value"): 33.0,  # kg: that of `suv`, and 5 kg on it, such as a bicycle rack
+    ("frame_delayed", "delay_s"): 0.05,  # chosen: longer than the time-out of three cycles of 10 ms
+    ("babbling", "id"): 0,  # the highest priority
+    ("babbling", "rate"): 1000.0,  # chosen: a quarter of a bus of 500 kbit/s
+}
 
 
 def controls_of(commands: Mapping[str, Any]) -> JsonObject:
-    """Return a run's commands: quantities with `label`, `slide_low` and `slide_high`, faults with `label`."""
+    """Return a run's commands with what a page needs to show them.
+
+    Quantities have `label`, `slide_low`, `slide_high` and `actions`, faults `label`, and their keys `typical`.
+    """
     found = dict(commands)
     for group in ("obstacle", "set"):
         found[group] = {name: _control(name, spec) for name, spec in commands[group].items()}
@@ -35,7 +59,7 @@ def controls_of(commands: Mapping[str, Any]) -> JsonObject:
         kind: {
             **spec,
             "label": in_words(kind),
-            "keys": {name: {**key, "label": in_words(name, key["unit"])} for name, key in spec["keys"].items()},
+            "keys": {name: _key(kind, name, key) for name, key in spec["keys"].items()},
         }
         for kind, spec in commands["fault"].items()
     }
@@ -44,7 +68,13 @@ def controls_of(commands: Mapping[str, Any]) -> JsonObject:
 
 def _control(name: str, spec: Mapping[str, Any]) -> JsonObject:
     low, high = _USUAL.get(name, (spec["low"], spec["high"]))
-    return {**spec, "label": in_words(name, spec["unit"]), "slide_low": low, "slide_high": high}
+    label, actions = in_words(name, spec["unit"]), list(_ACTIONS.get(name, ()))
+    return {**spec, "label": label, "slide_low": low, "slide_high": high, "actions": actions}
+
+
+def _key(kind: str, name: str, key: Mapping[str, Any]) -> JsonObject:
+    typical = key["default"] if key["default"] is not None else _TYPICAL.get((kind, name))
+    return {**key, "label": in_words(name, key["unit"]), "typical": typical}
 
 
 def in_words(name: str, unit: str = "") -> str:

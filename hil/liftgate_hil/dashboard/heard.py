@@ -86,17 +86,39 @@ class BusView:
         """Return the last frame of each message on the bus, by identifier."""
         return [
             {
-                "id": f"{identifier & ~EXTENDED:X}{'x' if identifier & EXTENDED else ''}",
-                "name": self._messages[identifier].name if identifier in self._messages else "",
-                "direction": "sent" if each.is_sent else "received",
+                **self._described(identifier, each.is_sent, each.time_ns, each.payload),
                 "count": each.count,
                 "cycle_ms": each.cycle_ms,
-                "time_s": each.time_ns * 1e-9,
-                "data": each.payload.hex(" "),
-                "signals": _decoded(self._messages.get(identifier), each.payload),
             }
             for (identifier, _), each in sorted(self._heard.items())
         ]
+
+    def described(self, frames: Any) -> list[JsonObject]:
+        """Return frames, records of LOGGED, in their order, decoded."""
+        return [
+            self._described(
+                int(each["identifier"]) & ~FD_FLAGS,
+                bool(each["is_sent"]),
+                int(each["time_ns"]),
+                each["payload"][: int(each["length"])].tobytes(),
+            )
+            for each in frames
+        ]
+
+    def units(self) -> dict[str, str]:
+        """Return the units of the database's signals that have one, by `Message.Signal`."""
+        named = ((f"{each.name}.{one.name}", one.unit) for each in self._messages.values() for one in each.signals)
+        return {name: unit for name, unit in named if unit}
+
+    def _described(self, identifier: int, is_sent: bool, time_ns: int, payload: bytes) -> JsonObject:
+        return {
+            "id": f"{identifier & ~EXTENDED:X}{'x' if identifier & EXTENDED else ''}",
+            "name": self._messages[identifier].name if identifier in self._messages else "",
+            "direction": "sent" if is_sent else "received",
+            "time_s": time_ns * 1e-9,
+            "data": payload.hex(" "),
+            "signals": _decoded(self._messages.get(identifier), payload),
+        }
 
 
 def _decoded(message: Message | None, payload: bytes) -> JsonObject:

@@ -21,6 +21,7 @@ from liftgate_hil.dashboard.source import (
     times_of,
     units_of,
 )
+from liftgate_hil.dashboard.trace import Trace
 from liftgate_hil.errors import RunGoneError
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import bars, distribution
@@ -55,9 +56,9 @@ class Live:
         self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
         self._row = np.full(len(self._names), np.nan)
         self._history: deque[tuple[float, Any, Any]] = deque()
-        self._bus = BusView(Path(self._description["rig"]))
+        self._bus, self._trace = BusView(Path(self._description["rig"])), Trace()
         self._news: JsonObject = {"phase": COMPILING, "status": None, "in_force": {}, "acting": {}, "verdicts": []}
-        self._end: JsonObject | None = None
+        self.end: JsonObject | None = None  # how the run has ended; None: it has not
         self._lines: deque[list[Any]] = deque(maxlen=MOST_LINES)
         self._asked = -1.0
         self._bits: deque[tuple[float, int]] = deque()
@@ -84,6 +85,7 @@ class Live:
             "columns": self._names,
             "units": units_of(self._names),
             "commands": controls_of(self._description["commands"]),
+            "signal_units": self._bus.units(),
         }
 
     def geometry(self) -> JsonObject:
@@ -100,6 +102,7 @@ class Live:
 
     def _update(self, now: float) -> JsonObject:
         rows, frames = self._rows.take(), self._frames.take()
+        self._trace.keep(frames)
         for frame in frames:
             self._bus.hear(frame)
         self._bits.append((now, int(self._control["bits"][0])))
@@ -128,7 +131,7 @@ class Live:
             self._take(news or {**self._news, "phase": LATE})
         except RunGoneError:
             self.has_ended = True
-            self._end = self._client.end or _UNKNOWN_END
+            self.end = self._client.end or _UNKNOWN_END
             self._news = {**self._news, "phase": ENDED}
         finally:
             self._lock.release()
@@ -168,7 +171,7 @@ class Live:
         late, took, delay = (times_of(distribution(histograms[each])) for each in (LATENESS, EXECUTION, DELAY))
         return {
             "phase": self._news["phase"],
-            "end": self._end,
+            "end": self.end,
             "time_s": truth.get("time_s"),
             "truth": truth,
             "sensed": sensed,
@@ -233,6 +236,11 @@ class Live:
             "low": dict(zip(columns, low.T.tolist(), strict=True)),
             "high": dict(zip(columns, high.T.tolist(), strict=True)),
         }
+
+    def trace(self, after: int) -> JsonObject:
+        """Return the frames on the bus after the one of a number, with the number of the first of them."""
+        first, frames = self._trace.after(after)
+        return {"first": first, "frames": self._bus.described(frames)}
 
     def close(self) -> None:
         """Close the connection to the run."""

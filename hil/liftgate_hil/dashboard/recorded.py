@@ -18,8 +18,10 @@ from liftgate_hil.conversion.table import open_whole
 from liftgate_hil.dashboard.source import JsonObject, check_columns, in_stretches, nothing_known, split
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
+from liftgate_hil.running.attachment.description import expectations_of, limits_of
 from liftgate_hil.running.attachment.geometry import geometry_of
 from liftgate_hil.running.fault_columns import INJECTED
+from liftgate_hil.running.recorded_setup import RecordedSetup
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_hil.signals import Bench
 
@@ -54,6 +56,7 @@ class RecordingSource:
         if not (np.diff(self._last[:, 0]) >= 0.0).all() or not np.isfinite(self._last[:, 0]).all():
             raise ConfigError(f"{path}: time_s: falls or is not finite; allowed: finite times in order")
         self._springs = _spring_faults_in(table.provenance)
+        self._expected = _expected_in(path, table.provenance)
         self._geometry = _geometry_in(table.about) if vehicle is None else geometry_of(vehicle_from(vehicle))
 
     def _thinned(self, table: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -85,6 +88,7 @@ class RecordingSource:
             "end_s": float(self._last[-1, 0]),
             "contacts": self._contacts(),
             "marks": self._marks,
+            **self._expected,
         }
 
     def geometry(self) -> JsonObject:
@@ -171,6 +175,16 @@ def _geometry_in(about: str) -> JsonObject:
         return {}
     numbers = [found["length_m"], found["open_angle_deg"], *found["hinge"]]
     return found if all(isinstance(each, int | float) and math.isfinite(each) for each in numbers) else {}
+
+
+def _expected_in(path: Path, provenance: Mapping[str, Any]) -> JsonObject:
+    """Return what the scenario of a recording expects, as far as its files are there as they were."""
+    setup = RecordedSetup(path, provenance)
+    scenario, vehicle, rig = setup.scenario, setup.vehicle, setup.rig
+    found: JsonObject = {"expectations": {} if scenario is None else expectations_of(scenario), "force_limits": []}
+    if scenario is not None and vehicle is not None and rig is not None:
+        found["force_limits"] = limits_of(scenario, vehicle, rig)
+    return found
 
 
 def _spring_faults_in(provenance: Mapping[str, Any]) -> dict[str, tuple[Sequence[str], float]]:

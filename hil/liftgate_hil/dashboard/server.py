@@ -30,11 +30,13 @@ from liftgate_hil.errors import ConfigError, RunGoneError
 
 LARGEST = 65_536  # bytes of a command
 _BODY_S = 10.0  # s for a command to come
+_DIGITS = 18  # of a frame's number, which fits in 64 bits
 _LOOK_S = 0.005  # s until the end of a connection is known that came with the command
 _PAGE = Path(__file__).parent / "page"
 _PARTS = (
-    "uPlot.min.css", "page.css", "uPlot.iife.min.js", "elements.js", "drawing.js", "charts.js", "controls.js",
-    "state.js", "timeline.js", "connection.js", "page.js",
+    "uPlot.min.css", "page.css", "uPlot.iife.min.js", "elements.js", "drawing.js", "handles.js", "charts.js",
+    "histograms.js", "forms.js", "controls.js", "verdicts.js", "bus.js", "scenarios.js", "state.js", "timeline.js",
+    "connection.js", "page.js",
 )  # fmt: skip
 
 
@@ -56,9 +58,11 @@ ENDPOINTS = (
     Endpoint("GET", "/api/state", "_state", "the latest state; of a recording at a time: `?time=12.5`"),
     Endpoint("GET", "/api/plot", "_plot", "curves, lowest and highest value of each stretch: "
              "`?columns=gate_angle_deg,left_current_a&from=1&to=2&points=1000`; all are optional"),
+    Endpoint("GET", "/api/trace", "_trace", "the latest frames on a run's bus, decoded, 1000 at most; those after "
+             "one that is known: `?after=1234`"),
     Endpoint("POST", "/api/command", "_command", "a command to the run, see below"),
-    Endpoint("GET", "/api/run", "_runs", "the scenarios that can be started, which one runs, the last exit code; "
-             "with `--scenarios`"),
+    Endpoint("GET", "/api/run", "_runs", "the scenarios that can be started, with their last verdicts, which one "
+             "runs, the last exit code; with `--scenarios`"),
     Endpoint("POST", "/api/run", "_run", '`{"scenario": "reverses.toml"}` starts one of them, '
              '`{"scenario": null}` stops it; with `--scenarios`'),
     Endpoint("WS", "/api/stream", "_stream", "the state, 30 times a second; of a recording as it is played: send "
@@ -79,6 +83,7 @@ class Page:
         self._more = {"read_only": is_read_only, "starts": starter is not None, "ends_with_run": ends_with_run}
         self._active, self._is_read_only, self._starter = ActiveSource(source, starter), is_read_only, starter
         self._commands = ThreadPoolExecutor(1)  # of its own: a run that stands still keeps commands waiting
+        self._lists = ThreadPoolExecutor(1)  # of scenarios: a large or slow folder holds up nothing else
         self._failure: BaseException | None = None
         routes = [
             WebSocketRoute(each.path, getattr(self, each.handler))
@@ -154,6 +159,14 @@ class Page:
         except ConfigError as error:
             return _refused(422, error.issues)
 
+    async def _trace(self, request: Request) -> Response:
+        source, after = self._active.source, request.query_params.get("after", "0")
+        if not isinstance(source, Live):
+            return _refused(403, ["this page does not show a run; allowed: the trace of a run"])
+        if not after.isdecimal() or len(after) > _DIGITS:
+            return _refused(422, [f"after {after[:80]!r}; allowed: the number of a frame"])
+        return _json(await asyncio.to_thread(source.trace, int(after)))
+
     async def _command(self, request: Request) -> Response:
         source = self._active.source
         if not isinstance(source, Live):
@@ -175,7 +188,7 @@ class Page:
     async def _runs(self, request: Request) -> Response:
         if self._starter is None:
             return _refused(403, [_NO_STARTER])
-        return _json(self._starter.state())
+        return _json(await self._in(self._lists, self._starter.state))
 
     async def _run(self, request: Request) -> Response:
         starter = self._starter
@@ -198,7 +211,7 @@ class Page:
             return _refused(422, error.issues)
         except RunGoneError as error:
             return _refused(410, [str(error)])
-        return _json(starter.state())
+        return _json(await self._in(self._lists, starter.state))
 
     async def _posted(self, request: Request) -> Any:
         """Return the JSON that was posted, or the response that refuses it."""

@@ -14,8 +14,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from liftgate_hil.config.toml import show
+from liftgate_hil.dashboard.scenarios import Scenarios
 from liftgate_hil.dashboard.source import JsonObject
 from liftgate_hil.errors import ConfigError, RunGoneError
+from liftgate_hil.judging.verdict import PASS
 from liftgate_hil.running.attachment.client import Client
 from liftgate_hil.running.processes.children import end
 from liftgate_hil.running.processes.supervisor import dies_with_parent
@@ -24,7 +26,7 @@ _BEGIN_S = 600.0  # s until a run can be attached to: it may have to be compiled
 _LEAVE_S = 5.0  # s for the process of a run that has ended
 _STOP_S = 30.0  # s to end in order, after which it is killed
 _RETRY_S = 0.1
-_MOST = 1000  # scenario files
+_SHOWN = 12  # scenarios that a refusal lists
 _LINES = 50  # of what the process prints that are kept
 
 
@@ -37,6 +39,7 @@ class Starter:
 
     def __init__(self, folder: Path, flags: Sequence[str]) -> None:
         self._folder, self._flags = folder, list(flags)
+        self._scenarios, self._verdicts = Scenarios(folder), dict[str, str]()
         self._process: subprocess.Popen[str] | None = None
         self._printed: collections.deque[str] = collections.deque(maxlen=_LINES)
         self._name, self._is_stopped, self._is_closed = "", False, False
@@ -47,21 +50,26 @@ class Starter:
             what = "no folder" if folder.exists() else "no such folder"
             raise ConfigError(f"`scenarios` {folder}: {what}; allowed: a folder with scenario files")
 
-    def scenarios(self) -> list[str]:
-        """Return the names of the scenario files in the folder and below."""
-        files = (each for each in self._folder.rglob("*.toml") if each.is_file())
-        names = (each.relative_to(self._folder).as_posix() for each in files)
-        return sorted(each for each in names if each.isprintable())[:_MOST]
-
     @property
     def running(self) -> str | None:
         """Name of the scenario that runs; None: none does."""
         return self._name if self._process is not None and self._process.poll() is None else None
 
     def state(self) -> JsonObject:
-        """Return the scenarios, which of them runs, and the exit code of the last one; None: none yet."""
+        """Return the scenarios, which of them runs, and the exit code of the last one; None: none yet.
+
+        It reads folders and files, see `Scenarios`.
+        """
         code = None if self._process is None else self._process.poll()
-        return {"scenarios": self.scenarios(), "running": self.running, "exit_code": code}
+        scenarios, is_all = self._scenarios.listed()
+        listed = [{**each, "verdict": self._verdicts.get(each["name"], "")} for each in scenarios]
+        return {"scenarios": listed, "is_all": is_all, "running": self.running, "exit_code": code}
+
+    def note_end(self, pid: int, end: JsonObject) -> None:
+        """Keep the verdict of a run that this page has started; without expectations it has none."""
+        if self._process is not None and self._process.pid == pid:
+            is_judged = end["expectations"] or end["verdict"] != PASS
+            self._verdicts[self._name] = end["verdict"] if is_judged else ""
 
     def start(self, name: object, has_ended: bool = False) -> Client:
         """Start a scenario and return a client of its run; `has_ended`: the last run has, if not its process.
@@ -85,8 +93,10 @@ class Starter:
             raise ConfigError(f"scenario {show(name)[:80]}: the page ends; allowed: on another one")
         if self.running is not None:
             raise ConfigError(f"scenario {show(name)[:80]}: {self._name} is running; allowed: stop that first")
-        if name not in self.scenarios():
-            allowed = ", ".join(self.scenarios()) or "a file in the folder, which has none"
+        names, _ = self._scenarios.names()
+        if name not in names:
+            shown = [*names[:_SHOWN], *(["…"] if len(names) > _SHOWN else [])]
+            allowed = ", ".join(shown) or "a file in the folder, which has none"
             raise ConfigError(f"scenario {show(name)[:80]}: no such file in {self._folder}; allowed: {allowed}")
 
     def _started(self, name: str) -> Client:

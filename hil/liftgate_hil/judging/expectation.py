@@ -32,3 +32,11 @@ class Expectation:
     def is_always(self) -> bool:
         """Whether one tick can be enough to violate it, but not to fulfil it."""
         return self.kind in ("always", "never") or self.state == ABSENT
+
+    @property
+    def formula(self) -> str:
+        """The condition with its kind, as the file states it."""
+        if self.kind == "dtc":
+            return f"dtc  {self.condition}  {self.state}"
+        held = f"  for {self.hold:g} s without interruption" if self.hold else ""
+        return f"{self.kind}  {self.condition}{held}"

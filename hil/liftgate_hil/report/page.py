@@ -55,10 +55,10 @@ def page(title: str, subtitle: str, sections: Iterable[str], style: str = "") ->
         f"{GENERATOR}\n"
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{text(title)}</title>\n<style>{_CSS}{style}</style>\n</head>\n<body>\n"
+        f"<title>{text(title)}</title>\n<style>{_CSS}{style}</style>\n</head>\n<body>\n<main>\n"
         f'<h1>{text(title)}</h1>\n<p class="soft">{text(subtitle)}</p>\n'
         + "\n".join(each for each in sections if each)
-        + "\n</body>\n</html>\n"
+        + "\n</main>\n</body>\n</html>\n"
     )
 
 
@@ -95,16 +95,17 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence
     if not rows:
         return ""
 
-    def row(cells: Sequence[str], tag: str) -> str:
-        inside = "".join(
-            f'<{tag} class="{name}">{text(cell)}</{tag}>' if name else f"<{tag}>{text(cell)}</{tag}>"
-            for cell, name in zip(cells, classes, strict=True)
-        )
-        return f"<tr>{inside}</tr>"
+    def cell(content: str, name: str, tag: str) -> str:
+        tag = tag if content else "td"  # a column without a head
+        return f'<{tag} class="{name}">{text(content)}</{tag}>' if name else f"<{tag}>{text(content)}</{tag}>"
 
-    body = "\n".join(row(each, "td") for each in rows)
-    return (
-        f'<div class="wide"><table>\n<thead>{row(heads, "th")}</thead>\n<tbody>\n{body}\n</tbody>\n</table></div>'
+    def row(cells: Sequence[str], tag: str) -> str:
+        return f"<tr>{''.join(cell(each, name, tag) for each, name in zip(cells, classes, strict=True))}</tr>"
+
+    body, label = "\n".join(row(each, "td") for each in rows), ", ".join(filter(None, heads))
+    return (  # a table that is wider than the screen is scrolled, with the keyboard too
+        f'<div class="wide" tabindex="0" role="group" aria-label="table: {text(label)}"><table>\n'
+        f"<thead>{row(heads, 'th')}</thead>\n<tbody>\n{body}\n</tbody>\n</table></div>"
     )
 
 

@@ -13,7 +13,9 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.open import RECORDED, WITH_MARKS, check_file
 from liftgate_hil.running.provenance import whole_content_of
-from liftgate_hil.running.recorder_process import Place, RecorderProcess, place_in
+from liftgate_hil.running.recorder_process import RecorderProcess
+from liftgate_hil.running.ring_recorder import Place, place_in
+from liftgate_hil.signals import COLUMN_PLACE
 
 if TYPE_CHECKING:
     from liftgate_hil.loop.listener import Listener
@@ -83,7 +85,7 @@ class FurtherRecording:
                 f"record {show(name)[:80]}: {self._path.name} is open; allowed: after it was stopped"
             )
         begin, path = place_in(self._memory), self._path_of(name)
-        begin_s = int(self._memory.shared.control["tick"][0]) / self._plan.options.rate
+        begin_s = self._next_s(begin)
         self._path, self._phase, self._stop, self._early = path, STARTING, threading.Event(), []
         self._end = None
         self._thread = threading.Thread(
@@ -138,6 +140,14 @@ class FurtherRecording:
                 self._spare.close()
                 self._spare = None
 
+    def _next_s(self, place: Place) -> float:
+        """Return the time [s] of the first row after a place in the rings."""
+        if not place.rows:
+            return 0.0
+        rows = self._memory.shared.rows
+        before = float(rows[(place.rows - 1) % len(rows), COLUMN_PLACE["time_s"]])
+        return before + 1.0 / self._plan.options.rate
+
     def _path_of(self, name: object) -> Path:
         allowed = f"allowed: a new file's name with one of {', '.join(RECORDED)}"
         plain = isinstance(name, str) and 0 < len(name.encode()) <= _LONGEST and name.isprintable()
@@ -170,13 +180,11 @@ class FurtherRecording:
             content = whole_content_of(self._plan, self._channel, self._interface)
             process = self._prepared()
             with self._lock:
-                process.order([path], content, say=failed, begin=begin, ended=stop.set)
+                process.order([path], content, say=failed, begin=begin, end=self._end, ended=stop.set)
                 self._process = process
                 if path.suffix in WITH_MARKS:
                     for time_s, text in self._early:
                         process.mark(time_s, text)
-                if self._end is not None:
-                    process.end_at(self._end)
             process.wait_until_ready()
             self._phase = RECORDING
             if not stop.is_set():

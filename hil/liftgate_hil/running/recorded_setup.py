@@ -1,4 +1,4 @@
-"""Setup of a recorded run as its provenance states it: vehicle, rig, and parameters of the scenario."""
+"""Setup of a recorded run as its provenance states it: vehicle, rig, scenario and its parameters."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.config.rig import Rig, load_rig
+from liftgate_hil.config.scenario import Scenario, load_scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.sources import sources_of
 from liftgate_hil.errors import ConfigError
@@ -52,6 +53,19 @@ class RecordedSetup:
                     return rig
         return None
 
+    @cached_property
+    def scenario(self) -> Scenario | None:
+        """The scenario with its parameters as recorded; None: not stated, or its files have changed since."""
+        path = self._file("scenario").get("path", "")
+        with contextlib.suppress(ConfigError):
+            found = load_scenario(Path(path), self.parameters) if path else None
+            paths = () if found is None else (path, *found.included)
+            stated = {each.get("path"): each.get("sha256") for each in self._files.values()}
+            now = sources_of({name: Path(name) for name in paths})
+            if paths and all(name in now and now[name].sha256 == stated.get(name) for name in paths):
+                return found
+        return None
+
     @property
     def states_rig(self) -> bool:
         """Whether it was recorded with a rig at all."""
@@ -63,10 +77,15 @@ class RecordedSetup:
         found = self.content.get("parameters")
         return found if isinstance(found, dict) else {}
 
-    def _file(self, purpose: str) -> Mapping[str, str]:
+    @property
+    def _files(self) -> Mapping[str, Mapping[str, str]]:
+        """The files of the run, by purpose: path, SHA-256 and text."""
         files = self.content.get("files")
-        found = files.get(purpose) if isinstance(files, dict) else None
-        return found if isinstance(found, dict) else {}
+        files = files if isinstance(files, dict) else {}
+        return {name: each for name, each in files.items() if isinstance(each, dict)}
+
+    def _file(self, purpose: str) -> Mapping[str, str]:
+        return self._files.get(purpose, {})
 
 
 def recorded_setup(paths: Sequence[Path]) -> RecordedSetup:

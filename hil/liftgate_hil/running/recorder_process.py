@@ -26,47 +26,25 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.guarded import GuardedWriter, Say, failures_of, silent
 from liftgate_hil.formats.limit import Limit
 from liftgate_hil.formats.open import open_writer
-from liftgate_hil.formats.writer import Writer, truncated_to_us
-from liftgate_hil.loop.datagrams import CAPACITY
-from liftgate_hil.loop.rings import Memory, RingReader
+from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.processes.children import in_memory
-from liftgate_hil.running.recording_sink import Sieve, write_block
 from liftgate_hil.running.recording_trigger import Trigger, Triggered
-from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_hil.running.ring_recorder import Place, RingRecorder, place_in
 
 _PAUSE = 0.05  # s between two reads of the rings
 _READY_S = 60.0  # s that it may take to start and to open its files
 _COMPLETE_S = 60.0  # s that completing the files may take, plus the run's length
 _PATIENCE_S = 2.0  # s for the reader of a pipe: the rings hold 4 s, of which other files shall lose nothing
 _EXIT_S = 5.0  # s that it may take to end after its last reply
-_LATE_NS = 100_000_000  # ns that a frame may be out of order: received ones are logged a tick late
-
-
-class Place(NamedTuple):
-    """Place in the loop's rings: how many rows and frames it has written so far."""
-
-    rows: int
-    frames: int
-
-
-EVERYWHERE = Place(2**62, 2**62)
-
-
-def place_in(memory: Memory) -> Place:
-    """Return where the loop's rings are now."""
-    control = memory.shared.control
-    return Place(int(control["rows"][0]), int(control["frames"][0]))
 
 
 class Order(NamedTuple):
@@ -77,6 +55,7 @@ class Order(NamedTuple):
     limit: Limit | None  # of a file's size
     trigger: Trigger | None
     begin: Place | None  # None: with the run's first row
+    end: Place | None  # None: not known yet
 
 
 class RecorderProcess:
@@ -132,19 +111,20 @@ class RecorderProcess:
         say: Say = silent,
         trigger: Trigger | None = None,
         begin: Place | None = None,
+        end: Place | None = None,
         ended: Callable[[], None] = lambda: None,
     ) -> None:
         """Have it record; `say` reports at once what fails.
 
-        The recording begins at a place in the rings, which hold 4 s, else with the run's first row. `ended` is
-        called once the process has ended, for whatever reason.
+        The recording begins at a place in the rings, which hold 4 s, else with the run's first row, and ends at
+        one that is given here or to `end_at`. `ended` is called once the process has ended, for whatever reason.
         """
         self._names = ", ".join(map(str, paths))
         self._say, self._ended_too, self._count = say, ended, len(paths)
         self._began = time.monotonic()
         given, self._given = self._given, -1
         with os.fdopen(given, "wb") as stream:
-            stream.write(pickle.dumps(Order(paths, content, limit, trigger, begin)))
+            stream.write(pickle.dumps(Order(paths, content, limit, trigger, begin, end)))
         self._tell(True)
         if not self.is_there:  # before it had a file to report of
             ended()
@@ -262,84 +242,12 @@ def _decoded(line: str) -> dict[str, Any]:
     return answer if isinstance(answer, dict) else {}
 
 
-class RingRecorder:
-    """Passes rows and frames from the rings to the writers."""
-
-    def __init__(
-        self,
-        memory: Memory,
-        writers: Sequence[Writer],
-        content: Content,
-        sieve: Sieve | None = None,
-        begin: Place | None = None,
-    ) -> None:
-        shared = memory.shared
-        self._rows = RingReader(shared.rows, shared.control, "rows")
-        self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
-        self._control = shared.control
-        if begin is not None:
-            self._rows.skip(begin.rows)
-            self._frames.skip(begin.frames)
-        self._writers, self._content, self._sieve = writers, content, sieve
-        self._waiting: Any = no_logged()
-        self._has_begun = False
-        self.span: tuple[float, float] | None = None  # s, first and last row that were written
-
-    def end_at(self, place: Place) -> None:
-        """Read the rings up to this place only."""
-        self._rows.end, self._frames.end = place
-
-    @property
-    def lost(self) -> int:
-        """Rows and frames that were overwritten before they were read."""
-        return self._rows.lost + self._frames.lost
-
-    def take(self, most: Place = EVERYWHERE, is_last: bool = False) -> None:
-        """Write what is new up to a place, down to the operating system; frames in the order of time."""
-        rows = self._rows.take(most.rows)
-        come = self._frames.take(most.frames)
-        frames = self._in_order(come, is_last)
-        if len(rows) or len(frames):
-            self.begin()
-        if self._sieve is not None:
-            rows, frames = self._sieve.kept(rows, frames, come)
-        if len(rows):
-            times = rows[:, COLUMN_PLACE["time_s"]]
-            self.span = float(times[0] if self.span is None else self.span[0]), float(times[-1])
-        write_block(self._writers, self._content, rows, frames)
-
-    def mark(self, time_s: float, text: str) -> None:
-        """Write a mark at a time [s] of the run."""
-        self.begin()
-        for writer in self._writers:
-            writer.write_mark(time_s, text)
-
-    def begin(self) -> None:
-        """Begin the files, unless they have begun."""
-        if self._has_begun:
-            return
-        self._has_begun = True
-        epoch_ns = truncated_to_us(int(self._control["epoch_ns"][0]))
-        for writer in self._writers:
-            writer.begin(epoch_ns)
-
-    def _in_order(self, come: Any, is_last: bool) -> Any:
-        """Return, in the order of time, the frames before which none can come; the others wait."""
-        frames = np.concatenate([self._waiting, come])
-        frames = frames[np.argsort(frames["time_ns"], kind="stable")]
-        count = len(frames)
-        if count and not is_last:
-            count = int(np.searchsorted(frames["time_ns"], frames["time_ns"][-1] - _LATE_NS))
-        self._waiting = frames[count:]
-        return frames[:count]
-
-
 def main() -> int:
     """Record until stdin ends, and complete the files; return the exit code."""
     for number in (signal.SIGINT, signal.SIGTERM):  # for the emulator, also a service's stop
         signal.signal(number, signal.SIG_IGN)
     given, reply_fd, memory_descriptor, *sizes = (int(each) for each in sys.argv[1:6])
-    lines = _lines_until_the_end()
+    lines = _lines_until_the_end(wakes := [0])
     first = next(filter(None, lines), None)
     if first is None:
         return 0  # stdin has ended before an order came
@@ -360,27 +268,34 @@ def main() -> int:
     def say(text: str) -> None:
         tell(said=text, failed=len(failures_of(writers)))
 
+    def open_one(path: Path) -> None:
+        writers.append(open_writer(path, content, limit, say, patience=_PATIENCE_S))
+
+    recorder = RingRecorder(memory, content, triggered, order.begin)
+    if order.end is not None:
+        recorder.end_at(order.end)
+    opening = _Opening(open_one, paths)
+    wakes.append(opening.ended)
+
+    def hand_over() -> None:
+        opening.check()
+        wakes.remove(opening.ended)
+        recorder.write_to(writers)
+        tell(ready=True)
+
     try:
-        for path in paths:
-            writers.append(open_writer(path, content, limit, say, patience=_PATIENCE_S))
+        seen = Place(0, 0)
+        for told in itertools.chain([first[1:]], lines):
+            seen = _take(recorder, told, seen, memory)
+            if opening.ended in wakes and opening.has_ended():
+                hand_over()
+        if opening.ended in wakes:
+            hand_over()
     except ConfigError as error:
         for writer in writers:  # files left behind would look like a recording
             writer.close()
         tell(issues=error.issues)
         return 2
-    recorder = RingRecorder(memory, writers, content, triggered, order.begin)
-    tell(ready=True)
-    seen = Place(0, 0)
-    for told in itertools.chain([first[1:]], lines):
-        for each in told:
-            if isinstance(each, dict):
-                recorder.end_at(Place(*each["end"]))
-        # Only what was there before these lines were waited for: an end before that has come by now.
-        recorder.take(seen)
-        seen = place_in(memory)
-        for each in told:
-            if isinstance(each, list):
-                recorder.mark(*each)
     recorder.take(is_last=True)
     if order.begin is not None:
         recorder.begin()  # a file without rows has its header all the same
@@ -394,12 +309,53 @@ def main() -> int:
     os._exit(1 if failures else 0)
 
 
-def _lines_until_the_end() -> Iterator[list[Any]]:
-    """Yield regularly what has come on stdin, until it ends: True for the order, marks, and where to end."""
+class _Opening:
+    """Opening of files, one after the other, in a thread; `ended` can be read once it has ended."""
+
+    def __init__(self, open_one: Callable[[Path], None], paths: Sequence[Path]) -> None:
+        self.ended, self._end = os.pipe()
+        self._opening = ThreadPoolExecutor(1).submit(self._open, open_one, paths)
+        self._opening.add_done_callback(lambda _: os.close(self._end))
+
+    def _open(self, open_one: Callable[[Path], None], paths: Sequence[Path]) -> None:
+        for path in paths:
+            open_one(path)
+
+    def has_ended(self) -> bool:
+        """Whether all files are open, or one of them could not be opened."""
+        return self._opening.done()
+
+    def check(self) -> None:
+        """Wait for its end, and raise what it has failed with: ConfigError for a file that cannot be opened."""
+        self._opening.result()
+
+
+def _take(recorder: RingRecorder, told: Sequence[Any], seen: Place, memory: Memory) -> Place:
+    """Have the recorder read the rings, after it was told where to end, and before it is told the marks.
+
+    It reads only what had been `seen` before these lines were waited for: an end before that has come by now.
+    Returns what is seen for the next call.
+    """
+    for each in told:
+        if isinstance(each, dict):
+            recorder.end_at(Place(*each["end"]))
+    recorder.take(seen)
+    seen = place_in(memory)
+    for each in told:
+        if isinstance(each, list):
+            recorder.mark(*each)
+    return seen
+
+
+def _lines_until_the_end(wakes: Sequence[int]) -> Iterator[list[Any]]:
+    """Yield what has come on stdin, until it ends: True for the order, marks, and where to end.
+
+    It yields regularly, and once one of the descriptors `wakes` can be read.
+    """
     rest = b""
     while True:
         come = b""
-        if select.select([0], [], [], _PAUSE)[0]:
+        if 0 in select.select(wakes, [], [], _PAUSE)[0]:
             come = os.read(0, 65_536)
             if not come:
                 return

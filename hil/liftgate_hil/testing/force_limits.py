@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from liftgate_hil.report.force_limits import force_limits
 from liftgate_hil.report.page import section, table, text
 from liftgate_hil.report.pinch import BORROWED, ORIGINS, OWN_LIMIT
+from liftgate_hil.running.force_limits import force_limits_of
 from liftgate_hil.testing.suite import Outcome
 
 _MOST_USERS = 4  # expectations that are named
@@ -17,9 +17,9 @@ def limits_section(outcomes: Sequence[Outcome]) -> str:
     users: dict[float, list[str]] = {}
     for outcome in outcomes:
         plan = outcome.case.plan
-        for each in force_limits(plan.setup.scenario, plan.rig, plan.setup.vehicle.gate.pinch_limit):
-            called = f"{each.expectation} (time over it)" if each.is_timed else each.expectation
-            users.setdefault(each.force_n, []).append(f"{outcome.case.file}: {called}")
+        for limit in force_limits_of(plan.setup.scenario, plan.setup.vehicle, plan.rig):
+            name = limit.expectation if limit.longest_s == 0.0 else f"{limit.expectation} (time over it)"
+            users.setdefault(limit.force_n, []).append(f"{outcome.case.file}: {name}")
     rows = [(f"{force:g} N", ORIGINS.get(force, OWN_LIMIT), _named(users[force])) for force in sorted(users)]
     if not rows:
         return ""

@@ -13,7 +13,7 @@ from liftgate_hil.report.page import Markup, alert, bullets, pairs, text
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.testing.picture import Names, decided, margin_text
 from liftgate_hil.testing.suite import Outcome
-from liftgate_hil.testing.words import formula, happenings, window_words
+from liftgate_hil.testing.words import happenings, window_words
 
 _MOST_HAPPENINGS = 60
 
@@ -130,7 +130,7 @@ def _expectation(
     is_sharp = instant is not None and verdict.time_s != verdict.margin_time_s
     margin = f"margin {margin_text(verdict)}" if verdict.has_margin else ""
     rows = [
-        ("formula", Markup(f"<code>{text(formula(expectation))}</code>")),
+        ("formula", Markup(f"<code>{text(expectation.formula)}</code>")),
         ("window", window_words(expectation, verdict.window_s)),
         ("margin", _margin(verdict, expectation.hold)),
         *([(instant[1], f"at {instant[0]:.6g} s")] if instant and is_sharp else []),

@@ -36,14 +36,6 @@ def happenings(scenario: Scenario, times: Mapping[str, float] | None = None, end
     ]
 
 
-def formula(expectation: Expectation) -> str:
-    """Return an expectation's condition with its kind, as the file states it."""
-    if expectation.kind == "dtc":
-        return f"dtc  {expectation.condition}  {expectation.state}"
-    held = f"  for {expectation.hold:g} s without interruption" if expectation.hold else ""
-    return f"{expectation.kind}  {expectation.condition}{held}"
-
-
 def window_words(expectation: Expectation, window: tuple[float, float] | None) -> str:
     """Return in words what opens the window, how long it is, and from when to when it was open."""
     after = expectation.after

@@ -72,6 +72,18 @@ def test_numbers_of_any_size_can_be_sent_as_json(view: BusView) -> None:
     assert orjson.dumps(message)
 
 
+def test_frames_of_a_trace_are_decoded_in_their_order(view: BusView) -> None:
+    duty, unknown = bytes([40, 1, 0, 0, 0, 0, 0, 0]), b"\x07"
+    first, second = view.described([frame(100, duty, 5), frame(0x7FF, unknown, 6, is_sent=1)])
+    assert (first["name"], first["time_s"], first["direction"]) == ("Cmd", 0.005, "received")
+    assert first["signals"] == {"Duty": 40, "Way": "up"}
+    assert (second["id"], second["name"], second["data"], second["signals"]) == ("7FF", "", "07", {})
+
+
+def test_units_are_those_of_the_database(view: BusView) -> None:
+    assert view.units() == {"Cmd.Duty": "%", "Motor.I": "A"}
+
+
 def test_messages_beyond_the_first_500_are_counted(view: BusView) -> None:
     for identifier in range(510):
         view.hear(frame(0x200 + identifier, b""))

@@ -37,6 +37,7 @@ BENCH = ("--bus", "virtual:page", "--ecu", "reference", "--overrun-limit", "3600
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = tmp_path_factory.mktemp("page")
     text = 'duration = 1e6\n[[request]]\ntime = 0.5\naction = "open"\n'
+    text += '[[expect]]\nname = "presses little"\nalways = "pinch_force_n < 1e4"\n'
     (found / "s.toml").write_text(text, encoding="utf-8")
     return found
 
@@ -109,22 +110,20 @@ def test_the_page_has_exactly_the_keys_of_a_state(client: Client) -> None:
     assert client.command(clear="obstacle")[0] == 200
     state["in_force"] = dict.fromkeys(state["in_force"])  # what tests have commanded has the keys of commands
     found = {*written(state, STATE_KEYS)}
-    later = {path for path in STATE_KEYS if path.startswith(("end.", "verdicts[]."))}
+    later = {path for path in STATE_KEYS if path.startswith("end.")}
     assert found == {*STATE_KEYS} - later
     verdict, end = Verdict("moves", "pass"), {*_UNKNOWN_END}
-    assert later == {
-        *(f"verdicts[].{name}" for name in _in_short(verdict)),
-        *(f"end.{name}" for name in end),
-        *(f"end.expectations[].{name}" for name in asdict(verdict)),
-    }
+    assert {*state["verdicts"][0]} == {*_in_short(verdict)}
+    assert later == {*(f"end.{name}" for name in end), *(f"end.expectations[].{name}" for name in asdict(verdict))}
 
 
 def test_what_else_the_server_answers_has_exactly_the_documented_keys(client: Client, tmp_path: Path) -> None:
-    from tools.docs.json_page_keys import GEOMETRY_KEYS, PLOT_KEYS, RECORDING_KEYS, RUN_KEYS
+    from tools.docs.json_page_keys import GEOMETRY_KEYS, PLOT_KEYS, RECORDING_KEYS, RUN_KEYS, TRACE_KEYS
 
-    for path, keys in (("about", RUN_KEYS), ("geometry", GEOMETRY_KEYS), ("plot", PLOT_KEYS)):
+    answers = {"about": RUN_KEYS, "geometry": GEOMETRY_KEYS, "plot": PLOT_KEYS, "trace": TRACE_KEYS}
+    for path, keys in answers.items():
         assert {*written(client.ask(f"/api/{path}")[1], keys)} == {*keys}
-    lh.run("demo", record=tmp_path / "run.mf4")
+    lh.run("parts/demo_judged", record=tmp_path / "run.mf4")
     recording = RecordingSource(tmp_path / "run.mf4").about()
     recording["marks"] = [{"time_s": 1.0, "text": "it squeaks"}]
     own = {path for path in RECORDING_KEYS if path not in ("number", "read_only", "starts", "ends_with_run")}
@@ -455,6 +454,17 @@ def test_curves_are_those_asked_for(client: Client) -> None:
         assert (status, words in said["issues"][0]) == (422, True)
 
 
+def test_the_trace_goes_on_after_the_frame_that_is_known(client: Client) -> None:
+    known = client.ask("/api/trace")[1]
+    last = known["first"] + len(known["frames"]) - 1
+    more = client.ask(f"/api/trace?after={last}")[1]
+    assert more["first"] > last
+    assert known["frames"][-1]["time_s"] <= more["frames"][0]["time_s"] if more["frames"] else True
+    assert {"LeftDrive", "DriveCommand"} <= {each["name"] for each in known["frames"]}
+    for wrong in ("x", "-1", "9" * 19):
+        assert client.ask(f"/api/trace?after={wrong}")[0] == 422
+
+
 def test_a_run_is_recorded_and_marked_from_the_page(client: Client, folder: Path) -> None:
     from asammdf import MDF
 
@@ -640,8 +650,9 @@ def test_scenarios_of_a_folder_are_started_and_stopped(tmp_path: Path) -> None:
             return client.ask("/api/run", json.dumps({"scenario": name}).encode())
 
         assert client.ask("/api/state")[1]["phase"] == "idle"
-        idle = {"scenarios": ["opens.toml", "wrong.toml"], "running": None, "exit_code": None}
-        assert client.ask("/api/run") == (200, idle)
+        idle = client.ask("/api/run")[1]
+        assert [each["name"] for each in idle.pop("scenarios")] == ["opens.toml", "wrong.toml"]
+        assert idle == {"is_all": True, "running": None, "exit_code": None}
         assert post("../x.toml")[0] == 422
         status, said = post("wrong.toml")
         assert (status, "nonsense" in said["issues"][0]) == (410, True)
@@ -764,6 +775,7 @@ def test_a_recording_is_shown_whole_and_at_any_time(tmp_path: Path) -> None:
         assert client.ask("/api/state?time=x")[0] == 422
         assert client.ask("/api/state?time=nan")[0] == 422
         assert client.command(clear="all")[0] == 403
+        assert client.ask("/api/trace")[0] == 403
         with streamed(client) as wire:
             for wrong in ('{"time_s": NaN}', '{"speed": NaN}', '{"speed": true}', '{"time_s": 1e400}', "[]", "7"):
                 wire.send(wrong)

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
+from json_paths import written
 
 from liftgate_hil.dashboard.starting import Starter
 from liftgate_hil.errors import ConfigError, RunGoneError
@@ -73,4 +74,31 @@ def test_a_run_that_ends_at_once_says_why(starter: Starter, tmp_path: Path) -> N
 def test_the_scenarios_that_can_be_started_have_the_documented_keys(starter: Starter) -> None:
     from tools.docs.json_page_keys import SCENARIOS_KEYS
 
-    assert {*starter.state()} == {*SCENARIOS_KEYS}
+    assert {*written(starter.state(), SCENARIOS_KEYS)} == {*SCENARIOS_KEYS}
+
+
+class Ended:
+    """In place of a client: a run that has begun."""
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+
+
+def test_the_verdict_of_the_last_run_is_kept_by_scenario(
+    starter: Starter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("liftgate_hil.dashboard.starting.Client", Ended)
+    (tmp_path / "b.toml").write_text("")
+
+    def verdicts() -> list[str]:
+        return [each["verdict"] for each in starter.state()["scenarios"]]
+
+    assert verdicts() == ["", ""]
+    pid = starter.start("b.toml").pid
+    starter.note_end(pid + 1, {"verdict": "error", "expectations": []})  # another run, which the page showed
+    assert verdicts() == ["", ""]
+    starter.note_end(pid, {"verdict": "fail", "expectations": [{}]})
+    assert verdicts() == ["", "fail"]
+    starter.note_end(pid, {"verdict": "pass", "expectations": []})  # nothing was expected
+    assert verdicts() == ["", ""]
+    starter.close()

@@ -117,7 +117,7 @@ def test_it_holds_what_came_between_start_and_stop_and_the_marks(
         assert marks == [("early", pytest.approx(0.0045)), ("here", pytest.approx(0.0125))]
         assert b'"seed"' in measured.extract_attachment(0)[0]  # the provenance
     assert bench.said == [
-        "record part.mf4: recording from 0.000 s on",
+        "record part.mf4: recording from 0.010 s on",
         f"recorded: {tmp_path / 'part.mf4'}, 0.010 to 0.014 s",
     ]
     recording.start("next.csv")

@@ -19,7 +19,8 @@ from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.rotation import Limit
 from liftgate_hil.loop.rings import Memory, note_frames
-from liftgate_hil.running.recorder_process import RecorderProcess, RingRecorder, place_in
+from liftgate_hil.running.recorder_process import RecorderProcess
+from liftgate_hil.running.ring_recorder import RingRecorder, place_in
 
 PATIENCE = 120.0  # s until something must have happened; nothing is judged by it
 MS = 10**6
@@ -53,12 +54,16 @@ class Notes:
         self.epochs: list[int] = []
         self.frames: list[tuple[int, int, int]] = []
         self.rows = 0
+        self.marks: list[tuple[float, str, int]] = []  # with the rows before it
 
     def begin(self, epoch_ns: int) -> None:
         self.epochs.append(epoch_ns)
 
     def write_rows(self, rows: np.ndarray) -> None:
         self.rows += len(rows)
+
+    def write_mark(self, time_s: float, text: str) -> None:
+        self.marks.append((time_s, text, self.rows))
 
     def write_frames(self, frames: Any) -> None:
         for row in frames:
@@ -82,7 +87,8 @@ def recorder(
 def test_frames_are_written_in_the_order_of_time_whenever_they_were_logged(memory: Memory) -> None:
     """A tick logs what it sent; what came meanwhile, with an earlier stamp, is logged by the next one."""
     notes = Notes()
-    writer = RingRecorder(memory, [notes], Content(()))
+    writer = RingRecorder(memory, Content(()))
+    writer.write_to([notes])
     log(memory, 1, 2 * MS, 1)
     log(memory, 0, 1 * MS, 0)  # came before the first frame that was sent
     writer.take()
@@ -104,7 +110,8 @@ def test_frames_are_written_in_the_order_of_time_whenever_they_were_logged(memor
 def test_rows_behind_a_place_wait_for_the_next_look(memory: Memory) -> None:
     """Where to end is told a moment after it was found: till then nothing behind it may be written."""
     notes = Notes()
-    writer = RingRecorder(memory, [notes], Content(()))
+    writer = RingRecorder(memory, Content(()))
+    writer.write_to([notes])
     write(memory, rows_from(0, 3))
     seen = place_in(memory)
     write(memory, rows_from(3, 4))
@@ -120,7 +127,8 @@ def test_rows_behind_a_place_wait_for_the_next_look(memory: Memory) -> None:
 
 def test_a_recorder_gets_the_start_of_the_run_once(memory: Memory) -> None:
     notes = Notes()
-    writer = RingRecorder(memory, [notes], Content(()))
+    writer = RingRecorder(memory, Content(()))
+    writer.write_to([notes])
     memory.shared.control.epoch_ns = 0  # not begun
     writer.take()
     assert notes.epochs == []
@@ -129,6 +137,28 @@ def test_a_recorder_gets_the_start_of_the_run_once(memory: Memory) -> None:
         write(memory, rows_from(k, 1))
         writer.take()
     assert (notes.epochs, notes.rows) == ([EPOCH_NS], 3)
+
+
+def test_what_comes_while_the_files_are_opened_is_written_in_its_order_however_long_that_takes() -> None:
+    """A ring of 64 rows has turned twice before the files are open."""
+    memory, notes = Memory(64, 8192), Notes()
+    memory.shared.control.epoch_ns = EPOCH_NS
+    writer = RingRecorder(memory, Content(()))
+    for k in range(4):
+        head = int(memory.shared.control.rows[0])
+        memory.shared.rows[(head + np.arange(40)) % 64] = rows_from(40 * k, 40)
+        memory.shared.control.rows[0] = head + 40
+        log(memory, k, k * MS, 1)
+        writer.take()
+        if k == 1:
+            writer.mark(0.08, "a squeak")
+    assert notes.epochs == []
+    writer.write_to([notes])
+    assert (notes.epochs, notes.rows, notes.marks) == ([EPOCH_NS], 160, [(0.08, "a squeak", 80)])
+    writer.take(is_last=True)
+    assert [number for number, _, _ in notes.frames] == [0, 1, 2, 3]
+    assert (writer.lost, writer.span) == (0, (0.0, 0.159))
+    memory.close()
 
 
 def test_stamps_before_the_first_frame_sent_are_the_same_in_asc_and_log(memory: Memory, tmp_path: Path) -> None:

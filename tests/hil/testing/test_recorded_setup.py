@@ -84,6 +84,19 @@ def test_a_rig_that_has_changed_since_is_not_taken(recording: Path) -> None:
     assert f"{recording}: its rig is missing or has changed; judged by liftgate" in notes
 
 
+def test_a_page_of_the_recording_has_the_limits_of_its_scenario_as_long_as_that_is_there(recording: Path) -> None:
+    about = RecordingSource(recording).about()
+    assert about["expectations"] == {"soft": "never  pinch_force_n > 70"}
+    assert about["force_limits"] == [{"force_n": 70.0, "longest_s": 0.0, "expectation": "soft"}]
+    scenario = recording.parent / "s.toml"
+    scenario.write_text(SCENARIO + "\n# changed\n")
+    try:
+        about = RecordingSource(recording).about()
+    finally:
+        scenario.write_text(SCENARIO)
+    assert (about["expectations"], about["force_limits"]) == ({}, [])
+
+
 @pytest.mark.parametrize("vehicle", [{}, {"drives": 2}, None, 5, {"drives": 2, "left": 1}])
 def test_a_vehicle_of_other_parameters_is_none(vehicle: object) -> None:
     assert RecordedSetup(Path("x"), {"vehicle": vehicle}).vehicle is None

@@ -1,8 +1,14 @@
 "use strict";
 // Charts over one time axis. Of each column they draw what was lowest and highest in each stretch, so that no peak is lost.
 
-const CHART_HEIGHT = 128,
-  AXIS_WIDTH = 54;
+const CHART_HEIGHT = 128, // where the page has one column
+  LEAST_HEIGHT = 84,
+  MOST_HEIGHT = 220;
+const isBeside = matchMedia("(min-width: 1200px)"); // where page.css has the gate beside its charts
+const AXIS_WIDTH = 54,
+  AXIS_HEIGHT = 26; // of the time axis below the last chart
+const TOUCH_N = 1, // pinch force above which there is a contact, as in a recording
+  AROUND_S = 0.3; // that is shown around a contact, at least
 // Columns of a panel by quantity, and the least that its axis shows.
 const PANELS = [
   { title: "Gate angle", least: 5, names: ["gate_angle_deg", "sensed_gate_angle_deg"] },
@@ -40,12 +46,13 @@ function looksOf(name, place, count) {
 }
 
 class Charts {
-  // `columns` are those of the source, with their `units`; `ours` maps our names to those of a bus log.
-  constructor(box, { columns, units, ours = {} }, hooks) {
+  // `columns` are those of the source, with their `units`; `ours` maps our names to those of a bus log; `limits` are those of the pinch force.
+  constructor(box, { columns, units, ours = {} }, limits, hooks) {
     this.box = box;
     this.columns = columns;
     this.units = units;
     this.ours = ours;
+    this.limits = limits;
     this.hooks = hooks;
     this.times = [];
     this.low = {};
@@ -56,7 +63,8 @@ class Charts {
     this.now = null;
     this.range = [0, 1];
     this.make();
-    new ResizeObserver(() => this.resize()).observe(box);
+    new ResizeObserver(() => requestAnimationFrame(() => this.resize())).observe(box);
+    addEventListener("resize", () => this.resize());
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
       this.make();
       this.draw();
@@ -137,12 +145,12 @@ class Charts {
     const plot = new uPlot(
       {
         width: 300,
-        height: CHART_HEIGHT + (isLast ? 26 : 0),
+        height: CHART_HEIGHT + (isLast ? AXIS_HEIGHT : 0),
         series,
         bands,
         padding: [6, 14, isLast ? 0 : 6, 0],
         legend: { show: false },
-        scales: { x: { time: false, range: () => this.range }, y: { range: rangeOf(least) } },
+        scales: { x: { time: false, range: () => this.range }, y: { range: rangeOf(least, this.limitsOf(names)) } },
         axes: [
           {
             ...axis,
@@ -165,7 +173,7 @@ class Charts {
         hooks: {
           setSelect: [(it) => this.select(it)],
           setCursor: [() => this.showValues()],
-          draw: [(it) => this.drawNow(it)],
+          draw: [(it) => this.drawLimits(it, this.limitsOf(names)), (it) => this.drawNow(it)],
         },
       },
       [[], ...names.flatMap(() => [[], []])],
@@ -196,12 +204,29 @@ class Charts {
     return words.join(" ") || "true";
   }
 
+  get pinch() {
+    return this.ours.pinch_force_n || "pinch_force_n";
+  }
+
+  limitsOf(names) {
+    return names.includes(this.pinch) ? this.limits : [];
+  }
+
+  // Beside the gate the charts share the height of the window, so that all of them are in sight.
   resize() {
-    const width = this.box.clientWidth - 10;
+    const width = this.box.clientWidth - 10,
+      last = this.charts.length - 1;
     if (width < 50) return;
-    this.charts.forEach(({ plot }, k) =>
-      plot.setSize({ width, height: CHART_HEIGHT + (k === this.charts.length - 1 ? 26 : 0) }),
-    );
+    const { top, height } = this.box.getBoundingClientRect(),
+      drawn = this.charts.reduce((sum, { plot }) => sum + plot.height, 0),
+      free = innerHeight - (top + scrollY) - (height - drawn) - AXIS_HEIGHT - 8;
+    const each = isBeside.matches
+      ? Math.floor(within(free / this.charts.length, LEAST_HEIGHT, MOST_HEIGHT))
+      : CHART_HEIGHT;
+    this.charts.forEach(({ plot }, k) => {
+      const wanted = each + (k === last ? AXIS_HEIGHT : 0);
+      if (plot.width !== width || plot.height !== wanted) plot.setSize({ width, height: wanted });
+    });
   }
 
   // What was selected in one chart is shown in all: the same two times in each.
@@ -227,6 +252,28 @@ class Charts {
       plot.setScale("x", { min: this.range[0], max: this.range[1] });
     }
     this.showValues();
+  }
+
+  drawLimits(plot, limits) {
+    const { ctx, bbox } = plot,
+      style = getComputedStyle(document.documentElement),
+      pixel = devicePixelRatio;
+    ctx.save();
+    ctx.strokeStyle = ctx.fillStyle = style.getPropertyValue("--bad");
+    ctx.font = `${11 * pixel}px system-ui, sans-serif`;
+    ctx.textAlign = "left";
+    ctx.textBaseline = "alphabetic";
+    for (const limit of limits) {
+      const y = plot.valToPos(limit.force_n, "y", true);
+      if (y < bbox.top || y > bbox.top + bbox.height) continue;
+      ctx.setLineDash(limit.longest_s === 0 ? [] : [5 * pixel, 4 * pixel]);
+      ctx.beginPath();
+      ctx.moveTo(bbox.left, y);
+      ctx.lineTo(bbox.left + bbox.width, y);
+      ctx.stroke();
+      ctx.fillText(limit.words, bbox.left + 4 * pixel, y + (y > bbox.top + 14 * pixel ? -3 : 11) * pixel);
+    }
+    ctx.restore();
   }
 
   drawNow(plot) {
@@ -256,6 +303,23 @@ class Charts {
         values[k].textContent = valueText(this.low[name]?.[place], this.high[name]?.[place]);
       });
     this.hooks.pointed(cursor === undefined ? null : this.times[cursor]);
+  }
+
+  // The contact with the largest pinch force that is drawn: begin, end, peak and step between two points [s]; null: there is none.
+  largestContact() {
+    const force = this.high[this.pinch] || [];
+    let peak = -1;
+    force.forEach((each, k) => {
+      if (each > TOUCH_N && (peak < 0 || each > force[peak])) peak = k;
+    });
+    if (peak < 0) return null;
+    let first = peak,
+      last = peak;
+    while (force[first - 1] > TOUCH_N) first -= 1;
+    while (force[last + 1] > TOUCH_N) last += 1;
+    const [begin_s, end_s, peak_s] = [first, last, peak].map((k) => this.times[k]),
+      step_s = peak_s - (this.times[peak - 1] ?? peak_s);
+    return { begin_s, end_s, peak_s, step_s };
   }
 
   take(plot) {
@@ -288,10 +352,12 @@ class Charts {
   }
 }
 
-// From the lowest to the highest, but for as much as `least` at least.
-function rangeOf(least) {
+// From the lowest to the highest, but for as much as `least` at least; a limit is in sight from half of it on.
+function rangeOf(least, limits) {
   return (plot, low, high) => {
     if (low === null) return [0, least || 1];
+    const seen = limits.map(({ force_n: limit }) => limit).filter((limit) => high > limit / 2);
+    high = Math.max(high, ...seen.map((limit) => 1.1 * limit));
     const middle = (low + high) / 2,
       half = (Math.max(high - low, least || 1e-9) / 2) * 1.08;
     return [middle - half, middle + half];
@@ -306,31 +372,8 @@ function valueText(low, high) {
     : brief(high);
 }
 
-// A histogram: bars [from, to, count] over a logarithmic axis of durations.
-function drawHistogram(svg, bars) {
-  svg.replaceChildren();
-  if (!bars.length) return;
-  const low = Math.max(bars[0][0], 0.1),
-    high = bars[bars.length - 1][1],
-    most = Math.log1p(Math.max(...bars.map(([, , count]) => count)));
-  const x = (value) => 6 + (348 * Math.log(Math.max(value, low) / low)) / Math.log(high / low);
-  const first = Math.ceil(Math.log10(low)),
-    every = Math.log10(high / low) > 4.5 ? 2 : 1; // labels of more decades would touch each other
-  for (let power = first; 10 ** power <= high; power += 1) {
-    const at = x(10 ** power);
-    shape("path", { d: `M${at} 6V92` }, svg);
-    if ((power - first) % every) continue;
-    const anchor = at > 335 ? "end" : at < 20 ? "start" : "middle";
-    shape("text", { x: at, y: 106, "text-anchor": anchor }, svg).textContent = text(10 ** power);
-  }
-  for (const [from, to, count] of bars) {
-    if (!count) continue;
-    const height = Math.max(1.5, (82 * Math.log1p(count)) / most);
-    const bar = shape(
-      "rect",
-      { x: x(from), y: 92 - height, width: Math.max(1, x(to) - x(from) - 0.5), height },
-      svg,
-    );
-    shape("title", {}, bar).textContent = `${text(from, 2)} to ${text(to, 2)} µs: ${count}`;
-  }
+// The times to show around a contact, with some points before and after it.
+function around({ begin_s: begin, end_s: end, step_s: step = 0 }) {
+  const more = Math.max(AROUND_S, end - begin, 5 * step);
+  return [begin - more, end + more];
 }

@@ -3,6 +3,7 @@
 
 const FIRST_DEG = 35; // where the form places an obstacle at first
 const SLIDE_MS = 100; // between two commands of a slider
+const REQUESTS = { open: "Open gate", close: "Close gate", stop: "Stop gate", reset: "Reset ECU" };
 
 // Calls a function with the latest argument, at most once in a time [ms].
 function paced(milliseconds, call) {
@@ -41,13 +42,20 @@ class Control {
     );
     this.clear.setAttribute("aria-label", `clear ${spec.label}`);
     if (spec.labels.length) {
+      this.state = element("span", { className: "name" }, spec.labels[0]);
       this.button = element(
         "button",
         { type: "button", id: `switch-${name}`, onclick: () => command(this.isOn ? 0 : 1) },
-        `is ${spec.labels[0]}`,
+        this.action(1),
       );
-      this.button.setAttribute("aria-labelledby", `label-${name} switch-${name}`);
-      this.element = element("div", { className: "control switch" }, label, this.button, this.clear);
+      this.element = element(
+        "div",
+        { className: "control switch" },
+        label,
+        this.state,
+        this.button,
+        this.clear,
+      );
     } else {
       const attributes = {
         step: "any",
@@ -88,6 +96,11 @@ class Control {
     }
   }
 
+  // What the button of a switch says that sets it to 0 or 1.
+  action(value) {
+    return this.spec.actions[value] || `Set to ${this.spec.labels[value]}`;
+  }
+
   get value() {
     return this.number.value === "" ? undefined : +this.number.value;
   }
@@ -99,7 +112,9 @@ class Control {
     if (typeof value !== "number") return;
     if (this.button) {
       this.isOn = value !== 0;
-      this.button.textContent = `is ${this.spec.labels[this.isOn ? 1 : 0]}`;
+      const words = [this.spec.labels[this.isOn ? 1 : 0], this.action(this.isOn ? 0 : 1)];
+      if (this.state.textContent !== words[0]) this.state.textContent = words[0];
+      if (this.button.textContent !== words[1]) this.button.textContent = words[1];
       return;
     }
     if (document.activeElement !== this.slider) this.slider.value = value;
@@ -125,7 +140,7 @@ class Controls {
       find(name === "hand_force_n" ? "hand" : "set").append(this.set[name].element);
     }
     this.makeObstacle();
-    this.makeFaults();
+    makeFaultForm(can.fault, (content) => post({ fault: content }));
     this.makeRestbus();
     this.makeRecording();
     find("clear").onclick = () => post({ clear: "all" });
@@ -136,7 +151,11 @@ class Controls {
     find("requests").append(
       ...(request.length
         ? request.map((action) =>
-            element("button", { type: "button", onclick: () => this.post({ request: action }) }, action),
+            element(
+              "button",
+              { type: "button", id: `request-${action}`, onclick: () => this.post({ request: action }) },
+              REQUESTS[action] || action,
+            ),
           )
         : ["The rig has no [requests]."]),
     );
@@ -178,8 +197,12 @@ class Controls {
       element(
         "div",
         { className: "row" },
-        element("button", {}, "Put"),
-        element("button", { type: "button", onclick: () => this.post({ clear: "obstacle" }) }, "Remove"),
+        element("button", {}, "Put obstacle"),
+        element(
+          "button",
+          { type: "button", onclick: () => this.post({ clear: "obstacle" }) },
+          "Remove obstacle",
+        ),
       ),
     );
     submit(form, () => this.put({}));
@@ -194,51 +217,6 @@ class Controls {
     for (const [name, { value, spec }] of Object.entries(this.rod))
       if (value !== undefined && value !== spec.default) content[name] = value;
     this.post({ obstacle: content });
-  }
-
-  makeFaults() {
-    const kinds = find("fault-kind"),
-      keys = find("fault-keys"),
-      groups = {};
-    for (const [name, spec] of Object.entries(this.can.fault)) {
-      groups[spec.group] ??= element("optgroup", { label: spec.group });
-      groups[spec.group].append(element("option", { value: name }, spec.label));
-    }
-    kinds.append(...Object.values(groups));
-    const field = (label, made) =>
-      element("label", { className: "control text" }, element("span", { className: "name" }, label), made);
-    const change = () => {
-      const kind = this.can.fault[kinds.value],
-        made = [];
-      find("fault-meaning").textContent = `${kind.meaning[0].toUpperCase()}${kind.meaning.slice(1)}.`;
-      if (kind.where.length) {
-        const all = kind.of === "a message" ? ["", ...kind.where] : kind.where;
-        made.push(
-          field(
-            kind.of === "a message" ? "Message" : "Drive",
-            element(
-              "select",
-              { name: "where" },
-              ...all.map((name) => element("option", { value: name }, name || "all")),
-            ),
-          ),
-        );
-      }
-      for (const [name, spec] of Object.entries(kind.keys))
-        made.push(field(spec.unit ? `${spec.label} [${spec.unit}]` : spec.label, input(name, spec)));
-      keys.replaceChildren(...made);
-    };
-    kinds.onchange = change;
-    change();
-    submit(find("fault"), () => {
-      const content = { kind: kinds.value },
-        specs = this.can.fault[kinds.value].keys;
-      for (const each of keys.querySelectorAll("input, select")) {
-        const value = fieldValue(each, specs[each.name] || { labels: ["x"] });
-        if (value !== undefined) content[each.name] = value;
-      }
-      this.post({ fault: content });
-    });
   }
 
   makeRestbus() {
@@ -297,6 +275,7 @@ class Controls {
     if (shown === this.shown) return;
     this.shown = shown;
     this.showRod(force.obstacle || {});
+    find("clear").textContent = `Clear all: ${inForce(force).join(", ") || "nothing is commanded"}`;
     const label = (each) => this.can.fault[each.kind]?.label || each.kind;
     const inWords = ({ kind, where, ...rest }) =>
       [label({ kind }), where, ...Object.entries(rest).map(([name, value]) => `${name} ${text(value)}`)]
@@ -345,49 +324,15 @@ class Controls {
   }
 }
 
-// An input for a value: labels to choose from, else a number with its range, else a text.
-function input(key, spec) {
-  const labels = spec.labels || [],
-    hasDefault = spec.default !== null && spec.default !== undefined;
-  let made;
-  if (labels.length && spec.isSignal) {
-    // which may have other values, too
-    made = element("input", { type: "text", required: true });
-    made.setAttribute("list", "signal-labels");
-    find("signal-labels").replaceChildren(...labels.map((label) => element("option", { value: label })));
-  } else if (labels.length) {
-    made = element("select", {}, ...labels.map((label) => element("option", { value: label }, label)));
-  } else if (spec.low !== undefined) {
-    made = element("input", {
-      type: "number",
-      step: "any",
-      min: spec.low,
-      max: spec.high,
-      required: !hasDefault,
-    });
-  } else {
-    made = element("input", { type: "text", required: !hasDefault });
-  }
-  if (hasDefault && made.tagName === "INPUT") made.value = spec.default;
-  made.name = key;
-  const range =
-    spec.low === undefined
-      ? spec.allowed || ""
-      : `${text(spec.low)} to ${text(spec.high)} ${spec.unit || ""}`;
-  made.title = `${spec.meaning || key}; allowed: ${labels.length ? labels.join(", ") : range}`;
-  made.setAttribute("aria-label", spec.label || key);
-  return made;
-}
-
-function fieldValue(field, spec) {
-  if (field.value === "") return undefined;
-  if (spec.isSignal) return Number.isNaN(Number(field.value)) ? field.value : Number(field.value);
-  return spec.low !== undefined && !(spec.labels || []).length ? Number(field.value) : field.value;
-}
-
-function submit(form, action) {
-  form.addEventListener("submit", (event) => {
-    event.preventDefault();
-    action();
-  });
+// What was commanded and is in force, in words.
+function inForce({ obstacle, set = {}, faults = [], signals = {} }) {
+  const counted = [
+    [Object.keys(set).length, "setting"],
+    [faults.length, "fault"],
+    [Object.keys(signals).length, "signal"],
+  ];
+  return [
+    ...(obstacle ? ["obstacle"] : []),
+    ...counted.filter(([count]) => count).map(([count, noun]) => numberOf(count, noun)),
+  ];
 }

@@ -1,13 +1,10 @@
 "use strict";
-// Drawing of car and gate to scale, with what can be dragged in it: a hand on the gate, and the obstacle.
+// Drawing of car and gate to scale, with the forces that act on the gate.
 
 const WIDTH = 640,
   HEIGHT = 400; // of the drawing, in its own units
 const METRES_PER_NEWTON = 0.0006; // of an arrow
 const LEAST_N = 5; // below which a force has no arrow
-const HAND_N_PER_M = 1000,
-  MOST_HAND_N = 300; // the hand pulls like a spring: chosen
-const HAND_MS = 100; // between two commands of the hand
 const FORCES = {
   left: "left drive",
   right: "right drive",
@@ -17,8 +14,9 @@ const FORCES = {
   hand: "hand",
   pinch: "pinch",
 };
+const isNarrow = matchMedia("(max-width: 900px)"); // where page.css has larger letters
 const LINE = 22,
-  COLUMN = matchMedia("(max-width: 900px)").matches ? 250 : 155, // where page.css has larger letters
+  COLUMN = () => (isNarrow.matches ? 250 : 180),
   ROWS = 4; // of the legend: between two lines and two columns of text; lines above the car's roof
 const ROD_M = 0.045; // radius of the obstacle as it is drawn
 
@@ -37,17 +35,12 @@ class Drawing {
   constructor(svg, geometry, act) {
     this.svg = svg;
     this.geometry = geometry;
-    this.act = act;
     this.angle = 0;
     this.slope = 0;
-    this.handAt = null;
-    this.rodAt = null;
-    this.rodInForce = null;
-    this.force = null;
-    this.sent = null;
     this.fit();
     this.make();
-    if (act) this.makeDraggable();
+    this.handles = act && new Handles(this, act);
+    isNarrow.addEventListener("change", () => this.placeLegend());
   }
 
   // Scale and origin, so that the gate has room from closed to open.
@@ -163,181 +156,28 @@ class Drawing {
     this.arrows = {};
     for (const [name, words] of Object.entries(FORCES)) {
       if (name.startsWith("right") && !this.geometry.drives.right) continue;
-      const place = Object.keys(this.arrows).length,
-        x = 10 + COLUMN * Math.floor(place / ROWS),
-        y = 18 + LINE * (place % ROWS);
-      add("path", {
-        class: `arrow ${name.replace("_", " ")}`,
-        d: `M${x} ${y - 4}h20`,
-        "marker-end": "url(#head)",
-      });
+      const looks = { class: `arrow ${name.replace("_", " ")}`, "marker-end": "url(#head)" };
       this.arrows[name] = {
-        path: add("path", { class: `arrow ${name.replace("_", " ")}`, "marker-end": "url(#head)" }),
-        text: add("text", { x: x + 32, y }),
+        sample: add("path", looks),
+        path: add("path", looks),
+        text: add("text", {}),
         words,
       };
     }
-    this.band = add("path", { class: "band" });
+    this.placeLegend();
     this.labels = {};
     for (const [k, name] of ["angle", "latch", "slope"].entries())
       this.labels[name] = add("text", { x: WIDTH - 10, y: 18 + LINE * k, "text-anchor": "end" });
   }
 
-  makeDraggable() {
-    const slider = (attributes) => shape("circle", { tabindex: 0, role: "slider", ...attributes }, this.svg);
-    const { open_angle_deg: open, length_m: length } = this.geometry;
-    this.rod = slider({
-      class: "rod parked",
-      id: "rod",
-      r: ROD_M * this.scale,
-      "aria-label": "Obstacle: angle at which the gate meets it",
-      "aria-valuemin": 0,
-      "aria-valuemax": open,
+  placeLegend() {
+    Object.values(this.arrows).forEach(({ sample, text: label }, place) => {
+      const x = 10 + COLUMN() * Math.floor(place / ROWS),
+        y = 18 + LINE * (place % ROWS);
+      sample.setAttribute("d", `M${x} ${y - 4}h20`);
+      label.setAttribute("x", x + 32);
+      label.setAttribute("y", y);
     });
-    this.rodText = shape("text", { "dominant-baseline": "hanging" }, this.svg);
-    this.grip = slider({
-      class: "grip",
-      id: "grip",
-      r: 13,
-      "aria-label": "Hand on the gate: force",
-      "aria-valuemin": -MOST_HAND_N,
-      "aria-valuemax": MOST_HAND_N,
-      "aria-valuenow": 0,
-    });
-    this.rodAt = { angle: 0.45 * open, distance: 1.22 * length }; // beside the gate's way
-    this.drags(
-      this.rod,
-      (point) => {
-        const { angle, distance } = this.polar(point);
-        this.rodAt = {
-          angle: within(angle + (ROD_M / distance) * 57.3, -5, open + 5),
-          distance: within(distance, 0.05, length),
-        };
-        this.placeRod();
-      },
-      (hasMoved) => {
-        if (hasMoved) this.putRod();
-      },
-    );
-    this.drags(
-      this.grip,
-      (point) => {
-        this.handAt = point;
-        this.pull();
-      },
-      () => {
-        this.handAt = null;
-        this.letGo();
-      },
-    );
-    this.timer = setInterval(() => {
-      if (this.handAt) this.pull();
-    }, HAND_MS);
-    addEventListener("pagehide", () => {
-      if (this.force !== null) this.letGo();
-    });
-    this.rod.addEventListener("keydown", (event) => {
-      const step = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 5, PageDown: -5 }[
-        event.key
-      ];
-      if (step) {
-        this.rodAt.angle = within(this.rodAt.angle + step, 0, open);
-        this.placeRod();
-        if (this.rodInForce) this.putRod();
-      } else if (event.key === "Enter" || event.key === " ") this.putRod();
-      else if (event.key === "Delete" || event.key === "Backspace") this.act.remove();
-      else return;
-      event.preventDefault();
-    });
-    this.grip.addEventListener("keydown", (event) => {
-      const step = { ArrowUp: 10, ArrowRight: 10, ArrowDown: -10, ArrowLeft: -10, PageUp: 50, PageDown: -50 }[
-        event.key
-      ];
-      if (step) this.press((this.force || 0) + step);
-      else if (["Escape", "Home", "Delete", "0"].includes(event.key)) this.letGo();
-      else return;
-      event.preventDefault();
-    });
-  }
-
-  // Calls `move` with points [m] while something is dragged, and `end` at the end with whether it was moved at all.
-  drags(element, move, end) {
-    let hasMoved = false;
-    element.addEventListener("pointerdown", (event) => {
-      element.setPointerCapture(event.pointerId);
-      element.classList.add("held");
-      hasMoved = false;
-      event.preventDefault();
-    });
-    element.addEventListener("pointermove", (event) => {
-      if (!element.hasPointerCapture(event.pointerId)) return;
-      hasMoved = true;
-      move(this.pointAt(event));
-    });
-    for (const kind of ["pointerup", "pointercancel"]) {
-      element.addEventListener(kind, () => {
-        if (element.classList.contains("held")) {
-          element.classList.remove("held");
-          end(hasMoved);
-        }
-      });
-    }
-  }
-
-  // The hand pulls the gate towards the pointer, the harder the further it is.
-  pull() {
-    const distance = this.geometry.hand_distance_m || this.geometry.length_m;
-    const apart = rad(this.polar(this.handAt).angle - this.angle) * distance;
-    this.press(within(HAND_N_PER_M * apart, -MOST_HAND_N, MOST_HAND_N));
-  }
-
-  press(newtons) {
-    this.force = Math.round(within(newtons, -MOST_HAND_N, MOST_HAND_N));
-    this.sendForce();
-  }
-
-  letGo() {
-    this.force = null;
-    this.sendForce();
-  }
-
-  // At most one command in HAND_MS, and only what has changed.
-  sendForce() {
-    if (this.waiting) return;
-    if (this.sent === this.force) return;
-    this.sent = this.force;
-    this.act.hand(this.force);
-    this.waiting = setTimeout(() => {
-      this.waiting = null;
-      this.sendForce();
-    }, HAND_MS);
-  }
-
-  putRod() {
-    this.act.put({
-      angle_deg: +this.rodAt.angle.toFixed(2),
-      distance: +Math.min(this.rodAt.distance, this.geometry.length_m).toFixed(3),
-    });
-  }
-
-  placeRod() {
-    const { angle, distance } = this.rodAt,
-      [x, y] = this.at(this.onGate(distance, -ROD_M, angle));
-    this.rod.setAttribute("cx", x);
-    this.rod.setAttribute("cy", y);
-    this.rod.setAttribute("aria-valuenow", angle.toFixed(1));
-    this.rod.setAttribute(
-      "aria-valuetext",
-      `${angle.toFixed(1)} degrees, ${this.rodInForce ? "in the way" : "not in the way"}`,
-    );
-    this.rodText.textContent =
-      this.rodInForce || this.rod.classList.contains("held")
-        ? `obstacle ${angle.toFixed(1)}°`
-        : this.isGiven
-          ? "another one: drag it"
-          : "obstacle: drag it";
-    this.rodText.setAttribute("x", within(x - 40, 2, WIDTH - 110));
-    this.rodText.setAttribute("y", y + ROD_M * this.scale + 5);
   }
 
   // The arrow of a force, from a point in the drawing along a direction; the list beside says how large it is.
@@ -424,14 +264,19 @@ class Drawing {
     this.given.replaceChildren(...(this.isGiven ? this.givenRod(rod) : []));
     this.label("angle", `gate ${this.angle.toFixed(1)}°`);
     this.label("slope", this.slope ? `slope of the road ${this.slope.toFixed(1)}°` : "");
-    if (this.act) this.showHandles(obstacle, values.hand_force_n || 0);
+    if (this.handles) this.handles.show(obstacle, values.hand_force_n || 0, this.isGiven ? rod : null);
     return true;
   }
 
   givenRod(rod) {
     const [x, y] = this.at(this.onGate(rod.distance, -ROD_M, rod.angle_deg)),
       radius = ROD_M * this.scale,
-      words = shape("text", { x: x - radius - 5, y: y + 4, "text-anchor": "end" });
+      isRight = x < WIDTH - 120, // there is room beside it
+      words = shape("text", {
+        x: isRight ? x + radius + 5 : x - radius - 5,
+        y: y + 4,
+        "text-anchor": isRight ? "start" : "end",
+      });
     words.textContent = "obstacle";
     return [shape("circle", { class: "given", cx: x, cy: y, r: radius }), words];
   }
@@ -515,31 +360,5 @@ class Drawing {
     const grip = this.at(this.onGate(g.hand_distance_m, g.thickness_m + 0.04)),
       beside = Math.sign(hand) * 15;
     this.arrow("hand", [grip[0] + beside * opens[0], grip[1] + beside * opens[1]], opens, hand);
-  }
-
-  showHandles(obstacle, hand) {
-    const grip = this.at(this.onGate(this.geometry.hand_distance_m, this.geometry.thickness_m + 0.04));
-    this.grip.setAttribute("cx", grip[0]);
-    this.grip.setAttribute("cy", grip[1]);
-    this.grip.setAttribute("aria-valuenow", Math.round(hand));
-    this.grip.setAttribute(
-      "aria-valuetext",
-      hand ? `${Math.round(Math.abs(hand))} newtons, ${hand > 0 ? "opening" : "closing"}` : "no force",
-    );
-    this.band.setAttribute(
-      "d",
-      this.handAt ? `M${grip[0]} ${grip[1]}L${this.at(this.handAt).join(" ")}` : "",
-    );
-    const isOffered = Boolean(obstacle) || !find("commands").disabled;
-    for (const each of [this.rod, this.rodText]) each.style.display = isOffered ? "" : "none";
-    this.rodInForce = obstacle;
-    this.rod.classList.toggle("parked", !obstacle);
-    if (obstacle && !this.rod.classList.contains("held") && document.activeElement !== this.rod) {
-      this.rodAt = { angle: obstacle.angle_deg, distance: obstacle.distance ?? this.geometry.length_m };
-    } else if (!obstacle && this.wasInForce) {
-      this.rodAt = { ...this.rodAt, distance: 1.22 * this.geometry.length_m };
-    }
-    this.wasInForce = Boolean(obstacle);
-    this.placeRod();
   }
 }

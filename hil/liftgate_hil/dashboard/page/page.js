@@ -9,25 +9,6 @@ let charts;
 let drawing = null;
 let controls = null;
 
-function makeStart() {
-  find("starting").hidden = false;
-  fetch(path("/api/run"))
-    .then((response) => response.json())
-    .then(({ scenarios, running }) => {
-      find("start-name").append(...scenarios.map((name) => element("option", {}, name)));
-      const shown =
-        running || scenarios.find((name) => about.scenario && about.scenario.endsWith(`/${name}`));
-      if (shown) find("start-name").value = shown;
-    });
-  submit(find("start"), async () => {
-    answer("starting …", false);
-    if (await post("/api/run", { scenario: find("start-name").value })) answer("", false);
-  });
-  find("stop-run").onclick = async () => {
-    if (await post("/api/run", { scenario: null })) answer("", false);
-  };
-}
-
 function makeTitle() {
   const name = (file) =>
     file
@@ -58,13 +39,14 @@ async function start() {
     isOpen = isRun && !about.read_only;
   makeTitle();
   document.body.classList.add(about.kind);
-  charts = new Charts(find("plots"), about, {
+  charts = new Charts(find("plots"), about, limitsOfForce(), {
     zoomed: ([low, high]) => zoomTo(low, high),
     pointed: (time) => {
       find("cursor").textContent = time === null ? "" : `cursor at ${time.toFixed(3)} s`;
     },
     seek: about.kind === "recording" ? seek : null,
   });
+  makeGauge();
   await load();
   if (isOpen) controls = new Controls(about.commands, command, about.geometry.open_angle_deg);
   else find("commands").hidden = true;
@@ -88,13 +70,14 @@ async function start() {
   find("controls").hidden = about.kind === "recording";
   find("reports").hidden = !isRun;
   find("charts").hidden = about.kind === "none";
-  find("bus-view").hidden = !isRun;
+  find("bus-view").hidden = find("trace-view").hidden = !isRun;
   find("values").hidden = about.kind === "none";
   for (const id of ["values", "bus-view"])
     find(id).addEventListener("toggle", () => {
       if (last) show(last);
     });
   makeView();
+  if (isRun) makeTrace();
   if (about.starts && !about.read_only) makeStart();
   find("start-help").hidden = isRun;
   if (about.kind === "recording") {
@@ -107,7 +90,7 @@ async function start() {
     await seek(peak ? peak.peak_s : about.begin_s);
   } else {
     show(await (await fetch(path("/api/state"))).json());
-    hold(false);
+    if (!hasEnded) hold(false);
     connect();
   }
   document.body.dataset.ready = "yes";

@@ -112,55 +112,6 @@ function showValues(state) {
   );
 }
 
-function showBus(state) {
-  const bus = state.bus || {},
-    loop = state.loop || {},
-    late = loop.lateness_us,
-    spread = (of) => of && [of.p50_us, of.p99_us, of.max_us].map((each) => text(each, 1)).join(", ");
-  const figures = [
-    ["channel", bus.channel],
-    ["bus load [%]", bus.load_percent],
-    ["frames sent", bus.sent],
-    ["frames received", bus.received],
-    ["commands accepted", bus.accepted],
-    ["rejected", bus.rejected],
-    ["foreign", bus.foreign],
-    ["not sent", bus.unsent],
-    ["dropped by the system", bus.dropped],
-    ["clock", loop.clock],
-    ["rate [Hz]", loop.rate_hz],
-    ["ticks missed", loop.ticks_missed],
-    ["lateness p50, p99, max [µs]", spread(late)],
-    ["command to feedback p50, p99, max [µs]", spread(loop.command_delay_us)],
-  ];
-  rows(
-    find("bus"),
-    figures.filter(([, value]) => value !== undefined && value !== null),
-  );
-}
-
-function showMessages(messages, now) {
-  const ages = messages.map((each) => now - each.time_s);
-  rows(
-    find("messages"),
-    messages.map((each, k) => [
-      each.id,
-      each.name,
-      each.direction,
-      each.count,
-      each.cycle_ms === null ? "" : `${text(each.cycle_ms, 1)} ms`,
-      ages[k] < 1 ? "now" : `${ages[k].toFixed(0)} s ago`,
-      each.data,
-      Object.entries(each.signals)
-        .map(([name, value]) => `${name} = ${text(value, 3)}`)
-        .join(",  "),
-    ]),
-  );
-  [...find("messages").tBodies[0].rows].forEach((row, k) => {
-    row.className = ages[k] > Math.max(0.5, 3e-3 * (messages[k].cycle_ms || 0)) ? "stale" : "";
-  });
-}
-
 // Alarms are lines of the log: those of before the page was opened are not shown.
 let alarmed = 0; // number of the last one that was shown
 const openedAt = Date.now() / 1000;
@@ -230,23 +181,6 @@ function recordedCommand(truth) {
   return found;
 }
 
-function showGauge(now, peak, limit) {
-  const full = Math.max(2 * (limit || 100), peak || 0, now || 0),
-    x = (force) => 1 + 198 * within((force || 0) / full, 0, 1);
-  find("gauge-now").setAttribute("width", x(now) - 1);
-  find("gauge-now").classList.toggle("over", Boolean(limit) && now > limit);
-  find("gauge-peak").setAttribute("d", peak > 0 ? `M${x(peak)} 2V16` : "");
-  find("gauge-limit").setAttribute("d", limit ? `M${x(limit)} 1V20` : "");
-  const words = {
-    "gauge-force": `Pinch force ${text(now, 0)} N`,
-    "gauge-peak-text": peak > 0 ? `last peak ${text(peak, 0)} N` : "",
-    "gauge-limit-text": limit ? `limit ${text(limit, 0)} N` : "",
-  };
-  for (const [name, each] of Object.entries(words)) {
-    if (find(name).textContent !== each) find(name).textContent = each;
-  }
-}
-
 // Whether the gate is drawn, and if not, why.
 function showWhetherDrawn(isDrawn) {
   const { columns, ours = {} } = about,
@@ -259,44 +193,6 @@ function showWhetherDrawn(isDrawn) {
     : "The gate is not drawn: its angle is not known at this time.";
 }
 
-function showVerdicts(verdicts) {
-  if (!verdicts || !verdicts.length) return;
-  find("verdicts").hidden = false;
-  const table = find("verdicts").querySelector("table");
-  rows(
-    table,
-    verdicts.map((each) => [
-      each.name,
-      each.verdict,
-      each.margin === null ? "" : `${text(each.margin, 3)} ${each.margin_unit}`,
-      each.time_s === null ? "" : `${text(each.time_s, 3)} s`,
-    ]),
-  );
-  [...table.tBodies[0].rows].forEach((row, k) => {
-    row.cells[1].className = verdicts[k].verdict;
-  });
-}
-
-function showEnd(end) {
-  hasEnded = true;
-  find("commands").disabled = true;
-  const isJudged = end.expectations.length > 0 || end.verdict !== "pass",
-    code = end.exit_code ? `exit code ${end.exit_code}` : "";
-  showPhase("ended", isJudged ? end.verdict : "");
-  find("end").hidden = false;
-  find("end").className = isJudged ? end.verdict : "";
-  find("end-verdict").textContent = isJudged
-    ? `The run has ended: ${end.verdict}${code && ` (${code})`}`
-    : `The run has ended${code && ` (${code})`}.${about.scenario ? " It had no expectations." : ""}`;
-  find("end-reason").textContent = (end.reason || "").replaceAll("`", "");
-  find("end-next").textContent = about.starts
-    ? "Start a scenario to go on."
-    : about.ends_with_run
-      ? "Run finished, server stopped. It reconnects to a new run at this address with the same token."
-      : "The next run on this bus is shown as soon as it begins.";
-  showVerdicts(end.expectations);
-}
-
 function show(state) {
   last = state;
   if (state.time_s !== moved.time_s) moved = { time_s: state.time_s, at: performance.now() };
@@ -305,16 +201,19 @@ function show(state) {
   const one = (name) =>
     state.truth[name] ?? state.truth[theirs[name]] ?? state.truth[theirs["sensed_" + name]];
   if (state.end) {
-    if (!hasEnded) showEnd(state.end);
+    if (!hasEnded) {
+      showEnd(state.end);
+      if (about.starts) listScenarios();
+    }
   } else showPhase(state.phase);
   find("time").textContent = fixed(state.time_s, 2);
   find("angle").textContent = fixed(one("gate_angle_deg"), 2);
   find("pinch").textContent = fixed(one("pinch_force_n"), 1);
   find("peak").textContent = fixed(state.truth.pinch_force_peak_n, 0);
-  find("peak").classList.toggle("over", state.truth.pinch_force_peak_n > about.geometry.pinch_limit_n);
+  find("peak").classList.toggle("over", isOver(state.truth.pinch_force_peak_n));
   showHealth(state);
   showCommand(about.kind === "recording" ? recordedCommand(state.truth) : state.command, isSilent(state));
-  showGauge(one("pinch_force_n"), state.truth.pinch_force_peak_n, about.geometry.pinch_limit_n);
+  showGauge(one("pinch_force_n"), state.truth.pinch_force_peak_n);
   if (drawing) {
     const seen = [
       "gate_angle_deg",

@@ -13,7 +13,7 @@ function follow() {
 // Of a run: the charts stand still, or go on.
 function hold(on) {
   isHeld = on;
-  find("hold").textContent = on ? "Go on" : "Pause charts";
+  find("hold").textContent = on ? "Resume charts" : "Pause charts";
   if (!on && about.kind === "run") follow();
 }
 
@@ -127,8 +127,7 @@ function makeReplay() {
         type: "button",
         onclick: () => {
           stop();
-          const around = Math.max(0.3, each.end_s - each.begin_s);
-          zoomTo(each.begin_s - around, each.end_s + around);
+          zoomTo(...around(each));
           seek(each.peak_s);
         },
       },

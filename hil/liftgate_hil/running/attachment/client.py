@@ -8,7 +8,6 @@ import os
 import select
 import socket
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import orjson
@@ -24,6 +23,7 @@ _PATIENCE_S = 1.0  # s to wait for a run's reply
 _RETRY_S = 0.05
 _MOST_ANSWERS = 100  # replies that are kept for `done`
 _DESCRIPTOR = 4  # bytes
+_ALLOWED = "the process of a run (liftgate-hil --bus …)"
 
 
 class Client:
@@ -43,7 +43,7 @@ class Client:
             self.description, self.memory = self._handed()
         except (OSError, ValueError, KeyError, TypeError) as error:
             text = "does not answer, or has the maximum number of clients"
-            raise ConfigError(f"`attach` {pid}: {text}; allowed: {_others()}") from error
+            raise ConfigError(f"`attach` {pid}: {text}; allowed: {_ALLOWED}") from error
         finally:
             if not hasattr(self, "memory"):
                 self._wire.close()
@@ -156,13 +156,6 @@ def _reached(pid: int, patience: float) -> socket.socket:
             return endpoint.connected(pid)
         except OSError as error:
             if time.monotonic() >= end:
-                text = f"`attach` {pid}: no run of yours; allowed: {_others()}"
+                text = f"`attach` {pid}: no run of yours{endpoint.unusable()}; allowed: {_ALLOWED}"
                 raise ConfigError(text) from error
         time.sleep(_RETRY_S)
-
-
-def _others() -> str:
-    runs: Sequence[int] = endpoint.runs()
-    return ", ".join(map(str, runs)) or (
-        f"the process of a run (liftgate-hil --bus …); none is running{endpoint.unusable()}"
-    )

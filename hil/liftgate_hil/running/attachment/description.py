@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ from liftgate_hil.formats.open import RECORDED
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.attachment.geometry import geometry_of
 from liftgate_hil.running.commands.by_hand import usual_obstacle
+from liftgate_hil.running.force_limits import force_limits_of
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.setup import Setup
 from liftgate_hil.signals import OBSTACLE, PROFILES, columns_of
@@ -28,6 +30,9 @@ from liftgate_hil.stimuli.requests import REQUESTS
 from liftgate_hil.stimuli.restbus import start_value_of
 from liftgate_hil.version import version
 from liftgate_plant.signals import Signal
+from liftgate_plant.vehicle import Vehicle
+
+_PARAMETER = re.compile(r"\$(\w+)")
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,8 @@ class Description:
             "geometry": geometry_of(setup.vehicle),
             "scenario": _whole(setup.scenario.source),
             "stimuli": stimuli_of(setup.scenario),
+            "expectations": expectations_of(setup.scenario),
+            "force_limits": limits_of(setup.scenario, setup.vehicle, self.rig),
             "duration_s": setup.scenario.duration if self.options.duration is None else self.options.duration,
             "rig": _whole(self.rig.source),
             "database": _whole(str(self.rig.database)),
@@ -86,6 +93,21 @@ def stimuli_of(scenario: Scenario) -> list[str]:
         found.append(f"fault {fault.kind}{place}{own}{_span(fault.start, fault.end)}")
     found += [f"signal {each.signal} {each.value}{_when(each.when)}" for each in scenario.signals]
     return found
+
+
+def expectations_of(scenario: Scenario) -> dict[str, str]:
+    """Return what a scenario expects, by the names of the expectations, with numbers for parameters."""
+
+    def number(found: re.Match[str]) -> str:
+        value = scenario.parameters.get(found[1])
+        return found[0] if value is None else f"{value:g}"
+
+    return {each.name: _PARAMETER.sub(number, each.formula) for each in scenario.expectations}
+
+
+def limits_of(scenario: Scenario, vehicle: Vehicle, rig: Rig) -> list[dict[str, Any]]:
+    """Return the upper limits of the pinch force in a scenario's expectations, see ForceLimit."""
+    return [each._asdict() for each in force_limits_of(scenario, vehicle, rig)]
 
 
 def _short(value: object) -> str:

@@ -94,13 +94,18 @@ def path_of(pid: int) -> Path:
 def sockets() -> dict[int, int]:
     """Return the ids of the processes with a socket, in rising order, and when each was made [ns since 1970].
 
-    A run that was killed leaves its socket.
+    A run that was killed leaves its socket. Other files in the folders cost a look at their names only.
     """
     found: dict[int, int] = {}
-    for path in (each for place in _folders() for each in place.glob(f"*{SUFFIX}")):
-        with contextlib.suppress(FileNotFoundError):
-            if path.stem.isdecimal():
-                found[int(path.stem)] = max(path.lstat().st_ctime_ns, found.get(int(path.stem), 0))
+    for place in _folders():
+        with contextlib.suppress(OSError), os.scandir(place) as entries:
+            for each in entries:
+                stem = each.name.removesuffix(SUFFIX)
+                if stem == each.name or not stem.isdecimal():
+                    continue
+                with contextlib.suppress(FileNotFoundError):
+                    made_ns = each.stat(follow_symlinks=False).st_ctime_ns
+                    found[int(stem)] = max(made_ns, found.get(int(stem), 0))
     return dict(sorted(found.items()))
 
 

@@ -294,6 +294,26 @@ def test_a_socket_that_somebody_left_behind_is_no_run(folder: Path) -> None:
     assert not path.exists()
 
 
+def test_a_run_that_does_not_answer_costs_no_look_at_others(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page looks for the next run several times a second, among all that killed runs have left."""
+
+    def looked() -> list[int]:
+        raise AssertionError("other runs are looked at")
+
+    monkeypatch.setattr(endpoint, "runs", looked)
+    with pytest.raises(ConfigError, match="no run of yours"):
+        Client(4711)
+
+
+def test_other_files_in_the_folder_are_no_runs_and_not_looked_at(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with endpoint.listening(4711):
+        for name in ("4712", "x.socket", "4713.socket.old", ".socket"):
+            (folder / name).touch()
+        assert list(endpoint.sockets()) == [4711]
+
+
 @pytest.fixture
 def nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The temp folder of a machine on which no other folder can hold sockets."""
@@ -334,7 +354,7 @@ def test_a_folder_that_is_not_ours_is_named_with_what_to_do_and_the_run_goes_on(
     assert said.startswith(f"nobody can attach to this run: {nowhere}: {why}")
     assert "\n" not in said
     # What would attach is told why it finds nothing.
-    with pytest.raises(ConfigError, match=f"none is running \\({re.escape(f'{nowhere}: {why}')}"):
+    with pytest.raises(ConfigError, match=f"no run of yours \\({re.escape(f'{nowhere}: {why}')}"):
         Client(4711)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -9,34 +10,38 @@ from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.judging.comparisons import comparisons_of
+from liftgate_plant.vehicle import Vehicle
 
 _FORCES = ("pinch_force_n", "pinch_force_peak_n")
 _TIMED = "pinch_over_limit_s"  # s over the vehicle's [gate] pinch_limit
 _ON_BUS = ("pinch_force", "pinch_force_max", "pinch_force_peak")
-_UPPER = {"always": ("<", "<="), "never": (">", ">=")}  # comparisons that limit a force from above, by their kind
+_UPPER = {"always": ("<", "<="), "never": (">", ">=")}  # comparisons that limit from above, by their kind
 
 
 class ForceLimit(NamedTuple):
-    """Upper limit of the pinch force, in an expectation."""
+    """Upper limit of the pinch force [N] in an expectation.
+
+    The force may be above it for `longest_s` [s] without interruption; 0: never, NaN: for as long as a condition
+    says that compares with no number.
+    """
 
     force_n: float
+    longest_s: float
     expectation: str
-    condition: str
-    is_timed: bool  # whether the force may be larger for some time
 
 
-def force_limits(scenario: Scenario, rig: Rig, pinch_limit: float) -> Iterator[ForceLimit]:
-    """Yield the upper limits of the pinch force; `pinch_limit` [N] is the vehicle's."""
+def force_limits_of(scenario: Scenario, vehicle: Vehicle, rig: Rig) -> Iterator[ForceLimit]:
+    """Yield each upper limit of the pinch force in the expectations of a scenario, which fit vehicle and rig."""
     on_bus = {f"{wire.message}.{wire.signal}" for wire in rig.outputs if wire.quantity in _ON_BUS}
     for each in scenario.expectations:
         if each.kind == "dtc":
             continue
-        condition = parsed(each.condition, scenario.parameters, rig.messages)
-        for comparison in comparisons_of(condition):
+        for comparison in comparisons_of(parsed(each.condition, scenario.parameters, rig.messages)):
             limit = comparison.limit
             if _TIMED in (*comparison.left.names(), *comparison.right.names()):
-                yield ForceLimit(pinch_limit, each.name, each.condition, True)
+                longest = math.nan if limit is None else limit[2]
+                yield ForceLimit(vehicle.gate.pinch_limit, longest, each.name)
             if limit is None or limit[0].unit != "N":
                 continue
             if set(limit[0].names()) & {*_FORCES, *on_bus} and limit[1] in _UPPER.get(each.kind, ()):
-                yield ForceLimit(limit[2], each.name, each.condition, False)
+                yield ForceLimit(limit[2], 0.0, each.name)

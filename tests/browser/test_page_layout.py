@@ -1,0 +1,87 @@
+"""Where things are on the page: on a bench's screen the gate beside its charts, on a phone before them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser_support import click, errors_in, found, opened, until, window
+from dashboard_support import address_in, process
+
+import liftgate_hil as lh
+
+BENCH, PHONE = (1500, 1000), (390, 844)
+BOX = "const box = (it) => it.getBoundingClientRect();"
+# What leaves the window on a side, or is cut by what it is in.
+CUT = """
+const cut = [];
+for (const it of document.querySelectorAll('header *, main *')) {
+  if (it.closest('svg, .wide, .lines, .hidden, #scenario-list') || !it.checkVisibility()) continue;
+  const { left, right } = it.getBoundingClientRect();
+  if (left < -1 || right > innerWidth + 1) cut.push(it.outerHTML.slice(0, 120));
+}
+return cut;
+"""
+
+
+def test_on_a_bench_the_gate_is_beside_its_charts_and_all_of_them_are_in_sight(page: Any) -> None:
+    with window(page, *BENCH):
+        ends = f"{BOX} return [...document.querySelectorAll('#plots > div')].map((it) => box(it).bottom)"
+        until(page, lambda _: max(page.execute_script(ends)) < BENCH[1])
+        charts, scene, controls = (found(page, each).rect for each in ("#charts", "#scene", "#controls"))
+        assert charts["y"] == scene["y"] == controls["y"]
+        assert charts["x"] + charts["width"] <= scene["x"]
+        assert scene["x"] + scene["width"] <= controls["x"]
+        drawing = found(page, "#drawing").rect
+        assert drawing["width"] > 400
+        assert drawing["y"] + drawing["height"] < BENCH[1]
+        heights = page.execute_script("return charts.charts.map(({ plot }) => plot.height)")
+        assert min(heights) > 100
+        assert page.execute_script(CUT) == []
+    assert errors_in(page) == []
+
+
+def test_a_column_that_is_added_keeps_all_charts_in_sight(page: Any) -> None:
+    with window(page, *BENCH):
+        click(page, "#values summary")
+        click(page, "button[aria-label='draw left_winding_temperature_degc']")
+        until(page, lambda _: page.execute_script("return charts.charts.length") == 5)
+        end = f"{BOX} return box(document.querySelector('#plots')).bottom + scrollY"
+        until(page, lambda _: page.execute_script(end) < BENCH[1])
+
+
+def test_on_a_phone_gate_and_controls_come_before_the_charts_and_nothing_is_cut(page: Any) -> None:
+    with window(page, *PHONE):
+        scene, controls, charts = (found(page, each).location["y"] for each in ("#scene", "#controls", "#charts"))
+        assert scene < controls < charts
+        assert page.execute_script("return document.documentElement.scrollWidth <= innerWidth")
+        assert page.execute_script(CUT) == []
+
+
+@pytest.mark.parametrize("handle", ["rod", "grip"])
+def test_a_finger_of_40_pixels_takes_a_handle_on_a_phone(page: Any, handle: str) -> None:
+    """Wherever it touches: on the handle's centre, and 20 pixels beside it."""
+    touched = f"""{BOX}
+        const handle = document.getElementById(arguments[0]);
+        handle.scrollIntoView({{ block: 'center' }});
+        const {{ left, top, width, height }} = box(handle), x = left + width / 2, y = top + height / 2;
+        return [[0, 0], [20, 0], [-20, 0], [0, 20], [0, -20]].map(
+          ([right, down]) => document.elementFromPoint(x + right, y + down)?.closest('[role=slider]')?.id);
+    """
+    with window(page, *PHONE):
+        until(page, lambda _: page.execute_script(touched, handle) == [handle] * 5)
+
+
+def test_a_recording_has_all_charts_in_sight_beside_the_gate(browser: Any, tmp_path: Path) -> None:
+    lh.run("demo", duration=2.0, record=tmp_path / "run.mf4")
+    with process("dashboard", "--recording", "run.mf4", "--listen", "127.0.0.1:0", folder=tmp_path) as child:
+        opened(browser, address_in(child), ("recording",))
+        with window(browser, *BENCH):
+            end = f"{BOX} return box(document.querySelector('#plots')).bottom"
+            until(browser, lambda _: browser.execute_script(end) < BENCH[1])
+            charts, scene = found(browser, "#charts").rect, found(browser, "#scene").rect
+            assert charts["x"] + charts["width"] <= scene["x"]
+            assert charts["y"] == scene["y"]
+            assert browser.execute_script(CUT) == []
+        assert errors_in(browser) == []

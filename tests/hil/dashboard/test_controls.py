@@ -1,0 +1,38 @@
+"""Controls of a page: what its forms begin with is allowed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hil_support import shipped_rig
+
+from liftgate_hil.config.fault_kinds import FAULT_KINDS
+from liftgate_hil.config.scenario_tables import fault_of
+from liftgate_hil.dashboard.controls import controls_of
+from liftgate_hil.running.attachment.description import commands_of
+from liftgate_hil.running.setup import setup_of
+from liftgate_hil.signals import PROFILES
+
+CONTROLS = controls_of(commands_of(setup_of(None), shipped_rig(), True))
+
+
+@pytest.mark.parametrize("kind", FAULT_KINDS)
+def test_the_form_of_a_fault_begins_with_values_that_make_a_fault(kind: str) -> None:
+    spec = CONTROLS["fault"][kind]
+
+    def begins(key: dict[str, Any]) -> Any:
+        return key["labels"][0] if key["labels"] else key["typical"]
+
+    values = {name: begins(key) for name, key in spec["keys"].items()}
+    assert None not in values.values()
+    found = fault_of(kind, spec["where"][0] if spec["where"] else None, values)
+    assert found.kind == kind
+
+
+def test_each_switch_has_a_button_for_either_way() -> None:
+    switches = [name for name, signal in PROFILES.items() if signal.values]
+    assert switches
+    for name, spec in CONTROLS["set"].items():
+        assert len(spec["actions"]) == (2 if name in switches else 0)
+    assert CONTROLS["set"]["handle_pulled"]["actions"] == ["Release handle", "Pull handle"]

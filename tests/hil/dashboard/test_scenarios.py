@@ -1,0 +1,136 @@
+"""The page's list of scenarios: what it holds, how far it looks, and that it holds up nobody."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import orjson
+import pytest
+
+from liftgate_hil.dashboard import scenarios
+from liftgate_hil.dashboard.scenarios import Scenarios
+from liftgate_hil.dashboard.server import Page
+from liftgate_hil.dashboard.source import NoSource
+
+
+def write(path: Path, text: str = "duration = 1\n") -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+@pytest.fixture
+def entries(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of all entries of folders that are looked at."""
+    real, found = os.scandir, list[str]()
+
+    class Watched:
+        def __init__(self, path: Any) -> None:
+            self._own = real(path)
+
+        def __enter__(self) -> Watched:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            self._own.close()
+
+        def __iter__(self) -> Iterator[Any]:
+            for each in self._own:
+                found.append(each.name)
+                yield each
+
+    monkeypatch.setattr(os, "scandir", Watched)
+    return found
+
+
+def test_names_are_those_of_the_files_below_without_hidden_ones(tmp_path: Path) -> None:
+    those = ("b.toml", "a.toml", "pack/c.toml", "pack/deep/d.toml")
+    for name in (*those, ".venv/no.toml", "pack/.no.toml", "no.txt"):
+        write(tmp_path / name)
+    (tmp_path / "pack" / "again").symlink_to(tmp_path)  # without end
+    (tmp_path / "no.toml").mkdir()
+    assert Scenarios(tmp_path).names() == (["a.toml", "b.toml", "pack/c.toml", "pack/deep/d.toml"], True)
+
+
+def test_a_folder_of_many_files_is_looked_at_in_part_and_that_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entries: list[str]
+) -> None:
+    monkeypatch.setattr(scenarios, "_MOST_ENTRIES", 50)
+    for k in range(200):
+        write(tmp_path / "results" / f"{k}.csv")
+    write(tmp_path / "a.toml")
+    assert Scenarios(tmp_path).names() == (["a.toml"], False)  # the nearest first
+    assert len(entries) <= 51
+
+
+def test_more_files_than_are_listed_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scenarios, "_MOST", 2)
+    for k in range(3):
+        write(tmp_path / f"{k}.toml")
+    names, is_all = Scenarios(tmp_path).names()
+    assert (len(names), is_all) == (2, False)
+    (tmp_path / "0.toml").unlink()
+    assert Scenarios(tmp_path).names() == (["1.toml", "2.toml"], True)
+
+
+def test_each_says_what_it_is_about_its_own_words_before_those_of_what_it_includes(tmp_path: Path) -> None:
+    write(tmp_path / "parts/p.toml", 'description = "of the part"\nrequirement = ["LG-1", "LG-2"]\n')
+    write(tmp_path / "a.toml", 'include = ["parts/p.toml"]\nduration = 1\n')
+    write(tmp_path / "b.toml", 'include = ["parts/p.toml"]\ndescription = "its  own"\nrequirement = "LG-3"\n')
+    write(tmp_path / "wrong.toml", "nonsense")
+    listed, is_all = Scenarios(tmp_path).listed()
+    a, b, part, wrong = listed
+    assert is_all
+    assert (a["description"], a["requirement"], a["issue"]) == ("of the part", ["LG-1", "LG-2"], "")
+    assert (b["description"], b["requirement"]) == ("its own", ["LG-3"])
+    assert part["name"] == "parts/p.toml"
+    assert "wrong.toml" in wrong["issue"]
+    assert wrong["description"] == ""
+
+
+def test_a_file_is_read_again_once_it_or_what_it_includes_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[str] = []
+    real = scenarios.read_scenario
+    monkeypatch.setattr(scenarios, "read_scenario", lambda path: (read.append(path.name), real(path))[1])
+    write(tmp_path / "parts/p.toml", 'description = "before"\n')
+    write(tmp_path / "a.toml", 'include = ["parts/p.toml"]\n')
+    found = Scenarios(tmp_path)
+    found.listed()
+    assert read == ["a.toml", "p.toml"]
+    found.listed()
+    assert read == ["a.toml", "p.toml"]
+    write(tmp_path / "parts/p.toml", 'description = "afterwards"\n')
+    assert [each["description"] for each in found.listed()[0]] == ["afterwards", "afterwards"]
+
+
+class SlowList:
+    """A starter whose list of scenarios takes until something else was answered."""
+
+    thread_id = 0
+
+    def __init__(self) -> None:
+        self.answered = threading.Event()
+
+    def state(self) -> Any:
+        return {"was_answered_meanwhile": self.answered.wait(20)}
+
+
+def test_a_slow_list_of_scenarios_holds_up_nobody() -> None:
+    slow = SlowList()
+    page = Page(NoSource(), False, slow)  # type: ignore[arg-type]
+
+    async def go() -> Any:
+        listing = asyncio.create_task(page._runs(None))  # type: ignore[arg-type]
+        await asyncio.sleep(0)
+        await page._about(None)  # type: ignore[arg-type]
+        slow.answered.set()
+        return await listing
+
+    answer = asyncio.run(go())
+    assert orjson.loads(answer.body) == {"was_answered_meanwhile": True}
