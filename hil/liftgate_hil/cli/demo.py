@@ -186,7 +186,7 @@ def _draw(setup: Setup, shown: Result, event: PinchEvent | None, folder: Path, m
         columns={name: shown.trace[name] for name in columns_of(setup.vehicle.drives)},
         event=event,
         obstacles=_obstacles(setup),
-        marks=[(each.time, "reversal") for each in shown.events if "reversing" in each.text],
+        marks=[(each.time, "ECU reverses") for each in shown.events if "reversing" in each.text],
     )
     try:
         plot_run(folder / "demo.png", picture, teller.say)

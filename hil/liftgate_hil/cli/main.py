@@ -31,7 +31,7 @@ COMMANDS = {
     "replay": "a recording's frames onto a bus, with the original timing",
     "plot": "a picture of a recording or of a vehicle",
     "dashboard": "the operator's page of a running emulator, or of a recording",
-    "compare": "two recordings: the largest difference of each column, and when; a picture",
+    "compare": "two recordings: the first and the largest difference of each column; a picture",
     "simulate": "the plant alone, offline, as fast as it goes",
     "identify": "parameters of a vehicle from measurements; which experiment gives most information",
     "validate": "a vehicle's model against measurements",

@@ -58,10 +58,11 @@ def _span(view: View) -> float:
 
 
 def margin_text(verdict: Verdict) -> str:
-    """Return the margin with its unit; a dash where there is none."""
+    """Return the margin with its uncertainty and unit; a dash where there is none."""
     if not verdict.has_margin or verdict.margin is None or not math.isfinite(verdict.margin):
         return "—"
-    return f"{verdict.margin:.4g} {verdict.margin_unit}".rstrip()
+    doubt = f" ± {verdict.uncertainty:.2g}" if verdict.uncertainty else ""
+    return f"{verdict.margin:.4g}{doubt} {verdict.margin_unit}".rstrip()
 
 
 def decided(expectation: Expectation, verdict: Verdict) -> tuple[float, str] | None:

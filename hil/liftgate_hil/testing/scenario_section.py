@@ -8,7 +8,7 @@ from pathlib import Path
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.trace_summary import TraceSummary
-from liftgate_hil.judging.verdict import PASS, Verdict
+from liftgate_hil.judging.verdict import PASS, REPLAY, Verdict
 from liftgate_hil.report.page import Markup, alert, bullets, pairs, text
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.testing.picture import Names, decided, margin_text
@@ -16,6 +16,9 @@ from liftgate_hil.testing.suite import Outcome
 from liftgate_hil.testing.words import happenings, window_words
 
 _MOST_HAPPENINGS = 60
+_STEPPED_AGAIN = (
+    "the gate was simulated again with the recorded commands, and these shifted by the delay: all agree"
+)
 
 
 def badge(verdict: str) -> Markup:
@@ -134,6 +137,7 @@ def _expectation(
         ("window", window_words(expectation, verdict.window_s)),
         ("margin", _margin(verdict, expectation.hold)),
         *([(instant[1], f"at {instant[0]:.6g} s")] if instant and is_sharp else []),
+        *([("the bench was late", _STEPPED_AGAIN)] if verdict.method == REPLAY else []),
         ("reason", verdict.reason),
     ]
     is_open = "" if verdict.verdict == PASS else " open"

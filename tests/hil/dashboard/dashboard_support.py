@@ -32,7 +32,7 @@ class Client:
         address = f"http://{self.host}{path}{mark}token={token}" if token else f"http://{self.host}{path}"
         request = urllib.request.Request(address, body, headers or {})
         try:
-            with urllib.request.urlopen(request, timeout=30) as answer:
+            with urllib.request.urlopen(request, timeout=120) as answer:
                 return answer.status, _read(answer)
         except urllib.error.HTTPError as error:
             return error.code, _read(error)
