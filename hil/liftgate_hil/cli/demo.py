@@ -20,6 +20,7 @@ from liftgate_hil.cli.run import exit_code_of, raise_error, report
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import run_loop
+from liftgate_hil.dashboard.listening import hold_token
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, number_of
 from liftgate_hil.judging.verdict import FAIL, INCONCLUSIVE
@@ -70,7 +71,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()
-    folder = _folder(args)
+    folder, page = _folder(args), args
+    if args.dashboard:
+        hold_token()  # so that the page of a repeated run has that of the first one
     is_whole = args.scenario in (None, "demo") and args.duration is None
     is_ours, mark = args.ecu == REFERENCE, ""
     judged = _LEARNED if is_ours else _JUDGED
@@ -100,6 +103,8 @@ def run(args: argparse.Namespace) -> int:
         return stopped.exit_code
     if busy and args.ecu == ON_A_BUS:
         return DEMO_EXIT_CODES[INCONCLUSIVE]
+    if busy and page.dashboard and not page.no_record:
+        _show_on_page(page, folder)
     for reason in reasons:
         print(f"liftgate-hil demo: failed: {reason}", file=sys.stderr)
     if is_whole and not reasons and not args.quiet and not args.json:
@@ -116,6 +121,21 @@ def _shown(args: argparse.Namespace, stopped: StopSignals, is_whole: bool) -> Re
     )
     raise_error(args, shown, stopped)
     return shown
+
+
+def _show_on_page(args: argparse.Namespace, folder: Path) -> None:
+    """Serve the page of the repeated run, at the address of the first one, until it is stopped.
+
+    Raises ConfigError.
+    """
+    from liftgate_hil.cli import dashboard
+
+    print("liftgate-hil demo: the page shows the repeated run; Ctrl-C ends it", file=sys.stderr, flush=True)
+    given = ["--recording", str(folder / "demo.csv"), "--vehicle", options.setup_of(args).vehicle_name]
+    given += ["--listen", args.listen or options.LISTEN, *["--read-only"] * args.read_only]
+    parser = argparse.ArgumentParser()
+    dashboard.add_arguments(parser)
+    dashboard.run(parser.parse_args(given))
 
 
 def _present(args: argparse.Namespace, shown: Result, stopped: StopSignals, folder: Path, mark: str) -> None:

@@ -45,6 +45,11 @@ def new_token() -> str:
     return given
 
 
+def hold_token() -> None:
+    """Have all pages of this process and of its children use one token. Raises ConfigError."""
+    os.environ[_TOKEN] = new_token()
+
+
 def url_of(wire: socket.socket, host: str, token: str) -> str:
     """Return the URL to open; where the server listens at all addresses, with this machine's name."""
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else host

@@ -20,12 +20,14 @@ import numpy as np
 import pytest
 from c_library import build, needs_compiler
 
+from liftgate_hil.cli import demo as demo_command
 from liftgate_hil.cli.demo import busy_with, failures
 from liftgate_hil.cli.main import main
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import EcuProcess
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.shipped import find_config
+from liftgate_hil.dashboard.listening import new_token
 from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
 from liftgate_hil.errors import EcuError
 from liftgate_hil.judging.verdict import Verdict
@@ -206,6 +208,27 @@ def test_where_the_machine_is_too_busy_the_same_is_shown_on_the_free_clock(
     assert "failed" not in told.err
     assert told.out.count("closed and latched") == 1
     assert (folder / "demo.png").is_file()
+
+
+def test_the_page_shows_the_repeated_run_at_the_same_address_with_the_same_token(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    served: list[Any] = []
+    monkeypatch.delenv("LIFTGATE_HIL_TOKEN", raising=False)
+    monkeypatch.setattr(demo_command, "_shown", lambda args, *_: shown(summary=Summary(clock=args.clock)))
+    monkeypatch.setattr(demo_command, "_present", lambda *_: None)
+    monkeypatch.setattr(demo_command, "busy_with", lambda *_: "it was late")
+    monkeypatch.setattr("liftgate_hil.cli.dashboard.run", served.append)
+    given = ["--output", "here", "--dashboard", "--listen", "127.0.0.1:8899", "--read-only"]
+    try:
+        assert main(["demo", *given]) == 0
+        token = new_token()
+    finally:
+        os.environ.pop("LIFTGATE_HIL_TOKEN", None)
+    (page,) = served
+    assert (page.recording, page.listen, page.read_only) == ("here/demo.csv", "127.0.0.1:8899", True)
+    assert page.vehicle == "suv"
+    assert len(token) > 16
 
 
 def test_all_failures_are_reported_at_once() -> None:
