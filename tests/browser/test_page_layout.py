@@ -61,7 +61,7 @@ def test_on_a_phone_gate_and_controls_come_before_the_charts_and_nothing_is_cut(
 
 @pytest.mark.parametrize("handle", ["rod", "grip"])
 def test_a_finger_of_40_pixels_takes_a_handle_on_a_phone(page: Any, handle: str) -> None:
-    """Wherever it touches: on the handle's centre, and 20 pixels beside it."""
+    """Wherever it touches: on the handle's centre, and 20 pixels beside it, where the other one may be nearer."""
     touched = f"""{BOX}
         const handle = document.getElementById(arguments[0]);
         handle.scrollIntoView({{ block: 'center' }});
@@ -70,7 +70,12 @@ def test_a_finger_of_40_pixels_takes_a_handle_on_a_phone(page: Any, handle: str)
           ([right, down]) => document.elementFromPoint(x + right, y + down)?.closest('[role=slider]')?.id);
     """
     with window(page, *PHONE):
-        until(page, lambda _: page.execute_script(touched, handle) == [handle] * 5)
+
+        def is_taken(_: Any) -> bool:
+            centre, *beside = page.execute_script(touched, handle)
+            return bool(centre == handle and {*beside} <= {"rod", "grip"})
+
+        until(page, is_taken)
 
 
 def test_a_recording_has_all_charts_in_sight_beside_the_gate(browser: Any, tmp_path: Path) -> None:

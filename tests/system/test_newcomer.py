@@ -56,7 +56,7 @@ HERE = (
     "liftgate-hil --bus udp_multicast",
     "liftgate-hil ecu --bus udp_multicast",
     "python -m can.logger",
-    "liftgate-hil --bus socketcan:can0 --realtime",
+    "liftgate-hil --bus socketcan:can0 --rate 2000",
     "liftgate-hil doctor",
     "liftgate-hil --rig tailgate.toml",
     "liftgate-hil ecu --rig tailgate.toml",
@@ -278,7 +278,7 @@ def test_doctor_gives_a_verdict(folder: Path) -> None:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize(
-    "start_of", ["liftgate-hil --bus socketcan:can0", "liftgate-hil --bus socketcan:can0 --realtime"]
+    "start_of", ["liftgate-hil --bus socketcan:can0", "liftgate-hil --bus socketcan:can0 --rate 2000"]
 )
 def test_the_gate_on_a_bus_says_how_it_went(folder: Path, bus: dict[str, str], start_of: str) -> None:
     assert run(command(start_of), folder, bus, SHORT).startswith("ticks ")

@@ -223,7 +223,7 @@ VERDICTS = Document(
         "scenarios[].seed": "seed of noise and scatter",
         "scenarios[].parameters": "parameters of the scenario, with `--set-parameter`",
         "scenarios[].parameters.NAME": "value, in the unit in which the scenario uses it",
-        "scenarios[].clock": "clock of the run: `realtime`, `lockstep` or `free`",
+        "scenarios[].clock": "clock of the run: `realtime`, `lockstep` or `free`; of `judge`: `recorded`",
         "scenarios[].wall_s": "elapsed time of the run [s]",
         "scenarios[].expectations": "its expectations, see Expectation",
         "scenarios[].attempts": "earlier, inconclusive attempts, with `--retry-inconclusive`",

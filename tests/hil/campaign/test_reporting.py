@@ -506,7 +506,7 @@ def test_expectations_without_a_margin_are_counted_by_their_verdicts(tmp_path: P
     assert found.driver == "margin.state"
     only = summary_of(path, ["rod"], ["code"])
     assert only.driver == "peak_pinch_force_n"  # nothing else tells one failure from another
-    assert worst(only, {}, "folder").count("force [N]") == 1
+    assert worst(only, {}, "folder").count(">force [N]<") == 1
 
 
 def test_variants_that_differ_in_a_trouble_code_only_are_different(tmp_path: Path) -> None:

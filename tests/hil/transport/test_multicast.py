@@ -148,7 +148,7 @@ def test_a_bus_has_a_large_buffer(pair: tuple[CanTransport, Any]):
 @pytest.mark.parametrize("is_told", [True, False])
 def test_a_kernel_that_does_not_tell_what_it_drops_is_named(monkeypatch: pytest.MonkeyPatch, is_told: bool):
     monkeypatch.setattr(multicast, "tells_drops", lambda: is_told)
-    assert ("lost ones go unnoticed" in multicast.reach({"hop_limit": 0})) is not is_told
+    assert ("losses go unnoticed" in multicast.reach({"hop_limit": 0})) is not is_told
 
 
 def test_a_number_as_data_is_not_that_much_memory(pair: tuple[CanTransport, Any]):
