@@ -1,4 +1,4 @@
-"""What `--help` shows of a command: first what it needs, then its flags by subject, at the end three examples."""
+"""Help of a command, for `--help`: first what it needs, then its flags by subject, at the end three examples."""
 
 from __future__ import annotations
 

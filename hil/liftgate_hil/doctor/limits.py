@@ -7,22 +7,16 @@ import re
 from pathlib import Path
 
 from liftgate_hil.doctor.check import Check, number, read
-from liftgate_hil.loop.locked_memory import short_of_memory
+from liftgate_hil.loop.locked_memory import CAP_IPC_LOCK, has_capability, short_of_memory
 from liftgate_hil.loop.priority import PRIORITY
 from liftgate_hil.transport.receive_buffer import RECEIVE_BUFFER
 
-_CAP_NET_ADMIN, _CAP_IPC_LOCK, _CAP_SYS_NICE = 12, 14, 23  # linux/capability.h
+_CAP_NET_ADMIN, _CAP_SYS_NICE = 12, 23  # linux/capability.h
 _KERNEL_THREAD = 0x00200000  # PF_KTHREAD
 _FIFO, _ROUND_ROBIN = 1, 2
 _UNLIMITED = 2**63
 RUN_MAPS = 4 << 30  # bytes; mlockall counts all mapped memory, 2 to 3 GB in a run
 _FILE = "/etc/security/limits.d/90-liftgate.conf"
-
-
-def has_capability(root: Path, bit: int) -> bool:
-    """Whether this process has a capability."""
-    held = re.search(r"^CapEff:\s*([0-9a-f]+)$", read(root, "proc/self/status"), re.MULTILINE)
-    return held is not None and bool(int(held[1], 16) >> bit & 1)
 
 
 def _limit(root: Path, name: str) -> int:
@@ -48,7 +42,7 @@ def may_have_fifo(root: Path) -> bool:
 
 def may_lock_memory(root: Path) -> bool:
     """Whether a run in real time will probably be allowed to lock its memory."""
-    return _limit(root, "Max locked memory") >= RUN_MAPS or has_capability(root, _CAP_IPC_LOCK)
+    return _limit(root, "Max locked memory") >= RUN_MAPS or has_capability(root, CAP_IPC_LOCK)
 
 
 def priority(root: Path, user: str) -> Check:

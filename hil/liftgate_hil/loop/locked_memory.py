@@ -15,7 +15,7 @@ from pathlib import Path
 
 ROOT = Path("/")
 _CURRENT, _FUTURE, _ONFAULT = 1, 2, 4  # MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT (mlockall(2))
-_CAP_IPC_LOCK = 14  # linux/capability.h
+CAP_IPC_LOCK = 14  # linux/capability.h
 _HOW = "ulimit -l unlimited (memlock in /etc/security/limits.conf), or CAP_IPC_LOCK"
 
 
@@ -59,8 +59,13 @@ def _is_limited() -> bool:
     """Whether the process may not lock any amount of memory."""
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         return False
-    held = re.search(r"^CapEff:\s*([0-9a-f]+)$", _read(ROOT / "proc/self/status"), re.MULTILINE)
-    return held is None or not int(held[1], 16) >> _CAP_IPC_LOCK & 1
+    return not has_capability(ROOT, CAP_IPC_LOCK)
+
+
+def has_capability(root: Path, bit: int) -> bool:
+    """Whether this process has a capability."""
+    held = re.search(r"^CapEff:\s*([0-9a-f]+)$", _read(root / "proc/self/status"), re.MULTILINE)
+    return held is not None and bool(int(held[1], 16) >> bit & 1)
 
 
 def _left_in_groups(root: Path) -> Iterator[int]:

@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from liftgate_hil.ecu.node import NO_ECU
+from liftgate_hil.judging.judge import Judge
 from liftgate_hil.loop.precondition import after_precondition
 from liftgate_hil.loop.refusal_texts import RefusalTexts
 from liftgate_hil.loop.tick import copied
@@ -35,6 +36,11 @@ class Execution:
     stopped: Callable[[], bool]
     memory: Memory | None  # of the loop, where another process watches it
     starts: SharedStarts | None = None  # states after preconditions, where many runs share them
+
+    @property
+    def judge(self) -> Judge | None:
+        """The judge among the sinks; None: there is nothing to judge."""
+        return next((each for each in self.sinks if isinstance(each, Judge)), None)
 
     def start(self) -> tuple[StimulusPlan, LoopState]:
         """Return a copy of the plan's stimuli, and the state of the loop, both at time 0. Raises as `started`."""

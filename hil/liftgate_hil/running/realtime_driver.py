@@ -7,7 +7,6 @@ import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from liftgate_hil.judging.judge import Judge
 from liftgate_hil.loop.begun import Begun
 from liftgate_hil.loop.priority import Realtime
 from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
@@ -64,7 +63,7 @@ class RealtimeDriver:
         loop.state, loop.monitor = run.state, run.monitor()
         loop.is_first = not has_run
         if plan.job.gives_up_late:
-            judge = next((each for each in run.execution.sinks if isinstance(each, Judge)), None)
+            judge = run.execution.judge
             loop.spoilt = loop.spoilt if judge is None else judge.spoilt
         self.begun = Begun.at(plan.config, run.state, run.stimuli)
 

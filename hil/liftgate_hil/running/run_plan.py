@@ -200,7 +200,7 @@ class _Run:
         """Return what steps a real-time gate again; None where more than the ECU's commands acted on it."""
         log = None if self._on_bus is None else self._on_bus.log
         begun = None if self._driver is None else self._driver.begun
-        judge = next((each for each in self._execution.sinks if isinstance(each, Judge)), None)
+        judge = self._execution.judge
         if log is None or judge is None or begun is None:
             return None
         frames = log.frames()

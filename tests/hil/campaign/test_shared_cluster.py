@@ -49,7 +49,7 @@ def slots_of(cluster: DaskProcesses) -> list[int]:
 
 
 def text_of(path: Path) -> str:
-    """What /proc says of a thread or a process; nothing if that has ended meanwhile."""
+    """The text of a file in /proc; empty if its thread or process has ended meanwhile."""
     with contextlib.suppress(FileNotFoundError, ProcessLookupError):
         return path.read_text()
     return ""

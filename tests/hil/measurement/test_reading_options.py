@@ -1,4 +1,4 @@
-"""How a file is read (bus, time zone) holds for a table, too, as a measurement."""
+"""Options of reading (bus, time zone) apply to tables that are read as measurements, too."""
 
 from __future__ import annotations
 
