@@ -92,8 +92,7 @@ def _many(many: Mapping[str, Many]) -> list[str]:
         "",
         f"{sum(each.cars for each in many.values())} cars drawn from the vehicles' `[spread]`, each at a voltage "
         f"of 9.5 to 15 V, at -20 to 60 °C and on a slope of ±8° of its own; after learning {FREE} openings and "
-        f"closings undisturbed, then a rod somewhere. **{false} of {total}** motions reversed falsely"
-        + (f", 1 in {total // false}." if false else "."),
+        f"closings undisturbed, then a rod somewhere. **{false} of {total}** motions reversed falsely.",
         "",
         "| | cars | false | force, median | 95 % | largest |",
         "|---|---|---|---|---|---|",
@@ -139,7 +138,7 @@ def _rods(rods: Mapping[tuple[str, float], list[Any]], energies: Mapping[str, En
         "as a whole slower, at 35°. The load shows late: the gate's mass on its mechanism, and at some places the "
         "backlash, keep it from the motors for 10 to 25 ms.",
         "",
-        "| | gate, kg | rotors, kg | rod | at the calibrated speed | unbraked | with the ECU |",
+        "| | gate at its edge, kg | rotors as felt at the edge, kg | rod | at the calibrated speed | unbraked | with the ECU |",
         "|---|---|---|---|---|---|---|",
     ]
     for vehicle in VEHICLES:

@@ -57,7 +57,7 @@ def pack_page(outcomes: Sequence[Outcome], matrix: Matrix, seconds: float, jobs:
     made = page(
         "The pack",
         _INTRO,
-        f"{len(outcomes)} scenarios took {seconds:.1f} s with {jobs} at a time.",
+        f"{len(outcomes)} scenarios took {seconds:.1f} s, {jobs} at a time; the code had been compiled before.",
         table(("scenario", "verdict", "smallest margin", "reason"), rows),
         "## Mutants",
         _MUTANTS,
@@ -75,13 +75,13 @@ def _name(outcome: Outcome) -> str:
 
 
 def _least(outcome: Outcome) -> str:
-    """Return the smallest margin of an outcome in each unit, as text."""
+    """Return the smallest margin of an outcome in each unit, as text; those of states and shares say nothing."""
     least: dict[str, float] = {}
     for each in outcome.expectations:
-        if each.margin is not None:
+        if each.margin is not None and each.margin_unit:
             unit = each.margin_unit
             least[unit] = min(each.margin, least.get(unit, math.inf))
-    return ", ".join(f"{margin:.3g} {unit}".strip() for unit, margin in least.items())
+    return ", ".join(f"{margin:.3g} {unit}" for unit, margin in least.items()) or "—"
 
 
 def _reason(outcome: Outcome) -> str:

@@ -30,12 +30,16 @@ def expectation_json(verdict: Verdict) -> dict[str, Any]:
 
 
 def line_of(verdict: Verdict) -> str:
-    """Return an expectation's verdict as one line; for a failure with a reason, the reason states the times."""
+    """Return an expectation's verdict as one line, with the comparison that its margin is of.
+
+    Where there is a reason, this states the comparison; for a failure also the times.
+    """
     parts = [verdict.verdict]
     if verdict.has_margin:
         unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""
         doubt = f" ± {verdict.uncertainty:.2g}" if verdict.uncertainty else ""
-        parts.append(f"margin {verdict.margin:.4g}{doubt}{unit}")
+        compared = f" ({verdict.decided_by})" if verdict.decided_by and not verdict.reason else ""
+        parts.append(f"margin {verdict.margin:.4g}{doubt}{unit}{compared}")
     has_times = verdict.time_s is not None and not (verdict.verdict == FAIL and verdict.reason)
     if has_times and (not verdict.has_margin or verdict.margin_time_s in (None, verdict.time_s)):
         parts.append(f"at {verdict.time_s:.3f} s")

@@ -30,7 +30,7 @@ class BusLoad:
         return 100.0 * self.bits / (bitrate * seconds) if seconds > 0.0 else 0.0
 
 
-EDGE_SPEED = 0.29  # m/s, of the gate's edge while closing (the reference vehicle)
+EDGE_SPEED = 0.20  # m/s, largest one of the edge of `suv` while the reference ECU closes it: 11.7 deg/s at 1 m
 ROD_RATE = 10_000.0  # N/m, stiffness of the rod by which anti-trap functions are judged
 
 

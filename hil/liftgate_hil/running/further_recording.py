@@ -187,6 +187,7 @@ class FurtherRecording:
                         process.mark(time_s, text)
             process.wait_until_ready()
             self._phase = RECORDING
+            self.prepare()  # for the next one, which may follow at once
             if not stop.is_set():
                 self._listener.say(f"record {path.name}: recording from {begin_s:.3f} s on")
             stop.wait()

@@ -7,6 +7,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from asammdf import MDF
@@ -37,6 +38,15 @@ def wait_for(run: subprocess.Popen[str], text: str) -> None:
     assert any(text in line for line in run.stderr)
 
 
+def completed(client: Client, name: str) -> str:
+    """The line of the run's log that reports this file, once the next one can be recorded."""
+
+    def lines(state: dict[str, Any]) -> list[str]:
+        return [line for _, _, line in state["log"] if "recorded: " in line and f"/{name}, " in line]
+
+    return lines(until(client, lambda state: lines(state) and not state["in_force"]["record"]))[0]
+
+
 @pytest.mark.realtime
 def test_a_file_holds_what_lay_between_both_requests_and_its_marks(client: Client, tmp_path: Path) -> None:
     """The times of the requests are those of the answers: the ticks at which the run got them."""
@@ -49,7 +59,7 @@ def test_a_file_holds_what_lay_between_both_requests_and_its_marks(client: Clien
             mark = client.command(mark=name)[1]["time_s"] if number % 2 else None
             time.sleep(moments.uniform(0.0, 0.5))
             end = client.command(record=None)[1]["time_s"]
-            until(client, lambda state: state["in_force"]["record"] is None)
+            assert "lost" not in completed(client, name)
             recording = open_recording(tmp_path / name)
             times = [time for rows in recording.rows(["time_s"]) for time in rows[:, 0].tolist()]
             assert times[0] == pytest.approx(begin, abs=NEAR_S)

@@ -36,13 +36,13 @@ def test_a_dear_tick_lowers_the_rate_and_no_figures_give_none():
 
 
 def test_the_verdict_names_the_rate_the_mode_and_the_force():
-    # 50e-6 s * 0.29 m/s * 10000 N/m = 0.145 N
+    # 50e-6 s * 0.20 m/s * 10000 N/m = 0.1 N
     check = timing.verdict(1000.0, {WITHOUT: wakeups(900.0), WITH: wakeups(60.0)}, CHEAP, 0)
     assert check.level == "ok"
     assert check.found == (
         "fit for up to 10000 Hz with FIFO scheduling (1000 Hz without FIFO scheduling), "
         "and for tests in real time; "
-        "p99 lateness 50 µs is 0.14 N of pinch force on the 10 N/mm rod"
+        "p99 lateness 50 µs is 0.10 N of pinch force on the 10 N/mm rod"
     )
 
 

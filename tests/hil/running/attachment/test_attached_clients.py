@@ -31,6 +31,8 @@ from liftgate_hil.running.setup import setup_of
 
 RIG = shipped_rig()
 
+GONE = 2**22 + 1  # an id that no process can have: PID_MAX_LIMIT of linux/threads.h is 2²²
+
 
 class Nobody:
     """See Target."""
@@ -281,16 +283,16 @@ def test_paths_are_reported_whole_for_those_in_other_folders(server: tuple[Serve
 
 
 def test_a_socket_that_somebody_left_behind_is_no_run(folder: Path) -> None:
-    path = endpoint.path_of(4711)
+    path = endpoint.path_of(GONE)
     with socket.socket(socket.AF_UNIX) as left:  # by a process that was killed
         left.bind(str(path))
     assert endpoint.runs() == []
-    with pytest.raises(ConfigError, match="`attach` 4711: no run of yours; allowed: the process"):
-        Client(4711)
+    with pytest.raises(ConfigError, match=f"`attach` {GONE}: no run of yours; allowed: the process"):
+        Client(GONE)
     with socket.socket(socket.AF_UNIX) as left:
         left.bind(str(path))
-    with endpoint.listening(4711):  # and is no obstacle to another
-        assert endpoint.runs() == [4711]
+    with endpoint.listening(GONE):  # and is no obstacle to another
+        assert endpoint.runs() == [GONE]
     assert not path.exists()
 
 
@@ -302,16 +304,16 @@ def test_a_run_that_does_not_answer_costs_no_look_at_others(folder: Path, monkey
 
     monkeypatch.setattr(endpoint, "runs", looked)
     with pytest.raises(ConfigError, match="no run of yours"):
-        Client(4711)
+        Client(GONE)
 
 
 def test_other_files_in_the_folder_are_no_runs_and_not_looked_at(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with endpoint.listening(4711):
+    with endpoint.listening(GONE):
         for name in ("4712", "x.socket", "4713.socket.old", ".socket"):
             (folder / name).touch()
-        assert list(endpoint.sockets()) == [4711]
+        assert list(endpoint.sockets()) == [GONE]
 
 
 @pytest.fixture
@@ -355,7 +357,7 @@ def test_a_folder_that_is_not_ours_is_named_with_what_to_do_and_the_run_goes_on(
     assert "\n" not in said
     # What would attach is told why it finds nothing.
     with pytest.raises(ConfigError, match=f"no run of yours \\({re.escape(f'{nowhere}: {why}')}"):
-        Client(4711)
+        Client(GONE)
 
 
 def test_another_users_folder_in_the_temp_folder_keeps_nobody_from_attaching(
@@ -366,9 +368,9 @@ def test_another_users_folder_in_the_temp_folder_keeps_nobody_from_attaching(
     runtime.mkdir(mode=0o700)
     monkeypatch.setattr(endpoint, "_RUNTIME", str(tmp_path / "{}"))
     belonging_to_another(monkeypatch, nowhere)
-    with endpoint.listening(4711):
-        assert endpoint.path_of(4711).parent == runtime / "liftgate-hil"
-        assert endpoint.runs() == [4711]
+    with endpoint.listening(GONE):
+        assert endpoint.path_of(GONE).parent == runtime / "liftgate-hil"
+        assert endpoint.runs() == [GONE]
 
 
 def test_what_attaches_looks_wherever_the_run_may_listen(
@@ -376,15 +378,15 @@ def test_what_attaches_looks_wherever_the_run_may_listen(
 ) -> None:
     """A run and its page may be started from shells with and without XDG_RUNTIME_DIR."""
     given = tmp_path / "given"
-    with endpoint.listening(4711):
-        assert endpoint.path_of(4711).parent == nowhere
+    with endpoint.listening(GONE):
+        assert endpoint.path_of(GONE).parent == nowhere
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(given))
-        with endpoint.listening(4712):
-            assert endpoint.path_of(4712).parent == given / "liftgate-hil"
-            assert endpoint.runs() == [4711, 4712]
-            endpoint.connected(4711).close()
+        with endpoint.listening(GONE + 1):
+            assert endpoint.path_of(GONE + 1).parent == given / "liftgate-hil"
+            assert endpoint.runs() == [GONE, GONE + 1]
+            endpoint.connected(GONE).close()
             monkeypatch.delenv("XDG_RUNTIME_DIR")
-            assert endpoint.runs() == [4711]  # the other one's folder cannot be known
+            assert endpoint.runs() == [GONE]  # the other one's folder cannot be known
     assert not list(tmp_path.rglob("*.socket"))
 
 
@@ -393,11 +395,11 @@ def test_a_socket_that_a_killed_run_left_in_one_folder_hides_no_run_in_another(
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "given"))
     with socket.socket(socket.AF_UNIX) as left:
-        left.bind(str(endpoint.path_of(4711)))
+        left.bind(str(endpoint.path_of(GONE)))
     monkeypatch.delenv("XDG_RUNTIME_DIR")
-    with endpoint.listening(4711):
+    with endpoint.listening(GONE):
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "given"))
-        assert endpoint.runs() == [4711]
+        assert endpoint.runs() == [GONE]
 
 
 def test_the_runtime_folder_of_another_user_is_left_alone(
