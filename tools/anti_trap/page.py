@@ -138,7 +138,8 @@ def _rods(rods: Mapping[tuple[str, float], list[Any]], energies: Mapping[str, En
         "as a whole slower, at 35°. The load shows late: the gate's mass on its mechanism, and at some places the "
         "backlash, keep it from the motors for 10 to 25 ms.",
         "",
-        "| | gate at its edge, kg | rotors as felt at the edge, kg | rod | at the calibrated speed | unbraked | with the ECU |",
+        "| | gate, kg at the edge | rotors, kg at the edge | rod | at the calibrated speed | unbraked "
+        "| with the ECU |",
         "|---|---|---|---|---|---|---|",
     ]
     for vehicle in VEHICLES:
