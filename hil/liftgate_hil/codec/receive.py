@@ -71,8 +71,8 @@ class Reception(NamedTuple):
     seen_ns: NDArray[np.int64]  # per message, time of its last accepted frame; -1: none
     counter: NDArray[np.int64]  # per message, turn of its counter; -1: unknown
     cycles: NDArray[np.int64]  # per message, cycles so far, including lost frames
-    lost: NDArray[np.int64]  # per message, of these, frames that its counter shows as missing
-    refused: NDArray[np.int64]  # per message, frames that came and were refused, maybe among the missing ones
+    lost: NDArray[np.int64]  # per message, of these, frames that its counter shows as lost
+    unread: NDArray[np.int64]  # per message, frames refused since its counter was last read: not lost, see `check`
     memory: NDArray[np.int64]  # (messages, check_state.MEMORY) E2E check states
     stale_ns: NDArray[np.int64]  # (1,) time at which the first message goes stale
     read: NDArray[np.float64]  # per signal, value in the current frame
@@ -196,17 +196,20 @@ def check(
     else:
         status = check_state.place_of_simple(last, turn)
     if status == check_state.BAD_SUM:
+        current.unread[message] += 1
         note_checksums(current.refusals, found, expected)
         if is_sound:  # but the counter has a value that it never has
             note_evidence(current.refusals, BAD_CHECKSUM, -1, float(counter), np.nan)
         return BAD_CHECKSUM, 0
+    unread = current.unread[message]
+    current.unread[message] = 0 if turn >= 0 else unread + 1
     if turn >= 0:
         current.counter[message] = turn
     if status in (check_state.REPEATED, check_state.WRONG):
         wanted = float(value_at(table, (last + 1) % table.modulus)) if last >= 0 else np.nan
         note_evidence(current.refusals, BAD_COUNTER, -1, float(counter), wanted)
         return BAD_COUNTER, 0
-    lost = check_state.missing(last, turn, table.modulus) if last >= 0 else 0
+    lost = max(check_state.missing(last, turn, table.modulus) - unread, 0) if last >= 0 else 0
     if table.profile >= 0 and not check_state.is_qualified(memory, status):
         return UNQUALIFIED, lost
     return ACCEPTED, lost
@@ -234,6 +237,7 @@ def judge(
     table = bus.messages[message]
     length = frames.lengths[frame]
     if length != table.length:
+        current.unread[message] += 1
         note_evidence(current.refusals, WRONG_LENGTH, -1, float(length), float(table.length))
         return WRONG_LENGTH, message, 0
     cause, lost = check(bus, current, message, frames, frame, now_ns)
@@ -277,14 +281,6 @@ def counted(counts: Counts, cause: int, lost: int) -> Counts:
 
 
 @compilable
-def is_counted(table: Any, cause: int) -> bool:
-    """Whether a frame counts as a cycle of its message; one that the counter will show as missing does not."""
-    if table.counter < 0:
-        return bool(cause != REMOTE_FRAME)
-    return cause in (ACCEPTED, UNQUALIFIED, OUT_OF_RANGE)
-
-
-@compilable
 def receive(bus: BusConfig, reception: Reception, counts: Counts, frames: Frames, now_ns: int) -> Counts:
     """Process the frames received by `now_ns` and return `counts` with their outcomes added."""
     if frames.count == 0:
@@ -297,11 +293,9 @@ def receive(bus: BusConfig, reception: Reception, counts: Counts, frames: Frames
         if identifier & FD:
             note_evidence(reception.refusals, FD_FRAME, -1, float(identifier & ~FD_FLAGS), np.nan)
             note_outcome(reception.refusals, FD_FRAME, message, now_ns)
-        if message >= 0 and is_counted(bus.messages[message], cause):
+        if message >= 0 and cause not in (REMOTE_FRAME, BAD_COUNTER):
             reception.cycles[message] += 1 + lost
             reception.lost[message] += lost
-        elif message >= 0 and cause != REMOTE_FRAME:
-            reception.refused[message] += 1
         if cause == ACCEPTED:
             take(bus, reception, message, reception.read)
             reception.seen_ns[message] = now_ns

@@ -34,12 +34,8 @@ def identifier_text(identifier: int) -> str:
 
 
 def missing_of(reception: Reception, row: int) -> tuple[int, int]:
-    """Return how many frames of a received message are missing by its counter, and its cycles so far.
-
-    Frames that came and were refused are not missing.
-    """
-    missing = int(reception.lost[row]) - int(reception.refused[row])
-    return max(missing, 0), int(reception.cycles[row])
+    """Return how many frames of a received message are missing by its counter, and its cycles so far."""
+    return int(reception.lost[row]), int(reception.cycles[row])
 
 
 def gaps_text(missing: int, cycles: int, name: str) -> str:

@@ -452,7 +452,7 @@ def test_a_margin_and_what_decided_have_each_their_time(capsys: pytest.CaptureFi
     assert main(["test", scenario("s.toml", MOVES), "--vehicle", "suv"]) == 1
     assert main(["test", "pack/crank_dip"]) == 0
     line = next(each for each in capsys.readouterr().out.splitlines() if "turns back" in each)
-    assert re.search(r"margin [\d.]+ deg at 22\.\d{3} s, fulfilled at 21\.\d{3} s$", line)
+    assert re.search(r"margin [\d.]+ deg \(.*\) at 22\.\d{3} s, fulfilled at 21\.\d{3} s$", line)
 
 
 def test_the_report_for_people_has_the_pictures_of_every_scenario() -> None:

@@ -114,7 +114,7 @@ def test_a_value_that_the_counter_never_has_does_not_make_the_next_frame_the_fir
     for number, value in enumerate((3, 12, 6)):
         frame = frames_of([(0x123, (value << 3).to_bytes(10, "little"))])
         reception, counts = taken(bus, reception, counts, frame, number * CYCLE)
-    assert counts == NO_COUNTS._replace(accepted=2, counter=1, lost=2)
+    assert counts == NO_COUNTS._replace(accepted=2, counter=1, lost=1)  # 4 or 5: one of them came
 
 
 @CALM

@@ -150,11 +150,12 @@ def test_a_refused_frame_counts_once_and_changes_nothing(rig: Rig, bus: BusConfi
     after, total = take(bus, before, frame, counts=counts, now=5 * MS)
     assert total == counts._replace(**{cause: 1})
     assert sum(total[:8]) == 2
-    # A frame that came in whole is one cycle more, and moves the alive counter on; nothing else of it is taken.
-    assert after.cycles.sum() - before.cycles.sum() == int(cause == "out_of_range")
+    # A frame that came is one cycle more, and if its counter could be read, moves it on; nothing else is taken.
+    is_cycle = cause not in ("foreign", "error", "remote", "counter")
+    assert after.cycles.sum() - before.cycles.sum() == int(is_cycle)
     sound = cause == "out_of_range" and after.counter[0] != before.counter[0]
-    assert after.refused.sum() == int(cause not in ("foreign", "error", "remote", "out_of_range"))
-    after = after._replace(cycles=before.cycles, refused=before.refused)
+    assert after.unread.sum() == int(is_cycle and cause != "out_of_range")
+    after = after._replace(cycles=before.cycles, unread=before.unread)
     assert same(before, after._replace(counter=before.counter) if sound else after)
     assert rejected(total) == int(cause not in ("foreign", "error"))
 
@@ -225,6 +226,19 @@ def test_a_refused_frame_that_did_come_in_is_not_lost(rig: Rig, bus: BusConfig, 
         bus, fresh, command_frame(rig, 1), command_frame(rig, 2, LeftDuty=102.3), command_frame(rig, 3)
     )
     assert counts == NO_COUNTS._replace(accepted=2, out_of_range=1)
+
+
+@pytest.mark.parametrize(("now", "lost"), [(2, 0), (3, 0), (4, 1), (6, 3)])
+def test_a_frame_whose_counter_cannot_be_read_is_refused_and_not_lost_as_well(
+    rig: Rig, bus: BusConfig, fresh: Reception, now: int, lost: int
+):
+    arbitration_id, data = command_frame(rig, 2)
+    reception, counts = take(
+        bus, fresh, command_frame(rig, 1), (arbitration_id, data[:-1]), command_frame(rig, now)
+    )
+    assert counts == NO_COUNTS._replace(accepted=2, wrong_length=1, lost=lost)
+    _, counts = take(bus, reception, command_frame(rig, now + 2), counts=counts)  # it counts for one gap only
+    assert counts.lost == lost + 1
 
 
 def test_frames_lost_before_a_refused_one_are_lost(rig: Rig, bus: BusConfig, fresh: Reception):
