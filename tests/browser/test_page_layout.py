@@ -61,19 +61,24 @@ def test_on_a_phone_gate_and_controls_come_before_the_charts_and_nothing_is_cut(
 
 @pytest.mark.parametrize("handle", ["rod", "grip"])
 def test_a_finger_of_40_pixels_takes_a_handle_on_a_phone(page: Any, handle: str) -> None:
-    """Wherever it touches: on the handle's centre, and 20 pixels beside it, where the other one may be nearer."""
+    """Wherever the gate stands: on the handle's centre, and 20 pixels beside it, where the other may be nearer."""
     touched = f"""{BOX}
-        const handle = document.getElementById(arguments[0]);
-        handle.scrollIntoView({{ block: 'center' }});
-        const {{ left, top, width, height }} = box(handle), x = left + width / 2, y = top + height / 2;
-        return [[0, 0], [20, 0], [-20, 0], [0, 20], [0, -20]].map(
-          ([right, down]) => document.elementFromPoint(x + right, y + down)?.closest('[role=slider]')?.id);
+        const handle = document.getElementById(arguments[0]), found = [];
+        for (const angle of about.geometry.angles_deg) {{
+          drawing.angle = angle;
+          drawing.handles.show(null, 0, null);
+          handle.scrollIntoView({{ block: 'center' }});
+          const {{ left, top, width, height }} = box(handle), x = left + width / 2, y = top + height / 2;
+          found.push([[0, 0], [20, 0], [-20, 0], [0, 20], [0, -20]].map(
+            ([right, down]) => document.elementFromPoint(x + right, y + down)?.closest('[role=slider]')?.id));
+        }}
+        return found;
     """
     with window(page, *PHONE):
 
         def is_taken(_: Any) -> bool:
-            centre, *beside = page.execute_script(touched, handle)
-            return bool(centre == handle and {*beside} <= {"rod", "grip"})
+            found = page.execute_script(touched, handle)
+            return all(centre == handle and {*beside} <= {"rod", "grip"} for centre, *beside in found)
 
         until(page, is_taken)
 

@@ -43,11 +43,11 @@ class Drawing {
     isNarrow.addEventListener("change", () => this.placeLegend());
   }
 
-  // Scale and origin, so that the gate has room from closed to open.
+  // Scale and origin, so that the gate, and a finger on the hand's handle, have room from closed to open.
   fit() {
-    const { hinge, edge, length_m: length } = this.geometry;
+    const { hinge, edge, length_m: length, angles_deg: angles } = this.geometry;
     const xs = edge.map(([x]) => x),
-      ys = edge.map(([, y]) => y);
+      ys = [...edge, ...angles.map((angle) => this.handAt(angle))].map(([, y]) => y);
     const low = [hinge[0] - 1.05 * length, Math.min(...ys) - 0.7 * length];
     const high = [Math.max(...xs, hinge[0]) + 0.3 * length, Math.max(...ys, hinge[1]) + 0.28 * length];
     this.scale = Math.min(WIDTH / (high[0] - low[0]), HEIGHT / (high[1] - low[1]));
@@ -87,6 +87,11 @@ class Drawing {
       hinge[0] + distance * Math.cos(way) - out * Math.sin(way),
       hinge[1] + distance * Math.sin(way) + out * Math.cos(way),
     ];
+  }
+
+  // Where a hand takes the gate, outside of it.
+  handAt(angle = this.angle) {
+    return this.onGate(this.geometry.hand_distance_m, this.geometry.thickness_m + 0.04, angle);
   }
 
   // A point of the closed gate, turned to the gate's angle.
@@ -357,7 +362,7 @@ class Drawing {
     const way = obstacle && obstacle.meets === "opening" ? opens : opens.map((each) => -each);
     this.arrow("pinch", this.at(this.onGate((obstacle && obstacle.distance) || g.length_m)), way, pinch);
     const hand = values.hand_force_n || 0;
-    const grip = this.at(this.onGate(g.hand_distance_m, g.thickness_m + 0.04)),
+    const grip = this.at(this.handAt()),
       beside = Math.sign(hand) * 15;
     this.arrow("hand", [grip[0] + beside * opens[0], grip[1] + beside * opens[1]], opens, hand);
   }

@@ -216,7 +216,7 @@ class Handles {
     const { drawing } = this,
       { geometry } = drawing,
       isTaken = this.rod.classList.contains("held") || document.activeElement === this.rod;
-    const grip = drawing.at(drawing.onGate(geometry.hand_distance_m, geometry.thickness_m + 0.04));
+    const grip = drawing.at(drawing.handAt());
     this.isGiven = Boolean(given);
     this.grip.setAttribute("transform", `translate(${grip[0]} ${grip[1]})`);
     this.grip.setAttribute("aria-valuenow", Math.round(hand));
