@@ -15,6 +15,7 @@ from liftgate_hil.campaign.results import JUDGED, MARGIN, VARIANT, VERDICT
 from liftgate_hil.campaign.resumption import differences
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.target import is_one_of
+from liftgate_hil.judging.shown_verdict import line_of
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.running.plan import plan_of
@@ -66,6 +67,7 @@ def replayed(
     lines = [
         f"variant {row[VARIANT]}: {values_text}",
         f"{result.verdict}{': ' + result.reason if result.reason else ''}",
+        *(f"  {name}: {line_of(each)}" for name, each in result.expectations.items()),
     ]
     lines += [f"recorded: {os.fspath(each)}" for each in result.recording]
     if not wrong:

@@ -74,23 +74,21 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.dashboard.listening import bound, new_token, url_of
 
     host, port = options.address_of(args.listen)
-    is_of_a_run = args.descriptor is not None
-    wire = socket.socket(fileno=args.descriptor) if is_of_a_run else bound((host, port))
     token = new_token()
-    address = printable(url_of(wire, host, token))
-    with wire:
-        if is_of_a_run:  # the run is about to begin, and handles signals itself
-            put_line(address, sys.stdout)
-        _check(args)
-        starter = _starter(args)
-        source = _source(args)
-        from liftgate_hil.dashboard.deference import go_last
-        from liftgate_hil.dashboard.server import Page
-        from liftgate_hil.dashboard.serving import serve
+    wire = None if args.descriptor is None else socket.socket(fileno=args.descriptor)
+    if wire is not None:  # of a run, which is about to begin, and handles signals itself
+        put_line(printable(url_of(wire, host, token)), sys.stdout)
+    _check(args)
+    starter, source = _starter(args), _source(args)
+    from liftgate_hil.dashboard.deference import go_last
+    from liftgate_hil.dashboard.server import Page
+    from liftgate_hil.dashboard.serving import serve
 
-        go_last()
-        page = Page(source, args.read_only, starter, is_of_a_run)
-        serve(page, wire, host, token, lambda: None if is_of_a_run else put_line(address, sys.stdout))
+    go_last()
+    page = Page(source, args.read_only, starter, wire is not None)
+    with wire or bound((host, port)) as listening:
+        address = printable(url_of(listening, host, token))
+        serve(page, listening, host, token, lambda: put_line(address, sys.stdout) if wire is None else None)
     return 0
 
 
@@ -167,6 +165,6 @@ def _chosen() -> int:
         which = ", ".join(map(str, found))
         raise ConfigError(f"`attach` missing: several runs are active; allowed: one of {which}")
     raise ConfigError(
-        f"no emulator of yours is running on this machine{endpoint.unusable()}; allowed: beside a running one "
-        "(liftgate-hil --bus …), or with `recording` FILE or `scenarios` FOLDER"
+        f"no emulator of yours is running on this machine{endpoint.unusable()}: start one "
+        "(liftgate-hil --bus …), or show `recording` FILE, or start `scenarios` FOLDER from the page"
     )

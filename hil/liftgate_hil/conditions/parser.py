@@ -91,6 +91,15 @@ def parsed(text: str, parameters: Mapping[str, float], messages: Messages | None
         raise ValueError(f"{name}: no such column; allowed: {allowed}") from None
 
 
+def with_numbers(text: str, parameters: Mapping[str, float]) -> str:
+    """Return the text of a condition with numbers for those of its parameters that are given."""
+
+    def number(found: re.Match[str]) -> str:
+        return f"{parameters[found[1]]:.10g}" if found[1] in parameters else found[0]
+
+    return _PARAMETER.sub(number, text)
+
+
 @functools.lru_cache(_KEPT)
 def _parsed(
     text: str, parameters: tuple[tuple[str, float], ...], units: tuple[tuple[str, str | None], ...]

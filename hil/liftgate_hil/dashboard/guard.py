@@ -65,7 +65,7 @@ class Guard:
         if bearer.startswith("Bearer "):
             given = bearer.removeprefix("Bearer ")
         if not secrets.compare_digest(given.encode(), self._token):
-            return 401, "missing or wrong token; allowed: the token in the address that the server has printed"
+            return 401, "missing or wrong token: open the address as the server has printed it, which contains the token"
         return 0, ""
 
 

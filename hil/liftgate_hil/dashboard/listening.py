@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import secrets
@@ -30,6 +31,7 @@ def bound(address: tuple[str, int]) -> socket.socket:
         return found
     except (OSError, OverflowError, UnicodeError) as error:
         text = getattr(error, "strerror", None) or str(error)
+        text += ", perhaps by another page" if getattr(error, "errno", None) == errno.EADDRINUSE else ""
         raise ConfigError(
             f"`listen` {host}:{port}: {text}; allowed: an address of this machine, a free port (0: any)"
         ) from error

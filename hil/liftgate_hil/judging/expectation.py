@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from liftgate_hil.conditions.parser import with_numbers
 
 KINDS = ("always", "eventually", "never", "dtc")
 PRESENT, ABSENT = STATES = ("present", "absent")  # of a trouble code
@@ -40,3 +43,8 @@ class Expectation:
             return f"dtc  {self.condition}  {self.state}"
         held = f"  for {self.hold:g} s without interruption" if self.hold else ""
         return f"{self.kind}  {self.condition}{held}"
+
+    def with_numbers(self, parameters: Mapping[str, float]) -> Expectation:
+        """Return the expectation with numbers for the scenario's parameters in its texts."""
+        after = with_numbers(self.after, parameters) if isinstance(self.after, str) else self.after
+        return replace(self, condition=with_numbers(self.condition, parameters), after=after)

@@ -151,7 +151,7 @@ def expected_of(
     signals = tuple(name for name in names if name not in codes)
     watched(messages, signals, issues)
     issues.raise_if_any()
-    found = tuple(expectations), tuple(conditions), opener_of
+    found = tuple(each.with_numbers(parameters) for each in expectations), tuple(conditions), opener_of
     asked = diagnostics if codes else None
     return Expected(
         *found, signals, messages, len(awaited), codes, asked, tuple(faults), tuple(begins), precondition_end

@@ -71,6 +71,6 @@ class RealtimeClock:
         if late > self._limit_ns:
             raise OverrunError(
                 f"the bench was late: the loop is {late / 1e6:.1f} ms behind, more than `overrun_limit` "
-                f"({self._limit_ns / 1e6:.0f} ms); allowed: a lower `rate`, a faster machine"
+                f"({self._limit_ns / 1e6:.0f} ms); use a lower `rate`, or a faster machine"
             )
         return 1 + late // self._period_ns

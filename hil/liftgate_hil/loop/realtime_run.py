@@ -170,7 +170,7 @@ class RealtimeRun:
         if self.outcome == realtime_loop.OVERRUN:
             raise OverrunError(
                 f"the bench was late: the loop fell more than `overrun_limit` ({self.limit_ns / 1e6:.0f} ms) "
-                "behind; allowed: a lower `rate`, a faster machine"
+                "behind; use a lower `rate`, or a faster machine"
             )
         if self.outcome == realtime_loop.DIVERGED:
             raise PlantDivergedError.at(self._ticks * self.config.step)

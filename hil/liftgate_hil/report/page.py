@@ -31,6 +31,7 @@ table.pairs td { overflow-wrap: anywhere; }
 table.pairs td:first-child { white-space: nowrap; color: var(--soft); }
 figure { margin: .8rem 0 1.4rem; } figure.small { max-width: 36rem; }
 svg.plot { display: block; width: 100%; height: auto; } svg.plot * { stroke-linejoin: round; }
+@media (max-width: 600px) { figure:not(.small) svg.plot { min-width: 40rem; } }
 svg.plot text { font-family: system-ui, sans-serif !important; }
 @page { margin: 15mm; }
 @media print { :root { color-scheme: light; --paper: #ffffff; --ink: #1c2126; --soft: #5a636e;
@@ -118,6 +119,7 @@ def pairs(rows: Sequence[tuple[str, str]]) -> str:
 
 
 def figure(drawing: str, caption: str, *, small: bool = False) -> str:
-    """Return a drawing (SVG) with its caption."""
-    kind = ' class="small"' if small else ""
-    return f"<figure{kind}>\n{drawing}<figcaption>{text(caption)}</figcaption>\n</figure>"
+    """Return a drawing (SVG) with its caption; on a phone it is scrolled, so that its text stays readable."""
+    kind, below = ' class="small"' if small else "", f"<figcaption>{text(caption)}</figcaption>\n" if caption else ""
+    frame = f'<div class="wide" tabindex="0" role="group" aria-label="picture{text(f": {caption}" if caption else "")}">'
+    return f"<figure{kind}>\n{frame}{drawing}</div>\n{below}</figure>"

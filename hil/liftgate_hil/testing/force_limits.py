@@ -27,7 +27,7 @@ def limits_section(outcomes: Sequence[Outcome]) -> str:
         "Force limits",
         f"<p>{text(BORROWED)} An expectation on the force alone checks neither how long it lasts nor the other "
         "limits of that rule.</p>",
-        table(("limit", "value also found in", "used by"), rows, ("n", "", "name")),
+        table(("limit", "the same value appears in", "used by"), rows, ("n", "", "name")),
     )
 
 

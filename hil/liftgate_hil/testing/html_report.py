@@ -129,7 +129,7 @@ def _summary(outcomes: Sequence[Outcome]) -> str:
     what = subject_of(outcomes)
     run = [
         ("ECU", _each(_ecu_name(outcome) for outcome in outcomes)),
-        ("vehicle", _each(each.vehicle_name for each in setups)),
+        ("vehicle", _each(Path(each.vehicle_name).name for each in setups)),
         ("rig", _each(Path(each.case.plan.rig.source).name for each in outcomes)),
         ("seed", _each(str(each.seed) for each in setups)),
         ("clock", _each(outcome.case.job.options.clock for outcome in outcomes)),
@@ -139,7 +139,7 @@ def _summary(outcomes: Sequence[Outcome]) -> str:
         run = [("judged by", _each(each.scenario.source for each in setups)), run[2]]
     rows = [
         ("verdict", badge(verdict_of(outcomes))),
-        ("expectations", f"{total}: {counted}"),
+        ("expectations", f"{total}, of which {counted}"),
         ("inconclusive", f"{100.0 * counts['inconclusive_share']:.1f} % of the expectations"),
         (f"{what}s", f"{len(outcomes)}: {by_scenario}"),
         ("folder", str(_folder(outcomes))),
@@ -187,16 +187,16 @@ def _not_passed(outcomes: Sequence[Outcome]) -> str:
     rows = [
         (
             badge(verdict.verdict),
-            _link(place, names[place]),
             _link(place, verdict.name, number),
-            margin_text(verdict),
             verdict.reason,
+            margin_text(verdict),
+            _link(place, names[place]),
         )
         for place, number, outcome, _, verdict in _all(outcomes)
         if verdict.verdict != PASS
     ]
-    heads = ("verdict", subject_of(outcomes), "expectation", "margin", "reason")
-    return table(heads, rows, ("n", "name", "name", "n", "soft"))
+    heads = ("verdict", "expectation", "reason", "margin", subject_of(outcomes))
+    return table(heads, rows, ("n", "name", "soft", "n", "name"))
 
 
 def _matrix(outcomes: Sequence[Outcome]) -> str:
@@ -219,15 +219,15 @@ def _matrix(outcomes: Sequence[Outcome]) -> str:
             rows.append(
                 (
                     Markup(f"{badge(whole)} {text(name)}") if not k else "",
-                    _link(place, names[place]) if place != seen else "",
-                    _link(place, verdict.name, number),
                     badge(verdict.verdict),
+                    _link(place, verdict.name, number),
                     margin_text(verdict),
+                    _link(place, names[place]) if place != seen else "",
                 )
             )
             seen = place
-    heads = ("requirement", subject_of(outcomes), "expectation", "verdict", "margin")
-    return table(heads, rows, ("name", "name", "name", "n", "r"))
+    heads = ("requirement", "verdict", "expectation", "margin", subject_of(outcomes))
+    return table(heads, rows, ("name", "n", "name", "r", "name"))
 
 
 def _folder(outcomes: Sequence[Outcome]) -> Path:

@@ -9,7 +9,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.trace_summary import TraceSummary
 from liftgate_hil.judging.verdict import PASS, REPLAY, Verdict
-from liftgate_hil.report.page import Markup, alert, bullets, pairs, text
+from liftgate_hil.report.page import Markup, alert, bullets, figure, pairs, text
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.testing.picture import Names, decided, margin_text
 from liftgate_hil.testing.suite import Outcome
@@ -56,14 +56,14 @@ def figures_of(drawings: Sequence[str], verdict: Verdict, trace_summary: TraceSu
             notes.append(f"Drawn: the smallest and the largest value of each {each}, so that no peak is lost.")
         if left_out and view is trace_summary.view:
             notes.append(f"{left_out} more signals are not drawn.")
-        caption = f"<figcaption>{text(' '.join(notes))}</figcaption>\n" if notes else ""
-        found.append(f"<figure>\n{drawing}{caption}</figure>")
+        found.append(figure(drawing, " ".join(notes)))
     return "\n".join(found)
 
 
 def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, str], str]) -> str:
     """Return the section of a scenario; `figures` are those of expectations, by file and name."""
     scenario = outcome.case.plan.setup.scenario
+    expectations = [each.with_numbers(scenario.parameters) for each in scenario.expectations]
     result = outcome.result
     came = () if result is None else (result.condition_times, result.summary.model_time_s)
     happened = [] if outcome.case.recordings else happenings(scenario, *came)
@@ -80,7 +80,7 @@ def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, s
         "<h4>What is expected</h4>",
         *(
             _expectation(f"s{place + 1}e{k + 1}", each, verdict, figures, outcome.case.file)
-            for k, (each, verdict) in enumerate(zip(scenario.expectations, outcome.expectations, strict=True))
+            for k, (each, verdict) in enumerate(zip(expectations, outcome.expectations, strict=True))
         ),
         "</section>",
     ]
@@ -104,7 +104,7 @@ def _facts(outcome: Outcome) -> Sequence[tuple[str, str]]:
     else:
         rows[2:2] = [
             ("set", ", ".join(filter(None, (settings, ", ".join(job.settings))))),
-            ("vehicle", f"{setup.vehicle_name}, starts {_start(outcome)}, seed {setup.seed}"),
+            ("vehicle", f"{Path(setup.vehicle_name).name}, starts {_start(outcome)}, seed {setup.seed}"),
         ]
         rows.append(("clock", f"{options.clock}, {options.rate:g} Hz"))
     if result is not None and is_recorded:

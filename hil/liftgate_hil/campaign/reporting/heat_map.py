@@ -71,7 +71,7 @@ def _is_logarithmic(values: Floats) -> bool:
 def heat_map(
     cells: Cells, across: str, down: str, good: float, bad: float, digits: int = 0, *, is_judged: bool = True
 ) -> str:
-    """Return the heat map as HTML; a cell is green at `good`, red at `bad`, and framed beyond it.
+    """Return the heat map as HTML; a cell is green at `good`, yellow at `bad`, and red and framed beyond it.
 
     A result that is not judged is neither: the shade of blue grows from `good` to `bad`. `across` and `down` are
     the labels of the two values.
@@ -99,19 +99,17 @@ def breakable(label: str) -> Markup:
     return Markup(re.sub(r"([._])", r"\1<wbr>", text(label)))
 
 
-# Ends and middle of the colours: ColorBrewer's RdYlGn, whose ends differ in lightness too, and Blues.
-_JUDGED = ((0x91, 0xCF, 0x60), (0xFF, 0xEE, 0xA0), (0xF4, 0x7B, 0x5A))
-_NOT_JUDGED = ((0xF7, 0xFB, 0xFF), (0xC6, 0xDB, 0xEF), (0x9E, 0xCA, 0xE1))
+# Colours at `good` and `bad`, and beyond: ColorBrewer's RdYlGn, whose ends differ in lightness too, and Blues.
+_JUDGED, _OVER = ((0x91, 0xCF, 0x60), (0xFF, 0xEE, 0xA0)), (0xF4, 0x7B, 0x5A)
+_NOT_JUDGED = ((0xF7, 0xFB, 0xFF), (0x9E, 0xCA, 0xE1))
 
 
 def _cell(value: float, good: float, bad: float, digits: int, is_judged: bool) -> str:
     if not np.isfinite(value):
         return '<td class="none">·</td>'
     share = min(max((value - good) / (bad - good), 0.0), 1.0) if bad != good else 0.0
-    stops = _JUDGED if is_judged else _NOT_JUDGED
-    left, right = (stops[0], stops[1]) if share < 0.5 else (stops[1], stops[2])
-    at = 2.0 * share if share < 0.5 else 2.0 * share - 1.0
-    colour = "".join(f"{round(a + at * (b - a)):02x}" for a, b in zip(left, right, strict=True))
     is_over = is_judged and ((value > bad) if bad > good else (value < bad))
+    left, right = (_OVER, _OVER) if is_over else _JUDGED if is_judged else _NOT_JUDGED
+    colour = "".join(f"{round(a + share * (b - a)):02x}" for a, b in zip(left, right, strict=True))
     kind = ' class="over"' if is_over else ""
     return f'<td{kind} style="background:#{colour}">{value:.{digits}f}</td>'

@@ -189,10 +189,11 @@ def heat_section(summary: Summary, units: Mapping[str, str], has_margin: bool = 
         drawn = heat_map(
             cells, label_of(across, units), label_of(down, units), 0.25 * high, high, is_judged=is_judged
         )
-        colours = f"; red and framed: over the limit of {limit:g} N" if is_judged else ""
+        colours = f" Red and framed: over the limit of {limit:g} N." if is_judged else ""
+        what = "The worst of all other varied values in each cell." if len(varying) > 2 else ""
         parts.append(
             f"<h3>Largest pinch force [N]</h3>{drawn}"
-            f'<p class="key">The worst of all other varied values in each cell{colours}.'
+            f'<p class="key">{what}{colours}'
             f"{_empty(cells, 'nothing was pinched or known')}</p>"
         )
     if summary.driver != FORCE and has_margin:
@@ -201,10 +202,9 @@ def heat_section(summary: Summary, units: Mapping[str, str], has_margin: bool = 
         drawn = heat_map(
             cells, label_of(across, units), label_of(down, units), max(high, 1e-9), 0.0, _digits(cells.worst)
         )
-        name = summary.driver.removeprefix(MARGIN)
         parts.append(
-            f"<h3>Smallest margin of “{text(name)}”</h3>{drawn}"
-            f'<p class="key">Framed: it fails there.{_empty(cells, "none that was decided")}</p>'
+            f"<h3>Smallest {text(_margin_label(summary))}</h3>{drawn}"
+            f'<p class="key">Red and framed: it fails there.{_empty(cells, "none that was decided")}</p>'
         )
     return "".join(parts)
 
@@ -231,7 +231,7 @@ def requirements(summary: Summary) -> str:
         )
         for each in summary.expectations
     ]
-    heads = ("expectation", "pass", "fail", "undecided", "smallest margin", "in variant")
+    heads = ("expectation", "pass", "fail", "inconclusive or error", "smallest margin", "in variant")
     note = f'<p class="soft">{text(BORROWED)}</p>' if summary.force_limit is not None else ""
     return table(heads, rows, ("name", "r", "r", "r", "r", "")) + note
 
@@ -265,6 +265,12 @@ def _unit_of(column: str, summary: Summary) -> str:
     return next((each.unit for each in summary.expectations if f"{MARGIN}{each.name}" == column), "")
 
 
+def _margin_label(summary: Summary) -> str:
+    """Return the label of the margin that drives the summary, with its unit."""
+    unit = _unit_of(summary.driver, summary)
+    return f"margin of “{summary.driver.removeprefix(MARGIN)}”" + (f" [{unit}]" if unit else "")
+
+
 def _driver_row(index: Index, units: Mapping[str, str]) -> tuple[str, str, str, str]:
     span = f"{significant(index.low_mean, 3)} … {significant(index.high_mean, 3)}"
     at = with_unit(plain(float(f"{index.at_high:.4g}")), units.get(index.name, ""))
@@ -290,9 +296,8 @@ def distributions(summary: Summary, prefix: str = "") -> list[str]:
     if summary.driver != FORCE:
         result = summary.result[np.isfinite(summary.result)]
         if len(result) > 1:
-            name = summary.driver.removeprefix(MARGIN)
-            drawn = svg(_histogram(result, f"margin of {name}", 0.0), f"{prefix}margin", "histogram of margins")
-            parts.append(figure(drawn, f"Margin of “{name}”; left of the line it fails.", small=True))
+            drawn = svg(_histogram(result, _margin_label(summary), 0.0), f"{prefix}margin", "histogram of margins")
+            parts.append(figure(drawn, "Margins of the variants; left of the line they fail.", small=True))
     return parts
 
 
@@ -332,7 +337,7 @@ def worst(summary: Summary, units: Mapping[str, str], folder: str) -> str:
     line = f"{replay_line(folder, summary.worst[0].variant)} --record worst.mf4"
     classes = ["" if each in ("variant", "verdict") else "r" for each in heads]
     return table(heads, rows, classes) + (
-        f'<p class="soft">Any of them, bit for bit, with all signals:</p><p><code>{text(line)}</code></p>'
+        f'<p class="soft">Any of them again, bit for bit, with all signals and the reason of each verdict:</p><p><code>{text(line)}</code></p>'
     )
 
 

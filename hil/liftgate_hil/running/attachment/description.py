@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,8 +30,6 @@ from liftgate_hil.stimuli.restbus import start_value_of
 from liftgate_hil.version import version
 from liftgate_plant.signals import Signal
 from liftgate_plant.vehicle import Vehicle
-
-_PARAMETER = re.compile(r"\$(\w+)")
 
 
 @dataclass(frozen=True)
@@ -97,12 +94,7 @@ def stimuli_of(scenario: Scenario) -> list[str]:
 
 def expectations_of(scenario: Scenario) -> dict[str, str]:
     """Return what a scenario expects, by the names of the expectations, with numbers for parameters."""
-
-    def number(found: re.Match[str]) -> str:
-        value = scenario.parameters.get(found[1])
-        return found[0] if value is None else f"{value:g}"
-
-    return {each.name: _PARAMETER.sub(number, each.formula) for each in scenario.expectations}
+    return {each.name: each.with_numbers(scenario.parameters).formula for each in scenario.expectations}
 
 
 def limits_of(scenario: Scenario, vehicle: Vehicle, rig: Rig) -> list[dict[str, Any]]:
