@@ -35,7 +35,7 @@ from tools.benchmark.sections import (
 def main() -> None:
     """Run the benchmarks that the command line selects."""
     parser = argparse.ArgumentParser(prog="python -m tools.benchmark", description=__doc__)
-    parser.add_argument("--output", type=Path, default=Path("docs"), metavar="FOLDER")
+    parser.add_argument("--output", type=Path, metavar="FOLDER", help="default: docs; with --short: out")
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--seconds", type=float, default=3.0, help="of each run of the lateness")
     parser.add_argument(
@@ -62,6 +62,7 @@ def main() -> None:
     if args.only_files:
         print("\n".join(_files(roots, against, effort)))
         return
+    args.output = args.output or Path("out" if args.short else "docs")
     args.output.mkdir(parents=True, exist_ok=True)
     with compiler.sharing():
         _write(args, effort, roots, against)
