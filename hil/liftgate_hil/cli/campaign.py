@@ -256,7 +256,10 @@ def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:
     for line in _found(outcome):
         print(printable(line), flush=True)
     state = "" if outcome.is_complete else "; incomplete: go on with --resume"
-    print(f"{printable(str(outcome.folder.path))}: report.html, results.parquet with DATA.md, campaign.json{state}", flush=True)
+    print(
+        f"{printable(str(outcome.folder.path))}: report.html, results.parquet with DATA.md, campaign.json{state}",
+        flush=True,
+    )
 
 
 def _replay(args: argparse.Namespace) -> int:

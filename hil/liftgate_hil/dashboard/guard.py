@@ -65,7 +65,7 @@ class Guard:
         if bearer.startswith("Bearer "):
             given = bearer.removeprefix("Bearer ")
         if not secrets.compare_digest(given.encode(), self._token):
-            return 401, "missing or wrong token: open the address as the server has printed it, which contains the token"
+            return 401, "missing or wrong token: open the address as the server has printed it, with its token"
         return 0, ""
 
 

@@ -120,6 +120,8 @@ def pairs(rows: Sequence[tuple[str, str]]) -> str:
 
 def figure(drawing: str, caption: str, *, small: bool = False) -> str:
     """Return a drawing (SVG) with its caption; on a phone it is scrolled, so that its text stays readable."""
-    kind, below = ' class="small"' if small else "", f"<figcaption>{text(caption)}</figcaption>\n" if caption else ""
-    frame = f'<div class="wide" tabindex="0" role="group" aria-label="picture{text(f": {caption}" if caption else "")}">'
-    return f"<figure{kind}>\n{frame}{drawing}</div>\n{below}</figure>"
+    kind = ' class="small"' if small else ""
+    label = text(f"picture: {caption}" if caption else "picture")
+    frame = f'<div class="wide" tabindex="0" role="group" aria-label="{label}">\n{drawing}</div>\n'
+    below = f"<figcaption>{text(caption)}</figcaption>\n" if caption else ""
+    return f"<figure{kind}>\n{frame}{below}</figure>"

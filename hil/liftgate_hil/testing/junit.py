@@ -110,7 +110,8 @@ def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
     for each in outcome.expectations:
         suite.append(_case(each, name, outcome.wall_s / len(verdicts)))
     lines = [f"{each.name}: {line_of(each)}" for each in outcome.expectations]
-    ElementTree.SubElement(suite, "system-out").text = _text("\n".join([*lines, *(f"note: {each}" for each in outcome.notes)]))
+    lines += [f"note: {each}" for each in outcome.notes]
+    ElementTree.SubElement(suite, "system-out").text = _text("\n".join(lines))
     ElementTree.SubElement(suite, "system-err").text = _text(outcome.reason)
     return suite
 

@@ -172,12 +172,12 @@ def cell_styles(good: float, bad: float, *values: float) -> list[tuple[bool, str
     ]
 
 
-def test_cells_go_from_green_over_yellow_to_red() -> None:
+def test_cells_go_from_green_to_yellow_and_are_red_beyond_the_limit_only() -> None:
     assert cell_styles(50.0, 100.0, 20.0, 50.0, 75.0, 100.0, 100.1) == [
         (False, "91cf60", "20.0"),
         (False, "91cf60", "50.0"),
-        (False, "ffeea0", "75.0"),
-        (False, "f47b5a", "100.0"),
+        (False, "c8de80", "75.0"),
+        (False, "ffeea0", "100.0"),
         (True, "f47b5a", "100.1"),
     ]
 

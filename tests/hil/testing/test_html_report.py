@@ -95,7 +95,7 @@ def test_a_report_is_one_file_that_runs_nothing_and_fetches_nothing(page: Any) -
 def test_the_summary_says_how_it_went_and_the_end_where_it_is_from(page: Any) -> None:
     head = page.text[: page.text.index("Not passed")]
     for said in (
-        "Test report: fail", "5: 3 pass, 1 fail, 1 inconclusive, 0 error", "20.0 % of the expectations",
+        "Test report: fail", "5, of which 3 pass, 1 fail, 1 inconclusive, 0 error", "20.0 % of the expectations",
         "2: 1 pass, 1 fail", "reference", "suv", "liftgate.toml", "free", "model time",
     ):  # fmt: skip
         assert said in head
@@ -158,8 +158,8 @@ def test_names_in_tables_leave_out_the_folder_that_all_are_in(tmp_path: Path) ->
     found = outcomes_of(tmp_path, **{"a": RESTS, "x/b": RESTS})
     page = Page(html_of(found))
     matrix = page.text[page.text.index("Requirements") : page.text.index("Scenarios")]
-    assert " a.toml rests" in matrix
-    assert " x/b.toml rests" in matrix
+    assert re.search(r" rests [\d.]+ deg a\.toml ", matrix)
+    assert re.search(r" rests [\d.]+ deg x/b\.toml", matrix)
     for name in ("a.toml", "x/b.toml"):
         (outcome,) = (each for each in found if each.case.file.endswith(name))
         assert outcome.case.file in page.text
@@ -183,7 +183,7 @@ def test_an_expectation_has_its_formula_its_numbers_and_its_pictures(page: Any, 
     assert (soft.verdict, reverses.verdict) == ("fail", "pass")
     assert soft.margin is not None
     assert f"{soft.margin:.4g} N of pinch_force_n < 100" in text
-    assert "always pinch_force_n < $most" in text
+    assert "always pinch_force_n < 100" in text
     assert "eventually gate_rate_degps > 1 for 0.05 s without interruption" in text
     assert reverses.window_s is not None
     assert f"triggered {reverses.window_s[0]:g} s" in text

@@ -337,7 +337,8 @@ def worst(summary: Summary, units: Mapping[str, str], folder: str) -> str:
     line = f"{replay_line(folder, summary.worst[0].variant)} --record worst.mf4"
     classes = ["" if each in ("variant", "verdict") else "r" for each in heads]
     return table(heads, rows, classes) + (
-        f'<p class="soft">Any of them again, bit for bit, with all signals and the reason of each verdict:</p><p><code>{text(line)}</code></p>'
+        '<p class="soft">Any of them again, bit for bit, with all signals and the reason of each verdict:</p>'
+        f"<p><code>{text(line)}</code></p>"
     )
 
 
