@@ -15,7 +15,8 @@ _CSS = """
   --alert: #33261a; } }
 body { background: var(--paper); color: var(--ink); font: 15px/1.5 system-ui, sans-serif;
   max-width: 58rem; margin: 2rem auto; padding: 0 1.2rem; }
-h1 { font-size: 1.6rem; margin: 0 0 .2rem; } h2 { font-size: 1.2rem; margin: 2.2rem 0 .6rem; }
+h1 { font-size: 1.6rem; margin: 0 0 .2rem; overflow-wrap: anywhere; }
+h2 { font-size: 1.2rem; margin: 2.2rem 0 .6rem; }
 h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; overflow-wrap: anywhere; }
 p.soft, figcaption, td.soft { color: var(--soft); } figcaption, p.soft { font-size: .88rem; }
 .alert { background: var(--alert); border-left: 4px solid var(--bar); padding: .5rem 1rem; }
@@ -26,12 +27,13 @@ th, td { padding: .25rem .7rem .25rem 0; text-align: left; vertical-align: top; 
 th { font-weight: 600; border-bottom: 1px solid var(--measured); }
 td { border-bottom: 1px solid var(--grid); } .r { text-align: right; white-space: nowrap; }
 td.name { overflow-wrap: anywhere; min-width: 9rem; }
-td.n { white-space: nowrap; } td.soft:last-child { min-width: 11rem; }
+td.n { white-space: nowrap; } td.soft { min-width: 11rem; }
 table.pairs td { overflow-wrap: anywhere; }
 table.pairs td:first-child { white-space: nowrap; color: var(--soft); }
 figure { margin: .8rem 0 1.4rem; } figure.small { max-width: 36rem; }
 svg.plot { display: block; width: 100%; height: auto; } svg.plot * { stroke-linejoin: round; }
-@media (max-width: 600px) { figure:not(.small) svg.plot { min-width: 40rem; } }
+@media (max-width: 600px) { figure:not(.small) svg.plot { min-width: 40rem; }
+  td:not(.n, .r, .none, .over) { min-width: 6rem; } table.pairs td:first-child, .heat td { min-width: 0; } }
 svg.plot text { font-family: system-ui, sans-serif !important; }
 @page { margin: 15mm; }
 @media print { :root { color-scheme: light; --paper: #ffffff; --ink: #1c2126; --soft: #5a636e;

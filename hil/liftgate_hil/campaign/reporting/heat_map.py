@@ -20,7 +20,8 @@ table.heat { border-spacing: 2px; border-collapse: separate; margin: .3rem 0; }
 table.heat th { border: 0; font-weight: 400; color: var(--soft); padding: 0 .3rem; text-align: right;
   white-space: nowrap; }
 table.heat thead th { text-align: center; }
-table.heat th.corner { max-width: 9rem; white-space: normal; overflow-wrap: anywhere; text-align: right; }
+table.heat th.corner { min-width: 5rem; max-width: 9rem; white-space: normal; overflow-wrap: break-word;
+  text-align: right; }
 table.heat td { border: 0; padding: .22rem .3rem; text-align: center; min-width: 2.1rem; border-radius: .2rem;
   color: #1c2126; }
 table.heat td.none { color: var(--soft); }

@@ -129,7 +129,7 @@ def _force_tiles(summary: Summary) -> list[str]:
         return [tile(f"{largest:.0f} N", words, "fine" if largest < limit else "bad")]
     over = int((force > REFERENCE_LIMIT).sum())
     return [
-        tile(f"{largest:.0f} N", "largest pinch force; no limit is judged"),
+        tile(f"{largest:.0f} N", "largest pinch force; no single limit is judged"),
         tile(f"{over:,}", f"variants press with more than {REFERENCE_ONLY}"),
     ]
 
@@ -226,7 +226,7 @@ def requirements(summary: Summary) -> str:
             f"{each.passed:,}",
             Markup(f"<b>{each.failed:,}</b>") if each.failed else "0",
             f"{each.undecided:,}",
-            with_unit(significant(each.least, 4), each.unit),
+            with_unit(significant(each.least, 4), each.unit) if each.unit or each.least else "—",  # of a state
             Markup(f"<code>{text(each.variant[:12])}</code>"),
         )
         for each in summary.expectations
