@@ -187,9 +187,9 @@ class FurtherRecording:
                         process.mark(time_s, text)
             process.wait_until_ready()
             self._phase = RECORDING
-            self.prepare()  # for the next one, which may follow at once
             if not stop.is_set():
                 self._listener.say(f"record {path.name}: recording from {begin_s:.3f} s on")
+            self.prepare()  # for the next one, which may follow at once
             stop.wait()
         except (ConfigError, OSError) as error:
             self._listener.alarm(f"record {path.name}: {error}")

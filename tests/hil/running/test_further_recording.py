@@ -288,6 +288,7 @@ def test_a_disk_that_is_full_ends_it_and_is_reported_once(
 
     class Full:
         files: list[str] = []  # noqa: RUF012
+        is_there = True
 
         def __init__(self, *_: object) -> None:
             self.say: Any = None
