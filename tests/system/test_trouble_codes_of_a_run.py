@@ -250,7 +250,7 @@ def test_reports_show_it_without_a_margin(short: Callable[..., Path], tmp_path: 
     ]  # fmt: skip
     assert f'message="fail: {said}"' in files["junit"].read_text()
     html = files["html"].read_text()
-    assert "dtc  U1A01-87  present" in html
+    assert "dtc U1A01-87 present" in html
     assert said in html
 
 

@@ -71,8 +71,8 @@ def replayed(
     ]
     lines += [f"recorded: {os.fspath(each)}" for each in result.recording]
     if not wrong:
-        return Replayed(True, [*lines, "equal to the bit with what the campaign saw"])
-    return Replayed(False, [*lines, "not as the campaign saw it:", *wrong])
+        return Replayed(True, [*lines, "bit-identical to the campaign's result"])
+    return Replayed(False, [*lines, "not as in the campaign:", *wrong])
 
 
 def _columns_of(result: Result, expectations: Sequence[str]) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=0,
         metavar="N",
         help="evaluations at most; default: 500 for --worst, which draws as many at random to compare with, and "
-        "5000 for --probability, which needs 1200",
+        "5000 for --probability, at least 1200",
     )
     parser.add_argument(
         "--probability", metavar="NAME", help="estimate the probability that this expectation fails"
@@ -227,19 +227,20 @@ def _found(outcome: Outcome) -> Iterator[str]:
         return
     name = found["expectation"]
     if found.get("margin", found.get("probability")) is None:
-        yield f"no variant has a margin of {name}: it is inconclusive in all of them"
+        yield f"no variant has a margin of “{name}”: it is inconclusive in all of them"
     elif "margin" in found:
         units = units_of(outcome.prepared)
         values = ", ".join(
             f"{each} = {with_unit(f'{value:.6g}', units[each])}" for each, value in found["values"].items()
         )
         margin = with_unit(f"{found['margin']:.6g}", found["margin_unit"])
-        yield f"smallest margin of {name}: {margin} with {values}"
+        yield f"smallest margin of “{name}”: {margin} with {values}"
         yield f"to run it again: {replay_line(outcome.folder.path, found['variant'])}"
         yield f"as a scenario for other ECUs: {outcome.folder.path / WORST_FILE}"
     else:
         chance, low, high = (found[each] for each in ("probability", "low", "high"))
-        yield f"probability that {name} fails: {chance:.3g} (95 %: {low:.3g} to {high:.3g})"
+        share = f"{chance:.3g} (95 %: {low:.3g} to {high:.3g})"
+        yield f"probability that “{name}” fails: {share}; the variants above were chosen near failures"
 
 
 def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:

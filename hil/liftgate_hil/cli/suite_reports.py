@@ -107,7 +107,8 @@ def _issue_with(kind: str, given: str) -> str:
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         return f"`{kind}` {given}: cannot be written; allowed: a file that can"
     if is_of_another_kind(path, kind):
-        return f"`{kind}` {given}: holds something else; allowed: a new file, or an earlier report of this kind"
+        text = "is a file of another kind, which is not replaced"
+        return f"`{kind}` {given}: {text}; allowed: a new file, or an earlier report of this kind"
     return ""
 
 

@@ -146,7 +146,7 @@ class _Parser:
         if kind != "end":
             is_number = self.tokens[self.next - 1][0] == "number"
             is_unit = is_number and kind == "name" and self._here()[1].lower() not in ("and", "or", "not")
-            self._wrong(f"and, or, or the end{'; a number is in the unit of its column' if is_unit else ''}")
+            self._wrong(f"and, or, or the end{'; units are not written, as columns have them' if is_unit else ''}")
         if not part.is_truth:
             raise ValueError(f"{self.text!r} is not a comparison; allowed: a comparison, e.g. gate_angle_deg > 20")
         return Condition(self.text, tuple(self.ops), tuple(self.units))

@@ -207,7 +207,7 @@ def verdict(rate: float, modes: dict[str, Wakeups], tick: Distribution | None, p
     late = modes[best].lateness.p99_us
     others = [f"{f'{rates[mode]} Hz' if rates[mode] else 'no rate'} {mode}" for mode in modes if mode != best]
     found = f"for up to {rates[best]} Hz {best}{f' ({others[0]})' if others else ''}"
-    force = f"p99 lateness {late:.0f} µs is {force_of(late):.2f} N of pinch force on the 10 N/mm rod"
+    force = f"a command {late:.0f} µs late (p99) adds {force_of(late):.2f} N of pinch force on a 10 N/mm rod"
     quieter = "end other programs, isolate a CPU, follow the advice above"
     missed, percent = modes[best].missed_share, 100.0 * modes[best].missed_share
     level: Level = "ok"

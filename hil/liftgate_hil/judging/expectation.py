@@ -40,9 +40,9 @@ class Expectation:
     def formula(self) -> str:
         """The condition with its kind, as the file states it."""
         if self.kind == "dtc":
-            return f"dtc  {self.condition}  {self.state}"
-        held = f"  for {self.hold:g} s without interruption" if self.hold else ""
-        return f"{self.kind}  {self.condition}{held}"
+            return f"dtc {self.condition} {self.state}"
+        held = f" for {self.hold:g} s without interruption" if self.hold else ""
+        return f"{self.kind} {self.condition}{held}"
 
     def with_numbers(self, parameters: Mapping[str, float]) -> Expectation:
         """Return the expectation with numbers for the scenario's parameters in its texts."""

@@ -262,7 +262,8 @@ class Judge:
         if expectation.kind == "dtc":
             time = float(progress.decided_at) if is_decided else None
             reason = self._reason_for(place, verdict)
-            return Verdict(name, verdict, time_s=time, reason=reason, method=DIRECT)
+            formula = expectation.formula
+            return Verdict(name, verdict, time_s=time, reason=reason, method=DIRECT, formula=formula)
         condition, decider = self.expected.conditions[place], int(progress.decider)
         time = progress.decided_at if is_decided else progress.margin_at
         return Verdict(
@@ -275,6 +276,7 @@ class Judge:
             margin_time_s=float(progress.margin_at),
             decided_by=comparisons_of(condition)[decider].text,
             method=DIRECT,
+            formula=expectation.formula,
         )
 
     def _in_gaps(self, place: int, verdict: Verdict, gaps: Sequence[Gap]) -> Verdict:

@@ -30,15 +30,17 @@ def expectation_json(verdict: Verdict) -> dict[str, Any]:
 
 
 def line_of(verdict: Verdict) -> str:
-    """Return an expectation's verdict as one line, with the comparison that its margin is of.
+    """Return an expectation's verdict as one line: with what was expected, or the reason, which states it.
 
-    Where there is a reason, this states the comparison; for a failure also the times.
+    The reason of a failure also states the times. Of several comparisons the deciding one is named.
     """
-    parts = [verdict.verdict]
+    is_explained = bool(verdict.reason)
+    parts = [verdict.verdict + (f" ({verdict.formula})" if verdict.formula and not is_explained else "")]
     if verdict.has_margin:
         unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""
         doubt = f" ± {verdict.uncertainty:.2g}" if verdict.uncertainty else ""
-        compared = f" ({verdict.decided_by})" if verdict.decided_by and not verdict.reason else ""
+        is_one_of_several = not is_explained and any(f" {each} " in verdict.formula for each in ("and", "or"))
+        compared = f" of {verdict.decided_by}" if is_one_of_several else ""
         parts.append(f"margin {verdict.margin:.4g}{doubt}{unit}{compared}")
     has_times = verdict.time_s is not None and not (verdict.verdict == FAIL and verdict.reason)
     if has_times and (not verdict.has_margin or verdict.margin_time_s in (None, verdict.time_s)):

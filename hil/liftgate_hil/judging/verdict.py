@@ -42,6 +42,7 @@ class Verdict:
     decided_by: str = ""
     uncertainty: float | None = None
     method: str = ""
+    formula: str = ""  # of a verdict that was reached: what was expected, with numbers for parameters
 
     @property
     def has_margin(self) -> bool:

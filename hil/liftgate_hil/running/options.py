@@ -69,7 +69,7 @@ class RunOptions:
         str,
         Option(
             Choice(CLOCKS),
-            "realtime: wall time; free: as fast as possible; lockstep: one command period per command frame",
+            "realtime: wall time; free: as fast as possible; lockstep: a command period for each command received",
         ),
     ] = "realtime"
     duration: Annotated[

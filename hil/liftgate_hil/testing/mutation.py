@@ -164,7 +164,11 @@ class Matrix:
             more = f" and {len(files) - 3} more" if len(files) > 3 else ""
             where = self.where(mutant.name, 3)
             how = f"{REACHED} in {where}" if where else NEVER_REACHED
-            by = f"killed by {', '.join(files[:3])}{more}" if files else f"SURVIVED, {how}: {mutant.meaning}"
+            by = (
+                f"killed by {', '.join(files[:3])}{more}"
+                if files
+                else f"SURVIVED, {how} (defect: {mutant.meaning})"
+            )
             yield f"{mutant.name:<{width}}  {by}"
         yield self.summary()
         for file, name in self.prove_nothing:

@@ -41,7 +41,7 @@ def test_units_of_products(text: str, unit: str) -> None:
         ("gate_angle_deg > 3 )", ") at character 20; allowed: and, or, or the end"),
         (
             "gate_angle_deg > 3 deg",
-            "deg at character 20; allowed: and, or, or the end; a number is in the unit of its column",
+            "deg at character 20; allowed: and, or, or the end; units are not written, as columns have them",
         ),
         ("gate_angle_deg > 3 AND time_s > 1", "AND at character 20; allowed: and, or, or the end"),
         ("gate_angle_deg > p", "p: no such column; allowed: $p, the parameter"),

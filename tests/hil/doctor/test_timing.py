@@ -42,7 +42,7 @@ def test_the_verdict_names_the_rate_the_mode_and_the_force():
     assert check.found == (
         "fit for up to 10000 Hz with FIFO scheduling (1000 Hz without FIFO scheduling), "
         "and for tests in real time; "
-        "p99 lateness 50 µs is 0.10 N of pinch force on the 10 N/mm rod"
+        "a command 50 µs late (p99) adds 0.10 N of pinch force on a 10 N/mm rod"
     )
 
 

@@ -55,7 +55,7 @@ def test_a_limit_is_a_comparison_that_the_force_must_stay_below(
 def test_what_is_expected_is_told_with_numbers_for_parameters() -> None:
     setup = setup_of("pack/trap_40deg_10npmm")
     told = expectations_of(setup.scenario)
-    assert told["presses less than the limit"] == "always  pinch_force_n < 100"
+    assert told["presses less than the limit"] == "always pinch_force_n < 100"
     assert limits_of(setup.scenario, setup.vehicle, RIG)[0] == {
         "force_n": 100.0,
         "longest_s": 0.0,

@@ -86,7 +86,7 @@ def test_a_rig_that_has_changed_since_is_not_taken(recording: Path) -> None:
 
 def test_a_page_of_the_recording_has_the_limits_of_its_scenario_as_long_as_that_is_there(recording: Path) -> None:
     about = RecordingSource(recording).about()
-    assert about["expectations"] == {"soft": "never  pinch_force_n > 70"}
+    assert about["expectations"] == {"soft": "never pinch_force_n > 70"}
     assert about["force_limits"] == [{"force_n": 70.0, "longest_s": 0.0, "expectation": "soft"}]
     scenario = recording.parent / "s.toml"
     scenario.write_text(SCENARIO + "\n# changed\n")

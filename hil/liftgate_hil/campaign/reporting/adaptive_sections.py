@@ -76,7 +76,7 @@ def worst_section(found: Worst, expectation: str, units: Mapping[str, str], line
         return section("Search for the worst", "<p>No variant has a margin.</p>")
     story = (
         f"The smallest margin of “{expectation}” is {with_unit(significant(best.margin, 4), unit)}"
-        f"{': it fails' if best.fails else ''}, after {best.number} evaluations."
+        f"{', a failure,' if best.fails else ','} found by evaluation {best.number}."
     )
     values = [
         (name, with_unit(significant(value, 6), units[name]))
@@ -166,7 +166,7 @@ def probability_section(found: Probability, expectation: str) -> str:
         ("without a verdict", f"{own.unknown:,}, taken as not failed"),
         *([("compared", direct)] if direct else []),
     ]
-    note = "A pocket that neither the search nor a slope of the margin leads to is not in the interval."
+    note = "The interval does not account for failures that the search has not found."
     missing = f"{own.unknown:,} of {own.evaluations:,} evaluations have no verdict and count as passed."
     return section(
         "Probability of failure",

@@ -237,8 +237,13 @@ def requirements(summary: Summary) -> str:
 
 
 def drivers(summary: Summary, units: Mapping[str, str], choice: Choice = "sample") -> list[str]:
-    """Return the tables of first-order indices; `units` and `choice` as for `report`."""
+    """Return the tables of first-order indices; `units` and `choice` as for `report`.
+
+    Variants that a search has chosen have none: their values depend on each other.
+    """
     parts: list[str] = []
+    if choice == "search":
+        return parts
     for column, indices in ((summary.driver, summary.indices), (FORCE, summary.force_indices)):
         if not indices or (column == FORCE and parts and summary.driver == FORCE):
             continue
@@ -246,15 +251,13 @@ def drivers(summary: Summary, units: Mapping[str, str], choice: Choice = "sample
         rows.append(("together, or by chance", _bar(rest_of(indices)), "", ""))
         what, unit = f"margin of “{column.removeprefix(MARGIN)}”", _unit_of(column, summary)
         parts.append(f"<h3>{text(what if column.startswith(MARGIN) else axis_label(column))}</h3>")
-        mean = f"mean, from … to … [{unit}]" if unit else "mean, from … to …"
-        parts.append(table(("varied", "explains alone", mean, "highest at"), rows, ("name", "", "r", "r")))
+        mean = "mean over classes of the value, from … to …" + (f" [{unit}]" if unit else "")
+        parts.append(table(("varied", "explains alone", mean, "highest mean at"), rows, ("name", "", "r", "r")))
     if parts:
         parts.append(
             '<p class="soft">First-order Sobol indices of these variants: the share of variance that a value '
             "explains alone.</p>"
         )
-        if choice == "search":
-            parts.append('<p class="soft">A search chose these variants, so the worst ones have more weight.</p>')
     return parts
 
 

@@ -12,6 +12,7 @@ from scipy.stats import qmc
 
 from liftgate_hil.campaign.search.descent import Descent
 from liftgate_hil.campaign.search.surrogate import Surrogate
+from liftgate_hil.errors import number_of
 
 Array = NDArray[np.float64]
 
@@ -143,9 +144,10 @@ class _Search:
         same = 0
         if i is not None:
             same = sum(bool(np.abs(p - self.points[i]).max() < APART) for p in ends)
+        explored = len(f) - self._descended - self._modelled
         evidence = (
-            f"{len(f) - self._descended - self._modelled} exploring points, {self._modelled} of the surrogate and "
-            f"{self._descended} of {self._restarts} descents, {same} of which ended near the worst point"
+            f"{explored} evaluations explored, {self._modelled} were proposed by the surrogate, {self._descended} "
+            f"belong to {number_of(self._restarts, 'descent')}; {same} ended near the worst point"
         )
         point = None if i is None else tuple(self.points[i].tolist())
         worst = math.nan if i is None else self.margins[i]
