@@ -129,7 +129,14 @@ class Bench(NamedTuple):
         float, Signal("", 0.0, 1e18, "ticks so far that the loop missed and made up for", is_whole=True)
     ]
     frames_dropped: Annotated[
-        float, Signal("", 0.0, 1e18, "frames so far that were lost before the gate read them", is_whole=True)
+        float,
+        Signal(
+            "",
+            0.0,
+            1e18,
+            "frames so far that were lost before the gate read them, or too old by then",
+            is_whole=True,
+        ),
     ]
     command_delay_s: Annotated[
         float,

@@ -65,6 +65,22 @@ def test_a_hand_on_the_gate_is_a_force_in_data_and_drawing(page: Any) -> None:
     assert errors_in(page) == []
 
 
+@pytest.mark.parametrize(
+    "end", ["drawing.handles.grip.releasePointerCapture(1)", "find('hand').querySelector('.clear').click()"]
+)
+def test_a_hand_that_is_held_ends_with_its_pointer_and_with_a_click_on_clear(page: Any, end: str) -> None:
+    release = drag(page, "#grip", 0, 80, 0.3)
+    until(page, lambda _: value_of(page, "hand_force_n") < -20.0)
+    page.execute_script(end)
+    until(page, lambda _: value_of(page, "hand_force_n") == 0.0)
+    time_s = value_of(page, "time_s")
+    until(page, lambda _: value_of(page, "time_s") > time_s + 0.5)  # several times as long as between two commands
+    assert value_of(page, "hand_force_n") == 0.0
+    assert "held" not in found(page, "#grip").get_attribute("class")
+    release.perform()
+    assert errors_in(page) == []
+
+
 def test_a_hand_moves_the_gate(page: Any) -> None:
     """The gate opens before, in real time."""
     from selenium.webdriver import Keys

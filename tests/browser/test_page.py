@@ -9,6 +9,8 @@ import pytest
 from browser_support import clear_all, click, errors_in, found, press, set_value, text_of, until
 from dashboard_support import Client
 
+from liftgate_hil.signals import COLUMNS
+
 
 def test_the_page_shows_current_values_and_updates(page: Any) -> None:
     assert len(page.find_elements("css selector", "#plots canvas")) == 4
@@ -27,7 +29,9 @@ def test_tables_are_shown_on_request_and_a_column_is_drawn(page: Any) -> None:
     until(page, lambda _: "LeftDrive" in text_of(page, "#messages"))
     click(page, "#values summary")
     until(page, lambda _: "gate_angle_deg" in text_of(page, "#columns"))
-    click(page, "button[aria-label='draw left_winding_temperature_degc']")
+    title = found(page, "button[aria-label='chart true gate_angle_deg']").get_attribute("title")
+    assert title == COLUMNS["gate_angle_deg"].meaning
+    click(page, "button[aria-label='chart true left_winding_temperature_degc']")
     until(page, lambda _: len(page.find_elements("css selector", "#plots canvas")) == 5)
     assert page.execute_script("return charts.low.left_winding_temperature_degc.length === charts.times.length")
     assert errors_in(page) == []
@@ -50,6 +54,10 @@ def test_a_trace_is_filtered_held_and_goes_on(page: Any) -> None:
     assert page.execute_script("return trace.frames.length") == 0  # nobody asks while it is closed
     click(page, "#trace-view summary")
     until(page, lambda _: {"LeftDrive", "Gate", "DriveCommand"} <= set(page.execute_script(names)))
+    set_value(page, "#trace-filter", "GateAcceleration")  # a signal
+    until(page, lambda _: set(page.execute_script(names)) == {"Sensors"})
+    set_value(page, "#trace-filter", "gate SENT")  # a message, which is no part of a signal's name
+    until(page, lambda _: set(page.execute_script(names)) == {"Gate"})
     set_value(page, "#trace-filter", "LATCHSTATE sent")
     until(page, lambda _: set(page.execute_script(names)) == {"Gate"})
     click(page, "#trace-hold")
@@ -84,8 +92,8 @@ def test_a_fault_is_injected_shown_and_cleared(page: Any, address: str) -> None:
     Select(found(page, "#fault-keys select")).select_by_visible_text("right")
     set_value(page, "#fault-keys input", "0.5")
     click(page, "#fault button")
-    until(page, lambda _: "fault kind spring_weak" in text_of(page, "#answer"))
-    until(page, lambda _: "Spring weak right factor 0.5" in text_of(page, "#fault-on"))
+    until(page, lambda _: "fault injected: Spring weak, right, factor 0.5" in text_of(page, "#answer"))
+    until(page, lambda _: "Spring weak, right, factor 0.5" in text_of(page, "#fault-on"))
     until(page, lambda _: text_of(page, "#health").startswith("1 injected fault"))
     force = client.ask("/api/state")[1]["in_force"]
     assert force["faults"] == [{"kind": "spring_weak", "where": "right", "factor": 0.5}]
@@ -117,7 +125,7 @@ def test_surroundings_and_driver_are_commanded_in_words(page: Any, address: str)
     client = Client(address)
     assert "Supply voltage" in text_of(page, "#set")
     assert "supply_voltage_v" not in found(page, "body").text
-    number = found(page, "#set input[type=number][aria-label='Road slope']")
+    number = found(page, "#set input[inputmode=decimal][aria-label='Road slope']")
     number.clear()
     number.send_keys("8", Keys.ENTER)
     until(page, lambda _: client.ask("/api/state")[1]["in_force"]["set"] == {"road_slope_deg": 8})
@@ -132,6 +140,7 @@ def test_surroundings_and_driver_are_commanded_in_words(page: Any, address: str)
     click(page, "#switch-handle_pulled")
     until(page, lambda _: client.ask("/api/state")[1]["truth"]["handle_pulled"] == 1.0)
     until(page, lambda _: text_of(page, "#switch-handle_pulled") == "Release handle")
+    assert text_of(page, "#answer").endswith(" s: outer handle pulled")
     until(page, lambda _: "2 settings" in text_of(page, "#clear"))
     press(page, "stop")
     clear_all(page)
@@ -140,7 +149,7 @@ def test_surroundings_and_driver_are_commanded_in_words(page: Any, address: str)
 
 def test_the_form_of_the_obstacle_shows_the_one_in_force(page: Any, address: str) -> None:
     client = Client(address)
-    field = "#obstacle input[type=number][aria-label='Angle']"
+    field = "#obstacle input[inputmode=decimal][aria-label='Angle']"
     assert client.command(obstacle={"angle_deg": 41.5})[0] == 200  # by another tab
     until(page, lambda _: found(page, field).get_property("value") == "41.5")
     clear_all(page)
@@ -186,15 +195,85 @@ def test_what_is_refused_is_reported_with_what_is_allowed(page: Any) -> None:
     field = found(page, "#signal-value input")
     field.clear()
     field.send_keys("1e9")
-    page.execute_script("document.getElementById('signal').noValidate = true")
     click(page, "#signal button")
-    until(page, lambda _: "allowed: 0 to" in text_of(page, "#answer"))
+    until(page, lambda _: "Body.VehicleSpeed 1e9: allowed: 0 to" in text_of(page, "#answer"))
     assert "bad" in found(page, "#answer").get_attribute("class")
     box.clear()
-    box.send_keys("Body.Nothing")
+    box.send_keys("Gate.Angle")
     click(page, "#signal button")
-    until(page, lambda _: "Body.Nothing" in text_of(page, "#answer"))
+    offered = page.execute_script("return [...find('signal-names').children].map((it) => it.value)")
+    until(page, lambda _: "Gate.Angle: not one that can be set" in text_of(page, "#answer"))
+    assert text_of(page, "#answer").endswith(f"allowed: {', '.join(offered)}")
+    assert errors_in(page) == []
+    set_value(page, "#record-name", "../x.csv")
+    click(page, "#record-button")
+    until(page, lambda _: "allowed: a file name, without a folder" in text_of(page, "#answer"))
     assert all(" 422 " in each for each in errors_in(page))
+
+
+def test_a_field_takes_a_number_as_it_is_typed_or_refuses_it(page: Any, address: str) -> None:
+    from selenium.webdriver import Keys
+    from selenium.webdriver.support.ui import Select
+
+    def in_force() -> Any:
+        return Client(address).ask("/api/state")[1]["in_force"]
+
+    slope = found(page, "#set input[inputmode=decimal][aria-label='Road slope']")
+    for wrong in ("0x10", "8 deg", "1.2.3", "80"):
+        slope.send_keys(Keys.CONTROL + "a" + Keys.NULL, wrong, Keys.ENTER)
+        until(
+            page, lambda _, wrong=wrong: f"Road slope {wrong}: allowed: -45 to 45 deg" in text_of(page, "#answer")
+        )
+        assert slope.get_attribute("aria-invalid") == "true"
+    Select(found(page, "#fault-kind")).select_by_visible_text("Babbling")
+    assert "CAN identifier (hex)" in text_of(page, "#fault-keys")
+    set_value(page, "#fault-keys input[name=id]", "6G4")
+    click(page, "#fault button")
+    until(page, lambda _: "6G4: allowed: a hexadecimal number, 0 to 1FFFFFFF" in text_of(page, "#answer"))
+    assert (in_force()["set"], in_force()["faults"]) == ({}, [])
+    set_value(page, "#fault-keys input[name=id]", "0x6E4")
+    click(page, "#fault button")
+    until(page, lambda _: "CAN identifier (hex) 6E4" in text_of(page, "#fault-on"))
+    assert [each["id"] for each in in_force()["faults"]] == [0x6E4]
+    clear_all(page)
+    assert errors_in(page) == []
+
+
+def test_an_answer_is_closed_by_its_button_and_by_escape(page: Any) -> None:
+    from selenium.webdriver import ActionChains, Keys
+
+    page.execute_script("answer('refused', true)")
+    click(page, "#close-answer")
+    assert not found(page, "#toast").is_displayed()
+    page.execute_script("answer('refused', true)")
+    ActionChains(page).send_keys(Keys.ESCAPE).perform()
+    until(page, lambda _: not found(page, "#toast").is_displayed())
+    page.execute_script("answer('refused', true); answer('done', false)")
+    assert text_of(page, "#answer") == "done"
+
+
+def test_charts_have_the_values_of_the_header_beside_their_names(page: Any) -> None:
+    shown = """
+        const [angle] = document.querySelectorAll('#plots .panel button > span');
+        return [+angle.textContent, +find('angle').textContent, +last.truth.gate_angle_deg.toFixed(2)];
+    """
+    for _ in range(5):
+        legend, header, truth = page.execute_script(shown)
+        assert legend == pytest.approx(truth, abs=0.0051)
+        assert header == truth
+
+
+def test_a_peak_that_the_charts_no_longer_have_is_told_and_the_list_says_zoomed(page: Any) -> None:
+    until(page, lambda _: page.execute_script("return charts.times.length > 20"))
+    page.execute_script("zoomToPeak({ pinch_peak_n: 98.4, pinch_peak_s: charts.times[0] - 2.5 })")
+    said, begin = page.execute_script("return [find('end-peak').textContent, charts.times[0]]")
+    assert said.startswith(f"The largest pinch force, 98 N, was at {begin - 2.5:.1f}")
+    assert page.execute_script("return find('window').selectedOptions[0].text") == "zoomed"
+    assert page.execute_script("return charts.range[0] === charts.times[0]")
+    click(page, "#hold")
+    assert page.execute_script("return find('window').value") == "20"
+    page.execute_script("zoomToPeak({ pinch_peak_n: null, pinch_peak_s: null }); hold(false)")
+    assert page.execute_script("return find('end-peak').textContent") == ""
 
 
 def test_labels_of_a_database_are_shown_as_text(page: Any) -> None:
@@ -202,7 +281,7 @@ def test_labels_of_a_database_are_shown_as_text(page: Any) -> None:
         "showLog([[1e9, 0, 'ecu <img src=x onerror=document.title=1>']]);"
         "showMessages([{id: '1', name: '<b>x</b>', direction: 'sent', count: 1, cycle_ms: 1, data: '', "
         "signals: {'<i>': '<i>'}}]); showCommand({'<u>': {value: '<u>', unit: ''}});"
-        "showVerdicts([{name: '<s>', verdict: 'pass', margin: 1, margin_unit: '<s>', time_s: 1}])"
+        "showVerdicts([{name: '<s>', verdict: 'pass', margin_text: '<s>', times_text: '<s>', reason: '<s>'}])"
     )
     assert not page.find_elements("css selector", "#log img, #events img, #messages b, #messages i, u, s")
     assert "liftgate-hil" in page.title
@@ -266,13 +345,13 @@ def test_a_second_tab_shows_the_same(page: Any, address: str) -> None:
     try:
         page.get(address)
         until(page, lambda _: found(page, "body").get_attribute("data-ready"))
-        number = found(page, "#set input[type=number][aria-label='Snow mass']")
+        number = found(page, "#set input[inputmode=decimal][aria-label='Snow mass']")
         number.clear()
         number.send_keys("7\n")
         until(page, lambda _: page.execute_script("return last.in_force.set.snow_mass_kg === 7"))
         page.switch_to.window(first)
         until(page, lambda _: page.execute_script("return last.in_force.set.snow_mass_kg === 7"))
-        box = found(page, "#set input[type=number][aria-label='Snow mass']")
+        box = found(page, "#set input[inputmode=decimal][aria-label='Snow mass']")
         until(page, lambda _: box.get_attribute("value") == "7")
         clear_all(page)
     finally:

@@ -45,7 +45,7 @@ def test_on_a_bench_the_gate_is_beside_its_charts_and_all_of_them_are_in_sight(p
 def test_a_column_that_is_added_keeps_all_charts_in_sight(page: Any) -> None:
     with window(page, *BENCH):
         click(page, "#values summary")
-        click(page, "button[aria-label='draw left_winding_temperature_degc']")
+        click(page, "button[aria-label='chart true left_winding_temperature_degc']")
         until(page, lambda _: page.execute_script("return charts.charts.length") == 5)
         end = f"{BOX} return box(document.querySelector('#plots')).bottom + scrollY"
         until(page, lambda _: page.execute_script(end) < BENCH[1])
@@ -81,6 +81,45 @@ def test_a_finger_of_40_pixels_takes_a_handle_on_a_phone(page: Any, handle: str)
             return all(centre == handle and {*beside} <= {"rod", "grip"} for centre, *beside in found)
 
         until(page, is_taken)
+
+
+def test_expectations_with_margins_and_reasons_fit_their_card_on_a_phone(page: Any) -> None:
+    with window(page, *PHONE):
+        page.execute_script("""
+            about.expectations = { reverses: 'eventually DriveCommand.LeftDirection == 1' };
+            showVerdicts([
+              { name: 'reverses', verdict: 'inconclusive', margin_text: '43.64 ± 14 deg/s',
+                times_text: 'at 14.218 s, fulfilled at 14.183 s', reason: 'the bench was late: it stalled' }]);
+        """)
+        assert "fulfilled at 14.183 s" in found(page, "#verdicts").text
+        ends = f"{BOX} return ['#verdicts table', '#verdicts'].map((it) => box(document.querySelector(it)).right)"
+        table, card = page.execute_script(ends)
+        assert table <= card + 1
+        assert page.execute_script(CUT) == []
+
+
+def test_the_words_of_the_obstacle_are_not_below_the_hand(page: Any) -> None:
+    """Wherever the gate stands."""
+    apart = f"""{BOX}
+        return about.geometry.angles_deg.map((angle) => {{
+          drawing.angle = angle;
+          drawing.handles.show(null, 0, null);
+          const [words, hand] = [drawing.handles.rodText, drawing.handles.grip.lastChild].map(box);
+          return words.bottom <= hand.top || words.top >= hand.bottom || words.right <= hand.left
+            || words.left >= hand.right;
+        }});
+    """
+    with window(page, *PHONE):
+        assert all(page.execute_script(apart))
+
+
+def test_what_is_scrolled_to_is_not_below_the_header(page: Any) -> None:
+    with window(page, *PHONE):
+        tops = f"""{BOX}
+            document.getElementById('fault-kind').scrollIntoView();
+            return [box(document.querySelector('header')).bottom, box(document.getElementById('fault-kind')).top];
+        """
+        until(page, lambda _: sorted(ends := page.execute_script(tops)) == ends)
 
 
 def test_a_recording_has_all_charts_in_sight_beside_the_gate(browser: Any, tmp_path: Path) -> None:

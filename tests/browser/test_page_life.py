@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import time
 from pathlib import Path
@@ -62,13 +63,16 @@ def test_the_end_shows_the_verdict_and_the_next_run_is_picked_up(browser: Any, t
             first.terminate()
             assert first.wait(30) == 0
             until(browser, lambda _: text_of(browser, "#phase") == "ended")
-            assert text_of(browser, "#end-reason") == "The run was stopped."
+            assert re.fullmatch(r"Stopped at [\d.]+ s\.", text_of(browser, "#end-reason"))
             assert not found(browser, "#clear").is_enabled()
             with process(*run, folder=tmp_path) as second:
                 until(browser, lambda _: "· s · next" in browser.title)
                 until(browser, lambda _: text_of(browser, "#phase") in PASSED)
                 assert "stays shut" in text_of(browser, "#verdicts")
                 assert second.wait(30) == 0
+            assert errors_in(browser) == []
+            child.kill()
+            until(browser, lambda _: text_of(browser, "#end-next").startswith("No connection"))
         assert errors_in(browser) == []
 
 
@@ -104,7 +108,9 @@ def test_a_run_that_makes_no_ticks_is_stalled_and_not_late(browser: Any, tmp_pat
         arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
         with process("dashboard", *arguments, folder=tmp_path) as child:
             opened(browser, address_in(child), ("stalled",))
-            assert "the run stands still" in text_of(browser, "#health")
+            assert "Run not advancing" in text_of(browser, "#health")
+            browser.execute_script("command({ set: { road_slope_deg: 1 } })")
+            until(browser, lambda _: "takes effect when it goes on" in text_of(browser, "#answer"))
             assert errors_in(browser) == []
 
 
@@ -157,6 +163,26 @@ def test_a_recording_shows_its_pinch_and_is_played(browser: Any, tmp_path: Path)
         assert all("CONNECTION_REFUSED" in each for each in errors_in(browser))
 
 
+def test_a_recording_says_what_was_before_it_and_what_it_does_not_know(browser: Any, tmp_path: Path) -> None:
+    """Ticks missed and a contact before it began, and a fault injected, of which it does not know which."""
+    columns = "time_s,gate_angle_deg,pinch_force_n,pinch_force_peak_n,ticks_missed,fault.injected"
+    rows = "".join(f"{5 + 0.01 * k!r},30,0,90,{870 + k // 50},1\n" for k in range(150))
+    (tmp_path / "run.csv").write_text(f"{columns}\n{rows}", encoding="utf-8")
+    arguments = ("dashboard", "--recording", "run.csv", "--vehicle", "suv", "--listen", "127.0.0.1:0")
+    with process(*arguments, folder=tmp_path) as child:
+        opened(browser, address_in(child), ("recording",))
+        assert text_of(browser, "#contacts") == "No contact in this recording."
+        assert "last peak 90 N, before the recording" in text_of(browser, "header")
+        assert "last peak 90 N, before the recording" in text_of(browser, "#gauge")
+        assert text_of(browser, "#health") == ""
+        browser.execute_script("return seek(about.end_s)")
+        until(browser, lambda _: text_of(browser, "#health") == "2 ticks missed")
+        drawn = text_of(browser, "#drawing")
+        assert all(f"{each} –" in drawn for each in ("left spring", "right spring", "left drive", "hand"))
+        assert all(each in drawn for each in ("pinch 0 N", "latch –"))
+        assert errors_in(browser) == []
+
+
 def test_a_bus_log_shows_what_it_holds_and_says_what_it_lacks(browser: Any, tmp_path: Path) -> None:
     lh.run("demo", duration=1.0, record=tmp_path / "run.blf")
     bus_log = ("dashboard", "--recording", "run.blf", "--vehicle", "suv", "--listen", "127.0.0.1:0")
@@ -201,6 +227,11 @@ def test_scenarios_are_chosen_started_and_stopped(browser: Any, tmp_path: Path) 
     with process(*arguments, folder=tmp_path) as child:
         opened(browser, address_in(child), ("no run",))
         until(browser, lambda _: text_of(browser, ".scenario").split("\n") == ["opens", "LG-1", "the gate opens"])
+        browser.execute_script("find('scenario-filter').value = 'none'; filterScenarios()")
+        assert text_of(browser, "#scenario-none") == "No scenario matches."
+        assert not found(browser, "#start-run").is_enabled()
+        browser.execute_script("find('scenario-filter').value = 'lg-1 gate'; filterScenarios()")
+        assert not found(browser, "#scenario-none").is_displayed()
         click(browser, "#start button")
         until(browser, lambda _: text_of(browser, "#phase") in GOING)
         until(browser, lambda _: found(browser, "#stop-run").is_enabled())
@@ -250,7 +281,7 @@ def test_a_page_that_ended_with_its_run_shows_the_recording_that_is_served_next(
         opened(browser, address)
         run.terminate()
         assert run.wait(30) == 0
-    until(browser, lambda _: "or to a recording" in text_of(browser, "#end-next"))
+    until(browser, lambda _: "With LIFTGATE_HIL_TOKEN set" in text_of(browser, "#end-next"))
     lh.run("demo", duration=1.0, record=tmp_path / "run.mf4")
     listen = address.removeprefix("http://").split("/")[0]
     with process("dashboard", "--recording", "run.mf4", "--listen", listen, folder=tmp_path):

@@ -7,6 +7,11 @@ from liftgate_hil.signals import COLUMNS, Bench
 from tools.docs.json_keys import DISTRIBUTION, EXPECTATION
 
 IN_SHORT = ("name", "verdict", "margin", "margin_unit", "time_s")  # keys of a verdict while the run goes on
+_IN_WORDS = {
+    "margin_text": "margin as it is printed, with its uncertainty and unit; —: there is none to show",
+    "times_text": "when it was decided, and where that is another time, when the margin was reached, as it is "
+    "printed; empty: never",
+}
 _TIMES = {
     "lateness_us": "how late ticks began, over the run",
     "execution_us": "execution time of a tick",
@@ -21,13 +26,18 @@ def _with_unit(meaning: str, unit: str) -> str:
 
 _INSIDE = {
     "end.verdict": "`pass`, `inconclusive`, `fail` or `error`",
+    "end.ending": "the verdict, or what stands in its place: `stopped` before the end, with nothing failed; "
+    "`given up`: the bench has ended the run early",
     "end.reason": "why, in words; may be empty",
     "end.expectations": "the verdicts on the expectations",
     **{
         f"end.expectations[].{name}": _METHOD if name == "method" else meaning
         for name, meaning in EXPECTATION.keys.items()
     },
+    **{f"end.expectations[].{name}": meaning for name, meaning in _IN_WORDS.items()},
     "end.exit_code": "exit code of the run's process; null: unknown",
+    "end.pinch_peak_n": "largest pinch force of the run [N]; null: nothing was pinched",
+    "end.pinch_peak_s": "its time [s]",
     "truth.COLUMN": "in the unit of the [signal](signals.md)",
     "sensed.COLUMN": "in the unit of the [signal](signals.md)",
     "command.QUANTITY": "a quantity of the [rig file](rig.md)",
@@ -55,7 +65,7 @@ _INSIDE = {
     "bus.dropped": "frames that were dropped before the gate read them",
     "bus.bus_offs": "times that the controller went bus-off",
     "bus.not_shown": "frames of messages beyond the first 500, which `messages` leaves out",
-    "bus.overwritten": "rows and frames that the server was too slow to read",
+    "bus.overwritten": "rows and frames that the server was too slow to read, since it attached",
     "bus.command_age_s": "age of the last valid command [s]; null: there is none",
     "bus.accepted": "valid frames of mapped messages; null: unknown",
     "bus.rejected": "rejected frames; null: unknown",
@@ -73,6 +83,7 @@ _INSIDE = {
     "acting.spring_health.left": "of the left drive",
     "acting.spring_health.right": "of the right drive, where there is one",
     **{f"verdicts[].{name}": EXPECTATION.keys[name] for name in IN_SHORT},
+    **{f"verdicts[].{name}": meaning for name, meaning in _IN_WORDS.items()},
     "verdicts[].verdict": "`pending`, `pass`, `inconclusive`, `fail` or `error`",
     "messages[].id": "identifier in hexadecimal digits, followed by x if it has 29 bits",
     "messages[].name": "name in the database; empty: unknown",

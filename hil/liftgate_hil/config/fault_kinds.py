@@ -116,7 +116,7 @@ _GROUPS = {
 "Supply, motors and bridges": (
     FaultKind("supply_open", "no current can be drawn from or fed into the supply; braking still works",
               _gate("plant.source_open", SET), of=GATE),
-    FaultKind("motor_open", "the line between bridge and motor is open: no current from that tick on",
+    FaultKind("motor_open", "the line between bridge and motor is open: no current flows any more",
               _line("is_open", SET)),
     FaultKind("motor_short", "the motor's terminals are shorted: the motor's voltage is 0, and the shunt "
               "reads the converter's limit while the bridge drives", _short),
@@ -181,7 +181,7 @@ _GROUPS = {
     FaultKind("frame_lost", "frames do not arrive", _none, (
         *_DIRECTION, *_key("probability", Number(0.0, 1.0), "probability that a frame is lost", 1.0)), of=MESSAGE),
     FaultKind("frame_delayed", "frames arrive later", _none, (
-        *_DIRECTION, *_key("delay_s", Number(0.0, 10.0, "s"), "delay of the frames, not of `start` and `end`")),
+        *_DIRECTION, *_key("delay_s", Number(0.0, 10.0, "s"), "how much later each frame arrives")),
         of=MESSAGE),
     FaultKind("frame_repeated", "each frame is repeated once", _none, _DIRECTION, of=MESSAGE),
     FaultKind("frame_corrupted", "one random bit of the data is inverted, in a frame that is valid on the bus; "
@@ -195,7 +195,7 @@ _GROUPS = {
               "included", _none, _DIRECTION, of=MESSAGE),
 ),
 "Bus": (
-    FaultKind("babbling", "a node keeps sending frames of eight zero bytes", _none, (
+    FaultKind("babbling", "a node keeps sending frames of eight zero bytes (a babbling idiot)", _none, (
         *_DIRECTION,
         *_key("id", Whole(0, 0x1FFFFFFF), "identifier; above 0x7FF an extended one"),
         *_key("rate", Number(0.0, 1e5, "1/s"), "rate of the frames"),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from liftgate_plant.signals import SUFFIXES
 
@@ -24,11 +24,37 @@ _USUAL: Mapping[str, tuple[float, float]] = {
     "gap": (0.0, 0.1),  # chosen
     "stiffness": (1000.0, 65_000.0),  # to the stiffest rod of 49 CFR 571.118 S5
 }
-# What a button says that sets a switch to 0, and to 1.
-_ACTIONS: Mapping[str, tuple[str, str]] = {
-    "handle_pulled": ("Release handle", "Pull handle"),
-    "button_pressed": ("Release button", "Press button"),
+
+
+class _Switch(NamedTuple):
+    """What a switch is called, its two states, what a button says that sets either, and what it does."""
+
+    label: str
+    labels: Sequence[str]
+    actions: Sequence[str]
+    meaning: str
+
+
+# The reference ECU takes the driver's requests only, see `ecu.buttons`.
+_ONLY_SENT = "it only sets what the gate sends to the ECU; the reference ECU does not react to it"
+_SWITCHES: Mapping[str, _Switch] = {
+    "handle_pulled": _Switch(
+        "Outer handle", ("released", "pulled"), ("Release handle", "Pull handle"),
+        f"switch in the gate's outer handle: {_ONLY_SENT}",
+    ),
+    "button_pressed": _Switch(
+        "Button on the gate", ("released", "pressed"), ("Release button", "Press button"),
+        f"button on the gate: {_ONLY_SENT}",
+    ),
+}  # fmt: skip
+# Names of a fault's keys where the key itself is no word for them; "": of any kind.
+_KEY_LABELS: Mapping[tuple[str, str], str] = {
+    ("", "direction"): "Direction, seen from the gate",
+    ("babbling", "id"): "CAN identifier (hex)",
+    ("contact_resistance", "ohm"): "Resistance",
+    ("parameter", "key"): "Key of the vehicle file",
 }
+_HEX = {("babbling", "id")}  # keys that are shown in hexadecimal digits
 # Values with which the form of a fault begins, where the command needs one and has no default.
 _TYPICAL: Mapping[tuple[str, str], float | str] = {
     ("contact_resistance", "ohm"): 0.7,  # as much as a motor of the shipped `suv` has
@@ -68,13 +94,16 @@ def controls_of(commands: Mapping[str, Any]) -> JsonObject:
 
 def _control(name: str, spec: Mapping[str, Any]) -> JsonObject:
     low, high = _USUAL.get(name, (spec["low"], spec["high"]))
-    label, actions = in_words(name, spec["unit"]), list(_ACTIONS.get(name, ()))
-    return {**spec, "label": label, "slide_low": low, "slide_high": high, "actions": actions}
+    own = (
+        _SWITCHES[name]._asdict() if name in _SWITCHES else {"label": in_words(name, spec["unit"]), "actions": ()}
+    )
+    return {**spec, "slide_low": low, "slide_high": high, **own}
 
 
 def _key(kind: str, name: str, key: Mapping[str, Any]) -> JsonObject:
     typical = key["default"] if key["default"] is not None else _TYPICAL.get((kind, name))
-    return {**key, "label": in_words(name, key["unit"]), "typical": typical}
+    label = _KEY_LABELS.get((kind, name)) or _KEY_LABELS.get(("", name)) or in_words(name, key["unit"])
+    return {**key, "label": label, "typical": typical, "is_hex": (kind, name) in _HEX}
 
 
 def in_words(name: str, unit: str = "") -> str:

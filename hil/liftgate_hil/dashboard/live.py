@@ -17,6 +17,7 @@ from liftgate_hil.dashboard.source import (
     JsonObject,
     check_columns,
     in_stretches,
+    meanings_of,
     split,
     times_of,
     units_of,
@@ -35,9 +36,12 @@ _ASK_S = 0.1  # s between two queries of the run's progress
 _LOAD_S = 1.0  # s over which the bus load is taken
 _UNKNOWN_END: JsonObject = {
     "verdict": "error",
+    "ending": "error",
     "reason": "the run's process ended without reporting a result",
     "expectations": [],
     "exit_code": None,
+    "pinch_peak_n": None,
+    "pinch_peak_s": None,
 }
 
 
@@ -54,6 +58,7 @@ class Live:
         self._shared, self._control = shared, shared.control
         self._rows = RingReader(shared.rows, shared.control, "rows")
         self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
+        self._lost_before: int | None = None  # rows and frames that were overwritten before the first look
         self._row = np.full(len(self._names), np.nan)
         self._history: deque[tuple[float, Any, Any]] = deque()
         self._bus, self._trace = BusView(Path(self._description["rig"])), Trace()
@@ -84,6 +89,7 @@ class Live:
             "pid": self.pid,
             "columns": self._names,
             "units": units_of(self._names),
+            "meanings": meanings_of(self._names),
             "commands": controls_of(self._description["commands"]),
             "signal_units": self._bus.units(),
         }
@@ -102,6 +108,8 @@ class Live:
 
     def _update(self, now: float) -> JsonObject:
         rows, frames = self._rows.take(), self._frames.take()
+        if self._lost_before is None:
+            self._lost_before = self._lost
         self._trace.keep(frames)
         for frame in frames:
             self._bus.hear(frame)
@@ -196,7 +204,7 @@ class Live:
                 "dropped": int(control["dropped"][0]),
                 "bus_offs": int(control["bus_offs"][0]),
                 "not_shown": self._bus.not_kept,
-                "overwritten": self._rows.lost + self._frames.lost,
+                "overwritten": self._lost - (self._lost_before or 0),
                 **{name: status.get(name) for name in ("command_age_s", "accepted", "rejected", "foreign")},
             },
             "in_force": self._news["in_force"],
@@ -204,6 +212,11 @@ class Live:
             "verdicts": self._news["verdicts"],
             "alarms": self._news["alarms"],
         }
+
+    @property
+    def _lost(self) -> int:
+        """Number of rows and frames that were overwritten before they were read."""
+        return self._rows.lost + self._frames.lost
 
     def now_and_then(self) -> JsonObject:
         """Return what is sent less often: the messages on the bus, and the histograms [µs from, µs to, count]."""

@@ -15,7 +15,14 @@ import numpy as np
 from liftgate_hil.config.fault_kinds import SIDES
 from liftgate_hil.conversion.ours import ours_in
 from liftgate_hil.conversion.table import open_whole
-from liftgate_hil.dashboard.source import JsonObject, check_columns, in_stretches, nothing_known, split
+from liftgate_hil.dashboard.source import (
+    JsonObject,
+    check_columns,
+    in_stretches,
+    meanings_of,
+    nothing_known,
+    split,
+)
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.running.attachment.description import expectations_of, limits_of
@@ -82,6 +89,7 @@ class RecordingSource:
             "file": str(self._path),
             "columns": self._names,
             "units": self._units,
+            "meanings": meanings_of(self._names),
             "every": self._every,
             "ours": self._ours,
             "begin_s": float(self._last[0, 0]),

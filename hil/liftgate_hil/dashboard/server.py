@@ -35,8 +35,8 @@ _LOOK_S = 0.005  # s until the end of a connection is known that came with the c
 _PAGE = Path(__file__).parent / "page"
 _PARTS = (
     "uPlot.min.css", "page.css", "uPlot.iife.min.js", "elements.js", "drawing.js", "handles.js", "charts.js",
-    "histograms.js", "forms.js", "controls.js", "verdicts.js", "bus.js", "scenarios.js", "state.js", "timeline.js",
-    "connection.js", "page.js",
+    "histograms.js", "forms.js", "words.js", "controls.js", "verdicts.js", "bus.js", "scenarios.js", "state.js",
+    "timeline.js", "connection.js", "page.js",
 )  # fmt: skip
 
 

@@ -19,7 +19,8 @@ MOST_LINES = 200  # of the log that are kept for a viewer
 STATE = {
     "phase": "`compiling`, `ready` (before time 0), `running`, `late` (ticks were missed in the last two seconds, "
     "or the run stands still), `ended`; of a recording `recorded`, without a run `idle`",
-    "end": "how the run has ended: `verdict`, `reason`, `expectations`, `exit_code`; null: it has not",
+    "end": "how the run has ended: `verdict`, `ending`, `reason`, `expectations`, `exit_code`, its largest pinch "
+    "force; null: it has not",
     "time_s": "model time [s]",
     "truth": "true values of the columns",
     "sensed": "what the ECU's sensors report, by the same names",
@@ -29,7 +30,7 @@ STATE = {
     "in_force": "what was commanded and has not been cleared, in the form of commands",
     "acting": "what acts on the gate, from the scenario, a panel or commands; of a recording the obstacle that "
     "the gate presses against, at its edge, without `meets`; empty: not known",
-    "verdicts": "of each expectation the verdict so far (`pending`: undecided), margin and time; the bench's "
+    "verdicts": "of each expectation the verdict so far (`pending`: undecided), margin and times; the bench's "
     "lateness may still change it",
     "messages": "the last frame of each message on the bus, decoded; in the stream five times a second",
     "histograms": "lateness, execution time and command delay as bars: from, to [µs], count; in the stream alike",
@@ -65,7 +66,7 @@ class NoSource:
 
     def about(self) -> JsonObject:
         """Return that there is neither a run nor a recording."""
-        return {"kind": "none", "columns": [], "units": {}}
+        return {"kind": "none", "columns": [], "units": {}, "meanings": {}}
 
     def geometry(self) -> JsonObject:
         """Return none."""
@@ -126,6 +127,11 @@ def split(names: list[str], values: list[float]) -> tuple[JsonObject, JsonObject
 def units_of(names: list[str]) -> dict[str, str]:
     """Return the unit of each column of the catalogue."""
     return {name: COLUMNS[name].unit if name in COLUMNS else "" for name in names}
+
+
+def meanings_of(names: list[str]) -> dict[str, str]:
+    """Return what each column of the catalogue means; other columns are left out."""
+    return {name: COLUMNS[name].meaning for name in names if name in COLUMNS}
 
 
 def times_of(figures: Distribution) -> JsonObject | None:

@@ -66,10 +66,10 @@ class Starter:
         return {"scenarios": listed, "is_all": is_all, "running": self.running, "exit_code": code}
 
     def note_end(self, pid: int, end: JsonObject) -> None:
-        """Keep the verdict of a run that this page has started; without expectations it has none."""
+        """Keep how a run has ended that this page has started; one that expects nothing has no verdict."""
         if self._process is not None and self._process.pid == pid:
             is_judged = end["expectations"] or end["verdict"] != PASS
-            self._verdicts[self._name] = end["verdict"] if is_judged else ""
+            self._verdicts[self._name] = end["ending"] if is_judged else ""
 
     def start(self, name: object, has_ended: bool = False) -> Client:
         """Start a scenario and return a client of its run; `has_ended`: the last run has, if not its process.

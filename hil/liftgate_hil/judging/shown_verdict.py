@@ -35,18 +35,39 @@ def line_of(verdict: Verdict) -> str:
     The reason of a failure also states the times. Of several comparisons the deciding one is named.
     """
     is_explained = bool(verdict.reason)
-    parts = [verdict.verdict + (f" ({verdict.formula})" if verdict.formula and not is_explained else "")]
+    line = verdict.verdict + (f" ({verdict.formula})" if verdict.formula and not is_explained else "")
     if verdict.has_margin:
-        unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""
-        doubt = f" ± {verdict.uncertainty:.2g}" if verdict.uncertainty else ""
         is_one_of_several = not is_explained and any(f" {each} " in verdict.formula for each in ("and", "or"))
         compared = f" of {verdict.decided_by}" if is_one_of_several else ""
-        parts.append(f"margin {verdict.margin:.4g}{doubt}{unit}{compared}")
-    has_times = verdict.time_s is not None and not (verdict.verdict == FAIL and verdict.reason)
-    if has_times and (not verdict.has_margin or verdict.margin_time_s in (None, verdict.time_s)):
-        parts.append(f"at {verdict.time_s:.3f} s")
-    elif has_times:
-        parts[-1] += f" at {verdict.margin_time_s:.3f} s"
-        parts.append(f"fulfilled at {verdict.time_s:.3f} s")
-    line = ", ".join(parts)
+        line += f", margin {_amount(verdict)}{compared}"
+    times = "" if verdict.verdict == FAIL and is_explained else times_text(verdict)
+    if times:
+        line += f" {times}" if _has_two_times(verdict) else f", {times}"
     return f"{line}: {verdict.reason}" if verdict.reason else line
+
+
+def margin_text(verdict: Verdict) -> str:
+    """Return the margin with its uncertainty and unit; a dash where there is none."""
+    if not verdict.has_margin or verdict.margin is None or not math.isfinite(verdict.margin):
+        return "—"
+    return _amount(verdict)
+
+
+def times_text(verdict: Verdict) -> str:
+    """Return when it was decided, and where that is another time, when the margin was reached; "": never."""
+    if verdict.time_s is None:
+        return ""
+    if _has_two_times(verdict):
+        return f"at {verdict.margin_time_s:.3f} s, fulfilled at {verdict.time_s:.3f} s"
+    return f"at {verdict.time_s:.3f} s"
+
+
+def _amount(verdict: Verdict) -> str:
+    doubt = f" ± {verdict.uncertainty:.2g}" if verdict.uncertainty else ""
+    return f"{verdict.margin:.4g}{doubt} {verdict.margin_unit}".rstrip()
+
+
+def _has_two_times(verdict: Verdict) -> bool:
+    """Whether the margin was reached at another time than the expectation was fulfilled."""
+    is_apart = verdict.margin_time_s not in (None, verdict.time_s)
+    return verdict.has_margin and is_apart and verdict.verdict != FAIL

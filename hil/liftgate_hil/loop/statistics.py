@@ -67,9 +67,10 @@ _MOST_LISTED = 5  # injections or commands that are listed, at most
 _CYCLES_S = 0.1  # s in which every message of a rig is usually sent
 # Counters of a link that are printed with words of their own.
 _USUAL_FAULTS = ("losses", "send_failures", "send_queue_full", "receive_failures", "dropped")
-# What became of received frames that never acted; the page says the first of both.
+# What became of received frames that never acted; the page has one number for both.
 DROPPED = "lost: bench too slow"
 STALE = "ignored: waited longer than the message's time-out"
+DROPPED_OR_STALE = "lost or ignored: bench too slow"
 # Figures that a note on the run or a line of its summary words.
 _OF_NOTES = ("timing", "awaited", "commands_missing", "command_cycles", "fd_frames", "first_fd_frame")
 _NO_FAULTS = ("before_start",)

@@ -93,8 +93,11 @@ class FurtherRecording:
         )
         self._thread.start()
 
-    def stop(self) -> None:
-        """Stop to record, and complete the file beside the run. Raises ConfigError where none is open."""
+    def stop(self) -> str:
+        """Stop to record, and complete the file beside the run; return its name.
+
+        Raises ConfigError where none is open.
+        """
         if not self.is_on or self._stop.is_set():
             raise ConfigError("record null: no recording is open that was started by a command")
         with self._lock:
@@ -102,6 +105,7 @@ class FurtherRecording:
             if self._process is not None:
                 self._process.end_at(self._end)
         self._stop.set()
+        return self._path.name
 
     def mark(self, time_s: float, text: object) -> None:
         """Write a mark to all recordings that can hold it. Raises ConfigError where there is none."""
@@ -149,13 +153,13 @@ class FurtherRecording:
         return before + 1.0 / self._plan.options.rate
 
     def _path_of(self, name: object) -> Path:
-        allowed = f"allowed: a new file's name with one of {', '.join(RECORDED)}"
+        allowed = f"allowed: a file name, without a folder, with one of {', '.join(RECORDED)}"
         plain = isinstance(name, str) and 0 < len(name.encode()) <= _LONGEST and name.isprintable()
         if not isinstance(name, str) or not plain or name.startswith(".") or set(name) & {"/", "\\"}:
-            raise ConfigError(f"record {show(name)[:80]}: no file name; {allowed}")
+            raise ConfigError(f"record {show(name)[:80]}: {allowed}")
         path = self._folder / name
         if os.path.lexists(path):
-            raise ConfigError(f"record {name}: there is such a file; {allowed}")
+            raise ConfigError(f"{name} already exists: choose another name")
         try:
             return check_file("record", str(path))
         except ConfigError as error:
@@ -186,9 +190,9 @@ class FurtherRecording:
                     for time_s, text in self._early:
                         process.mark(time_s, text)
             process.wait_until_ready()
-            self._phase = RECORDING
             if not stop.is_set():
                 self._listener.say(f"record {path.name}: recording from {begin_s:.3f} s on")
+            self._phase = RECORDING
             self.prepare()  # for the next one, which may follow at once
             stop.wait()
         except (ConfigError, OSError) as error:

@@ -17,10 +17,11 @@ from liftgate_hil.ecu.node import PORT
 from liftgate_hil.errors import ConfigError, LiftgateError, OverrunError, PreconditionError, causes
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.trace_summary import TraceSummarizer
-from liftgate_hil.judging.verdict import ERROR, PASS, STOPPED
+from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, PASS, STOPPED
 from liftgate_hil.loop.closed_loop import Extremes, Trace
 from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.running.attachment.server import End
 from liftgate_hil.running.bus_run import BusRun, bus_run_of
 from liftgate_hil.running.compilation import reporting_compilation
 from liftgate_hil.running.driver import Driver
@@ -34,7 +35,6 @@ from liftgate_plant.compiler import GivenUpError
 
 if TYPE_CHECKING:
     from liftgate_hil.conditions.evaluator import Work
-    from liftgate_hil.judging.verdict import Verdict
     from liftgate_hil.loop.observers import Sink
     from liftgate_hil.loop.rings import Memory
     from liftgate_hil.running.plan import Plan
@@ -56,6 +56,13 @@ def run_plan(
             return _Run(Execution(plan, adapter, seen, stopped, memory)).result(stack)
     except GivenUpError:  # stopped before it began
         return nothing_of(plan.job, "", 0)
+
+
+def _end_of(result: Result) -> End:
+    """Return how a run with this result has ended, for those who are attached to it."""
+    force, time = result.maxima["pinch_force_n"], result.pinch_time_s
+    peak = (None, None) if math.isnan(time) else (force, time)
+    return End(result.verdict, result.ending, result.reason, tuple(result.expectations.values()), None, *peak)
 
 
 def _sinks_of(plan: Plan, others: Sequence[Sink]) -> list[Sink]:
@@ -120,20 +127,23 @@ class _Run:
         try:
             result = self._result(stack)
         except ConfigError as error:
-            self._tell_end(ERROR, "; ".join(error.issues))
+            self._tell_end(End(ERROR, ERROR, "; ".join(error.issues)))
             raise
         except GivenUpError:
-            self._tell_end(PASS, "stopped before it began")
+            self._tell_end(End(PASS, PASS, "stopped before it began"))
             raise
-        self._tell_end(result.verdict, result.reason, result.ending, tuple(result.expectations.values()))
+        self._tell_end(_end_of(result))
         return result
 
-    def _tell_end(self, verdict: str, reason: str, ending: str = "", expectations: Sequence[Verdict] = ()) -> None:
+    def _tell_end(self, end: End) -> None:
         server = None if self._on_bus is None else self._on_bus.observers.server
         if server is not None:
-            is_stopped = self._execution.stopped() and verdict != ERROR
-            code = self._plan.job.exit_codes.get(STOPPED if is_stopped else ending or verdict)
-            server.ends(verdict, reason, expectations, code)
+            is_stopped = self._execution.stopped() and end.verdict != ERROR
+            code = self._plan.job.exit_codes.get(STOPPED if is_stopped else end.ending)
+            # Expectations that are decided all the same stand.
+            if is_stopped and (end.verdict == INCONCLUSIVE or not end.expectations):
+                end = end._replace(ending=STOPPED)
+            server.ends(end._replace(exit_code=code))
 
     def _result(self, stack: contextlib.ExitStack) -> Result:
         sinks, adapter = self._execution.sinks, self._execution.adapter

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from liftgate_hil.errors import number_of
 from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.judging.shown_verdict import margin_text
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict, worst
 from liftgate_hil.report.page import Markup, alert, page, pairs, section, table, text
 from liftgate_hil.report.provenance import Provenance
@@ -19,7 +20,7 @@ from liftgate_hil.report.trace_plot import STYLE as TRACE_STYLE
 from liftgate_hil.testing.force_limits import limits_section
 from liftgate_hil.testing.mutants_section import mutants_section
 from liftgate_hil.testing.mutation import MutationResult
-from liftgate_hil.testing.picture import expectation_svgs, left_out, margin_text
+from liftgate_hil.testing.picture import expectation_svgs, left_out
 from liftgate_hil.testing.scenario_section import badge, figures_of, scenario_section, value_names
 from liftgate_hil.testing.suite import Outcome, counts_of, subject_of, verdict_of
 

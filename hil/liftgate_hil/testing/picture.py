@@ -9,6 +9,7 @@ import numpy as np
 
 from liftgate_hil.judging.comparisons import Comparison, Side
 from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.judging.shown_verdict import margin_text
 from liftgate_hil.judging.trace_summary import Curve, TraceSummary, View
 from liftgate_hil.judging.verdict import FAIL, PASS, Verdict
 from liftgate_hil.report.trace_plot import Level, Line, Margin, Panel, Picture, trace_svg
@@ -55,14 +56,6 @@ def _moves(panel: Panel) -> bool:
 
 def _span(view: View) -> float:
     return float(view.times[-1] - view.times[0]) if len(view.times) else 0.0
-
-
-def margin_text(verdict: Verdict) -> str:
-    """Return the margin with its uncertainty and unit; a dash where there is none."""
-    if not verdict.has_margin or verdict.margin is None or not math.isfinite(verdict.margin):
-        return "—"
-    doubt = f" ± {verdict.uncertainty:.2g}" if verdict.uncertainty else ""
-    return f"{verdict.margin:.4g}{doubt} {verdict.margin_unit}".rstrip()
 
 
 def decided(expectation: Expectation, verdict: Verdict) -> tuple[float, str] | None:

@@ -35,4 +35,15 @@ def test_each_switch_has_a_button_for_either_way() -> None:
     assert switches
     for name, spec in CONTROLS["set"].items():
         assert len(spec["actions"]) == (2 if name in switches else 0)
-    assert CONTROLS["set"]["handle_pulled"]["actions"] == ["Release handle", "Pull handle"]
+    handle = CONTROLS["set"]["handle_pulled"]
+    assert list(handle["actions"]) == ["Release handle", "Pull handle"]
+    assert (handle["label"], handle["labels"][1]) == ("Outer handle", "pulled")
+
+
+def test_an_identifier_is_shown_in_hexadecimal_digits_and_no_other_number_is() -> None:
+    keys = {(kind, name): key for kind, spec in CONTROLS["fault"].items() for name, key in spec["keys"].items()}
+    assert [which for which, key in keys.items() if key["is_hex"]] == [("babbling", "id")]
+    assert keys["babbling", "id"]["label"] == "CAN identifier (hex)"
+    assert keys["contact_resistance", "ohm"]["label"] == "Resistance"
+    assert keys["frame_lost", "direction"]["label"] == "Direction, seen from the gate"
+    assert keys["frame_lost", "probability"]["label"] == "Probability"

@@ -10,7 +10,6 @@ import socket
 import subprocess
 import time
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from liftgate_hil.dashboard.recorded import RecordingSource
 from liftgate_hil.dashboard.source import STATE
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop import statistics
-from liftgate_hil.running.attachment.server import _in_short
+from liftgate_hil.running.attachment.server import End, _in_full, _in_short
 
 BENCH = ("--bus", "virtual:page", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
 
@@ -113,8 +112,12 @@ def test_the_page_has_exactly_the_keys_of_a_state(client: Client) -> None:
     later = {path for path in STATE_KEYS if path.startswith("end.")}
     assert found == {*STATE_KEYS} - later
     verdict, end = Verdict("moves", "pass"), {*_UNKNOWN_END}
+    assert end == {*End._fields}
     assert {*state["verdicts"][0]} == {*_in_short(verdict)}
-    assert later == {*(f"end.{name}" for name in end), *(f"end.expectations[].{name}" for name in asdict(verdict))}
+    assert later == {
+        *(f"end.{name}" for name in end),
+        *(f"end.expectations[].{name}" for name in _in_full(verdict)),
+    }
 
 
 def test_what_else_the_server_answers_has_exactly_the_documented_keys(client: Client, tmp_path: Path) -> None:
@@ -132,7 +135,7 @@ def test_what_else_the_server_answers_has_exactly_the_documented_keys(client: Cl
 
 def test_the_page_says_of_frames_that_never_acted_what_the_summary_says() -> None:
     script = (Path(statistics.__file__).parents[1] / "dashboard" / "page" / "state.js").read_text(encoding="utf-8")
-    assert statistics.DROPPED in script
+    assert statistics.DROPPED_OR_STALE in script
 
 
 def test_the_stream_brings_the_state_again_and_again_with_what_lay_between(client: Client) -> None:
@@ -165,6 +168,15 @@ def test_what_is_commanded_acts_on_the_gate(client: Client) -> None:
     assert client.command(clear="all")[0] == 200
     state = until(client, lambda state: not state["in_force"]["faults"])
     assert state["in_force"]["set"] == {}
+
+
+def test_what_was_overwritten_before_the_page_has_attached_does_not_count(
+    folder: Path, run: subprocess.Popen[str], client: Client
+) -> None:
+    """The rings hold 4096 rows."""
+    until(client, lambda state: state["loop"]["tick"] > 5000)
+    with process("dashboard", "--attach", str(run.pid), "--listen", "127.0.0.1:0", folder=folder) as child:
+        assert until(Client(address_in(child)), is_going)["bus"]["overwritten"] == 0
 
 
 def test_a_signal_of_the_restbus_is_sent_in_its_cycle_and_shown(client: Client) -> None:
@@ -470,7 +482,7 @@ def test_a_run_is_recorded_and_marked_from_the_page(client: Client, folder: Path
 
     assert client.command(record={"file": "../x.mf4"})[0] == 422
     assert client.command(mark="nothing is recorded")[0] == 422
-    assert client.command(record={"file": "page.mf4"})[1]["done"] == "record page.mf4"
+    assert client.command(record={"file": "page.mf4"})[1]["done"] == "recording to page.mf4"
     state = until(client, lambda state: (state["in_force"]["record"] or {}).get("phase") == "recording")
     later = state["time_s"] + 0.3
     assert client.command(mark="it squeaks")[1]["done"] == "mark it squeaks"
@@ -523,6 +535,7 @@ def test_the_end_has_the_verdict_the_reasons_and_the_exit_code(tmp_path: Path) -
     assert [each["phase"] for each in states[-1:]] == ["ended"]
     end = states[-1]["end"]
     assert end["exit_code"] == 0
+    assert (end["ending"], end["pinch_peak_n"], end["pinch_peak_s"]) == (end["verdict"], None, None)
     verdict = end["verdict"]
     assert [each["verdict"] for each in end["expectations"]] == [verdict]
     if verdict == "fail":
@@ -661,7 +674,8 @@ def test_scenarios_of_a_folder_are_started_and_stopped(tmp_path: Path) -> None:
         assert post("opens.toml")[0] == 422
         assert post(None)[1]["exit_code"] == 0
         assert post(None)[1]["running"] is None
-        assert until(client, lambda state: state["phase"] == "ended")["end"]["exit_code"] == 0
+        end = until(client, lambda state: state["phase"] == "ended")["end"]
+        assert (end["exit_code"], end["verdict"], end["ending"]) == (0, "pass", "stopped")
         post("opens.toml")
         pid = client.ask("/api/about")[1]["pid"]
     assert not Path(f"/proc/{pid}").exists()

@@ -95,10 +95,14 @@ def test_the_verdict_of_the_last_run_is_kept_by_scenario(
 
     assert verdicts() == ["", ""]
     pid = starter.start("b.toml").pid
-    starter.note_end(pid + 1, {"verdict": "error", "expectations": []})  # another run, which the page showed
+    starter.note_end(
+        pid + 1, {"verdict": "error", "ending": "error", "expectations": []}
+    )  # another run, which the page showed
     assert verdicts() == ["", ""]
-    starter.note_end(pid, {"verdict": "fail", "expectations": [{}]})
+    starter.note_end(pid, {"verdict": "fail", "ending": "fail", "expectations": [{}]})
     assert verdicts() == ["", "fail"]
-    starter.note_end(pid, {"verdict": "pass", "expectations": []})  # nothing was expected
+    starter.note_end(pid, {"verdict": "inconclusive", "ending": "stopped", "expectations": [{}]})
+    assert verdicts() == ["", "stopped"]
+    starter.note_end(pid, {"verdict": "pass", "ending": "pass", "expectations": []})  # nothing was expected
     assert verdicts() == ["", ""]
     starter.close()

@@ -187,7 +187,7 @@ def test_what_is_no_new_file_of_the_folder_is_refused(bench: Bench, name: object
 
 def test_no_file_is_replaced(bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "x.csv").write_text("mine")
-    with pytest.raises(ConfigError, match=r"record x\.csv: there is such a file"):
+    with pytest.raises(ConfigError, match=r"x\.csv already exists: choose another name"):
         bench.recording.start("x.csv")
     assert (tmp_path / "x.csv").read_text() == "mine"
 
@@ -274,10 +274,15 @@ def test_a_recorder_that_is_killed_is_no_longer_in_force(bench: Bench) -> None:
     until(bench.recording, RECORDING)
 
 
-@pytest.mark.parametrize("name", ["ü" * 150 + ".csv", "dangling.csv"])
-def test_a_name_too_long_or_a_link_to_elsewhere_is_refused(bench: Bench, tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("ü" * 150 + ".csv", "allowed: a file name, without a folder"), ("dangling.csv", "already exists")],
+)
+def test_a_name_too_long_or_a_link_to_elsewhere_is_refused(
+    bench: Bench, tmp_path: Path, name: str, words: str
+) -> None:
     (tmp_path / "dangling.csv").symlink_to(tmp_path / "elsewhere" / "x.csv")
-    with pytest.raises(ConfigError, match="allowed: a new file's name"):
+    with pytest.raises(ConfigError, match=words):
         bench.recording.start(name)
 
 

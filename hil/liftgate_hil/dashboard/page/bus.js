@@ -26,8 +26,8 @@ function showBus(state) {
     ["frames sent", bus.sent],
     ["frames received", bus.received],
     ["commands accepted", bus.accepted],
-    ["rejected", bus.rejected],
-    ["foreign", bus.foreign],
+    ["rejected (length, range, checksum, counter)", bus.rejected],
+    ["foreign (unknown identifiers)", bus.foreign],
     ["not sent", bus.unsent],
     ["dropped by the system", bus.dropped],
     ["clock", loop.clock],
@@ -96,9 +96,13 @@ const trace = {
 
   show() {
     const words = find("trace-filter").value.toLowerCase().split(/\s+/).filter(Boolean),
-      line = (each) => `${each.id} ${each.name} ${each.direction} ${each.data} ${signalsOf(each)}`.toLowerCase(),
+      heads = ({ id, name, direction }) => [id, name, direction].map((each) => each.toLowerCase()),
+      known = new Set(this.frames.flatMap(heads)),
+      line = (each) => `${heads(each).join(" ")} ${each.data} ${signalsOf(each).toLowerCase()}`,
+      // A word that is the name of a message means that message: "gate" is not GateAcceleration.
+      has = (each, word) => (known.has(word) ? heads(each).includes(word) : line(each).includes(word)),
       matching = words.length
-        ? this.frames.filter((each) => words.every((word) => line(each).includes(word)))
+        ? this.frames.filter((each) => words.every((word) => has(each, word)))
         : this.frames;
     const shown = matching.slice(-SHOWN_FRAMES).reverse();
     rows(

@@ -291,16 +291,19 @@ class Charts {
     ctx.restore();
   }
 
-  // Values at the cursor, else the latest ones.
+  // Values at the cursor, else those of the state that the page shows, as in its header.
   showValues() {
     const cursor = this.charts
       .map(({ plot }) => plot.cursor.idx)
       .find((each) => each !== null && each !== undefined);
-    const now = this.now === null ? -1 : this.times.findIndex((each) => each >= this.now - 1e-9);
-    const place = cursor ?? (now >= 0 ? now : this.times.length - 1);
     for (const { names, values } of this.charts)
       names.forEach((name, k) => {
-        values[k].textContent = valueText(this.low[name]?.[place], this.high[name]?.[place]);
+        const [low, high] =
+          cursor === undefined
+            ? Array(2).fill(this.hooks.shown(name))
+            : [this.low[name]?.[cursor], this.high[name]?.[cursor]];
+        const words = valueText(low, high);
+        if (values[k].textContent !== words) values[k].textContent = words;
       });
     this.hooks.pointed(cursor === undefined ? null : this.times[cursor]);
   }
@@ -366,7 +369,7 @@ function rangeOf(least, limits) {
 
 function valueText(low, high) {
   if (typeof low !== "number" || typeof high !== "number") return "–";
-  const brief = (value) => text(value, Math.abs(value) < 10 ? 3 : 1);
+  const brief = (value) => text(value, Math.abs(value) < 10 ? 3 : 2);
   return high - low > 0.02 * Math.max(Math.abs(high), Math.abs(low), 1)
     ? `${brief(low)} to ${brief(high)}`
     : brief(high);

@@ -14,17 +14,25 @@ let unshown = null; // state that the next frame shows
 let shownAt = 0; // when the charts were drawn last
 let isUnheard = false; // no states come
 let isGone = false; // the server
-const ANSWER_MS = 8000; // that an answer is shown
+const ANSWER_MS = 4000; // that an answer is shown; what is refused stays until it is closed, or the next answer
+const WAITS_MS = 500; // without a reply, after which a command is said to wait
+const WAITS = "the run is not advancing: the command takes effect when it goes on";
 let answered = null;
 function answer(words, isBad) {
   find("answer").className = isBad ? "bad" : "";
   find("answer").textContent = words;
   clearTimeout(answered);
-  if (!isBad)
-    answered = setTimeout(() => {
-      find("answer").textContent = "";
-    }, ANSWER_MS);
+  if (!isBad) answered = setTimeout(dismiss, ANSWER_MS);
 }
+
+function dismiss() {
+  clearTimeout(answered);
+  find("answer").textContent = "";
+}
+find("close-answer").onclick = dismiss;
+addEventListener("keydown", (event) => {
+  if (event.key === "Escape") dismiss();
+});
 
 async function post(where, content, signal = undefined) {
   if (isGone) {
@@ -63,9 +71,15 @@ async function ask(where) {
 }
 
 async function command(content) {
+  const waits = setTimeout(() => answer(WAITS, false), WAITS_MS);
   const reply = await post("/api/command", content, AbortSignal.timeout(REPLY_MS));
+  clearTimeout(waits);
   const silent = content.request && last && isSilent(last) ? ", and no ECU sends commands" : "";
-  if (reply) answer(reply.waits || `${text(reply.time_s, 3)} s: ${reply.done}${silent}`, false);
+  if (reply)
+    answer(
+      reply.waits ? WAITS : `${text(reply.time_s, 3)} s: ${doneWords(content, reply.done)}${silent}`,
+      false,
+    );
   return reply;
 }
 
@@ -139,6 +153,8 @@ function gone() {
   isGone = true;
   find("commands").disabled = true;
   if (!hasEnded) showPhase("lost");
+  else if (!about.ends_with_run)
+    find("end-next").textContent = "No connection: the page's server has ended. Start it again to go on.";
   find("play").textContent = "Play";
   const frame = element("iframe", { hidden: true, title: "connection" });
   frame.onload = () => {

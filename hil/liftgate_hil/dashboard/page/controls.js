@@ -3,7 +3,11 @@
 
 const FIRST_DEG = 35; // where the form places an obstacle at first
 const SLIDE_MS = 100; // between two commands of a slider
+const MOST_LISTED = 20; // signals that a refusal names
 const REQUESTS = { open: "Open gate", close: "Close gate", stop: "Stop gate", reset: "Reset ECU" };
+const AFTER_RESET =
+  "the ECU restarts. The reference ECU has then forgotten what it learned of the gate: its next motions may reverse " +
+  "with nothing in the way";
 
 // Calls a function with the latest argument, at most once in a time [ms].
 function paced(milliseconds, call) {
@@ -57,32 +61,29 @@ class Control {
         this.clear,
       );
     } else {
-      const attributes = {
-        step: "any",
-        title: `${spec.meaning}; allowed: ${text(spec.low)} to ${text(spec.high)} ${spec.unit}`,
-      };
+      const title = `${spec.meaning}; allowed: ${allowedIn(spec)}`;
       const step = 10 ** Math.floor(Math.log10((spec.slide_high - spec.slide_low) / 100));
       this.slider = element("input", {
         type: "range",
         min: spec.slide_low,
         max: spec.slide_high,
-        ...attributes,
+        title,
         step,
       });
-      this.number = element("input", { type: "number", min: spec.low, max: spec.high, ...attributes });
+      this.number = numberField(spec, { title });
       this.slider.setAttribute("aria-label", `${spec.label}, slider`);
       this.number.setAttribute("aria-label", spec.label);
-      if (value !== null) this.slider.value = this.number.value = value;
+      if (value !== null) this.fill(value);
       const slid = paced(SLIDE_MS, (given) => command(given));
       this.slider.oninput = () => {
-        this.number.value = this.slider.value;
+        fill(this.number, this.slider.value);
         slid(+this.slider.value);
       };
       this.number.onchange = () => {
-        if (this.number.value !== "") {
-          this.slider.value = this.number.value;
-          command(+this.number.value);
-        }
+        const { value: given } = this;
+        if (typeof given !== "number") return;
+        this.slider.value = given;
+        command(given);
       };
       this.element = element(
         "div",
@@ -101,8 +102,14 @@ class Control {
     return this.spec.actions[value] || `Set to ${this.spec.labels[value]}`;
   }
 
+  // See numberIn.
   get value() {
-    return this.number.value === "" ? undefined : +this.number.value;
+    return numberIn(this.number, this.spec);
+  }
+
+  fill(value) {
+    this.slider.value = value;
+    fill(this.number, value);
   }
 
   // Shows the value now, unless it is being changed, and whether a command holds it.
@@ -119,7 +126,7 @@ class Control {
     }
     if (document.activeElement !== this.slider) this.slider.value = value;
     if (document.activeElement !== this.number && document.activeElement !== this.slider)
-      this.number.value = +value.toFixed(2);
+      fill(this.number, +value.toFixed(2));
   }
 }
 
@@ -153,7 +160,12 @@ class Controls {
         ? request.map((action) =>
             element(
               "button",
-              { type: "button", id: `request-${action}`, onclick: () => this.post({ request: action }) },
+              {
+                type: "button",
+                id: `request-${action}`,
+                title: action === "reset" ? AFTER_RESET : "",
+                onclick: () => this.post({ request: action }),
+              },
               REQUESTS[action] || action,
             ),
           )
@@ -211,19 +223,21 @@ class Controls {
   // Puts the obstacle as the form describes it, with `changed` keys, which the form then shows.
   put(changed) {
     const content = { meets: this.meets.value };
-    for (const [name, value] of Object.entries(changed)) {
-      this.rod[name].number.value = this.rod[name].slider.value = value;
-    }
-    for (const [name, { value, spec }] of Object.entries(this.rod))
+    for (const [name, value] of Object.entries(changed)) this.rod[name].fill(value);
+    for (const [name, { value, spec }] of Object.entries(this.rod)) {
+      if (value === null) return;
       if (value !== undefined && value !== spec.default) content[name] = value;
+    }
     this.post({ obstacle: content });
   }
 
   makeRestbus() {
     const names = find("signal-name"),
       { signal } = this.can,
+      all = Object.keys(signal),
       shaped = (spec) => ({ ...spec, isSignal: true, default: spec.start });
-    find("signal-names").append(...Object.keys(signal).map((name) => element("option", { value: name })));
+    names.placeholder = all.length ? `such as ${all[0]}` : "none can be set";
+    find("signal-names").append(...all.map((name) => element("option", { value: name })));
     names.addEventListener("input", () => {
       const spec = signal[names.value];
       find("signal-value").replaceChildren(
@@ -232,9 +246,15 @@ class Controls {
       names.title = spec ? spec.meaning : "";
     });
     submit(find("signal"), () => {
-      const field = find("signal-value").querySelector("input"),
-        spec = signal[names.value];
-      this.post({ signal: { [names.value]: field && spec ? fieldValue(field, shaped(spec)) : null } }); // null: the server says what is allowed
+      const spec = signal[names.value];
+      if (!spec) {
+        const known = all.slice(0, MOST_LISTED).join(", ") || "none",
+          more = all.length > MOST_LISTED ? ` and ${all.length - MOST_LISTED} more` : "";
+        answer(`${names.value || "no signal"}: not one that can be set; allowed: ${known}${more}`, true);
+        return;
+      }
+      const value = fieldValue(find("signal-value").querySelector("input"), shaped(spec));
+      if (value !== null) this.post({ signal: { [names.value]: value ?? null } });
     });
   }
 
@@ -276,24 +296,12 @@ class Controls {
     this.shown = shown;
     this.showRod(force.obstacle || {});
     find("clear").textContent = `Clear all: ${inForce(force).join(", ") || "nothing is commanded"}`;
-    const label = (each) => this.can.fault[each.kind]?.label || each.kind;
-    const inWords = ({ kind, where, ...rest }) =>
-      [label({ kind }), where, ...Object.entries(rest).map(([name, value]) => `${name} ${text(value)}`)]
-        .filter(Boolean)
-        .join(" ");
     this.chips(
       "fault-on",
-      (force.faults || []).map((each) => [inWords(each), { clear: { fault: each } }]),
+      (force.faults || []).map((each) => [faultWords(each), { clear: { fault: each } }]),
     );
-    const rod = force.obstacle,
-      about =
-        rod &&
-        Object.entries(rod)
-          .filter(([name, value]) => name !== "meets" || value !== "closing")
-          .map(([name, value]) =>
-            `${this.rod[name]?.spec.label.toLowerCase() || name} ${text(value)} ${this.rod[name]?.spec.unit || ""}`.trim(),
-          );
-    this.chips("obstacle-on", rod ? [[about.join(", "), { clear: "obstacle" }]] : []);
+    const rod = force.obstacle;
+    this.chips("obstacle-on", rod ? [[obstacleWords(rod), { clear: "obstacle" }]] : []);
     this.chips(
       "signal-on",
       Object.entries(force.signals || {}).map(([name, value]) => [
@@ -306,9 +314,9 @@ class Controls {
   // The obstacle's form shows the one in force, whoever put it, unless a field of it is being changed.
   showRod(obstacle) {
     for (const [name, value] of Object.entries(obstacle)) {
-      const { number, slider } = this.rod[name] || {};
-      if (!number || [number, slider].includes(document.activeElement)) continue;
-      number.value = slider.value = value;
+      const control = this.rod[name];
+      if (!control || [control.number, control.slider].includes(document.activeElement)) continue;
+      control.fill(value);
     }
     if (obstacle.meets && document.activeElement !== this.meets) this.meets.value = obstacle.meets;
   }
@@ -322,17 +330,4 @@ class Controls {
       }),
     );
   }
-}
-
-// What was commanded and is in force, in words.
-function inForce({ obstacle, set = {}, faults = [], signals = {} }) {
-  const counted = [
-    [Object.keys(set).length, "setting"],
-    [faults.length, "fault"],
-    [Object.keys(signals).length, "signal"],
-  ];
-  return [
-    ...(obstacle ? ["obstacle"] : []),
-    ...counted.filter(([count]) => count).map(([count, noun]) => numberOf(count, noun)),
-  ];
 }

@@ -185,11 +185,13 @@ class Drawing {
     });
   }
 
-  // The arrow of a force, from a point in the drawing along a direction; the list beside says how large it is.
+  // The arrow of a force, from a point in the drawing along a direction; the list beside says how large it is, or that
+  // nobody knows.
   arrow(name, from, way, newtons) {
     const { path, text: label, words } = this.arrows[name],
-      isShown = Math.abs(newtons) >= LEAST_N;
-    label.textContent = `${words} ${Math.round(newtons)} N`;
+      isKnown = typeof newtons === "number",
+      isShown = isKnown && Math.abs(newtons) >= LEAST_N;
+    label.textContent = `${words} ${isKnown ? `${Math.round(newtons)} N` : "–"}`;
     path.style.display = isShown ? "" : "none";
     if (!isShown) return;
     const length = within(newtons * METRES_PER_NEWTON, -0.6, 0.6) * this.scale,
@@ -312,15 +314,14 @@ class Drawing {
       for (let k = 0; k <= 2 * turns; k += 1)
         coil.push(point(tube + ((long - tube) * k) / (2 * turns), k % 2 ? 4.5 : -4.5));
       drive.coil.setAttribute("d", path(...coil));
-      const given = springHealth[side],
-        health = given === undefined ? 1 : given || 0; // null: not known, no arrow
-      drive.coil.style.opacity = given === null ? 1 : within(health, 0.15, 1);
-      this.arrow(side, point(long, side === "right" ? 15 : -15), way, values[`${side}_force_n`] || 0);
+      const { [side]: health = 1 } = springHealth; // null: not known
+      drive.coil.style.opacity = within(health ?? 1, 0.15, 1);
+      this.arrow(side, point(long, side === "right" ? 15 : -15), way, values[`${side}_force_n`]);
       this.arrow(
         `${side}_spring`,
         point(long, side === "right" ? 26 : -26),
         way,
-        health * this.springAt(side),
+        health === null ? null : health * this.springAt(side),
       );
     }
   }
@@ -336,7 +337,9 @@ class Drawing {
   }
 
   showLatch(values) {
-    const isOpen = !(values.latched >= 0.5),
+    const { latched } = values,
+      isOpen = !(latched >= 0.5),
+      plain = typeof latched === "number" ? (isOpen ? "open" : "closed") : "–",
       at = this.geometry.latch_distance_m || this.geometry.length_m;
     const [x, y] = this.at(this.onGate(Math.min(at, this.geometry.length_m), 0, 0));
     this.latch.setAttribute("class", `latch ${isOpen ? "open" : "closed"}`);
@@ -344,7 +347,7 @@ class Drawing {
     const position = ["open", "half closed", "closed"][Math.round(values.latch_position)];
     this.label(
       "latch",
-      `latch ${position && this.geometry.latch_has_positions ? position : isOpen ? "open" : "closed"}`,
+      `latch ${position && this.geometry.latch_has_positions ? position : plain}`,
     );
   }
 
@@ -356,14 +359,14 @@ class Drawing {
         const long = Math.hypot(b[0] - a[0], b[1] - a[1]);
         return [(b[0] - a[0]) / long, (b[1] - a[1]) / long];
       };
-    const opens = tangent(this.angle),
-      pinch = values.pinch_force_n || 0;
+    const opens = tangent(this.angle);
     this.arrow("weight", this.at(this.turned(g.gravity_point[0])), [0, 1], g.weight_n);
     const way = obstacle && obstacle.meets === "opening" ? opens : opens.map((each) => -each);
-    this.arrow("pinch", this.at(this.onGate((obstacle && obstacle.distance) || g.length_m)), way, pinch);
-    const hand = values.hand_force_n || 0;
-    const grip = this.at(this.handAt()),
-      beside = Math.sign(hand) * 15;
+    const touched = this.at(this.onGate((obstacle && obstacle.distance) || g.length_m));
+    this.arrow("pinch", touched, way, values.pinch_force_n);
+    const hand = values.hand_force_n,
+      grip = this.at(this.handAt()),
+      beside = Math.sign(hand || 0) * 15;
     this.arrow("hand", [grip[0] + beside * opens[0], grip[1] + beside * opens[1]], opens, hand);
   }
 }

@@ -24,9 +24,9 @@ function element(name, attributes = {}, ...children) {
   return made;
 }
 
-// A decimal comma is a decimal point: number fields drop it, and 1,5 would become 15.
+// A decimal comma becomes a decimal point as it is typed, so that everybody sees what it is taken for.
 addEventListener("beforeinput", (event) => {
-  if (event.target.type !== "number" || event.inputType !== "insertText" || event.data !== ",") return;
+  if (event.target.inputMode !== "decimal" || event.inputType !== "insertText" || event.data !== ",") return;
   event.preventDefault();
   document.execCommand("insertText", false, ".");
 });

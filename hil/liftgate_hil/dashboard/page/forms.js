@@ -1,5 +1,59 @@
 "use strict";
-// Forms: a field for each kind of value, and the form of a fault.
+// Forms: a field for each kind of value, what is in it, and the form of a fault.
+
+// Numbers are entered as text: a field of type number drops letters as they are typed, and 0x6E4 becomes 06E4, 60000.
+const DECIMAL = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i,
+  HEX = /^(0x)?[0-9a-f]+$/i;
+const MOST_TOLD = 1e9; // a limit beyond it tells nobody anything
+
+// The number that a text states; NaN: none.
+function numberFrom(words, isHex = false) {
+  if (!(isHex ? HEX : DECIMAL).test(words)) return NaN;
+  return isHex ? parseInt(words, 16) : Number(words);
+}
+
+function shownIn(value, { is_hex: isHex }) {
+  return isHex ? value.toString(16).toUpperCase() : text(value);
+}
+
+// What a value may be, in words.
+function allowedIn({ labels = [], low, high, unit, allowed, is_hex: isHex }) {
+  if (labels.length) return labels.join(", ");
+  if (low === undefined) return allowed || "";
+  const kind = isHex ? "a hexadecimal number" : "a number";
+  if (low === null || high === null || Math.max(-low, high) > MOST_TOLD) return kind;
+  const range = [low, high].map((each) => shownIn(each, { is_hex: isHex })).join(" to ");
+  return `${isHex ? `${kind}, ` : ""}${range} ${unit || ""}`.trim();
+}
+
+// A field for a number.
+function numberField(spec, attributes = {}) {
+  const field = element("input", {
+    type: "text",
+    inputMode: spec.is_hex ? "text" : "decimal",
+    autocomplete: "off",
+    spellcheck: false,
+    ...attributes,
+  });
+  field.addEventListener("input", () => field.removeAttribute("aria-invalid"));
+  return field;
+}
+
+function fill(field, value) {
+  field.value = value;
+  field.removeAttribute("aria-invalid");
+}
+
+// The number in a field; undefined: it is empty; null: what is in it is refused, and marked.
+function numberIn(field, spec) {
+  const words = field.value.trim();
+  if (words === "") return undefined;
+  const value = numberFrom(words, spec.is_hex);
+  if (value >= (spec.low ?? -Infinity) && value <= (spec.high ?? Infinity)) return value;
+  field.setAttribute("aria-invalid", "true");
+  answer(`${field.getAttribute("aria-label")} ${words}: allowed: ${allowedIn(spec)}`, true);
+  return null;
+}
 
 // The form of a fault: its fields are those of its kind.
 function makeFaultForm(can, inject) {
@@ -40,7 +94,8 @@ function makeFaultForm(can, inject) {
     const content = { kind: kinds.value },
       specs = can[kinds.value].keys;
     for (const each of keys.querySelectorAll("input, select")) {
-      const value = fieldValue(each, specs[each.name] || { labels: ["x"] });
+      const value = fieldValue(each, specs[each.name] || {});
+      if (value === null) return;
       if (value !== undefined) content[each.name] = value;
     }
     inject(content);
@@ -61,31 +116,27 @@ function input(key, spec) {
   } else if (labels.length) {
     made = element("select", {}, ...labels.map((label) => element("option", { value: label }, label)));
   } else if (spec.low !== undefined) {
-    made = element("input", {
-      type: "number",
-      step: "any",
-      min: spec.low,
-      max: spec.high,
-      required: !hasDefault,
-    });
+    made = numberField(spec, { required: !hasDefault });
   } else {
     made = element("input", { type: "text", required: !hasDefault });
   }
-  if (begin !== null && begin !== undefined && made.tagName === "INPUT") made.value = begin;
+  if (begin !== null && begin !== undefined && made.tagName === "INPUT")
+    made.value = typeof begin === "number" ? shownIn(begin, spec) : begin;
   made.name = key;
-  const range =
-    spec.low === undefined
-      ? spec.allowed || ""
-      : `${text(spec.low)} to ${text(spec.high)} ${spec.unit || ""}`;
-  made.title = `${spec.meaning || key}; allowed: ${labels.length ? labels.join(", ") : range}`;
+  made.title = `${spec.meaning || key}; allowed: ${allowedIn(spec)}`;
   made.setAttribute("aria-label", spec.label || key);
   return made;
 }
 
+// What a field says; undefined: it is empty; null: it is refused.
 function fieldValue(field, spec) {
-  if (field.value === "") return undefined;
-  if (spec.isSignal) return Number.isNaN(Number(field.value)) ? field.value : Number(field.value);
-  return spec.low !== undefined && !(spec.labels || []).length ? Number(field.value) : field.value;
+  const isNumber = spec.low !== undefined,
+    hasLabels = (spec.labels || []).length > 0;
+  if (isNumber && !hasLabels) return numberIn(field, spec);
+  const words = field.value.trim();
+  if (words === "") return undefined;
+  const value = isNumber ? numberFrom(words) : NaN; // a signal with labels may have other values, too
+  return Number.isNaN(value) ? words : value;
 }
 
 function submit(form, action) {

@@ -41,13 +41,13 @@ class Handles {
       "aria-valuemax": geometry.open_angle_deg,
     });
     this.rod.classList.add("parked");
-    this.rodText = shape("text", { "dominant-baseline": "hanging" }, svg);
     this.grip = handle("grip", GRIP, {
       "aria-label": "Hand on the gate: force",
       "aria-valuemin": -MOST_HAND_N,
       "aria-valuemax": MOST_HAND_N,
       "aria-valuenow": 0,
     });
+    this.rodText = shape("text", { class: "of-rod" }, svg);
   }
 
   // However small the drawing is, a finger finds the handles.
@@ -98,10 +98,7 @@ class Handles {
         this.handAt = point;
         this.pull();
       },
-      () => {
-        this.handAt = null;
-        this.letGo();
-      },
+      () => this.letGo(),
     );
     setInterval(() => {
       if (this.handAt) this.pull();
@@ -120,21 +117,22 @@ class Handles {
     });
   }
 
-  // Calls `move` with points [m] while something is dragged, and `end` at the end with whether it was moved at all.
+  // Calls `move` with points [m] while something is dragged, and `end` once at the end with whether it was moved at all.
   drags(element, move, end) {
     let hasMoved = false;
     element.addEventListener("pointerdown", (event) => {
+      if (event.button) return; // of a mouse the left one
       element.setPointerCapture(event.pointerId);
       element.classList.add("held");
       hasMoved = false;
       event.preventDefault();
     });
     element.addEventListener("pointermove", (event) => {
-      if (!element.hasPointerCapture(event.pointerId)) return;
+      if (!element.classList.contains("held")) return;
       hasMoved = true;
       move(this.drawing.pointAt(event));
     });
-    for (const kind of ["pointerup", "pointercancel"]) {
+    for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) {
       element.addEventListener(kind, () => {
         if (element.classList.contains("held")) {
           element.classList.remove("held");
@@ -158,8 +156,19 @@ class Handles {
   }
 
   letGo() {
-    this.force = null;
+    this.release();
     this.sendForce();
+  }
+
+  // The hand's force was commanded elsewhere: a hand that is still held commands no more.
+  drop() {
+    this.release();
+    this.sent = null;
+  }
+
+  release() {
+    this.grip.classList.remove("held");
+    this.handAt = this.force = null;
   }
 
   // At most one command in HAND_MS, and only what has changed.
@@ -200,7 +209,10 @@ class Handles {
     const isRight = x > WIDTH / 2; // then the text ends near the edge
     this.rodText.setAttribute("text-anchor", isRight ? "end" : "start");
     this.rodText.setAttribute("x", isRight ? Math.min(x + 60, WIDTH - 4) : Math.max(x - 40, 2));
-    this.rodText.setAttribute("y", y + ROD_M * drawing.scale + 5);
+    const isBelow = drawing.at(drawing.handAt())[1] < y, // on the side where the hand is not
+      apart = Math.max(ROD_M * drawing.scale, GRIP) + 2;
+    this.rodText.setAttribute("dominant-baseline", isBelow ? "text-before-edge" : "text-after-edge");
+    this.rodText.setAttribute("y", isBelow ? y + apart : y - apart);
   }
 
   // The handle of the obstacle where it is not in the gate's way, nor beside the obstacle that is `given`.

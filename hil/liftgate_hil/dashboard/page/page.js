@@ -38,17 +38,27 @@ async function start() {
   const isRun = about.kind === "run",
     isOpen = isRun && !about.read_only;
   makeTitle();
+  const header = document.querySelector("header"); // which stays at the top: nothing is scrolled below it
+  new ResizeObserver(() => {
+    document.documentElement.style.scrollPaddingTop = `${header.offsetHeight + 6}px`;
+  }).observe(header);
   document.body.classList.add(about.kind);
   charts = new Charts(find("plots"), about, limitsOfForce(), {
     zoomed: ([low, high]) => zoomTo(low, high),
     pointed: (time) => {
-      find("cursor").textContent = time === null ? "" : `cursor at ${time.toFixed(3)} s`;
+      const words = time === null ? "" : `cursor at ${time.toFixed(3)} s`;
+      if (find("cursor").textContent !== words) find("cursor").textContent = words;
     },
+    shown: (name) => last && columnIn(last, name),
     seek: about.kind === "recording" ? seek : null,
   });
   makeGauge();
   await load();
-  if (isOpen) controls = new Controls(about.commands, command, about.geometry.open_angle_deg);
+  const byForm = (content) => {
+    if (content.clear === "all" || "hand_force_n" in (content.set || {})) drawing?.handles.drop();
+    return command(content);
+  };
+  if (isOpen) controls = new Controls(about.commands, byForm, about.geometry.open_angle_deg);
   else find("commands").hidden = true;
   const act = isOpen
     ? {
@@ -65,9 +75,10 @@ async function start() {
     : SCALE;
   find("stimuli").append(...(about.stimuli || []).map((each) => element("li", {}, each)));
   find("scenario").hidden = !(about.stimuli || []).length;
-  find("readonly").hidden = !(isRun && about.read_only);
+  find("readonly").hidden = !about.read_only;
   find("hold").hidden = find("window").hidden = !isRun;
-  find("controls").hidden = about.kind === "recording";
+  find("controls").hidden = about.kind === "recording" || (isRun && about.read_only);
+  document.body.classList.toggle("read-only", isRun && about.read_only);
   find("reports").hidden = !isRun;
   find("charts").hidden = about.kind === "none";
   find("bus-view").hidden = find("trace-view").hidden = !isRun;
@@ -83,6 +94,7 @@ async function start() {
   if (about.kind === "recording") {
     makeReplay();
     charts.zoom(about.begin_s, about.end_s);
+    about.before = (await ask(`/api/state?time=${about.begin_s}`))?.loop; // what was counted before the recording
     const peak = (about.contacts || []).reduce(
       (most, each) => (most && most.peak_n > each.peak_n ? most : each),
       null,

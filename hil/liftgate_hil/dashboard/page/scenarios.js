@@ -60,12 +60,16 @@ function filterScenarios() {
       entry.hidden = !wanted.every((word) => `${entry.title} ${entry.textContent}`.toLowerCase().includes(word));
     group.hidden = !group.querySelector("label:not([hidden])");
   }
+  const shown = [...find("scenario-list").querySelectorAll("label:not([hidden])")];
+  find("scenario-none").hidden = shown.length > 0 || !wanted.length;
+  find("start-run").disabled = !shown.some((entry) => entry.querySelector("input").checked);
 }
 
 function makeStart() {
   find("starting").hidden = false;
   listScenarios();
   find("scenario-filter").oninput = filterScenarios;
+  find("scenario-list").onchange = filterScenarios;
   submit(find("start"), async () => {
     const name = chosenScenario();
     if (!name) return;

@@ -16,11 +16,12 @@ let last = null; // state that is shown
 let hasEnded = false;
 let moved = { time_s: null, at: 0 }; // model time that is shown, and since when
 
-function showPhase(phase, verdict = "") {
+// Shows the phase, at its end with how the run has ended.
+function showPhase(phase, ending = "") {
   const name = (phase === "late" && isStalled() ? "stalled" : PHASES[phase]) || phase;
-  const words = verdict ? `${name}: ${verdict}` : name;
+  const words = ending ? `${name}: ${ending}` : name;
   if (find("phase").textContent !== words) find("phase").textContent = words;
-  find("phase").className = `badge ${verdict || phase}`;
+  find("phase").className = `badge ${ending || phase}`;
 }
 
 // Whether a late run makes no ticks at all.
@@ -34,19 +35,18 @@ function isSilent(state) {
   return ["running", "late", "ended"].includes(state.phase) && (age === null || age > 0.5);
 }
 
-const numberOf = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s"}`;
-
 function showHealth(state) {
   const loop = state.loop || {},
     bus = state.bus || {},
+    counted = (name) => (loop[name] || 0) - (about.before?.[name] || 0), // of a recording: those within it
     notes = [];
   if (state.phase === "late" && isStalled())
     notes.push(
-      "the run stands still, for example as it waits for the ECU: commands take effect when it continues",
+      "Run not advancing (it waits for the ECU, or is paused). Commands take effect when it goes on.",
     );
-  if (loop.ticks_missed) notes.push(`${numberOf(loop.ticks_missed, "tick")} missed`);
-  if (loop.frames_dropped)
-    notes.push(`${numberOf(loop.frames_dropped, "received frame")} lost: bench too slow`);
+  if (counted("ticks_missed")) notes.push(`${numberOf(counted("ticks_missed"), "tick")} missed`);
+  if (counted("frames_dropped"))
+    notes.push(`${numberOf(counted("frames_dropped"), "received frame")} lost or ignored: bench too slow`);
   if (bus.rejected) notes.push(`${numberOf(bus.rejected, "frame")} rejected`);
   if (bus.overwritten)
     notes.push(`${bus.overwritten} rows or frames were overwritten before this page saw them`);
@@ -68,8 +68,15 @@ function showHealth(state) {
 const choosers = new Map();
 function chooser(name) {
   if (!choosers.has(name)) {
-    const one = (column, word) =>
-      element("button", { type: "button", onclick: () => choose(column), title: `draw ${column}` }, word);
+    const one = (column, word) => {
+      const button = element(
+        "button",
+        { type: "button", onclick: () => choose(column), title: about.meanings[column] || column },
+        word,
+      );
+      button.setAttribute("aria-label", `${word} ${name}`);
+      return button;
+    };
     const both = ["", "sensed_"]
       .map((prefix) => prefix + name)
       .filter((column) => about.columns.includes(column));
@@ -78,13 +85,9 @@ function chooser(name) {
       element(
         "span",
         {},
-        ...both.map((column) => one(column, column.startsWith("sensed_") ? "draw sensed" : "draw")),
+        ...both.map((column) => one(column, column.startsWith("sensed_") ? "chart sensed" : "chart true")),
       ),
     );
-    choosers
-      .get(name)
-      .querySelectorAll("button")
-      .forEach((button) => button.setAttribute("aria-label", button.title));
   }
   return choosers.get(name);
 }
@@ -193,6 +196,20 @@ function showWhetherDrawn(isDrawn) {
     : "The gate is not drawn: its angle is not known at this time.";
 }
 
+// Whether the last contact was before the recording, at a time in it.
+function isPeakOfBefore({ time_s: time, truth }) {
+  const { kind, contacts } = about;
+  return (
+    kind === "recording" && contacts && truth.pinch_force_peak_n > 0 && !contacts.some((it) => it.begin_s <= time)
+  );
+}
+
+// The value of a column in a state.
+function columnIn(state, name) {
+  const own = name.replace(/^sensed_/, "");
+  return own === name ? (state.truth[name] ?? (state.loop || {})[name]) : state.sensed[own];
+}
+
 function show(state) {
   last = state;
   if (state.time_s !== moved.time_s) moved = { time_s: state.time_s, at: performance.now() };
@@ -202,7 +219,7 @@ function show(state) {
     state.truth[name] ?? state.truth[theirs[name]] ?? state.truth[theirs["sensed_" + name]];
   if (state.end) {
     if (!hasEnded) {
-      showEnd(state.end);
+      showEnd(state.end, state.time_s);
       if (about.starts) listScenarios();
     }
   } else showPhase(state.phase);
@@ -213,7 +230,9 @@ function show(state) {
   find("peak").classList.toggle("over", isOver(state.truth.pinch_force_peak_n));
   showHealth(state);
   showCommand(about.kind === "recording" ? recordedCommand(state.truth) : state.command, isSilent(state));
-  showGauge(one("pinch_force_n"), state.truth.pinch_force_peak_n);
+  const since = isPeakOfBefore(state) ? ", before the recording" : "";
+  if (find("peak-when").textContent !== since) find("peak-when").textContent = since;
+  showGauge(one("pinch_force_n"), state.truth.pinch_force_peak_n, since);
   if (drawing) {
     const seen = [
       "gate_angle_deg",
@@ -239,6 +258,7 @@ function show(state) {
     showBus(state);
     if (state.messages) showMessages(state.messages, state.time_s);
   }
+  charts.showValues();
   if (state.log) showLog(state.log);
   showAlarms(state.alarms || []);
   if (!state.end) showVerdicts(state.verdicts);

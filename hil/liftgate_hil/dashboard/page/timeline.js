@@ -3,6 +3,7 @@
 
 const POINTS = 2000; // of a curve
 let isHeld = false; // the charts stand still
+let followed = "20"; // seconds of a run that are drawn while its charts go on, as their list has it
 
 function follow() {
   const end = charts.times.length ? charts.times[charts.times.length - 1] : 1,
@@ -14,7 +15,9 @@ function follow() {
 function hold(on) {
   isHeld = on;
   find("hold").textContent = on ? "Resume charts" : "Pause charts";
-  if (!on && about.kind === "run") follow();
+  if (on || about.kind !== "run") return;
+  find("window").value = followed;
+  follow();
 }
 
 async function load(low = -Infinity, high = Infinity) {
@@ -39,7 +42,10 @@ function zoomTo(low, high) {
       await load(low, high);
       charts.draw();
     }, 120);
-  } else hold(true);
+  } else {
+    hold(true);
+    find("window").value = ""; // zoomed
+  }
   charts.zoom(low, high);
 }
 
@@ -56,15 +62,12 @@ function makeView() {
   find("later").onclick = () => about_(1, 0.5);
   find("whole").onclick = () => {
     if (about.kind === "recording") zoomTo(about.begin_s, about.end_s);
-    else if (charts.times.length) {
-      hold(true);
-      charts.zoom(charts.times[0], charts.times[charts.times.length - 1]);
-    }
+    else if (charts.times.length) zoomTo(charts.times[0], charts.times.at(-1));
   };
   find("hold").onclick = () => hold(!isHeld);
   find("window").onchange = () => {
+    followed = find("window").value;
     hold(false);
-    follow();
   };
 }
 
@@ -72,7 +75,6 @@ function point(time) {
   find("seek").value = time;
   charts.now = time;
   for (const { plot } of charts.charts) plot.redraw(false);
-  charts.showValues();
 }
 
 async function seek(time) {
@@ -150,7 +152,7 @@ function makeReplay() {
   find("contacts").append(
     ...(contacts.length
       ? ["Contacts:", ...contacts]
-      : [about.contacts ? "No contact with an obstacle." : "The recording holds no pinch force."]),
+      : [about.contacts ? "No contact in this recording." : "The recording holds no pinch force."]),
     ...(marks.length ? [" Marks:", ...marks] : []),
     ...(about.geometry.length_m ? [] : [" The gate is drawn if --vehicle names its vehicle."]),
   );

@@ -17,9 +17,10 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, NamedTuple
 
 from liftgate_hil.errors import ConfigError, printable
+from liftgate_hil.judging.shown_verdict import margin_text, times_text
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.listener import Listener, Relay, Status
 from liftgate_hil.loop.rings import Memory
@@ -38,6 +39,23 @@ _MOST = 8  # clients at a time
 _WAITING = 1000  # commands that may wait
 _MOST_VERDICTS = 500  # expectations that clients are told about
 _AT_ONCE = 20  # commands executed between two turns of an ECU in this process
+
+
+class End(NamedTuple):
+    """How a run has ended.
+
+    `ending` is its verdict, or what stands in its place: STOPPED or GIVEN_UP. `exit_code` is that of its process;
+    None: unknown. `pinch_peak_n` is the largest pinch force, `pinch_peak_s` when that was; None: nothing was
+    pinched.
+    """
+
+    verdict: str
+    ending: str
+    reason: str
+    expectations: Sequence[Verdict] = ()
+    exit_code: int | None = None
+    pinch_peak_n: float | None = None
+    pinch_peak_s: float | None = None
 
 
 class Server(Relay):
@@ -136,14 +154,13 @@ class Server(Relay):
         """Whether any client is attached."""
         return bool(self._connections)
 
-    def ends(self, verdict: str, reason: str, expectations: Sequence[Verdict], exit_code: int | None) -> None:
-        """Keep how the run has ended, for the clients. `exit_code` is that of its process; None: unknown."""
+    def ends(self, end: End) -> None:
+        """Keep how the run has ended, for the clients."""
         self._phases.has_ended()
         self._end_report = {
-            "verdict": verdict,
-            "reason": reason[:_LONGEST],
-            "expectations": [asdict(each) for each in expectations[:_MOST_VERDICTS]],
-            "exit_code": exit_code,
+            **end._asdict(),
+            "reason": end.reason[:_LONGEST],
+            "expectations": [_in_full(each) for each in end.expectations[:_MOST_VERDICTS]],
         }
 
     def close(self) -> None:
@@ -268,7 +285,18 @@ class Server(Relay):
 
 def _in_short(verdict: Verdict) -> dict[str, Any]:
     """Return what clients are told of a verdict while the run goes on."""
-    return {name: getattr(verdict, name) for name in ("name", "verdict", "margin", "margin_unit", "time_s")}
+    own = ("name", "verdict", "margin", "margin_unit", "time_s")
+    return {**{name: getattr(verdict, name) for name in own}, **_in_words(verdict)}
+
+
+def _in_full(verdict: Verdict) -> dict[str, Any]:
+    """Return what clients are told of a verdict at the end."""
+    return {**asdict(verdict), **_in_words(verdict)}
+
+
+def _in_words(verdict: Verdict) -> dict[str, str]:
+    """Return a verdict's margin and times as they are printed."""
+    return {"margin_text": margin_text(verdict), "times_text": times_text(verdict)}
 
 
 class _Connection:

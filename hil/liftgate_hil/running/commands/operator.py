@@ -170,12 +170,11 @@ class Operator:
             self.recording.mark(now, content)
             return f"mark {content}"
         if content is None:
-            self.recording.stop()
-            return "record: stopped"
+            return f"recording stopped: {self.recording.stop()}"
         if not isinstance(content, dict) or set(content) != {"file"}:
             raise ConfigError(f'record {show(content)[:80]}; allowed: {{"file": NAME}}, or null to stop')
         self.recording.start(content["file"])
-        return f"record {content['file']}"
+        return f"recording to {content['file']}"
 
     def _put(self, content: dict[str, Any], now: float) -> str:
         self._target.hold(held_obstacle(obstacle_in(content, self._edge)))
@@ -196,8 +195,9 @@ class Operator:
             if value is None and name in self._signals:
                 numbers[name] = math.nan
                 continue
-            tables, key = self._rig.tables, f"{name} "
-            number = value_in(key, name, value, tables, self._rig.mapped, issues)
+            issues.originate(f"{name}.signal", "signal")  # whose issues state the name
+            issues.originate(f"{name}.value", f"signal {name}")
+            number = value_in(f"{name}.", name, value, self._rig.tables, self._rig.mapped, issues)
             numbers[name] = math.nan if number is None else number
         both = {**self._signals, **content}
         if len(both) > MOST_SIGNALS:
@@ -273,5 +273,7 @@ def _words(content: Mapping[str, Any], units: Mapping[str, str] | None = None) -
     parts = []
     for name, value in content.items():
         shown = f"{value:g}" if isinstance(value, float) else "none" if value is None else str(value)
+        if name == "id" and isinstance(value, int):  # a CAN identifier
+            shown = f"{value:#x}"
         parts.append(f"{name} {shown} {(units or {}).get(name, '')}".rstrip())
     return ", ".join(parts)

@@ -291,7 +291,8 @@ WRONG = [
     ({"fault": {"kind": "hall_a_stuck", "where": "Gate", "value": 0}}, "'Gate'; allowed: one of left, "),
     ({"fault": {"kind": "motor_open", "start": 3}}, "start"),
     ({"signal": {"Gate.Angle": 3}}, "the gate or the ECU sends it"),
-    ({"signal": {"Body.Gear": 9}}, "9; allowed: 0 to 4, or one of "),
+    ({"signal": {"Body.Gear": 9}}, "signal Body.Gear: 9; allowed: 0 to 4, or one of "),
+    ({"signal": {"abc": 1}}, "signal: 'abc': no such message; allowed: MESSAGE.SIGNAL of "),
     ({"request": "fly"}, "request 'fly'; allowed: one of open, close, stop, reset"),
     ({"request": "reset"}, "request reset; allowed with [reset] in the rig"),
     ({"request": ["open"]}, "request ['open']"),
@@ -324,6 +325,7 @@ def test_what_is_wrong_is_refused_with_what_is_allowed_and_changes_nothing(tmp_p
     for answer, (command, words) in zip(ecu.answers, WRONG, strict=True):
         assert isinstance(answer, list), command
         assert words in " | ".join(answer), command
+        assert not any("signal: abc" in each for each in answer)  # it is named once
     assert theirs.summary.commands == 0
 
 
