@@ -10,19 +10,33 @@ from liftgate_hil.judging.shown_verdict import line_of, margin_text, times_text
 from liftgate_hil.judging.verdict import Verdict
 
 SOFT = Verdict(
-    "presses softly", "pass", 43.642, "N", 14.218, margin_time_s=14.218, decided_by="f < 150", uncertainty=14.2
+    *("presses softly", "pass", 43.642, "N", 14.218),
+    margin_time_s=14.218,
+    decided_by="f < 150",
+    uncertainty=14.2,
+    formula="always f < 150",
 )
-TURNS = Verdict("reverses", "pass", 7.239, "deg/s", 14.183, margin_time_s=14.221, decided_by="rate > 1")
+TURNS = Verdict(
+    *("reverses", "pass", 7.239, "deg/s", 14.183),
+    margin_time_s=14.221,
+    decided_by="rate > 1",
+    formula="eventually rate > 1 and angle > 3",
+)
 SAYS = Verdict("says so", "pass", 0.0, "", 14.183, margin_time_s=14.183, decided_by="direction == 1")
-FAILS = Verdict("stays", "fail", -2.0, "deg", 3.5, "x was 7 at 4 s", margin_time_s=4.0, decided_by="x < 5")
+FAILS = Verdict(
+    *("stays", "fail", -2.0, "deg", 3.5, "x was 7 at 4 s"),
+    margin_time_s=4.0,
+    decided_by="x < 5",
+    formula="always x < 5 or y < 3",
+)
 
 
 @pytest.mark.parametrize(
     ("verdict", "margin", "times", "line"),
     [
-        (SOFT, "43.64 ± 14 N", "at 14.218 s", "pass, margin 43.64 ± 14 N (f < 150), at 14.218 s"),
+        (SOFT, "43.64 ± 14 N", "at 14.218 s", "pass (always f < 150), margin 43.64 ± 14 N, at 14.218 s"),
         (TURNS, "7.239 deg/s", "at 14.221 s, fulfilled at 14.183 s",
-         "pass, margin 7.239 deg/s (rate > 1) at 14.221 s, fulfilled at 14.183 s"),
+         "pass (eventually rate > 1 and angle > 3), margin 7.239 deg/s of rate > 1 at 14.221 s, fulfilled at 14.183 s"),
         (SAYS, "—", "at 14.183 s", "pass, at 14.183 s"),
         (FAILS, "-2 deg", "at 3.500 s", "fail, margin -2 deg: x was 7 at 4 s"),
         (Verdict("waits", "pending"), "—", "", "pending"),
