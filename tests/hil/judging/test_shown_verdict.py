@@ -36,7 +36,8 @@ FAILS = Verdict(
     [
         (SOFT, "43.64 ± 14 N", "at 14.218 s", "pass (always f < 150), margin 43.64 ± 14 N, at 14.218 s"),
         (TURNS, "7.239 deg/s", "at 14.221 s, fulfilled at 14.183 s",
-         "pass (eventually rate > 1 and angle > 3), margin 7.239 deg/s of rate > 1 at 14.221 s, fulfilled at 14.183 s"),
+         "pass (eventually rate > 1 and angle > 3), margin 7.239 deg/s of rate > 1 at 14.221 s, fulfilled at "
+         "14.183 s"),
         (SAYS, "—", "at 14.183 s", "pass, at 14.183 s"),
         (FAILS, "-2 deg", "at 3.500 s", "fail, margin -2 deg: x was 7 at 4 s"),
         (Verdict("waits", "pending"), "—", "", "pending"),
