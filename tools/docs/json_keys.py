@@ -107,6 +107,7 @@ EXPECTATION = Shared(
         "never opened",
         "margin_time_s": "when the margin was reached: model time [s]; null: unknown",
         "decided_by": "comparison of the condition that the margin is of, with numbers for parameters",
+        "formula": "what was expected, with numbers for parameters; empty: there is no verdict on it",
     },
 )
 

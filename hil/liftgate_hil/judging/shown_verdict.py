@@ -26,6 +26,7 @@ def expectation_json(verdict: Verdict) -> dict[str, Any]:
         "window_s": list(verdict.window_s) if verdict.window_s is not None else None,
         "margin_time_s": known(verdict.margin_time_s),
         "decided_by": verdict.decided_by,
+        "formula": verdict.formula,
     }
 
 

@@ -246,7 +246,7 @@ def test_the_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert rests == {
         "name": "rests", "verdict": "pass", "margin": 1.0, "margin_unit": "deg", "time_s": 0.001, "reason": "",
         "window_s": [0.0, 0.5], "margin_time_s": 0.001, "decided_by": "gate_angle_deg < 1", "uncertainty": None,
-        "method": "direct",
+        "method": "direct", "formula": "always gate_angle_deg < 1",
     }  # fmt: skip
     assert (moves["verdict"], moves["margin"]) == ("fail", -1.0)
     (never,) = second["expectations"]
