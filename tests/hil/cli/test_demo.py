@@ -185,7 +185,10 @@ def test_an_ecu_that_is_not_ours_is_judged_where_its_verdicts_are_known() -> Non
 def test_where_the_machine_is_too_busy_the_same_is_shown_on_the_free_clock(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A loop that is held up for 0.3 s in a motion ends there: what the ECU does then is not told."""
+    """A loop that is held up for 0.3 s in a motion ends there, or where the machine itself held it up before.
+
+    What the ECU does then is not told.
+    """
     from liftgate_hil.loop import realtime_run
 
     ours = realtime_run._Turns.give
@@ -199,11 +202,9 @@ def test_where_the_machine_is_too_busy_the_same_is_shown_on_the_free_clock(
     assert main(["demo", "--clock", "realtime"]) == 0
     told = capsys.readouterr()
     before, _, after = told.err.partition("liftgate-hil demo: this machine was too busy for real time: ")
-    assert re.match(r"(the loop stalled for|\d+ ticks were missed) .*\bat about 9\.\d+ s", after), told.err
-    assert [line.split(None, 3)[3] for line in before.splitlines() if line.startswith("ecu ")] == [
-        "opening",
-        "open",
-    ]
+    assert re.match(r"(the loop stalled for|\d+ ticks were missed) .*\bat about \d\.\d+ s", after), told.err
+    events = [line.split(None, 3)[3] for line in before.splitlines() if line.startswith("ecu ")]
+    assert events == ["opening", "open"][: len(events)]
     assert "ecu " not in after
     assert "failed" not in told.err
     assert told.out.count("closed and latched") == 1
