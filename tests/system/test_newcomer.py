@@ -212,7 +212,7 @@ def test_campaigns_run_and_their_rows_are_replayed(folder: Path) -> None:
     assert "12 variants" in run(command(f"{campaign} --samples"), folder, few, "--jobs 1")
     variant = pq.read_table(folder / "samples" / "results.parquet")["variant"][7].as_py()
     out = run(command("liftgate-hil campaign samples --replay"), folder, {"VARIANT": variant[:12]})
-    assert "equal to the bit" in out
+    assert "bit-identical to" in out
     assert (folder / "worst.mf4").is_file()
     run(command(f"{campaign} --worst"), folder, {"--evaluations 60": "--evaluations 20"}, "--jobs 1")
     assert (folder / "worst" / "worst.toml").is_file()

@@ -129,7 +129,7 @@ def test_any_row_is_replayed_bit_by_bit(scenario: str, capsys: pytest.CaptureFix
     assert main(["campaign", scenario, *flags]) == 0
     for row in rows_in("campaign"):
         assert main(["campaign", "campaign", "--replay", row["variant"][:16]]) == 0
-        assert "equal to the bit" in capsys.readouterr().out
+        assert "bit-identical to" in capsys.readouterr().out
     assert main(["campaign", "campaign", "--replay", row["variant"], "--record", "run.csv"]) == 0
     assert Path("run.csv").stat().st_size > 10_000
 
@@ -142,7 +142,7 @@ def test_a_replay_says_what_the_campaign_saw_otherwise(scenario: str, capsys: py
     rows[0]["margin.stays open"] += 1e-12
     pq.write_table(table.from_pylist(rows, schema=table.schema), path)
     assert main(["campaign", "campaign", "--replay", rows[0]["variant"]]) == 1
-    assert "not as the campaign saw it" in capsys.readouterr().out
+    assert "not as in the campaign" in capsys.readouterr().out
     assert main(["campaign", "campaign", "--replay", "zz"]) == 2
     assert "--replay zz: no such variant" in capsys.readouterr().err
 
@@ -225,7 +225,7 @@ def test_the_worst_is_a_scenario_of_its_own_with_the_same_margin(
     out = capsys.readouterr().out
     angle, seed = found["values"]["angle"], found["values"]["seed"]
     least = f"{found['margin']:.6g} {found['margin_unit']} with angle = {angle:.6g} deg, seed = {seed:g}"
-    assert f"smallest margin of stays open: {least}\n" in out
+    assert f"smallest margin of “stays open”: {least}\n" in out
     assert "as a scenario for other ECUs: campaign/worst.toml" in out
     (line,) = [each for each in out.splitlines() if each.startswith("to run it again: liftgate-hil ")]
     assert main(line.partition("liftgate-hil ")[2].split()) == 0

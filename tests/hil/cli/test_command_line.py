@@ -244,7 +244,7 @@ def test_a_run_shows_the_verdicts_on_its_expectations(capsys: pytest.CaptureFixt
     assert call(*flags) == 0  # of the bench alone
     lines = capsys.readouterr().out.splitlines()
     assert lines[-3] == "expectations:"
-    assert lines[-2].startswith("  a: b: pass, margin 5 deg")
+    assert lines[-2].startswith("  a: b: pass (always gate_angle_deg < 5), margin 5 deg")
     assert lines[-1].startswith("  c: fail")
     assert call(*flags, "--json") == 0
     found = json.loads(capsys.readouterr().out)

@@ -16,7 +16,7 @@ from dashboard_support import Client, address_in, is_going, process, until
 from liftgate_hil.formats.open import open_recording
 from tools.busy import busy_processes
 
-MOMENTS, NEAR_S = 20, 0.05
+MOMENTS, NEAR_S = 10, 0.05
 BENCH = ("--bus", "virtual:moments", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
 
 

@@ -85,14 +85,14 @@ def test_the_matrix_says_who_finds_what_and_what_proves_nothing(
     out = capsys.readouterr().out
     score = "1 of 4 mutants killed, 3 survived: 1 reached and tolerated, 2 never reached"
     assert score in out
-    assert "SURVIVED, never reached: motors start at any temperature" in out
+    assert "SURVIVED, never reached (defect: motors start at any temperature)" in out
     assert "proves nothing" in out
     found = json.loads(Path(told).read_text())["mutation"]
     assert found["score"] == pytest.approx(1 / 4)
     by_name = {each["name"]: each["killed_by"] for each in found["mutants"]}
     assert [each["expectation"] for each in by_name["stop_ignored"]] == ["stops"]
     assert by_name["latch_not_released"] == []  # it began at 40 degrees
-    assert "s.toml: the right drive is not driven" in out
+    assert "s.toml (defect: the right drive is not driven)" in out
     reached = {each["name"]: each["is_reached"] for each in found["mutants"]}
     assert reached == {
         "stop_ignored": True,
@@ -150,8 +150,8 @@ def test_a_defect_that_changes_only_what_is_learned_is_reached(
     file.write_text(TRAPS + more)
     assert main(["test", str(file), "--mutants"]) == 0
     out = capsys.readouterr().out
-    assert "s.toml, in the ECU only: the load of a trapped obstacle is learned" in out
-    assert "SURVIVED, never reached: motors start at any temperature" in out
+    assert "s.toml, in the ECU only (defect: the load of a trapped obstacle is learned)" in out
+    assert "SURVIVED, never reached (defect: motors start at any temperature)" in out
 
 
 @pytest.mark.parametrize(("threshold", "code"), [("50", 0), ("51", 1)])
