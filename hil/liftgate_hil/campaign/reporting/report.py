@@ -252,7 +252,7 @@ def drivers(summary: Summary, units: Mapping[str, str], choice: Choice = "sample
         what, unit = f"margin of “{column.removeprefix(MARGIN)}”", _unit_of(column, summary)
         parts.append(f"<h3>{text(what if column.startswith(MARGIN) else axis_label(column))}</h3>")
         mean = "mean over classes of the value, from … to …" + (f" [{unit}]" if unit else "")
-        parts.append(table(("varied", "explains alone", mean, "highest mean at"), rows, ("name", "", "r", "r")))
+        parts.append(table(("varied", "explains alone", mean, "highest mean at"), rows, ("name", "n", "r", "r")))
     if parts:
         parts.append(
             '<p class="soft">First-order Sobol indices of these variants: the share of variance that a value '
