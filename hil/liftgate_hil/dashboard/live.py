@@ -62,7 +62,9 @@ class Live:
         self._row = np.full(len(self._names), np.nan)
         self._history: deque[tuple[float, Any, Any]] = deque()
         self._bus, self._trace = BusView(Path(self._description["rig"])), Trace()
-        self._news: JsonObject = {"phase": COMPILING, "status": None, "in_force": {}, "acting": {}, "verdicts": []}
+        # As long as the run has not replied.
+        nothing: JsonObject = {"in_force": {}, "acting": {}, "verdicts": [], "alarms": []}
+        self._news: JsonObject = {"phase": COMPILING, "status": None, **nothing}
         self.end: JsonObject | None = None  # how the run has ended; None: it has not
         self._lines: deque[list[Any]] = deque(maxlen=MOST_LINES)
         self._asked = -1.0
