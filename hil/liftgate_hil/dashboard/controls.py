@@ -27,7 +27,7 @@ _USUAL: Mapping[str, tuple[float, float]] = {
 
 
 class _Switch(NamedTuple):
-    """What a switch is called, its two states, what a button says that sets either, and what it does."""
+    """Switch on the page: its name, its two states, the texts of the buttons that set them, and its meaning."""
 
     label: str
     labels: Sequence[str]

@@ -249,9 +249,9 @@ def drivers(summary: Summary, units: Mapping[str, str], choice: Choice = "sample
             continue
         rows = [_driver_row(each, units) for each in indices]
         rows.append(("together, or by chance", _bar(rest_of(indices)), "", ""))
-        what, unit = f"margin of “{column.removeprefix(MARGIN)}”", _unit_of(column, summary)
-        parts.append(f"<h3>{text(what if column.startswith(MARGIN) else axis_label(column))}</h3>")
-        mean = "mean over classes of the value, from … to …" + (f" [{unit}]" if unit else "")
+        what = _margin_words(column) if column.startswith(MARGIN) else axis_label(column)
+        parts.append(f"<h3>{text(what)}</h3>")
+        mean = _with_unit("mean over classes of the value, from … to …", column, summary)
         parts.append(table(("varied", "explains alone", mean, "highest mean at"), rows, ("name", "n", "r", "r")))
     if parts:
         parts.append(
@@ -270,8 +270,17 @@ def _unit_of(column: str, summary: Summary) -> str:
 
 def _margin_label(summary: Summary) -> str:
     """Return the label of the margin that drives the summary, with its unit."""
-    unit = _unit_of(summary.driver, summary)
-    return f"margin of “{summary.driver.removeprefix(MARGIN)}”" + (f" [{unit}]" if unit else "")
+    return _with_unit(_margin_words(summary.driver), summary.driver, summary)
+
+
+def _margin_words(column: str) -> str:
+    """Return the words for a column of margins."""
+    return f"margin of “{column.removeprefix(MARGIN)}”"
+
+
+def _with_unit(words: str, column: str, summary: Summary) -> str:
+    """Return words with the unit of a result."""
+    return label_of(words, {words: _unit_of(column, summary)})
 
 
 def _driver_row(index: Index, units: Mapping[str, str]) -> tuple[str, str, str, str]:
@@ -322,7 +331,7 @@ def _histogram(values: Floats, label: str, line: float) -> Figure:
 def worst(summary: Summary, units: Mapping[str, str], folder: str) -> str:
     """Return the table of the worst variants, with the command that runs one again."""
     has_margin = summary.driver != FORCE
-    margin = [label_of("margin", {"margin": _unit_of(summary.driver, summary)})] if has_margin else []
+    margin = [_with_unit("margin", summary.driver, summary)] if has_margin else []
     names = [breakable(label_of(each, units)) for each in summary.values]
     heads = ("variant", *names, "verdict", *margin, "force [N]")
     rows = [

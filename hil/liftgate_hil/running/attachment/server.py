@@ -42,7 +42,7 @@ _AT_ONCE = 20  # commands executed between two turns of an ECU in this process
 
 
 class End(NamedTuple):
-    """How a run has ended.
+    """End of a run, as its clients are told it.
 
     `ending` is its verdict, or what stands in its place: STOPPED or GIVEN_UP. `exit_code` is that of its process;
     None: unknown. `pinch_peak_n` is the largest pinch force, `pinch_peak_s` when that was; None: nothing was
