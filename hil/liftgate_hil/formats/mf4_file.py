@@ -242,6 +242,8 @@ class Mf4File(Recording):
         names = [name for name in wanted if name != "time_s"]
         asked = [(None, *self.columns[name]) for name in names or list(self.columns)[:1]]
         self.rows_account.clear()
+        if not asked:  # a file of frames only
+            return
         with opened_mf4(self.path, in_blocks=True) as measured:
             for signals in blocks_of(measured, asked, self.rows_account):
                 times = np.asarray(signals[0].timestamps, dtype=np.float64)

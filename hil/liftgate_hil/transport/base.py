@@ -126,7 +126,8 @@ def age_of(stamp_s: float | None, unseen_ns: int) -> int:
     """Return how long a frame that is received just now has waited [ns].
 
     `stamp_s` is its timestamp of arrival on the wall clock [s], None if it has none. `unseen_ns` is the time since
-    all arrived frames were last read; the frame arrived within it, so that a step of the clock does no harm.
+    all arrived frames were last read, or since the frame before came; the frame arrived within it, so that neither
+    a step of the clock nor a pause between two looks at the clocks does harm.
     Without a valid timestamp a frame is taken to have waited for all of `unseen_ns` if that is long, else for 0.
     """
     if stamp_s is not None:

@@ -54,7 +54,8 @@ class CanTransport:
         self._retry = 0.0
         self._failures = 0  # failures to receive, in a row
         self.came_ns = np.zeros(CAPACITY, dtype=np.int64)
-        self._emptied_ns = time.monotonic_ns()  # when all arrived frames were last read
+        # No frame that is still to be read came before: when all were last read, or when the last one came.
+        self._since_ns = time.monotonic_ns()
         self._recv: Callable[[float], can.Message | None]
         self._drops: DropCounter | None  # of the kernel; None: the bus has no socket
         self._bus = self._open()
@@ -160,7 +161,7 @@ class CanTransport:
                 break
             self._failures = 0
             if message is None or fields is None:
-                self._emptied_ns = time.monotonic_ns()
+                self._since_ns = time.monotonic_ns()
                 if count == 0 and time.monotonic() < deadline:
                     continue
                 break
@@ -168,7 +169,7 @@ class CanTransport:
                 put(fields, buffer, count)
                 now = time.monotonic_ns()
                 stamp = message.timestamp if self._interface in _STAMPING else None
-                self.came_ns[count] = now - age_of(stamp, now - self._emptied_ns)
+                self.came_ns[count] = self._since_ns = now - age_of(stamp, now - self._since_ns)
                 count += 1
             if count == CAPACITY:
                 break

@@ -13,7 +13,7 @@ from recording_support import BOTH, EPOCH_NS, key, many, messages_in, rows_from,
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, no_logged
 from liftgate_hil.formats.candump_file import candump_lines
 from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.open import FORMATS, open_writer
+from liftgate_hil.formats.open import FORMATS, open_recording, open_writer
 
 BUS = [suffix for suffix, each in FORMATS.items() if each.has_frames]
 
@@ -204,3 +204,15 @@ def test_an_mf4_has_frames_and_rows_on_one_time(tmp_path: Path) -> None:
 )
 def test_the_number_of_a_bus_is_at_the_end_of_its_name_and_not_of_an_address(channel: str, number: int) -> None:
     assert Content(columns=("time_s",), channel=channel).bus_number == number
+
+
+@pytest.mark.parametrize("suffix", BUS)
+def test_a_recording_of_frames_only_has_no_rows(tmp_path: Path, suffix: str) -> None:
+    """As of a loop that stood still between two requests, and heard what came meanwhile."""
+    writer = open_writer(tmp_path / f"run{suffix}", BOTH)
+    writer.begin(0)
+    writer.write_frames(sent([(0x110, b"abc")], 0.1))
+    writer.close()
+    recording = open_recording(tmp_path / f"run{suffix}")
+    assert sum(len(frames) for frames in recording.frames()) == 1
+    assert list(recording.rows(["time_s"])) == []

@@ -6,6 +6,7 @@ import errno
 import logging
 import math
 import socket
+import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -321,6 +322,17 @@ class Faulty:
 def faulty(monkeypatch: pytest.MonkeyPatch, results: list[Any]) -> CanTransport:
     monkeypatch.setattr(can, "Bus", lambda **arguments: Faulty(results))
     return CanTransport({"interface": "virtual", "channel": "x"})
+
+
+def test_arrivals_never_go_back_however_late_a_clock_is_read(monkeypatch: pytest.MonkeyPatch):
+    """A thread that stands still between two looks at the clocks takes a frame for an older one."""
+    clock = iter([time.time_ns() + pause for pause in (0, 0, 400_000_000, 0)])
+    messages = [can.Message(arbitration_id=1, timestamp=time.time()) for _ in range(4)]
+    transport = faulty(monkeypatch, list(messages))
+    monkeypatch.setattr("liftgate_hil.transport.base.time.time_ns", lambda: next(clock))
+    assert transport.receive().count == 4
+    came = transport.came_ns[:4].tolist()
+    assert came == sorted(came)
 
 
 FAULTS = [can.CanOperationError("down"), OSError(100, "Network is down"), OSError(19, "No device")]

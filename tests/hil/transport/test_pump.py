@@ -242,7 +242,7 @@ class VendorError(Exception):
 def is_read(rig: Rig) -> bool:
     """Whether the pump reads what comes now."""
     transport, before = rig.pump._transport, time.monotonic_ns()
-    until(lambda: transport._emptied_ns > before)
+    until(lambda: transport._since_ns > before)
     return bool(transport.is_up)
 
 
@@ -484,7 +484,7 @@ def test_what_came_before_the_loop_is_ready_is_dropped_and_counted():
 
 def test_an_arrival_is_when_the_bus_had_the_frame_not_when_it_was_read(rig: Rig):
     """A process that stood still finds old frames, which the driver's own stamps tell."""
-    rig.pump._transport._emptied_ns = time.monotonic_ns() - 10 * 10**9
+    rig.pump._transport._since_ns = time.monotonic_ns() - 10 * 10**9
     old = can.Message(arbitration_id=1, timestamp=time.time() - 5.0)
     rig.come.put(old)
     reader = Reader(rig.pump)
