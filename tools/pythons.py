@@ -2,7 +2,7 @@
 
 Each that this machine has gets an environment of its own with the installed package, and an empty cache of machine
 code. Whole: `compile` of every entry point, an emulator, the demo, `simulate`, a campaign of two variants and the
-compiler's tests. Short: an emulator.
+compiler's tests. Short: `simulate`, and an emulator in plain Python, as the machine code of its loop takes a minute.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _PATIENCE_S = 1200.0  # for one step; nothing is judged by it
 
 _EMULATOR = "liftgate-hil --bus virtual:x --ecu reference --duration 0.3 --quiet"
 _SIMULATE = "liftgate-hil simulate --duration 1 --output opening.csv"
-SHORT = (_EMULATOR,)
+SHORT = (_SIMULATE, f"env LIFTGATE_COMPILE=0 {_EMULATOR}")
 WHOLE = (
     "liftgate-hil compile --quiet",
     _EMULATOR,
@@ -65,7 +65,7 @@ def _version_of(program: str) -> str:
 def main() -> int:
     """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--short", action="store_true", help="only an emulator")
+    parser.add_argument("--short", action="store_true", help="only `simulate`, and an emulator in plain Python")
     parser.add_argument(
         "--others", action="store_true", help="leave out the Python that runs this, if there is another"
     )

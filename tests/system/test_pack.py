@@ -21,7 +21,7 @@ from liftgate_hil.testing.suite import Case
 
 # For each mutant a scenario that is quick to find it; `make pack` runs all with all.
 KILLERS = {
-    "threshold_doubled": "trap_25deg_10npmm",
+    "threshold_too_high": "trap_25deg_10npmm",
     "blanking_too_long": "trap_70deg_10npmm",
     "detection_too_slow": "trap_40deg_10npmm",
     "filter_too_slow": "trap_40deg_10npmm",

@@ -217,14 +217,18 @@ def our_run(condition: Condition, seconds: float) -> tuple[Times, NDArray[np.int
         limit_ns=10**10,
         say=print,
         alarm=print,
-        realtime=Realtime() if condition.fifo else None,
+        realtime=(realtime := Realtime() if condition.fifo else None),
     )
     try:
         run.begin()
+        if realtime is not None:
+            realtime.prepare()
         before = stolen_ms()
         run.run(int(seconds * condition.rate), lambda: False)
         after = stolen_ms()
     finally:
+        if realtime is not None:
+            realtime.release()
         line.close()
         memory.close()
     missed = int(memory.shared.control[0].overruns)

@@ -80,13 +80,12 @@ def run(args: argparse.Namespace) -> int:
         put_line(printable(url_of(wire, host, token)), sys.stdout)
     _check(args)
     starter, source = _starter(args), _source(args)
-    from liftgate_hil.dashboard.deference import go_last
+    from liftgate_hil.dashboard.deference import giving_way
     from liftgate_hil.dashboard.server import Page
     from liftgate_hil.dashboard.serving import serve
 
-    go_last()
-    page = Page(source, args.read_only, starter, wire is not None)
-    with wire or bound((host, port)) as listening:
+    with giving_way(), wire or bound((host, port)) as listening:
+        page = Page(source, args.read_only, starter, wire is not None)
         address = printable(url_of(listening, host, token))
         serve(page, listening, host, token, lambda: put_line(address, sys.stdout) if wire is None else None)
     return 0

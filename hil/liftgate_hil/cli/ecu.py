@@ -11,7 +11,7 @@ import gc
 import math
 import signal
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
@@ -132,8 +132,6 @@ def _drive(
     way = find_way(options.wire_choice(args), rig)
     transport, lost_before = open_transport(way), 0
     try:
-        if args.realtime is not False:
-            _ask_for_priority(args.realtime, teller)
         requests = _requests(args.request) if args.request else list(scenario.requests)
         if args.no_requests:
             requests = []
@@ -144,7 +142,8 @@ def _drive(
         peer = Peer(adapter, transport, asked)
         waiting = _Waiting(rig, transport.name, way.within, teller)
         lost_before = peer.dropped  # while machine code was compiled
-        _take_turns(peer, adapter, waiting, _Losses(peer, transport.name, teller), args.duration, stop, teller)
+        with _going_first(args.realtime, teller):
+            _take_turns(peer, adapter, waiting, _Losses(peer, transport.name, teller), args.duration, stop, teller)
     finally:
         transport.close()
         counts = transport.counts()
@@ -240,13 +239,18 @@ def _take_turns(
         peer.finish()
 
 
-def _ask_for_priority(realtime: bool | None, teller: Teller) -> None:
-    from liftgate_hil.loop.priority import FIFO, PRIORITY, ask_for_fifo, in_one_line, wake_sharply
+@contextlib.contextmanager
+def _going_first(realtime: bool | None, teller: Teller) -> Iterator[None]:
+    """Let this thread go before others, as far as the user wants and the machine permits."""
+    from liftgate_hil.loop.priority import FIFO, PRIORITY, going_first, in_one_line
 
-    wake_sharply()
-    refused = ask_for_fifo(PRIORITY)  # the same as the gate's loop, so that this process never starves it
-    if refused:
-        teller.say(f"refused: {refused}" if realtime else in_one_line([FIFO]))
+    if realtime is False:
+        yield
+        return
+    with going_first(PRIORITY) as refused:  # that of the gate's loop, so that this process never starves it
+        if refused:
+            teller.say(f"refused: {refused}" if realtime else in_one_line([FIFO]))
+        yield
 
 
 def _requests(given: list[str]) -> list[Request]:

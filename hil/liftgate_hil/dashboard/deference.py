@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Iterator
 
 from liftgate_hil.loop.loop_thread import LoopThread, threads_of
 
 _NICE = 10
 
 
-def go_last() -> None:
-    """Have the calling thread, and those that it starts from now on, give way to others and interrupt none."""
+@contextlib.contextmanager
+def giving_way() -> Iterator[None]:
+    """Have the calling thread, and those that it starts meanwhile, give way to others and interrupt none.
+
+    Afterwards it is scheduled as before, as far as that is permitted.
+    """
+    nice, policy, parameters = os.getpriority(os.PRIO_PROCESS, 0), os.sched_getscheduler(0), os.sched_getparam(0)
     with contextlib.suppress(OSError):
         os.nice(_NICE)
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, policy, parameters)
+            os.setpriority(os.PRIO_PROCESS, 0, nice)
 
 
 class Deference:

@@ -35,7 +35,7 @@ class Mutant:
 
 
 _MUTANTS = (
-    Mutant("threshold_doubled", "the limits of the load are 2.5 times too high", factors={
+    Mutant("threshold_too_high", "the limits of the load are 2.5 times too high", factors={
         "excess_learned": 2.5, "excess_unlearned": 2.5, "excess_share": 2.5, "excess_per_slope": 2.5}),
     Mutant("blanking_too_long", "no obstacle is detected for 5 s after a start", {"blank_time": 5.0}),
     Mutant("detection_too_slow", "an excess load counts only after 0.15 s", {"detection_time": 0.15}),

@@ -14,7 +14,7 @@ from pathlib import Path
 from liftgate_hil.loop.locked_memory import lock_memory, unlock_memory
 from liftgate_hil.loop.loop_thread import cpus_of_earlier_loops
 
-_NAME, _TIMERSLACK = 15, 29  # PR_SET_NAME, PR_SET_TIMERSLACK
+_NAME, _TIMERSLACK, _CURRENT_SLACK = 15, 29, 30  # PR_SET_NAME, PR_SET_TIMERSLACK, PR_GET_TIMERSLACK
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # the system call's number
 # linux/sched/types.h: size, policy, flags, nice, priority, runtime, deadline, period
 _SCHED_ATTR = struct.Struct("IIQiIQQQ")
@@ -36,13 +36,15 @@ class Realtime:
         self.has_asked = has_asked
         self._cpu = cpu
         self._latency: int | None = None
-        self._is_locked = False
+        self._is_locked = self._has_frozen = False
         self.refused: list[str] = []
 
     def prepare(self) -> None:
         """Freeze the garbage collector's objects, lock the process's memory, and keep the CPU from deep sleep."""
         gc.collect()
-        gc.freeze()
+        self._has_frozen = gc.get_freeze_count() == 0  # else the program has frozen its own, which stay so
+        if self._has_frozen:
+            gc.freeze()
         self._lock_memory()
         if self.has_asked:
             self._wake_fast()
@@ -98,7 +100,9 @@ class Realtime:
 
     def release(self) -> None:
         """Undo what `prepare` has done."""
-        gc.unfreeze()
+        if self._has_frozen:
+            gc.unfreeze()
+            self._has_frozen = False
         if self._is_locked:
             unlock_memory()
             self._is_locked = False
@@ -152,6 +156,23 @@ def give_back(policy: int, parameters: os.sched_param, thread: int = 0) -> None:
         with contextlib.suppress(PermissionError):
             os.sched_setscheduler(thread, policy | flag, parameters)
             return
+
+
+@contextlib.contextmanager
+def going_first(priority: int) -> Iterator[str]:
+    """Let the calling thread go before others, but not its children: with FIFO scheduling, and sharp sleeps.
+
+    Yields why FIFO scheduling was refused, or an empty string. Afterwards the thread is scheduled as before.
+    """
+    library = ctypes.CDLL(None)
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    slack_ns = library.prctl(_CURRENT_SLACK, 0, 0, 0, 0)
+    wake_sharply()
+    try:
+        yield ask_for_fifo(priority)
+    finally:
+        give_back(policy, parameters)
+        library.prctl(_TIMERSLACK, slack_ns, 0, 0, 0)
 
 
 def name_thread(name: str) -> None:

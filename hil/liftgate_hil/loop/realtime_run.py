@@ -106,7 +106,7 @@ class RealtimeRun:
     monitor: ProgressMonitor | None = None
     observers: Sequence[Observer] = ()
     realtime: Realtime | None = None
-    # False: another run goes on where this one ends; that one requests and releases `realtime`.
+    # False: another run goes on where this one ends; that one reports what `realtime` was refused.
     is_last: bool = True
     is_first: bool = True  # False: another run has used the line before
     spoilt: Callable[[], str] = lambda: (
@@ -128,11 +128,8 @@ class RealtimeRun:
         scratch = Memory(1, 1)  # the recorder already looks at the real one
         self._run(self.config, copied(self.state), nowhere, scratch.shared, self._room)
         scratch.close()
-        if self.realtime is not None and self.is_last:
-            self.memory.touch()
-            self.realtime.prepare()
-        else:
-            gc.collect()  # here, not during a peer's turns
+        self.memory.touch()
+        gc.collect()  # here, not during a peer's turns
 
     def run(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
         """Run to the end. Raises OverrunError, PlantDivergedError.
@@ -161,8 +158,6 @@ class RealtimeRun:
         finally:
             control.stop = 1
             thread.join()
-            if self.realtime is not None and self.is_last:
-                self.realtime.release()
         if self._failure is not None:
             raise self._failure
         if self._spoilt:

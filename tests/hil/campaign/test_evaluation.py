@@ -214,7 +214,7 @@ def test_the_name_of_a_variant_changes_with_everything_that_its_result_depends_o
     base, _ = base_and_space(path, "rod=10000,20000")
     names = {base.variant([1e4]), base.variant([2e4]), base.variant([np.nextafter(1e4, 2e4)])}
     others = [{"seed": 7}, {"vehicle": "compact"}, {"settings": ("gate.mass=31",)}, {"rate": 2000.0}]
-    others += [{"ecu": "mutant:threshold_doubled"}, {"parameters": {"limit": 90.0}}, {"duration": 5.0}]
+    others += [{"ecu": "mutant:threshold_too_high"}, {"parameters": {"limit": 90.0}}, {"duration": 5.0}]
     for more in others:
         names.add(base_and_space(path, "rod=10000,20000", **more)[0].variant([1e4]))
     Path(path).write_text(Path(path).read_text() + "\n# the file has another content\n")

@@ -68,10 +68,10 @@ def test_a_file_without_a_title_is_called_by_its_name(tmp_path: Path) -> None:
 
 
 def test_what_the_flags_say_holds_for_all_parts(tmp_path: Path) -> None:
-    more = {"ecu": "mutant:threshold_doubled", "vehicle": "compact", "seed": 7, "settings": ("gate.mass=31",)}
+    more = {"ecu": "mutant:threshold_too_high", "vehicle": "compact", "seed": 7, "settings": ("gate.mass=31",)}
     for part in read(tmp_path, **more).parts:
         request = part.request
-        assert (request.ecu, request.vehicle, request.seed) == ("mutant:threshold_doubled", "compact", 7)
+        assert (request.ecu, request.vehicle, request.seed) == ("mutant:threshold_too_high", "compact", 7)
         assert request.settings == ("gate.mass=31",)
 
 

@@ -101,8 +101,8 @@ def test_the_same_campaign_goes_on_at_the_pace_it_began_with(folder: Folder, sce
         ({"rate": 2000.0, "duration": 0.5}, ("rate", "duration")),
         ({"settings": ("gate.mass=31",)}, ("settings",)),
         ({"parameters": {"other": 2.0}}, ("parameters",)),
-        ({"ecu": "mutant:threshold_doubled"}, ("ecu",)),
-        ({"against": "mutant:threshold_doubled"}, ("against",)),
+        ({"ecu": "mutant:threshold_too_high"}, ("ecu",)),
+        ({"against": "mutant:threshold_too_high"}, ("against",)),
         ({"sampling_seed": 2}, ("sampling_seed",)),
     ],
 )

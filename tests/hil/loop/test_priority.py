@@ -41,6 +41,19 @@ def child(code: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+def test_what_a_program_has_frozen_itself_stays_frozen():
+    done = child("""
+        import gc
+        gc.freeze()
+        before = gc.get_freeze_count()
+        asked = Realtime()
+        asked.prepare()
+        asked.release()
+        assert gc.get_freeze_count() == before
+    """)
+    assert done.stderr == ""
+
+
 def test_all_that_is_refused_is_reported_with_how_to_get_it():
     done = child("""
         asked = Realtime()

@@ -752,9 +752,6 @@ class Asked:
     def reported(self) -> list[str]:
         return [f"refused: {each}" for each in self.refused]
 
-    def prepare(self) -> None:
-        self.calls.append("prepare")
-
     def enter(self) -> None:
         threading.Event().wait(0.05)
         self.refused.append("a CPU")
@@ -762,9 +759,6 @@ class Asked:
 
     def beside(self, threads: Sequence[int] = ()) -> contextlib.AbstractContextManager[None]:
         return contextlib.nullcontext()
-
-    def release(self) -> None:
-        self.calls.append("release")
 
 
 @pytest.fixture
@@ -871,7 +865,7 @@ def test_what_the_machine_refuses_is_reported_even_when_it_takes_its_time(ready:
     run.begin()
     run.run(5, never)
     assert said == ["refused: locked memory", "refused: a CPU"]
-    assert asked.calls == ["prepare", "enter", "release"]
+    assert asked.calls == ["enter"]
 
 
 def test_peers_get_turns_and_the_models_time(ready: Callable[..., RealtimeRun]):

@@ -123,7 +123,7 @@ def test_a_scenario_is_run_with_a_mutant_by_its_name(tmp_path: Path, capsys: pyt
     assert '<property name="ecu.mutant" value="stop_ignored" />' in Path(reports[1]).read_text()
     assert "reference, mutant stop_ignored" in Path(reports[2]).read_text()
     assert main(["test", str(file), "--ecu", "mutant:nosuch"]) == 2
-    assert "allowed: mutant: and one of threshold_doubled, " in capsys.readouterr().err
+    assert "allowed: mutant: and one of threshold_too_high, " in capsys.readouterr().err
 
 
 def test_what_proves_nothing_is_found_after_a_precondition_that_mutants_do_not_complete(
