@@ -2,7 +2,7 @@
 
 Each that this machine has gets an environment of its own with the installed package, and an empty cache of machine
 code. Whole: `compile` of every entry point, an emulator, the demo, `simulate`, a campaign of two variants and the
-compiler's tests. Short: `simulate`, and an emulator in plain Python, as the machine code of its loop takes a minute.
+compiler's tests. Short: `simulate`, and an emulator in plain Python: machine code of its loop takes a minute.
 """
 
 from __future__ import annotations
