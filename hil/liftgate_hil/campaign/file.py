@@ -13,11 +13,11 @@ from liftgate_hil.campaign.space import COVARIANCE
 from liftgate_hil.config.file_kinds import check_kind
 from liftgate_hil.config.kinds import Choice, Raw, Text, Texts, Whole
 from liftgate_hil.config.schema import Key, Record, keys_of, read_record
-from liftgate_hil.config.shipped import data_root, shipped_names
+from liftgate_hil.config.shipped import CAMPAIGNS, PACK, data_root, shipped_names
 from liftgate_hil.config.toml import Table, read_toml, show, table
 from liftgate_hil.errors import ConfigError, ConfigIssues
 
-PACK = "pack:"  # prefix of shipped campaigns
+_FOLDER = f"configs/{CAMPAIGNS}"
 
 # fmt: off
 # A field with its key is a row of a table.
@@ -66,7 +66,7 @@ class CampaignFile:
 
 def is_campaign_file(name: str) -> bool:
     """Whether a name is that of a shipped campaign, or of a TOML file with [[part]]."""
-    if name.startswith(PACK):
+    if name.startswith(PACK) or name in shipped_names(_FOLDER):  # the latter is refused with its whole name
         return True
     path = Path(name)
     if path.suffix != ".toml" or not path.is_file():
@@ -102,13 +102,13 @@ def read_campaign_file(name: str, template: Request) -> CampaignFile:
 
 
 def _path_of(name: str) -> Path:
-    if not name.startswith(PACK):
+    if not name.startswith(PACK) and name not in shipped_names(_FOLDER):
         return Path(name)
     own = name.removeprefix(PACK)
-    known = shipped_names("configs/campaigns")
-    if own not in known:
+    known = shipped_names(_FOLDER)
+    if own == name or own not in known:
         raise ConfigError(f"`scenario` {name}: allowed: {', '.join(f'{PACK}{each}' for each in known)}")
-    return data_root() / "configs" / "campaigns" / f"{own}.toml"
+    return data_root() / _FOLDER / f"{own}.toml"
 
 
 def _part_of(path: Path, issues: ConfigIssues, key: str, content: Any, template: Request) -> Part:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -131,9 +131,9 @@ def _run_file(args: argparse.Namespace, request: Request, teller: Teller) -> int
     from liftgate_hil.campaign.run import Watcher
     from liftgate_hil.report.provenance import provenance_of
 
-    file = read_campaign_file(request.scenario, request)
     stop = StopSignals()
     with _ended_in_order(stop), teller.progress("campaign") as progress:
+        file = read_campaign_file(request.scenario, request)
         watcher = Watcher(stop, _shown_by(progress), teller.say)
         found = run_parts(file, _places(args), provenance_of(args.command_line, {}), watcher)
     for each in found:
@@ -151,8 +151,8 @@ def _ended_in_order(stop: StopSignals) -> Iterator[None]:
     try:
         with naming_the_flag():
             yield
-    except ConfigError:
-        raise
+    except ConfigError as error:  # SCENARIO is no flag here
+        raise ConfigError([line.replace("`scenario` ", "SCENARIO ") for line in error.issues]) from None
     except StoreError as error:
         raise stop.failure(f"{error}; {KEPT}") from error
     except LiftgateError as error:
@@ -223,6 +223,8 @@ def _found(outcome: Outcome) -> Iterator[str]:
     from liftgate_hil.campaign.request import units_of
 
     found = outcome.analysis.content
+    if outcome.is_complete and "against" in found:
+        yield _compared(**found["against"])
     if not outcome.is_complete or "expectation" not in found:
         return
     name = found["expectation"]
@@ -243,6 +245,12 @@ def _found(outcome: Outcome) -> Iterator[str]:
         yield f"probability that “{name}” fails: {share}; the variants above were chosen near failures"
 
 
+def _compared(ecus: Sequence[str], variants: int, differing: int, verdicts: Mapping[str, int]) -> str:
+    """Return how two ECUs differ, as a line."""
+    pairs = ", ".join(f"{number} {pair}" for pair, number in verdicts.items())
+    return f"{' / '.join(ecus)}: {differing} of {number_of(variants, 'variant')} differ; verdicts: {pairs}"
+
+
 def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:
     """Print how many variants have which verdict, and where the results are."""
     if args.quiet:
@@ -257,10 +265,12 @@ def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:
     for line in _found(outcome):
         print(printable(line), flush=True)
     state = "" if outcome.is_complete else "; incomplete: go on with --resume"
-    print(
-        f"{printable(str(outcome.folder.path))}: report.html, results.parquet with DATA.md, campaign.json{state}",
-        flush=True,
-    )
+    from liftgate_hil.campaign.folder import AGAINST, DIFFERENCES, MANIFEST, REPORT, RESULTS
+
+    files = [REPORT, f"{RESULTS} with DATA.md", MANIFEST]
+    if outcome.is_complete and outcome.prepared.against is not None:
+        files += [AGAINST, DIFFERENCES]
+    print(f"{printable(str(outcome.folder.path))}: {', '.join(files)}{state}", flush=True)
 
 
 def _replay(args: argparse.Namespace) -> int:

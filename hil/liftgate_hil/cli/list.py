@@ -12,7 +12,7 @@ _FLAGS = {
     "vehicles": "--vehicle NAME",
     "rigs": "--rig NAME",
     "campaigns": "liftgate-hil campaign NAME",
-    "ECUs": "--ecu NAME; mutants are defects of it, for `test` alone",
+    "ECUs": "--ecu NAME; mutants, defects of it, for `test` and `campaign`",
 }
 
 

@@ -153,7 +153,8 @@ def _command(argv: Sequence[str] | None) -> int:
             parser.error(
                 f"unexpected argument {arguments[0]!r}; allowed: flags, for example --scenario {arguments[0]}"
             )
-        parser.error(f"no subcommand {arguments[0]!r}; allowed: {allowed_names(arguments[0], COMMANDS)}")
+        allowed = allowed_names(arguments[0], [*COMMANDS, *_WORDS])
+        parser.error(f"no subcommand {arguments[0]!r}; allowed: {allowed}")
     args = parser.parse_args(arguments)
     args.owns_process = argv is None
     args.command_line = shlex.join(["liftgate-hil", *(sys.argv[1:] if argv is None else argv)])

@@ -11,7 +11,8 @@ from liftgate_hil.config.toml import shortened
 from liftgate_hil.errors import ConfigError, nearest
 
 _SHOWN = 12  # names that a message lists
-KINDS = ("scenarios", "vehicles", "rigs", "campaigns")  # folders of shipped files, by what a name of theirs names
+CAMPAIGNS, PACK = "campaigns", "pack:"  # the prefix is that of their names
+KINDS = ("scenarios", "vehicles", "rigs", CAMPAIGNS)  # folders of shipped files, by what a name of theirs names
 _PARTS = "parts"  # folder of scenarios that others include
 
 _PACKAGE = Path(__file__).resolve().parents[1]

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-from liftgate_hil.config.shipped import KINDS, shipped_files
+from liftgate_hil.config.shipped import CAMPAIGNS, KINDS, PACK, shipped_files
 from liftgate_hil.config.toml import read_toml
 
 _COMMENT = re.compile(r"\A(?:# ?.*\n)+")
@@ -27,7 +27,9 @@ class Shipped(NamedTuple):
 def shipped_list() -> list[Shipped]:
     """Return all shipped files, by kind and name."""
     return [
-        Shipped(kind, name, _description(path)) for kind in KINDS for name, path in shipped_files(kind).items()
+        Shipped(kind, f"{PACK if kind == CAMPAIGNS else ''}{name}", _description(path))
+        for kind in KINDS
+        for name, path in shipped_files(kind).items()
     ]
 
 

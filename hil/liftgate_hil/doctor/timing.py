@@ -205,7 +205,10 @@ def verdict(rate: float, modes: dict[str, Wakeups], tick: Distribution | None, p
     # At equal rates the mode with fewer missed periods is the better one.
     best = max(modes, key=lambda mode: (rates[mode], -modes[mode].missed))
     late = modes[best].lateness.p99_us
-    others = [f"{f'{rates[mode]} Hz' if rates[mode] else 'no rate'} {mode}" for mode in modes if mode != best]
+    others = [
+        f"{mode}: {f'up to {rates[mode]} Hz' if rates[mode] else 'at no rate'}" for mode in modes if mode != best
+    ]
+    without = " --no-realtime" if best == WITHOUT and len(modes) > 1 else ""
     found = f"for up to {rates[best]} Hz {best}{f' ({others[0]})' if others else ''}"
     force = f"a command {late:.0f} µs late (p99) adds {force_of(late):.2f} N of pinch force on a 10 N/mm rod"
     quieter = "end other programs, isolate a CPU, follow the advice above"
@@ -223,7 +226,7 @@ def verdict(rate: float, modes: dict[str, Wakeups], tick: Distribution | None, p
         late_ms = 1e-3 * modes[best].lateness.p999_us
         level = "warning"
         text = f"fit {found}, but not {rate:g} Hz: p99.9 of the lateness is {late_ms:.2g} ms, more than a period"
-        advice = f"use --rate {rates[best]}, or {quieter}"
+        advice = f"use --rate {rates[best]}{without}, or {quieter}"
     elif missed > FEW:
         text = f"fit {found}, but {percent:.2f} % of periods were missed at {rate:g} Hz"
         level, advice = "warning", quieter

@@ -36,8 +36,9 @@ def failure_of(expectation: Expectation, condition: Condition, progress: Any, la
     held = f" for {expectation.hold:g} s" if expectation.hold else ""
     text = f"{expectation.condition}{held}"
     if not math.isnan(progress.late_at):
-        return f"{text}: true at {shown_time(progress.late_at)}, allowed until {shown_time(last)}; by then {found}"
-    return f"{text}: not true from {shown_time(progress.begin)} to {shown_time(last)}; at best {found}"
+        allowed = f"allowed until {shown_time(last)}; closest until then: {found}"
+        return f"{text}: true only at {shown_time(progress.late_at)}, {allowed}"
+    return f"{text}: not true from {shown_time(progress.begin)} to {shown_time(last)}; closest: {found}"
 
 
 def shown_time(time: float) -> str:
@@ -68,7 +69,7 @@ def _measured(condition: Condition, progress: Any) -> str:
         return f"{named}: {abs(limit - abs(margin)):g}, allowed exactly {limit:g}, {at}"
     if allowed == "==":  # to which side it differs is not known
         off = with_unit(f"{abs(margin):.4g}", unit)
-        return f"{named}: {off} away from {with_unit(f'{limit:.10g}', unit)}, the only value allowed, {at}"
+        return f"{named}: differs by {off} from {with_unit(f'{limit:.10g}', unit)}, the only value allowed, {at}"
     measured = limit + margin if allowed in (">", ">=", "!=") else limit - margin
     shown = with_unit(_distinguished(measured, limit), unit)
     return f"{named}: {shown}, allowed {_ALLOWED[allowed]} {with_unit(f'{limit:.10g}', unit)}, {at}"

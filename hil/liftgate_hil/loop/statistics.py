@@ -207,8 +207,8 @@ class Summary:
         delay = self.timing.delay
         if delay.count:
             lines.append(
-                f"command to feedback {in_words(delay)}: on the 10 N/mm rod {force_of(delay.p50_us):.1f} N more "
-                f"pinch force, and {force_of(delay.max_us):.1f} N at the longest delay"
+                f"command to feedback {in_words(delay)}: this delay would add {force_of(delay.p50_us):.1f} N of "
+                f"pinch force on a 10 N/mm rod, the longest one {force_of(delay.max_us):.1f} N"
             )
         if self.link.before_start:
             lines.append(

@@ -132,7 +132,7 @@ def _draw_event(axes: Iterable[Axes], whole: RunPicture) -> None:
     top = max(event.force_n, *(limit.force for limit in LIMITS))
     force.set_ylim(0.0, 1.12 * top)
     for limit in LIMITS:
-        dashes = "-" if limit.is_judged else "--"
+        dashes = ("--" if limit.longest else "-") if limit.is_judged else ":"  # dashed: for a time, as on the page
         force.axhline(limit.force, color=INITIAL, linewidth=1.3, linestyle=dashes)
         force.annotate(
             _limit_text(limit),

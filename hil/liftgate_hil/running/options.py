@@ -127,8 +127,7 @@ class RunOptions:
         Option(
             Flag(),
             "ask for FIFO scheduling, locked memory, a CPU and no deep sleep, and report what is refused; "
-            "--no-realtime: ask for nothing; default: FIFO scheduling and locked memory, where they are granted. "
-            "This is no clock: see --clock",
+            "--no-realtime: ask for nothing; default: FIFO scheduling and locked memory, where they are granted",
         ),
     ] = False  # None: where it is granted
     cpu: Annotated[

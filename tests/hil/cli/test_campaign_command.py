@@ -271,12 +271,20 @@ def test_a_comparison_of_states_that_fails_with_a_margin_of_0_is_a_failure(
     assert manifest_in("campaign")["analysis"]["probability"] == pytest.approx(1.0)
 
 
-def test_two_ecus_are_compared_variant_by_variant(scenario: str) -> None:
-    flags = ["--vary", "angle=60,75", "--jobs", "1", "--quiet", "--duration", "3"]
+def test_a_shipped_campaign_is_named_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["campaign", "trap-matrix"]) == 2
+    assert capsys.readouterr().err == "liftgate-hil: SCENARIO trap-matrix: allowed: pack:trap-matrix\n"
+
+
+def test_two_ecus_are_compared_variant_by_variant(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ["--vary", "angle=60,75", "--jobs", "1", "--duration", "3"]
     assert main(["campaign", scenario, *flags, "--against", "mutant:closing_unwatched"]) == 0
     found = manifest_in("campaign")["analysis"]["against"]
     assert found["variants"] == 2
     assert found["differing"] >= 1
+    last = capsys.readouterr().out.splitlines()[-2:]
+    assert last[0].startswith(f"reference / mutant:closing_unwatched: {found['differing']} of 2 variants differ; verd")
+    assert last[1].endswith("campaign.json, against.parquet, differences.parquet")
     table = pq.read_table("campaign/differences.parquet")
     assert table.num_rows == found["differing"]
     assert table["largest_difference"].to_pylist() == sorted(table["largest_difference"].to_pylist(), reverse=True)

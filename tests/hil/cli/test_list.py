@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from liftgate_hil.cli.main import main
-from liftgate_hil.config.shipped import KINDS, find_config, shipped_files
+from liftgate_hil.config.shipped import CAMPAIGNS, KINDS, PACK, find_config, shipped_files
 from liftgate_hil.ecu.mutants import MUTANTS
 
 
@@ -22,9 +22,9 @@ def test_all_that_a_flag_takes_is_listed_with_a_description(capsys: pytest.Captu
         names = shipped_files(kind)
         assert names
         for name, path in names.items():
-            assert found[name]
+            assert found[f"{PACK if kind == CAMPAIGNS else ''}{name}"]
             assert find_config(kind, name) == path
-    assert {"pack/crank_dip", "suv", "liftgate", "trap-matrix", "reference"} <= set(found)
+    assert {"pack/crank_dip", "suv", "liftgate", "pack:trap-matrix", "reference"} <= set(found)
     assert {f"mutant:{name}" for name in MUTANTS} <= set(found)
     assert not [name for name in found if name.startswith(("parts/", "trap-matrix/"))]
 

@@ -68,7 +68,7 @@ FAILURES: list[tuple[tuple[Any, ...], dict[str, list[float]], str]] = [
     ),
     (
         ("always", "pinch_force_n == 100"), {"pinch_force_n": [100.0, 100.5]},
-        "pinch_force_n: 0.5 N away from 100 N, the only value allowed, at 0.02 s",
+        "pinch_force_n: differs by 0.5 N from 100 N, the only value allowed, at 0.02 s",
     ),
     (
         ("always", "latched == 1"), {"latched": [1.0, 0.0]},
@@ -85,23 +85,23 @@ FAILURES: list[tuple[tuple[Any, ...], dict[str, list[float]], str]] = [
     ),
     (
         ("eventually", "gate_angle_deg > 42"), {"gate_angle_deg": ANGLE[:4]},
-        "gate_angle_deg > 42: not true from 0 s to 0.04 s; at best gate_angle_deg: 40 deg, allowed above 42 deg, "
+        "gate_angle_deg > 42: not true from 0 s to 0.04 s; closest: gate_angle_deg: 40 deg, allowed above 42 deg, "
         "at 0.04 s",
     ),
     (
         ("eventually", "gate_angle_deg > 42", 0.01, 0.02), {"gate_angle_deg": ANGLE},
-        "gate_angle_deg > 42: true at 0.05 s, allowed until 0.03 s; by then gate_angle_deg: 30 deg, "
-        "allowed above 42 deg, at 0.03 s",
+        "gate_angle_deg > 42: true only at 0.05 s, allowed until 0.03 s; closest until then: "
+        "gate_angle_deg: 30 deg, allowed above 42 deg, at 0.03 s",
     ),
     (
         ("eventually", "gate_angle_deg > 25", 0.01, 0.03, 0.02), {"gate_angle_deg": ANGLE},
-        "gate_angle_deg > 25 for 0.02 s: true at 0.05 s, allowed until 0.04 s; by then gate_angle_deg: 20 deg, "
-        "allowed above 25 deg, at 0.04 s",
+        "gate_angle_deg > 25 for 0.02 s: true only at 0.05 s, allowed until 0.04 s; closest until then: "
+        "gate_angle_deg: 20 deg, allowed above 25 deg, at 0.04 s",
     ),
     (
         ("eventually", "abs(gate_angle_deg) < $limit and not pinch_force_n < 500", 0.02, 0.01),
         {"pinch_force_n": FORCE, "gate_angle_deg": ANGLE},
-        "abs(gate_angle_deg) < 150 and not pinch_force_n < 500: not true from 0.02 s to 0.03 s; at best "
+        "abs(gate_angle_deg) < 150 and not pinch_force_n < 500: not true from 0.02 s to 0.03 s; closest: "
         "pinch_force_n: 152.5 N, allowed at least 500 N, at 0.03 s",
     ),
 ]  # fmt: skip
@@ -122,7 +122,7 @@ def test_what_is_true_behind_its_window_in_part_only_is_not_reported_as_late() -
     assert "not true from" in failed(each, gate_angle_deg=[0.0, 0.0, 30.0, 30.0]).reason
     holes = [0.0, 0.0, 30.0, math.nan, 30.0, 30.0]
     assert "not true from" in failed(each, gate_angle_deg=holes).reason
-    assert "true at 0.07 s" in failed(each, gate_angle_deg=[*holes, 30.0]).reason
+    assert "true only at 0.07 s" in failed(each, gate_angle_deg=[*holes, 30.0]).reason
 
 
 def test_what_passes_needs_no_reason() -> None:
