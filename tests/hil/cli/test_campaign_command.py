@@ -283,7 +283,8 @@ def test_two_ecus_are_compared_variant_by_variant(scenario: str, capsys: pytest.
     assert found["variants"] == 2
     assert found["differing"] >= 1
     last = capsys.readouterr().out.splitlines()[-2:]
-    assert last[0].startswith(f"reference / mutant:closing_unwatched: {found['differing']} of 2 variants differ; verd")
+    ecus = "reference / mutant:closing_unwatched"
+    assert last[0].startswith(f"{ecus}: {found['differing']} of 2 variants differ; verdicts: ")
     assert last[1].endswith("campaign.json, against.parquet, differences.parquet")
     table = pq.read_table("campaign/differences.parquet")
     assert table.num_rows == found["differing"]
