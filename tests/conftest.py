@@ -53,6 +53,11 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def pytest_sessionfinish() -> None:
+    """Have it in them again: plugins look up who refers to an object, which the collector does not tell of these."""
+    gc.unfreeze()
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """With `--durations`: the time by folder, set-up and teardown included, and the number of tests."""
     if terminalreporter.config.option.durations is None:
