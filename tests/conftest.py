@@ -54,7 +54,7 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_sessionfinish() -> None:
-    """Have it in them again: plugins look up who refers to an object, which the collector does not tell of these."""
+    """Have it in them again: plugins ask the collector who refers to an object."""
     gc.unfreeze()
 
 
