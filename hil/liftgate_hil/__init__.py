@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from liftgate_hil import errors
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.scenario import Scenario
+    from liftgate_hil.conversion.convert import convert
     from liftgate_hil.judging.verdict import Verdict
     from liftgate_hil.running.gate import Gate
     from liftgate_hil.running.result import Result
@@ -36,6 +37,7 @@ _HOMES = {
     "Scenario": ("liftgate_hil.config.scenario", "Scenario"),
     "Vehicle": ("liftgate_plant.vehicle", "Vehicle"),
     "Verdict": ("liftgate_hil.judging.verdict", "Verdict"),
+    "convert": ("liftgate_hil.conversion.convert", "convert"),
     "judge": ("liftgate_hil.testing.rejudge", "judge"),
     "load_rig": ("liftgate_hil.running.setup", "rig_from"),
     "load_scenario": ("liftgate_hil.running.setup", "scenario_from"),
@@ -50,6 +52,7 @@ __all__ = [
     "Scenario",
     "Vehicle",
     "Verdict",
+    "convert",
     "errors",
     "judge",
     "load_rig",

@@ -12,11 +12,11 @@ from cantools.database.can import Message, Signal
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config import scenario_schema
+from liftgate_hil.config.described import fields_of
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.messages import MessageTable, StateMachineTable, message_options
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
-from liftgate_hil.config.schema import keys_of
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.running.setup import rig_of, setup_of
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
@@ -37,7 +37,7 @@ def test_every_link_of_the_pages_leads_somewhere() -> None:
 
 def lines(record: type, *names: str) -> str:
     """A table's keys, all or some, with the defaults that a page tells."""
-    told = {key.name: key.default_text for key in keys_of(record) if key.name in names or not names}
+    told = {key.name: key.default_text for key in fields_of(record) if key.name in names or not names}
     number = {key: value for key, value in told.items() if value.isdigit()}
     word = {key: told[key] for key in ("meets", "interpolation", "checksum_kind") if key in told}
     return "".join(
@@ -71,7 +71,7 @@ def test_the_defaults_of_a_fault_are_those_documented(tmp_path: Path) -> None:
 
 
 def test_the_files_that_a_scenario_names_by_default_are_those_documented() -> None:
-    words = {key.name: key.default_text for key in keys_of(scenario_schema.ScenarioTable)}
+    words = {key.name: key.default_text for key in fields_of(scenario_schema.ScenarioTable)}
     assert setup_of(None).vehicle_name == words["vehicle"]
     assert Path(rig_of(None).source).stem == words["rig"]
     assert setup_of(None).start_angle == 0.0
@@ -109,7 +109,7 @@ def test_every_key_that_a_scenario_may_have_is_on_its_page(
     (answer,) = [line for line in caught.value.issues if "no_such_key: " in line]
     known = answer.split("allowed: ")[1].split(", ")
     rows = rows_in("scenario.md", heading)
-    shown = [row[0] for row in rows[: 2 + len(keys_of(record))]]
+    shown = [row[0] for row in rows[: 2 + len(fields_of(record))]]
     assert shown == ["key", "---", *(f"`{each}`" for each in known)]
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from liftgate_hil.config import scenario_schema as keys
+from liftgate_hil.config.described import Field
 from liftgate_hil.config.fault_kinds import FAULT_KINDS, FaultKind
-from liftgate_hil.config.schema import Key
 from liftgate_hil.signals import PROFILES
 from tools.docs.markdown import code, number, page, table
 from tools.docs.schema import a_range, key_table
@@ -159,7 +159,7 @@ def _kind(kind: FaultKind) -> tuple[str, ...]:
     return code(kind.name), "; ".join(map(_own, kind.keys)), f"of {kind.of}", kind.meaning
 
 
-def _own(key: Key) -> str:
+def _own(key: Field) -> str:
     """Return the text in a cell for a further key of a kind of fault."""
     default = "" if key.default_text == "required" else f", default {key.default_text}"
     return f"{code(key.name)}: {a_range(key.kind.allowed)}{default} – {key.meaning}"

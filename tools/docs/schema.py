@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from liftgate_hil.config.schema import keys_of
+from liftgate_hil.config.described import fields_of
 from tools.docs.markdown import code, table
 
 _HEADS = ("key", "allowed", "default", "meaning")
@@ -23,5 +23,5 @@ def a_range(allowed: str) -> str:
 
 
 def _rows(record: type, allowed: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
-    for key in keys_of(record):
+    for key in fields_of(record):
         yield code(key.name), allowed.get(key.name) or a_range(key.kind.allowed), key.default_text, key.meaning

@@ -10,9 +10,9 @@ from liftgate_hil.campaign.design import METHODS
 from liftgate_hil.campaign.folder import OWN
 from liftgate_hil.campaign.request import Request
 from liftgate_hil.campaign.space import COVARIANCE
+from liftgate_hil.config.described import Field, Record, fields_of, read_record
 from liftgate_hil.config.file_kinds import check_kind
 from liftgate_hil.config.kinds import Choice, Raw, Text, Texts, Whole
-from liftgate_hil.config.schema import Key, Record, keys_of, read_record
 from liftgate_hil.config.shipped import CAMPAIGNS, PACK, data_root, shipped_names
 from liftgate_hil.config.toml import Table, read_toml, show, table
 from liftgate_hil.errors import ConfigError, ConfigIssues
@@ -26,20 +26,20 @@ _FOLDER = f"configs/{CAMPAIGNS}"
 class CampaignTable(Record):
     """The keys of a campaign file."""
 
-    title: Annotated[str, Key(Text(), "title of the report")] = ""
-    description: Annotated[str, Key(Text(), "what it is about")] = ""
-    part: Annotated[Any, Key(Raw("[[part]] tables"), "the campaigns")] = ()
+    title: Annotated[str, Field(Text(), "title of the report")] = ""
+    description: Annotated[str, Field(Text(), "what it is about")] = ""
+    part: Annotated[Any, Field(Raw("[[part]] tables"), "the campaigns")] = ()
 
 
 class PartTable(Record):
     """The keys of one campaign, as the command's flags."""
 
-    name: Annotated[str, Key(Text(), "its folder in the output")]
-    scenario: Annotated[str, Key(Text(), "scenario file, relative to this file, or a shipped name")]
-    title: Annotated[str, Key(Text(), "title of its section")] = ""
-    vary: Annotated[tuple[str, ...], Key(Texts("a list of texts"), "what is varied, as `--vary`")] = ()
-    samples: Annotated[int, Key(Whole(0, 10**9), "as `--samples`")] = 0
-    method: Annotated[str, Key(Choice(METHODS), "as `--method`")] = "sobol"
+    name: Annotated[str, Field(Text(), "its folder in the output")]
+    scenario: Annotated[str, Field(Text(), "scenario file, relative to this file, or a shipped name")]
+    title: Annotated[str, Field(Text(), "title of its section")] = ""
+    vary: Annotated[tuple[str, ...], Field(Texts("a list of texts"), "what is varied, as `--vary`")] = ()
+    samples: Annotated[int, Field(Whole(0, 10**9), "as `--samples`")] = 0
+    method: Annotated[str, Field(Choice(METHODS), "as `--method`")] = "sobol"
 
 
 # fmt: on
@@ -85,7 +85,7 @@ def read_campaign_file(name: str, template: Request) -> CampaignFile:
     path = _path_of(name)
     issues = ConfigIssues(str(path))
     content = read_toml(path)
-    check_kind(path, content, "campaign", [key.name for key in keys_of(CampaignTable)])
+    check_kind(path, content, "campaign", [key.name for key in fields_of(CampaignTable)])
     given = read_record(issues, "", content, CampaignTable)
     if not isinstance(given.part, list | tuple) or not given.part:
         issues.add("part", f"{show(given.part)}; allowed: [[part]] tables")

@@ -53,7 +53,7 @@ def replayed(
     for target in record:
         if is_one_of(target, [path / name for name in OWN]):
             raise ConfigError(f"`record` {target}: belongs to the campaign; allowed: another file")
-    options = replace(job.options, record=tuple(record))
+    options = job.options.replaced(record=tuple(record))
     result = execute(plan_of(replace(job, trace=1, options=options, listener=listener)))
     seen = _columns_of(result, found.base.expectations)
     wrong = [

@@ -12,21 +12,15 @@ import argparse
 import sys
 from pathlib import Path
 
-from liftgate_hil.cli.recordings import add_reading, reading_of
+from liftgate_hil.cli.options import add_flags, given_in
 from liftgate_hil.cli.stopping import StopSignals
+from liftgate_hil.conversion.request import ConvertRequest
 from liftgate_hil.errors import number_of, printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    parser.add_argument("source", metavar="FILE", help="a recording, or a bus log of another tool")
-    parser.add_argument(
-        "target", metavar="OUT_FILE", help="the file to write; what is there is kept, as out.previous.mf4"
-    )
-    parser.add_argument(
-        "--rig", metavar="NAME|FILE", help="a rig, or its database: decodes the frames into a table of signals"
-    )
-    add_reading(parser)
+    add_flags(parser, ConvertRequest)
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 
 
@@ -34,16 +28,16 @@ def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()  # stops between two blocks; an unfinished file is removed
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.conversion.convert import convert
+    from liftgate_hil.conversion.convert import converted
     from liftgate_hil.formats.target import set_aside_text
 
-    how = reading_of(args)
+    request = ConvertRequest.of(**given_in(args, ConvertRequest))
     with Teller(args.quiet).progress("convert") as progress:
 
         def tell(rows: int, frames: int) -> None:
             progress.update(text=f"{rows} rows, {frames} frames")
 
-        done = convert(Path(args.source), Path(args.target), args.rig, how, stopped, tell)
+        done = converted(request, stopped, tell)
     if not done.is_complete:
         print(f"liftgate-hil convert: {stopped.name}: {args.target} is not written", file=sys.stderr)
         return stopped.exit_code

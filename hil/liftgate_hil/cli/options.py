@@ -10,9 +10,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from liftgate_hil.config.described import REQUIRED, Record, fields_of
 from liftgate_hil.config.kinds import SEED, Choice, Flag, Kind, Number, Whole
 from liftgate_hil.errors import ConfigIssues
-from liftgate_hil.running.options import OPTIONS, RunOptions
+from liftgate_hil.running.options import RunOptions
 
 if TYPE_CHECKING:
     from liftgate_hil.running.setup import Setup
@@ -59,24 +60,30 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
 def add_options(parser: argparse.ArgumentParser, *names: str, **defaults: Any) -> None:
     """Add the flags of run options; `defaults` replace those of RunOptions."""
-    for name in names:
-        option, default = OPTIONS[name], defaults.get(name, getattr(RunOptions, name))
-        flag, default_text = "--" + name.replace("_", "-"), option.otherwise
-        if not default_text and isinstance(default, float | str):
-            default_text = default if isinstance(default, str) else f"{default:g}"
-        text = f"{option.help}; default: {default_text}" if default_text else option.help
-        if isinstance(option.kind, Flag):
-            either = argparse.BooleanOptionalAction  # not given: None
-            parser.add_argument(flag, action=either, help=text)
-        elif isinstance(option.kind, Choice):
-            words = option.kind.words
-            parser.add_argument(flag, choices=words, default=default, help=text)
-        elif default == ():
-            meta = option.metavar
+    add_flags(parser, RunOptions, *names, **defaults)
+
+
+def add_flags(parser: argparse.ArgumentParser, record: type[Record], *names: str, **defaults: Any) -> None:
+    """Add a flag, or where it is required an argument, for fields of a record; `defaults` replace theirs.
+
+    Without names all fields get theirs.
+    """
+    fields = {each.name: each for each in fields_of(record)}
+    for name in names or fields:
+        field = fields[name]._replace(default=defaults.get(name, fields[name].default))
+        flag, meta = "--" + name.replace("_", "-"), field.metavar
+        text = f"{field.meaning}; default: {words}" if (words := field.default_text) else field.meaning
+        if field.default is REQUIRED:
+            parser.add_argument(name, metavar=meta, type=of_kind(field.kind), help=field.meaning)
+        elif isinstance(field.kind, Flag):
+            either = argparse.BooleanOptionalAction if field.may_be_none else "store_true"
+            parser.add_argument(flag, action=either, help=field.meaning)
+        elif isinstance(field.kind, Choice):
+            parser.add_argument(flag, choices=field.kind.words, default=field.default, help=text)
+        elif field.default == ():
             parser.add_argument(flag, action="append", default=[], metavar=meta, help=text)
         else:
-            kind, meta = of_kind(option.kind), option.metavar
-            parser.add_argument(flag, type=kind, default=default, metavar=meta, help=text)
+            parser.add_argument(flag, type=of_kind(field.kind), default=field.default, metavar=meta, help=text)
 
 
 def add_bus(parser: argparse.ArgumentParser) -> None:
@@ -114,7 +121,12 @@ def wire_choice(args: argparse.Namespace) -> WireChoice:
 
 def run_options(args: argparse.Namespace) -> RunOptions:
     """Return the options from the flags of `add_options`. Raises ConfigError."""
-    return RunOptions.of({name: value for name, value in vars(args).items() if name in OPTIONS})
+    return RunOptions.of(**given_in(args, RunOptions))
+
+
+def given_in(args: argparse.Namespace, record: type[Record]) -> dict[str, Any]:
+    """Return the values of a record's fields among the arguments."""
+    return {each.name: getattr(args, each.name) for each in fields_of(record) if hasattr(args, each.name)}
 
 
 def add_setup(parser: argparse.ArgumentParser) -> None:
@@ -238,6 +250,6 @@ def address_of(text: str) -> tuple[str, int]:
 
 def add_output(parser: argparse.ArgumentParser) -> None:
     """Add the flags for recordings and printed output."""
-    add_options(parser, *(name for name in OPTIONS if name.startswith("record")))
+    add_options(parser, *(each.name for each in fields_of(RunOptions) if each.name.startswith("record")))
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")

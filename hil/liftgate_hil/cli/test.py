@@ -300,7 +300,7 @@ def _recorded(cases: Sequence[Case], folder: Path, attempts: int, inputs: Sequen
             for each in targets
             if is_one_of(each, inputs)
         ]
-        job = replace(case.job, options=replace(case.job.options, record=records))
+        job = replace(case.job, options=case.job.options.replaced(record=records))
         assert isinstance(case.plan, Plan)
         kept.append(replace(case, plan=case.plan.varied(job)))
     if issues:

@@ -6,24 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from numbers import Integral, Real
-from typing import Any
 
-from liftgate_hil.config.kinds import SEED, Kind, Number
+from liftgate_hil.config.described import value_of
+from liftgate_hil.config.kinds import SEED, Number
 from liftgate_hil.config.toml import show
-from liftgate_hil.errors import ConfigError, ConfigIssues
-
-
-def value_of(name: str, value: object, kind: Kind) -> Any:
-    """Return the value of an argument as its kind reads it. Raises ConfigError."""
-    given = value
-    if isinstance(value, Real) and not isinstance(value, bool):
-        given = int(value) if isinstance(value, Integral) else float(value)
-    issues = ConfigIssues("")
-    found = kind.read(issues, name, list(given) if isinstance(given, tuple) else given)
-    if issues.count:
-        raise ConfigError(f"`{name}` {show(value)}: allowed: {kind.allowed}")
-    return found
+from liftgate_hil.errors import ConfigError
 
 
 def number_of(name: str, value: object, low: float, high: float, unit: str) -> float:

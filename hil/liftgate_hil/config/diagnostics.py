@@ -9,8 +9,8 @@ from liftgate_hil.codec.bus_config import identifier_of
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.codec.sending import LONGEST_MS
+from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.kinds import Flag, Number, Whole
-from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.toml import Table, show
 from liftgate_hil.diagnostics.tester import STATUS_MASK, Diagnostics
 from liftgate_hil.errors import ConfigIssues
@@ -56,17 +56,17 @@ class _Padding:
 class DiagnosticsTable(Record):
     """The keys of `[diagnostics]`."""
 
-    request: Annotated[str | int, Key(_Identifier(), "message with the tester's requests")]
-    response: Annotated[str | int, Key(_Identifier(), "message with the ECU's responses")]
-    padding: Annotated[int, Key(_Padding(), "byte that fills the tester's frames up to eight bytes",
+    request: Annotated[str | int, Field(_Identifier(), "message with the tester's requests")]
+    response: Annotated[str | int, Field(_Identifier(), "message with the ECU's responses")]
+    padding: Annotated[int, Field(_Padding(), "byte that fills the tester's frames up to eight bytes",
         "0xCC")] = 0xCC
-    cycle_ms: Annotated[float, Key(Number(1.0, LONGEST_MS, "ms"), "time from one trouble code reading to the "
+    cycle_ms: Annotated[float, Field(Number(1.0, LONGEST_MS, "ms"), "time from one trouble code reading to the "
         "next")] = 100.0
-    timeout_ms: Annotated[float, Key(Number(1.0, LONGEST_MS, "ms"), "how long the tester waits for a response; "
+    timeout_ms: Annotated[float, Field(Number(1.0, LONGEST_MS, "ms"), "how long the tester waits for a response; "
         "after \"response pending\" 5 s")] = 1000.0
-    status_mask: Annotated[int, Key(Whole(1, 255), "a code counts as reported if its status has one of these "
+    status_mask: Annotated[int, Field(Whole(1, 255), "a code counts as reported if its status has one of these "
         "bits: 1 testFailed, 4 pendingDTC, 8 confirmedDTC, …", "0x09")] = STATUS_MASK
-    clear: Annotated[bool, Key(Flag(), "the tester clears all codes at time 0, before its first reading")] = True
+    clear: Annotated[bool, Field(Flag(), "the tester clears all codes at time 0, before its first reading")] = True
 
 
 # fmt: on

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from liftgate_hil.conditions.parser import parsed
+from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.kinds import Choice, Label, Number, Text, Texts
 from liftgate_hil.config.restbus import Press, value_in
-from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.toml import Table, known_keys, table
 from liftgate_hil.diagnostics.services import RESETS
 from liftgate_hil.errors import ConfigIssues
@@ -25,29 +25,29 @@ _SIGNAL = "MESSAGE.SIGNAL of a message that the bench sends"
 class ButtonTable(Record):
     """The keys of `[requests.ACTION]`."""
 
-    signal: Annotated[str, Key(Text(_SIGNAL), "signal that represents the button")]
-    value: Annotated[float | str, Key(Label(), "its value while the button is pressed")]
-    rest: Annotated[float | str | None, Key(Label(), "its value otherwise", "the signal's start value")] = None
-    hold_s: Annotated[float, Key(Number(0.001, 60.0, "s"), "how long the button is pressed")] = 0.2
+    signal: Annotated[str, Field(Text(_SIGNAL), "signal that represents the button")]
+    value: Annotated[float | str, Field(Label(), "its value while the button is pressed")]
+    rest: Annotated[float | str | None, Field(Label(), "its value otherwise", "the signal's start value")] = None
+    hold_s: Annotated[float, Field(Number(0.001, 60.0, "s"), "how long the button is pressed")] = 0.2
 
 
 class ResetTable(Record):
     """The keys of `[reset]`."""
 
-    signal: Annotated[str | None, Key(Text(_SIGNAL), "signal that switches the ECU off, e.g. the relay of its "
+    signal: Annotated[str | None, Field(Text(_SIGNAL), "signal that switches the ECU off, e.g. the relay of its "
         "supply", "none")] = None
-    value: Annotated[float | str | None, Key(Label(), "its value while the ECU is off",
+    value: Annotated[float | str | None, Field(Label(), "its value while the ECU is off",
         "required with a signal")] = None
-    rest: Annotated[float | str | None, Key(Label(), "its value while the ECU is on",
+    rest: Annotated[float | str | None, Field(Label(), "its value while the ECU is on",
         "the signal's start value")] = None
-    hold_s: Annotated[float, Key(Number(0.001, 60.0, "s"), "how long the ECU is off")] = 1.0
-    uds: Annotated[str, Key(Choice(tuple(RESETS)), "the ECUReset (UDS service 0x11) that the bench's tester "
+    hold_s: Annotated[float, Field(Number(0.001, 60.0, "s"), "how long the ECU is off")] = 1.0
+    uds: Annotated[str, Field(Choice(tuple(RESETS)), "the ECUReset (UDS service 0x11) that the bench's tester "
         "requests", "none")] = ""
-    command: Annotated[tuple[str, ...], Key(Texts("a program and its arguments"), "program to run; its exit code "
-        "must be 0", "none")] = ()
-    ready: Annotated[str, Key(Text("a condition"), "condition to wait for after that, written like those of a "
+    command: Annotated[tuple[str, ...], Field(Texts("a program and its arguments"), "program to run; its exit "
+        "code must be 0", "none")] = ()
+    ready: Annotated[str, Field(Text("a condition"), "condition to wait for after that, written like those of a "
         "scenario", "none")] = ""
-    timeout_s: Annotated[float, Key(Number(0.1, 3600.0, "s"), "time limit, for ECUReset, command and condition "
+    timeout_s: Annotated[float, Field(Number(0.1, 3600.0, "s"), "time limit, for ECUReset, command and condition "
         "each")] = 30.0
 
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from liftgate_hil.config.described import REQUIRED, Field
 from liftgate_hil.config.kinds import Choice, Kind, Level, Number, Text, Whole
-from liftgate_hil.config.schema import REQUIRED, Key
 from liftgate_hil.signals import DIRECTIONS
 from liftgate_hil.stimuli import bus_fault_tables
 from liftgate_hil.stimuli.faults import ADD, SCALE, SET, Edit
@@ -36,7 +36,7 @@ class FaultKind:
     name: str
     meaning: str
     edits: Callable[[Values, str], Sequence[Edit]]
-    keys: tuple[Key, ...] = ()
+    keys: tuple[Field, ...] = ()
     of: str = DRIVE
     group: str = ""  # of the part that it is a fault of, in words
 
@@ -106,8 +106,8 @@ def _none(values: Values, side: str) -> Sequence[Edit]:
     raise AssertionError("made of the vehicle, or of the bus")
 
 
-def _key(name: str, kind: Kind, meaning: str, default: object = REQUIRED) -> tuple[Key, ...]:
-    return (Key(kind, meaning, name=name, default=default),)
+def _key(name: str, kind: Kind, meaning: str, default: object = REQUIRED) -> tuple[Field, ...]:
+    return (Field(kind, meaning, name=name, default=default),)
 
 
 _DIRECTION = _key("direction", Choice(list(bus_fault_tables.DIRECTIONS)), "as seen from the gate")

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from liftgate_hil.codec.bus_config import identifier_of
 from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.kinds import Text
 from liftgate_hil.config.restbus import check_signal
-from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.signal_name import find_signal
 from liftgate_hil.config.toml import Table, known_keys, show, table
 from liftgate_hil.errors import ConfigIssues
@@ -35,38 +35,39 @@ _SIGNAL = Text("MESSAGE.SIGNAL")
 class FaultOrder(Record):
     """The keys of `[inject.fault]`."""
 
-    kind: Annotated[str, Key(_SIGNAL, "its labels are fault kinds of docs/scenario.md; `none` with `on` 0 ends "
+    kind: Annotated[str, Field(_SIGNAL, "its labels are fault kinds of docs/scenario.md; `none` with `on` 0 ends "
         "all faults")]
-    on: Annotated[str, Key(_SIGNAL, "1: the fault begins, or begins again with another value; 0: it ends")]
-    place: Annotated[str | None, Key(_SIGNAL, "its labels are left, right, both, messages, keys of the vehicle "
+    on: Annotated[str, Field(_SIGNAL, "1: the fault begins, or begins again with another value; 0: it ends")]
+    place: Annotated[str | None, Field(_SIGNAL, "its labels are left, right, both, messages, keys of the vehicle "
         "file (for the kind `parameter`), and `none`", "none")] = None
-    value: Annotated[str | None, Key(_SIGNAL, "number for the kind's key: value, ohm, factor, probability, rate, "
-        "delay_s, or the number of the bridge state", "none")] = None
-    direction: Annotated[str | None, Key(_SIGNAL, "its labels are sent and received, as seen from the gate; with "
-        "any other label the message in `place` decides", "none")] = None
+    value: Annotated[str | None, Field(_SIGNAL, "number for the kind's key: value, ohm, factor, probability, "
+        "rate, delay_s, or the number of the bridge state", "none")] = None
+    direction: Annotated[str | None, Field(_SIGNAL, "its labels are sent and received, as seen from the gate; "
+        "with any other label the message in `place` decides", "none")] = None
 
 
 class BabblingOrder(Record):
     """The keys of `[inject.babbling]`."""
 
-    identifier: Annotated[str, Key(_SIGNAL, "identifier of the frames, above 0x7FF an extended one")]
-    on: Annotated[str, Key(_SIGNAL, "1: babbling begins; 0: it ends")]
-    rate: Annotated[str, Key(_SIGNAL, "rate of the frames [1/s]")]
-    direction: Annotated[str, Key(_SIGNAL, "its labels are sent and received")]
+    identifier: Annotated[str, Field(_SIGNAL, "identifier of the frames, above 0x7FF an extended one")]
+    on: Annotated[str, Field(_SIGNAL, "1: babbling begins; 0: it ends")]
+    rate: Annotated[str, Field(_SIGNAL, "rate of the frames [1/s]")]
+    direction: Annotated[str, Field(_SIGNAL, "its labels are sent and received")]
 
 
 class RequestOrder(Record):
     """The keys of `[inject.request]`."""
 
-    action: Annotated[str, Key(_SIGNAL, "its labels are the rig's buttons: open, close, stop, reset, and `none`")]
+    action: Annotated[str, Field(_SIGNAL,
+        "its labels are the rig's buttons: open, close, stop, reset, and `none`")]
 
 
 class SignalOrder(Record):
     """The keys of `[inject.signal]`."""
 
-    name: Annotated[str, Key(_SIGNAL, "its labels are signals of the database that the bench may send, as "
+    name: Annotated[str, Field(_SIGNAL, "its labels are signals of the database that the bench may send, as "
         "Message.Signal")]
-    value: Annotated[str, Key(_SIGNAL, "new value of that signal, in the database's unit")]
+    value: Annotated[str, Field(_SIGNAL, "new value of that signal, in the database's unit")]
 
 
 # fmt: on

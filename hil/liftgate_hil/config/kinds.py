@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from liftgate_hil.config.toml import Table, number, show, table, text
@@ -240,6 +242,19 @@ class Texts(NamedTuple):
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return self.invalid
         return tuple(given)
+
+
+class File:
+    """Kind of value: the path of a file."""
+
+    allowed, invalid = "a path", Path()
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> Path:
+        """Return the path; an issue if it is none."""
+        if not isinstance(value, str | os.PathLike) or not os.fspath(value):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return self.invalid
+        return Path(value)
 
 
 class Raw(NamedTuple):

@@ -12,9 +12,9 @@ from liftgate_hil.codec.e2e.profile_1 import DATA_ID_MODES
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
 from liftgate_hil.codec.sending import LONGEST_MS
+from liftgate_hil.config.described import Field, Record, fields_of, read_record
 from liftgate_hil.config.kinds import Choice, Flag, Number, Raw, Subtable, Whole
 from liftgate_hil.config.protection_tables import checksum_table, counter_table
-from liftgate_hil.config.schema import Key, Record, keys_of, read_record
 from liftgate_hil.config.toml import Table, known_keys, show, table, text
 from liftgate_hil.errors import ConfigIssues
 
@@ -33,57 +33,58 @@ _FRAMES = Raw("a whole number from 0 to `window`")
 class UnprotectedTable(Record):
     """The keys of `[messages.NAME]` for any protection."""
 
-    cycle_ms: Annotated[float | None, Key(Number(0.1, LONGEST_MS, "ms"), "cycle time of the message",
+    cycle_ms: Annotated[float | None, Field(Number(0.1, LONGEST_MS, "ms"), "cycle time of the message",
         "the database's `GenMsgCycleTime`, if it is cyclic")] = None
-    timeout_cycles: Annotated[float, Key(Number(1.0, 1000.0), "number of cycles without a frame after which a "
+    timeout_cycles: Annotated[float, Field(Number(1.0, 1000.0), "number of cycles without a frame after which a "
         "command is stale")] = 3.0
-    brs: Annotated[bool | None, Key(Flag(), "whether the gate sends the message's CAN FD frames with bit rate "
+    brs: Annotated[bool | None, Field(Flag(), "whether the gate sends the message's CAN FD frames with bit rate "
         "switch", "the database's `CANFD_BRS`, else no")] = None
-    counter: Annotated[Any, Key(Raw(f"{_OWN}, or a table"), "signal of the alive counter, counting frames from 0 "
-        "in steps of 1; or a table, below", "none")] = None
-    checksum: Annotated[Any, Key(Raw(f"{_OWN}, or a table"), "signal of the checksum; or a table with the "
+    counter: Annotated[Any, Field(Raw(f"{_OWN}, or a table"), "signal of the alive counter, counting frames from "
+        "0 in steps of 1; or a table, below", "none")] = None
+    checksum: Annotated[Any, Field(Raw(f"{_OWN}, or a table"), "signal of the checksum; or a table with the "
         "parameters of a manufacturer's own, below", "none")] = None
-    checksum_kind: Annotated[str, Key(Choice(KINDS), "algorithm, over the identifier and the payload without the "
-        "checksum")] = "crc8-sae-j1850"
-    protection: Annotated[str, Key(Choice(("simple", *PROFILES)), "`simple`: counter and checksum as above; the "
+    checksum_kind: Annotated[str, Field(Choice(KINDS), "algorithm, over the identifier and the payload without "
+        "the checksum")] = "crc8-sae-j1850"
+    protection: Annotated[str, Field(Choice(("simple", *PROFILES)), "`simple`: counter and checksum as above; the "
         "others are AUTOSAR E2E profiles")] = "simple"
 
 
 class MessageTable(UnprotectedTable):
     """The keys of `[messages.NAME]`, those of the AUTOSAR E2E profiles included."""
 
-    data_id: Annotated[int | None, Key(Whole(0, 0xFFFF), "data ID of the message",
+    data_id: Annotated[int | None, Field(Whole(0, 0xFFFF), "data ID of the message",
         "required by profiles 1 and 5")] = None
-    data_id_list: Annotated[Any, Key(Raw("16 whole numbers from 0 to 255"), "data ID for each value of the "
+    data_id_list: Annotated[Any, Field(Raw("16 whole numbers from 0 to 255"), "data ID for each value of the "
         "counter", "required by profile 2")] = None
-    data_id_mode: Annotated[str, Key(Choice(DATA_ID_MODES), "profile 1: bytes of the data ID that the CRC "
+    data_id_mode: Annotated[str, Field(Choice(DATA_ID_MODES), "profile 1: bytes of the data ID that the CRC "
         "covers")] = "both"
-    data_id_nibble: Annotated[Any, Key(Raw(_OWN), "with `data_id_mode = \"nibble\"`: signal that carries the data "
-        "ID's nibble", "none")] = None
-    max_delta_counter: Annotated[Any, Key(Raw(_STEPS), "largest tolerated step of the counter; 1: no frame may be "
-        "lost")] = 1
-    sync_counter: Annotated[int, Key(Whole(0, 255), "number of frames after a wrong sequence whose data are not "
+    data_id_nibble: Annotated[Any, Field(Raw(_OWN), "with `data_id_mode = \"nibble\"`: signal that carries the "
+        "data ID's nibble", "none")] = None
+    max_delta_counter: Annotated[Any, Field(Raw(_STEPS), "largest tolerated step of the counter; 1: no frame may "
+        "be lost")] = 1
+    sync_counter: Annotated[int, Field(Whole(0, 255), "number of frames after a wrong sequence whose data are not "
         "used yet")] = 0
-    state_machine: Annotated[Table | None, Key(Subtable(), "when data are used, see below")] = None
+    state_machine: Annotated[Table | None, Field(Subtable(), "when data are used, see below")] = None
 
 
 class StateMachineTable(Record):
     """The keys of `state_machine` of a message."""
 
-    window: Annotated[int, Key(Whole(1, MAX_WINDOW), "number of frames by which the state is decided")] = 1
-    min_ok_init: Annotated[Any, Key(_FRAMES, "state INIT: required frames with status OK in the window")] = 1
-    min_ok_valid: Annotated[Any, Key(_FRAMES, "state VALID: required frames with status OK in the window")] = 1
-    min_ok_invalid: Annotated[Any, Key(_FRAMES, "state INVALID: required frames with status OK in the window")] = 1
-    max_error_init: Annotated[Any, Key(_FRAMES, "state INIT: tolerated frames with status ERROR in the "
+    window: Annotated[int, Field(Whole(1, MAX_WINDOW), "number of frames by which the state is decided")] = 1
+    min_ok_init: Annotated[Any, Field(_FRAMES, "state INIT: required frames with status OK in the window")] = 1
+    min_ok_valid: Annotated[Any, Field(_FRAMES, "state VALID: required frames with status OK in the window")] = 1
+    min_ok_invalid: Annotated[Any, Field(_FRAMES,
+        "state INVALID: required frames with status OK in the window")] = 1
+    max_error_init: Annotated[Any, Field(_FRAMES, "state INIT: tolerated frames with status ERROR in the "
         "window")] = 0
-    max_error_valid: Annotated[Any, Key(_FRAMES, "state VALID: tolerated frames with status ERROR in the "
+    max_error_valid: Annotated[Any, Field(_FRAMES, "state VALID: tolerated frames with status ERROR in the "
         "window")] = 0
-    max_error_invalid: Annotated[Any, Key(_FRAMES, "state INVALID: tolerated frames with status ERROR in the "
+    max_error_invalid: Annotated[Any, Field(_FRAMES, "state INVALID: tolerated frames with status ERROR in the "
         "window")] = 0
 
 
 # fmt: on
-_E2E = [each.name for each in keys_of(MessageTable) if not hasattr(UnprotectedTable, each.name)]
+_E2E = [each.name for each in fields_of(MessageTable) if not hasattr(UnprotectedTable, each.name)]
 
 
 def message_options(issues: ConfigIssues, section: Table, messages: Messages) -> dict[str, MessageOptions]:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from liftgate_hil.conditions.condition import unit_of_column
+from liftgate_hil.config.described import Field, fields_of
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.kinds import Number
 from liftgate_hil.config.scenario_schema import (
@@ -17,7 +18,6 @@ from liftgate_hil.config.scenario_schema import (
     ScenarioTable,
     SignalTable,
 )
-from liftgate_hil.config.schema import Key, keys_of
 from liftgate_hil.config.spread import key_of
 from liftgate_hil.config.toml import Table
 from liftgate_hil.signals import PROFILES
@@ -42,7 +42,7 @@ def parameter_units(files: Iterable[Table]) -> dict[str, str]:
 
 def _uses(content: Table) -> Iterator[tuple[str, str]]:
     """Yield each parameter and the unit of a place where it stands."""
-    yield from _of_keys(content, keys_of(ScenarioTable))
+    yield from _of_keys(content, fields_of(ScenarioTable))
     for name, value in _entries(content.get("set")):
         key = key_of(tuple(name.split(".")))
         if key is not None and key.quantity is not None:
@@ -50,7 +50,7 @@ def _uses(content: Table) -> Iterator[tuple[str, str]]:
     for name, record in _TABLES.items():
         for table in _tables(content.get(name)):
             kind = FAULT_KINDS.get(str(table.get("kind"))) if name == "fault" else None
-            yield from _of_keys(table, [*keys_of(record), *(kind.keys if kind else ())])
+            yield from _of_keys(table, [*fields_of(record), *(kind.keys if kind else ())])
     for profile in _tables(content.get("profile")):
         signal = PROFILES.get(str(profile.get("quantity")))
         points = profile.get("points")
@@ -70,7 +70,7 @@ def _tables(value: Any) -> Sequence[Table]:
     return [each for each in value if isinstance(each, dict)] if isinstance(value, list) else []
 
 
-def _of_keys(content: Table, keys: Sequence[Key]) -> Iterator[tuple[str, str]]:
+def _of_keys(content: Table, keys: Sequence[Field]) -> Iterator[tuple[str, str]]:
     """Yield the parameters that are values of these keys, or stand in a condition."""
     for key in keys:
         value = content.get(key.name)

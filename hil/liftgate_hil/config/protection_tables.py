@@ -11,8 +11,8 @@ from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.protection import own_bits
 from liftgate_hil.codec.rocksoft import MOST_DATA_IDS, PARTS, Covered, Rocksoft
 from liftgate_hil.codec.tables import MOST_COVERED
+from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.kinds import Flag, Raw, Text, Whole
-from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.toml import Table, show
 from liftgate_hil.errors import ConfigIssues
 
@@ -56,30 +56,30 @@ class _Bits:
 class ChecksumTable(Record):
     """The keys of `checksum = {…}` of a message."""
 
-    signal: Annotated[str, Key(Text("a signal of the message"), "signal that carries the checksum")]
-    width: Annotated[int, Key(Whole(1, _MOST_BITS), "number of bits, that of the signal")]
-    polynomial: Annotated[int, Key(_Bits(1), "without its highest term, as in catalogues: 0x1D is x⁸ + x⁴ + x³ + "
-        "x² + 1")]
-    start: Annotated[int, Key(_Bits(), "initial value of the register (`init` in catalogues)")] = 0
-    reflect_in: Annotated[bool, Key(Flag(), "the lowest bit of each byte is processed first (`refin`)")] = False
-    reflect_out: Annotated[bool, Key(Flag(), "the lowest bit of the register becomes the highest bit of the "
+    signal: Annotated[str, Field(Text("a signal of the message"), "signal that carries the checksum")]
+    width: Annotated[int, Field(Whole(1, _MOST_BITS), "number of bits, that of the signal")]
+    polynomial: Annotated[int, Field(_Bits(1), "without its highest term, as in catalogues: 0x1D is x⁸ + x⁴ + x³ "
+        "+ x² + 1")]
+    start: Annotated[int, Field(_Bits(), "initial value of the register (`init` in catalogues)")] = 0
+    reflect_in: Annotated[bool, Field(Flag(), "the lowest bit of each byte is processed first (`refin`)")] = False
+    reflect_out: Annotated[bool, Field(Flag(), "the lowest bit of the register becomes the highest bit of the "
         "checksum (`refout`)")] = False
-    final_xor: Annotated[int, Key(_Bits(), "value that is XORed with the result, after that (`xorout`)")] = 0
-    covers: Annotated[Any, Key(Raw(_COVERS), "parts that the checksum covers, in this order",
+    final_xor: Annotated[int, Field(_Bits(), "value that is XORed with the result, after that (`xorout`)")] = 0
+    covers: Annotated[Any, Field(Raw(_COVERS), "parts that the checksum covers, in this order",
         '["payload"]')] = ("payload",)
-    data_id: Annotated[Any, Key(Raw(_DATA_ID), "data ID of the message; of a list, the entry at the counter's "
+    data_id: Annotated[Any, Field(Raw(_DATA_ID), "data ID of the message; of a list, the entry at the counter's "
         "value modulo the list's length", "none")] = None
 
 
 class CounterTable(Record):
     """The keys of `counter = {…}` of a message."""
 
-    signal: Annotated[str, Key(Text("a signal of the message"), "signal that counts frames, of 1 to 64 bits")]
-    start: Annotated[int | None, Key(_Bits(), "value in the first frame", "`lowest`")] = None
-    step: Annotated[Any, Key(Raw("a whole number other than 0, smaller in size than the number of values"),
+    signal: Annotated[str, Field(Text("a signal of the message"), "signal that counts frames, of 1 to 64 bits")]
+    start: Annotated[int | None, Field(_Bits(), "value in the first frame", "`lowest`")] = None
+    step: Annotated[Any, Field(Raw("a whole number other than 0, smaller in size than the number of values"),
         "increment from frame to frame; a negative one counts down")] = 1
-    lowest: Annotated[int, Key(_Bits(), "lowest value")] = 0
-    highest: Annotated[int | None, Key(_Bits(), "highest value, after which it continues from `lowest`; at most "
+    lowest: Annotated[int, Field(_Bits(), "lowest value")] = 0
+    highest: Annotated[int | None, Field(_Bits(), "highest value, after which it continues from `lowest`; at most "
         "2^48 values", "all bits set")] = None
 
 

@@ -15,6 +15,7 @@ from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.sending import LONGEST_MS, SendType, cycle_of, needs_fd, send_type_of, timeout_of
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.database import KINDS, find_database, load_messages
+from liftgate_hil.config.described import Field, Record, fields_of, read_record
 from liftgate_hil.config.diagnostics import diagnostics_of
 from liftgate_hil.config.driver import NO_DRIVER, Driver, buttons_of, reset_of
 from liftgate_hil.config.file_kinds import check_kind
@@ -22,7 +23,6 @@ from liftgate_hil.config.inject import SIGNAL, OrderMessage, orders_of
 from liftgate_hil.config.kinds import Number, Subtable, Text
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.restbus import sendable
-from liftgate_hil.config.schema import Key, Record, keys_of, read_record
 from liftgate_hil.config.signal_mapping import signal_mappings
 from liftgate_hil.config.toml import Table, read_toml, show
 from liftgate_hil.diagnostics.tester import Diagnostics
@@ -43,20 +43,21 @@ COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
 class RigTable(Record):
     """Top-level keys of a rig file."""
 
-    dbc: Annotated[str, Key(Text("a DBC, ARXML, KCD or SYM file"), "CAN database: a file beside the rig file, or "
-        "a shipped one (`liftgate.dbc`); `their.kcd#Body`: the bus `Body` of a file with several")]
-    bitrate: Annotated[float, Key(Number(1.0, 1e8, "bit/s"), "bit rate with which the bus is opened, and to which "
-        "the bus load is related")] = 500_000.0
-    inputs: Annotated[Table | None, Key(Subtable(), "quantities that the gate receives, see below")] = None
-    outputs: Annotated[Table | None, Key(Subtable(), "quantities that the gate sends, see below")] = None
-    messages: Annotated[Table | None, Key(Subtable(), "a table for each message: cycle, time-out and protection, "
-        "see below")] = None
-    requests: Annotated[Table | None, Key(Subtable(), "a table for each button of the driver, for an ECU on a "
+    dbc: Annotated[str, Field(Text("a DBC, ARXML, KCD or SYM file"), "CAN database: a file beside the rig file, "
+        "or a shipped one (`liftgate.dbc`); `their.kcd#Body`: the bus `Body` of a file with several")]
+    bitrate: Annotated[float, Field(Number(1.0, 1e8, "bit/s"), "bit rate with which the bus is opened, and to "
+        "which the bus load is related")] = 500_000.0
+    inputs: Annotated[Table | None, Field(Subtable(), "quantities that the gate receives, see below")] = None
+    outputs: Annotated[Table | None, Field(Subtable(), "quantities that the gate sends, see below")] = None
+    messages: Annotated[Table | None, Field(Subtable(), "a table for each message: cycle, time-out and "
+        "protection, see below")] = None
+    requests: Annotated[Table | None, Field(Subtable(), "a table for each button of the driver, for an ECU on a "
         "bus, see below")] = None
-    reset: Annotated[Table | None, Key(Subtable(), "how an ECU on a bus is reset, see below")] = None
-    inject: Annotated[Table | None, Key(Subtable(), "messages by which a test bench acts on the running gate, see "
-        "below")] = None
-    diagnostics: Annotated[Table | None, Key(Subtable(), "how the ECU's trouble codes are read, see below")] = None
+    reset: Annotated[Table | None, Field(Subtable(), "how an ECU on a bus is reset, see below")] = None
+    inject: Annotated[Table | None, Field(Subtable(), "messages by which a test bench acts on the running gate, "
+        "see below")] = None
+    diagnostics: Annotated[Table | None, Field(Subtable(),
+        "how the ECU's trouble codes are read, see below")] = None
 
 
 # fmt: on
@@ -209,7 +210,7 @@ def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
             f"(liftgate-hil rig draft {path.name} writes a first one)"
         )
     content = read_toml(path)
-    check_kind(path, content, "rig", [key.name for key in keys_of(RigTable)])
+    check_kind(path, content, "rig", [key.name for key in fields_of(RigTable)])
     return rig_of_content(content, path)
 
 

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from liftgate_hil.config.described import fields_of, read_record
 from liftgate_hil.config.file_kinds import check_kind
 from liftgate_hil.config.files import is_there, issue_with
 from liftgate_hil.config.profile_csv import PointsReader
 from liftgate_hil.config.restbus import SignalValue
 from liftgate_hil.config.scenario_schema import ScenarioTable
 from liftgate_hil.config.scenario_tables import Fault, FoundTables, TableReader, check_once
-from liftgate_hil.config.schema import keys_of, read_record
 from liftgate_hil.config.settings import Setting, settings_in
 from liftgate_hil.config.toml import Table, number, read_toml, show, table
 from liftgate_hil.errors import ConfigError, ConfigIssues
@@ -157,7 +157,7 @@ def _scenario_of(file: ScenarioFile, replaced: Mapping[str, float]) -> Scenario:
         }
         own = read_record(part.issues, "", raw, ScenarioTable)
         own = own.replaced(vehicle=_beside(part.path, own.vehicle), rig=_beside(part.path, own.rig))
-        given = [key.name for key in keys_of(ScenarioTable) if key.name in raw]
+        given = [key.name for key in fields_of(ScenarioTable) if key.name in raw]
         top = top.replaced(**{name: getattr(own, name) for name in given})
         for each in settings_in(own.set or {}, f"{part.path}: set."):
             called = part.issues.called(f"set.{each.key}")
@@ -249,7 +249,7 @@ def _parts(path: Path, above: Sequence[Path], known: set[Path]) -> list[_Part]:
     `above` are the files that include this one; those that are `known` have been read, and it becomes one of them.
     """
     raw = read_toml(path)
-    check_kind(path, raw, "scenario", [key.name for key in keys_of(ScenarioTable)])
+    check_kind(path, raw, "scenario", [key.name for key in fields_of(ScenarioTable)])
     above = [*above, path.resolve()]
     found: list[_Part] = []
     issues: list[tuple[str, str]] = []
@@ -299,7 +299,7 @@ def _parameters(
     """
     known: dict[str, float] = {}
     origins: dict[str, str] = {}
-    top_keys = {key.name for key in keys_of(ScenarioTable)}
+    top_keys = {key.name for key in fields_of(ScenarioTable)}
     for part in parts:
         given = table(part.issues, "parameters", part.raw.get("parameters", {}))
         for name, value in given.items():

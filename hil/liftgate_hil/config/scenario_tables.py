@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from liftgate_hil.conditions.parser import parsed
+from liftgate_hil.config.described import dotted, fields_of, read_record, read_values
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, WHERE, FaultKind
 from liftgate_hil.config.profile_csv import PointsReader
 from liftgate_hil.config.restbus import SignalValue
@@ -23,7 +24,6 @@ from liftgate_hil.config.scenario_schema import (
     ScenarioTable,
     SignalTable,
 )
-from liftgate_hil.config.schema import dotted, keys_of, read_record, read_values
 from liftgate_hil.config.toml import Table, known_keys, number, show, table
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.judging.expectation import KINDS, STATES, Expectation
@@ -215,10 +215,10 @@ class TableReader:
         kind = FAULT_KINDS.get(str(given.get("kind")))
         own = kind.keys if kind is not None else ()
         if kind is None:  # the keys of an unknown kind are not known
-            known = {each.name for each in keys_of(FaultTable)}
+            known = {each.name for each in fields_of(FaultTable)}
             given = {name: value for name, value in given.items() if name in known}
         taken = {each.name for each in own}  # one of the kind precedes one of all kinds
-        common = [each for each in keys_of(FaultTable) if each.name not in taken]
+        common = [each for each in fields_of(FaultTable) if each.name not in taken]
         values = read_values(self.issues, key, given, (*common, *own))
         fault = FaultTable(**{each.name: values[each.name] for each in common})
         if kind is not None and fault.where is not None:

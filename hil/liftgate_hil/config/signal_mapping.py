@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from liftgate_hil.codec.bus_config import SignalMapping
 from liftgate_hil.codec.messages import Messages
+from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.enumerations import check_complete, check_values
 from liftgate_hil.config.kinds import Flag, Number, Subtable, Text
-from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.signal_name import find_signal
 from liftgate_hil.config.toml import Table, known_keys, number, show
 from liftgate_hil.config.units import SAME, Conversion, allowed_units, conversion, dimension_of, dimensions_named
@@ -34,15 +34,15 @@ _FACTOR = Number(-1e9, 1e9)
 class MappingTable(Record):
     """The keys of a quantity in `[inputs]` and `[outputs]`."""
 
-    signal: Annotated[str, Key(Text("MESSAGE.SIGNAL"), "message and signal of the database")]
-    unit: Annotated[str | None, Key(Text("a unit of the quantity's kind, such as mA for a current"),
+    signal: Annotated[str, Field(Text("MESSAGE.SIGNAL"), "message and signal of the database")]
+    unit: Annotated[str | None, Field(Text("a unit of the quantity's kind, such as mA for a current"),
         "unit of scale · physical value + offset", "the database's")] = None
-    scale: Annotated[float | None, Key(_FACTOR, "without `unit`: quantity = scale · physical value + offset, "
+    scale: Annotated[float | None, Field(_FACTOR, "without `unit`: quantity = scale · physical value + offset, "
         "whatever unit the database has", "1")] = None
-    offset: Annotated[float | None, Key(_FACTOR, "see `scale`", "0")] = None
-    values: Annotated[Table | None, Key(Subtable(), "enumerations: the signal's number or label for each value of "
-        "the quantity")] = None
-    saturates: Annotated[bool, Key(Flag(), "outputs: the signal's range may be too small; values beyond it "
+    offset: Annotated[float | None, Field(_FACTOR, "see `scale`", "0")] = None
+    values: Annotated[Table | None, Field(Subtable(), "enumerations: the signal's number or label for each value "
+        "of the quantity")] = None
+    saturates: Annotated[bool, Field(Flag(), "outputs: the signal's range may be too small; values beyond it "
         "saturate")] = False
 
 

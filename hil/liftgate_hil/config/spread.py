@@ -19,9 +19,8 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, NamedTuple
 
+from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.kinds import Choice, Number, Raw
-from liftgate_hil.config.schema import Key as TableKey
-from liftgate_hil.config.schema import Record, read_record
 from liftgate_hil.config.toml import Table, number, show, table
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, Key, keys_of
 from liftgate_hil.errors import ConfigIssues
@@ -42,13 +41,13 @@ _END = Raw("a number within the range of the key")
 class SpreadTable(Record):
     """The keys of a value's entry in `[spread]`."""
 
-    distribution: Annotated[str, TableKey(Choice(DISTRIBUTIONS), "distribution of the value")] = "normal"
-    relative: Annotated[float | None, TableKey(Number(0.0, 1.0), "σ, or half the width of `uniform`, as a share "
+    distribution: Annotated[str, Field(Choice(DISTRIBUTIONS), "distribution of the value")] = "normal"
+    relative: Annotated[float | None, Field(Number(0.0, 1.0), "σ, or half the width of `uniform`, as a share "
         "of the value; for `lognormal` σ of the logarithm")] = None
-    absolute: Annotated[float | None, TableKey(Number(0.0, _MOST), "the same in the key's unit")] = None
-    low: Annotated[Any, TableKey(_END, "lower limit of `uniform`, together with `high`")] = None
-    high: Annotated[Any, TableKey(_END, "upper limit of `uniform`")] = None
-    follow: Annotated[Any, TableKey(Raw("a list of keys"), "keys that change by the same factor: "
+    absolute: Annotated[float | None, Field(Number(0.0, _MOST), "the same in the key's unit")] = None
+    low: Annotated[Any, Field(_END, "lower limit of `uniform`, together with `high`")] = None
+    high: Annotated[Any, Field(_END, "upper limit of `uniform`")] = None
+    follow: Annotated[Any, Field(Raw("a list of keys"), "keys that change by the same factor: "
         "`[\"motor.speed_constant\"]`")] = ()
 
 

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR
+from liftgate_hil.config.described import Command
 from liftgate_hil.config.units import headed_unit
+from liftgate_hil.conversion.request import ConvertRequest
 from liftgate_hil.conversion.table import decoded, files_of
 from liftgate_hil.errors import ConfigError, RecordingError, number_of, printable
 from liftgate_hil.formats.bus_log import BUS_ERROR
@@ -20,7 +22,7 @@ from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.guarded import raise_failures
 from liftgate_hil.formats.open import FORMATS, RECORDED, WITH_MARKS, check_file, open_recording, open_writer
 from liftgate_hil.formats.ours import is_ours
-from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
+from liftgate_hil.formats.recording import Recording, read_options
 from liftgate_hil.formats.target import is_one_of, is_special, set_aside, why
 from liftgate_hil.formats.writer import Writer
 from liftgate_hil.signals import COLUMNS
@@ -65,28 +67,26 @@ def _nobody(rows: int, frames: int) -> None:
     """Ignore how far a conversion is."""
 
 
-def convert(
-    source: Path,
-    target: Path,
-    rig: str | None = None,
-    how: ReadOptions = AS_IT_IS,
-    stopped: Callable[[], bool] = _never,
-    report: Callable[[int, int], None] = _nobody,
+def converted(
+    request: ConvertRequest, stopped: Callable[[], bool] = _never, report: Callable[[int, int], None] = _nobody
 ) -> Converted:
-    """Write the recording in `source` to `target`, in the format of the target's suffix.
+    """Convert a recording: write it in the format of the target's suffix.
 
-    `rig`, a rig or a database, decodes the frames into a table. A target that cannot hold the content unchanged is
-    not written. A file that is already there is set aside, see `set_aside`. `stopped` returns whether to end
-    early. `report` is called with the rows and frames so far.
+    A target that cannot hold the content unchanged is not written. A file that is already there is set aside, see
+    `set_aside`. `stopped` returns whether to end early. `report` is called with the rows and frames so far.
 
     Raises ConfigError, RecordingError.
     """
-    target = _checked(target)
+    source, target, rig = Path(request.source), _checked(Path(request.target)), request.rig
     inputs = [source] if rig is None else [source, *files_of(rig)]
     if is_one_of(target, inputs):
         raise ConfigError(f"{target}: is the input file; allowed: another file")
+    how = read_options(request.recording_channel, request.timezone)
     plan = _plan(open_recording(source, how), target, rig)
     return _written(plan, target, inputs, stopped, report)
+
+
+convert = Command(ConvertRequest, converted)
 
 
 def _checked(target: Path) -> Path:

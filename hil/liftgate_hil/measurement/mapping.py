@@ -12,9 +12,9 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.files import check_file, is_there
 from liftgate_hil.config.kinds import Number, Subtable, Text
-from liftgate_hil.config.schema import Key, Record, read_record
 from liftgate_hil.config.toml import Table, read_toml, show, table
 from liftgate_hil.config.units import headed_unit, marked_unit, unit_in
 from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
@@ -89,18 +89,20 @@ def own_column(ours: str, names: Collection[str], known: Mapping[str, Signal] = 
 class MapTable(Record):
     """The keys of a map file."""
 
-    columns: Annotated[Table | None, Key(Subtable(), "the columns: each key is a column of this program, its "
+    columns: Annotated[Table | None, Field(Subtable(), "the columns: each key is a column of this program, its "
         "value the name of the file's column, or a table")] = None  # fmt: skip
 
 
 class ColumnTable(Record):
     """The keys of a column in a map file."""
 
-    name: Annotated[str, Key(Text(), "name of the column in the file; there its unit may follow, as in `I [mA]`")]
-    unit: Annotated[str, Key(Text("a unit of the same quantity"), "unit of scale · value + offset",
+    name: Annotated[
+        str, Field(Text(), "name of the column in the file; there its unit may follow, as in `I [mA]`")
+    ]
+    unit: Annotated[str, Field(Text("a unit of the same quantity"), "unit of scale · value + offset",
         "that in the file, else the column's own")] = ""  # fmt: skip
-    scale: Annotated[float, Key(_SCALE, "factor of the file's values; not 0")] = 1.0
-    offset: Annotated[float, Key(_OFFSET, "is added to scale · value, in `unit`")] = 0.0
+    scale: Annotated[float, Field(_SCALE, "factor of the file's values; not 0")] = 1.0
+    offset: Annotated[float, Field(_OFFSET, "is added to scale · value, in `unit`")] = 0.0
 
 
 def parse_maps(given: Sequence[str], known: Mapping[str, Signal] = KNOWN) -> ColumnMap:

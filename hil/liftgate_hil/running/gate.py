@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from liftgate_hil.codec.frames import with_frame_flags
+from liftgate_hil.config.described import value_of
 from liftgate_hil.config.restbus import value_in
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario_tables import Fault, fault_of
@@ -37,7 +38,7 @@ from liftgate_hil.running.commands.loop_target import LoopTarget
 from liftgate_hil.running.commands.orders import Orders
 from liftgate_hil.running.cyclic_command import CyclicCommand
 from liftgate_hil.running.loop_start import loop_config_of, start_of
-from liftgate_hil.running.options import checked
+from liftgate_hil.running.options import RATE
 from liftgate_hil.running.setup import rig_of, setup_of, variant_of
 from liftgate_hil.running.stimulation import opening_of, planned_stimuli
 from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX, ColumnValues, columns_of
@@ -77,7 +78,7 @@ class Gate:
         setup = setup_of(vehicle=vehicle, settings=settings, initial=initial, seed=seed, variant=variant)
         self.rig = rig = rig_of(rig)
         self._vehicle = vehicle = setup.vehicle
-        self._config = loop_config_of(vehicle, rig, checked("rate", rate), setup.seed)
+        self._config = loop_config_of(vehicle, rig, value_of("rate", rate, RATE), setup.seed)
         opening = opening_of(rig, has_operator=True)
         stimuli = planned_stimuli(setup, rig, opening=opening)
         target = LoopTarget(stimuli, setup, rig, opening.signals, restart=_cannot_reset, make_room=self._make_room)

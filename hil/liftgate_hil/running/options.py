@@ -7,18 +7,18 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any
 
-from liftgate_hil.config.arguments import value_of
-from liftgate_hil.config.kinds import Choice, Flag, Kind, Number, Size, Texts, Whole
+from liftgate_hil.config.described import Field, Record
+from liftgate_hil.config.kinds import Choice, Flag, Number, Size, Texts, Whole
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.limit import Limit
 
 NS = 1_000_000_000
+RATE = Number(200.0, 10_000.0, "Hz")
 CLOCKS = ("realtime", "free", "lockstep")
 
 
@@ -44,108 +44,48 @@ class Files:
         return tuple(check_file(key, str(each)) for each in given)
 
 
-@dataclass(frozen=True)
-class Option:
-    """Description of an option of a run."""
-
-    kind: Kind
-    help: str
-    metavar: str | None = None
-    otherwise: str = ""  # what holds where it is left out, if the default does not show it
-    needs: str = ""  # the option together with which it is allowed; "": any
-
-
 _SECONDS = Number(1e-3, 1e9, "s")
 AROUND = 1.0  # s recorded before and after a condition by default
 _AROUND_S = Number(0.0, 600.0, "s")
 
 
-@dataclass(frozen=True)
-class RunOptions:
+# fmt: off
+# A field with its description is a row of a table.
+
+
+class RunOptions(Record):
     """Options of a run, the same for every kind of run."""
 
-    rate: Annotated[float, Option(Number(200.0, 10_000.0, "Hz"), "ticks per second", "HZ")] = 1000.0
-    clock: Annotated[
-        str,
-        Option(
-            Choice(CLOCKS),
-            "realtime: wall time; free: as fast as possible; lockstep: a command period for each command received",
-        ),
-    ] = "realtime"
-    duration: Annotated[
-        float | None, Option(_SECONDS, "model time", "S", "the scenario's, else until stopped")
-    ] = None
-    overrun_limit: Annotated[
-        float, Option(Number(1e-3, 3600.0, "s"), "end with an error when the loop falls this far behind", "S")
-    ] = 1.0
-    wall_timeout: Annotated[
-        float | None,
-        Option(_SECONDS, "end with an error when lockstep has waited this long for a command", "S", "no limit"),
-    ] = None
-    record: Annotated[
-        tuple[Path, ...],
-        Option(
-            Files(),
-            "write a recording; the suffix picks the format: .csv .parquet for the plant, .log .asc .blf .trc for "
-            "the bus, .mf4 .mcap for both (repeatable)",
-            "FILE",
-        ),
-    ] = ()
-    record_limit: Annotated[
-        int | None,
-        Option(
-            Size(1_000_000),
-            "begin a new file at this size, e.g. 500MB: run.0001.csv, run.0002.csv, …",
-            "SIZE",
-            needs="record",
-        ),
-    ] = None
-    record_keep: Annotated[
-        int | None,
-        Option(Whole(2, 10**9), "keep only the last N of these files", "N", "all", needs="record_limit"),
-    ] = None
-    record_when: Annotated[
-        tuple[str, ...],
-        Option(
-            Texts("a list of texts"),
-            'record only around ticks in which this condition (as in scenarios) is true, e.g. "pinch_force_n > 5" '
-            "(repeatable: any of them)",
-            "CONDITION",
-            needs="record",
-        ),
-    ] = ()
-    record_before: Annotated[
-        float | None,
-        Option(_AROUND_S, "also record this long before that", "S", f"{AROUND:g}", needs="record_when"),
-    ] = None
-    record_after: Annotated[
-        float | None,
-        Option(_AROUND_S, "also record this long after that", "S", f"{AROUND:g}", needs="record_when"),
-    ] = None
-    realtime: Annotated[
-        bool | None,
-        Option(
-            Flag(),
-            "ask for FIFO scheduling, locked memory, a CPU and no deep sleep, and report what is refused; "
-            "--no-realtime: ask for nothing; default: FIFO scheduling and locked memory, where they are granted",
-        ),
-    ] = False  # None: where it is granted
-    cpu: Annotated[
-        int | None,
-        Option(
-            Whole(0, 1023),
-            "the CPU of the loop in real time",
-            "N",
-            "an isolated one, else the last",
-            needs="realtime",
-        ),
-    ] = None
+    rate: Annotated[float, Field(RATE, "ticks per second", metavar="HZ")] = 1000.0
+    clock: Annotated[str, Field(Choice(CLOCKS), "realtime: wall time; free: as fast as possible; lockstep: a "
+        "command period for each command received")] = "realtime"
+    duration: Annotated[float | None, Field(_SECONDS, "model time", "the scenario's, else until stopped",
+        "S")] = None
+    overrun_limit: Annotated[float, Field(Number(1e-3, 3600.0, "s"), "end with an error when the loop falls this "
+        "far behind", metavar="S")] = 1.0
+    wall_timeout: Annotated[float | None, Field(_SECONDS, "end with an error when lockstep has waited this long "
+        "for a command", "no limit", "S")] = None
+    record: Annotated[tuple[Path, ...], Field(Files(), "write a recording; the suffix picks the format: .csv "
+        ".parquet for the plant, .log .asc .blf .trc for the bus, .mf4 .mcap for both (repeatable)",
+        metavar="FILE")] = ()
+    record_limit: Annotated[int | None, Field(Size(1_000_000), "begin a new file at this size, e.g. 500MB: "
+        "run.0001.csv, run.0002.csv, …", metavar="SIZE", needs="record")] = None
+    record_keep: Annotated[int | None, Field(Whole(2, 10**9), "keep only the last N of these files", "all", "N",
+        "record_limit")] = None
+    record_when: Annotated[tuple[str, ...], Field(Texts("a list of texts"), 'record only around ticks in which '
+        'this condition (as in scenarios) is true, e.g. "pinch_force_n > 5" (repeatable: any of them)',
+        metavar="CONDITION", needs="record")] = ()
+    record_before: Annotated[float | None, Field(_AROUND_S, "also record this long before that", f"{AROUND:g}",
+        "S", "record_when")] = None
+    record_after: Annotated[float | None, Field(_AROUND_S, "also record this long after that", f"{AROUND:g}", "S",
+        "record_when")] = None
+    realtime: Annotated[bool | None, Field(Flag(), "ask for FIFO scheduling, locked memory, a CPU and no deep "
+        "sleep, and report what is refused; --no-realtime: ask for nothing; default: FIFO scheduling and locked "
+        "memory, where they are granted")] = False  # None: where it is granted
+    cpu: Annotated[int | None, Field(Whole(0, 1023), "the CPU of the loop in real time",
+        "an isolated one, else the last", "N", "realtime")] = None
 
-    @classmethod
-    def of(cls, given: Mapping[str, Any]) -> RunOptions:
-        """Return the options of arguments by their names, each validated. Raises ConfigError."""
-        return cls(**{name: checked(name, value) for name, value in given.items()})
-
+    # fmt: on
     def limit(self) -> Limit | None:
         """Return the size limit of a recording's files; None: no limit."""
         size = self.record_limit
@@ -158,13 +98,7 @@ class RunOptions:
 
     def check(self) -> None:
         """Validate the options, each and together. Raises ConfigError."""
-        given = {name: checked(name, getattr(self, name)) for name in OPTIONS}
-        for name, value in given.items():
-            needed = OPTIONS[name].needs
-            if needed and value != getattr(RunOptions, name) and given[needed] == getattr(RunOptions, needed):
-                text = f"{value:g}" if isinstance(value, float) else show(value)
-                text = ", ".join(value) if isinstance(value, tuple) else text
-                raise ConfigError(f"`{name}` {text}: allowed: together with `{needed}`")
+        super().check()
         if len({os.path.realpath(path) for path in self.record}) < len(self.record):
             names = ", ".join(str(path) for path in self.record)
             raise ConfigError(f"`record` {names}: allowed: each file once")
@@ -174,15 +108,3 @@ class RunOptions:
             from liftgate_hil.loop.priority import allowed_cpus
 
             raise ConfigError(f"`cpu` {self.cpu}: allowed here: {allowed_cpus()}")
-
-
-_HINTS = get_type_hints(RunOptions, include_extras=True)
-OPTIONS: Mapping[str, Option] = {name: hint.__metadata__[0] for name, hint in _HINTS.items()}
-_MAY_BE_NONE = {name for name, hint in _HINTS.items() if type(None) in get_args(hint.__origin__)}
-
-
-def checked(name: str, value: object) -> Any:
-    """Return the value of an option as RunOptions has it. Raises ConfigError."""
-    if value is None and name in _MAY_BE_NONE:
-        return None
-    return value_of(name, value, OPTIONS[name].kind)

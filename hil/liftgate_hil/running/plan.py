@@ -98,7 +98,7 @@ class Plan(Subject):
 
 def _is_prepared_alike(job: Job, other: Job) -> bool:
     """Whether two jobs of the same files differ in nothing that their plans are made from."""
-    same = replace(job.options, record=other.options.record) == other.options
+    same = job.options.replaced(record=other.options.record) == other.options
     return same and (job.ecu, job.attachable_as) == (other.ecu, other.attachable_as)
 
 

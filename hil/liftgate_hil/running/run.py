@@ -75,19 +75,17 @@ def run(
     """
     bus = text_or_none("bus", bus)
     options = RunOptions.of(
-        {
-            "rate": rate,
-            "clock": clock,
-            "duration": duration,
-            "record": record,
-            "record_limit": record_limit,
-            "record_keep": record_keep,
-            "record_when": record_when,
-            "record_before": record_before,
-            "record_after": record_after,
-            "wall_timeout": wall_timeout,
-            "realtime": realtime,
-        }
+        rate=rate,
+        clock=clock,
+        duration=duration,
+        record=record,
+        record_limit=record_limit,
+        record_keep=record_keep,
+        record_when=record_when,
+        record_before=record_before,
+        record_after=record_after,
+        wall_timeout=wall_timeout,
+        realtime=realtime,
     )
     job = Job(
         scenario=scenario,

@@ -258,7 +258,7 @@ def _unasked(case: Case) -> Case:
 
 def _bare(case: Case) -> Case:
     """Return a copy of a case without recordings and trace summaries: its run yields verdicts only."""
-    options = replace(case.job.options, record=())
+    options = case.job.options.replaced(record=())
     return _varied(case, replace(case.job, is_summarized=False, options=options))
 
 

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.codec.receive import rejected
+from liftgate_hil.config.described import fields_of
 from liftgate_hil.config.files import is_there
 from liftgate_hil.config.scenario import read_scenario
 from liftgate_hil.config.scenario_schema import ScenarioTable
-from liftgate_hil.config.schema import keys_of
 from liftgate_hil.config.shipped import find_config, shipped_folder
 from liftgate_hil.config.toml import read_toml
 from liftgate_hil.ecu.find import is_foreign
@@ -48,7 +48,7 @@ _LIKE_ONE = re.compile(
     rb"^[ \t]*((precondition|requirement|duration)[ \t]*=|\[\[(request|obstacle|fault|profile)\]\])", re.M
 )
 _MISSING = 0.05  # share of the commands whose counter is missing, from which on that is noted
-_KNOWN = {key.name for key in keys_of(ScenarioTable)}
+_KNOWN = {key.name for key in fields_of(ScenarioTable)}
 
 
 @dataclass(frozen=True)

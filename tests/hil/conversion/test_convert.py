@@ -18,7 +18,8 @@ from hil_support import frames_of
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, logged, no_logged
-from liftgate_hil.conversion.convert import convert
+from liftgate_hil.conversion.convert import convert, converted
+from liftgate_hil.conversion.request import ConvertRequest
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats import (
     bus_log,
@@ -32,7 +33,6 @@ from liftgate_hil.formats import (
 )
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import FORMATS, RECORDED, TABLES, WITH_MARKS, open_recording, open_writer
-from liftgate_hil.formats.recording import ReadOptions
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, columns_of
 
 pytest.importorskip("asammdf")
@@ -339,7 +339,7 @@ def test_a_bus_of_several_is_chosen_or_nothing_is_written(tmp_path: Path, suffix
     with pytest.raises(ConfigError, match="frames of 2 buses, can0 and can1; allowed: one"):
         convert(path, target)
     assert list(tmp_path.iterdir()) == [path]
-    done = convert(path, target, how=ReadOptions("can1"))
+    done = convert(path, target, recording_channel="can1")
     assert done.notes == ("1 frame left out (of another bus than can1), the first in can0",)
     (frame,) = frames_in(target)
     assert frame["identifier"] == 0x121 | FD | BRS | ESI
@@ -510,7 +510,7 @@ def test_one_that_is_stopped_leaves_what_was_there(tmp_path: Path) -> None:
     target = tmp_path / "out.mf4"
     target.write_text("before")
     asked = iter([False, False, False])
-    done = convert(path, target, stopped=lambda: next(asked, True))
+    done = converted(ConvertRequest(source=path, target=target), stopped=lambda: next(asked, True))
     assert not done.is_complete
     assert 0 < done.rows + done.frames < 2_000
     assert target.read_text() == "before"

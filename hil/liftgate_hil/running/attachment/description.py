@@ -11,11 +11,11 @@ from typing import Any
 import orjson
 
 from liftgate_hil.codec.bus_config import physical_range
+from liftgate_hil.config.described import Field
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, MESSAGE, WHERE, FaultKind
 from liftgate_hil.config.kinds import Choice, Level, Number, Whole
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
-from liftgate_hil.config.schema import Key
 from liftgate_hil.formats.open import RECORDED
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.attachment.geometry import geometry_of
@@ -157,7 +157,7 @@ def _kind(kind: FaultKind, setup: Setup, rig: Rig) -> dict[str, Any]:
     return {"meaning": kind.meaning, "group": kind.group, "of": kind.of, "where": places, "keys": keys}
 
 
-def _key(key: Key) -> dict[str, Any]:
+def _key(key: Field) -> dict[str, Any]:
     kind = key.kind
     content: dict[str, Any] = {"meaning": key.meaning, "allowed": kind.allowed, "labels": [], "unit": ""}
     if isinstance(kind, Number | Whole):

@@ -1,0 +1,233 @@
+"""Description of a field, once: from it files and arguments are read, and flags and reference pages are made.
+
+A record is a class whose annotated fields each have a Field: the keys of a table in a file, the options of a run,
+the arguments of a command.
+
+    class RodTable(Record):
+        angle_deg: Annotated[float, Field(Number(-10.0, 180.0, "deg"), "gate angle at which the gate meets it")]
+        stiffness: Annotated[float, Field(Number(1.0, 1e7, "N/m"), "stiffness of its spring")] = 10_000.0
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from numbers import Integral, Real
+from typing import (
+    Any,
+    Generic,
+    NamedTuple,
+    ParamSpec,
+    Self,
+    TypeVar,
+    cast,
+    dataclass_transform,
+    get_args,
+    get_type_hints,
+    overload,
+)
+
+from liftgate_hil.config.kinds import Kind
+from liftgate_hil.config.toml import Table, known_keys, show
+from liftgate_hil.errors import ConfigError, ConfigIssues
+
+REQUIRED = object()
+P = ParamSpec("P")  # the arguments of a command
+Returned = TypeVar("Returned")
+
+
+class Field(NamedTuple):
+    """Description of a field.
+
+    As the annotation of a record's field it states kind and meaning; where the value itself does not show it, the
+    default in words; for a flag, what stands for its value in the help, and the field together with which it is
+    allowed. `fields_of` adds what the class states: name, default, and whether None is allowed.
+    """
+
+    kind: Kind
+    meaning: str
+    default_words: str = ""
+    metavar: str | None = None
+    needs: str = ""
+    name: str = ""
+    default: Any = REQUIRED
+    may_be_none: bool = False
+
+    @property
+    def default_text(self) -> str:
+        """The default in words; "": there is none, or it says nothing."""
+        if self.default is REQUIRED and not self.default_words:
+            return "required"
+        if self.default_words or self.default is None or self.default == ():
+            return self.default_words
+        if isinstance(self.default, bool):
+            return str(self.default).lower()
+        return f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
+
+    def checked(self, value: object) -> Any:
+        """Return the value of an argument as the record holds it. Raises ConfigError."""
+        return None if value is None and self.may_be_none else value_of(self.name, value, self.kind)
+
+    def is_given(self, value: object) -> bool:
+        """Whether a value is another one than the default."""
+        return bool(value != self.default)
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+class Record:
+    """Base class of records.
+
+    A field without a value is required. Type checkers know the constructor as that of a dataclass; subclasses are
+    none, as to create one takes as long as to import a file, and is done at every start. The constructor does not
+    validate: `of` does. Of a class with `kw_only=False` it takes values by their place, too.
+    """
+
+    def __init__(self, **values: Any) -> None:
+        self.__dict__.update(values)
+
+    def __init_subclass__(cls, *, kw_only: bool = True) -> None:
+        """Take what type checkers need to know of a subclass."""
+
+    @classmethod
+    def of(cls, *placed: Any, **given: Any) -> Self:
+        """Return the record of arguments, each one validated, and all of them together.
+
+        Raises ConfigError, and TypeError for arguments that do not fit the fields.
+        """
+        fields = {each.name: each for each in fields_of(cls)}
+        bound = signature_of(cls).bind(*placed, **given).arguments
+        found = cls(**{name: fields[name].checked(value) for name, value in bound.items()})
+        found.check()
+        return found
+
+    def check(self) -> None:
+        """Validate the values, each and together: what `needs` another one. Raises ConfigError."""
+        fields = {each.name: each for each in fields_of(type(self))}
+        for name, field in fields.items():
+            value = field.checked(getattr(self, name))
+            if (
+                field.needs
+                and field.is_given(value)
+                and not fields[field.needs].is_given(getattr(self, field.needs))
+            ):
+                text = f"{value:g}" if isinstance(value, float) else show(value)
+                text = ", ".join(map(str, value)) if isinstance(value, tuple) else text
+                raise ConfigError(f"`{name}` {text}: allowed: together with `{field.needs}`")
+
+    def replaced(self, **values: Any) -> Self:
+        """Return the record with other values."""
+        return type(self)(**{**self.__dict__, **values})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the values of all fields, by their names."""
+        return {each.name: getattr(self, each.name) for each in fields_of(type(self))}
+
+    def __eq__(self, other: object) -> bool:
+        """Whether another record is of the same class and has the same values."""
+        return isinstance(other, Record) and type(self) is type(other) and self.to_dict() == other.to_dict()
+
+    def __hash__(self) -> int:
+        """Return the hash of class and values. Raises TypeError where a value, such as a table, has none."""
+        return hash((type(self), *self.to_dict().values()))
+
+    def __repr__(self) -> str:
+        """Return the class and the values that are not the defaults."""
+        fields = [each for each in fields_of(type(self)) if each.is_given(getattr(self, each.name))]
+        return (
+            f"{type(self).__name__}({', '.join(f'{each.name}={getattr(self, each.name)!r}' for each in fields)})"
+        )
+
+
+Read = TypeVar("Read", bound=Record)
+Given = TypeVar("Given", bound=Record)
+
+
+_FIELDS: dict[type, tuple[Field, ...]] = {}  # of records that have been asked for
+
+
+def fields_of(record: type) -> tuple[Field, ...]:
+    """Return the fields of a record, in their order."""
+    if record not in _FIELDS:
+        hints = get_type_hints(record, include_extras=True)
+        _FIELDS[record] = tuple(
+            hint.__metadata__[0]._replace(
+                name=name,
+                default=getattr(record, name, REQUIRED),
+                may_be_none=type(None) in get_args(hint.__origin__),
+            )
+            for name, hint in hints.items()
+        )
+    return _FIELDS[record]
+
+
+def signature_of(record: type) -> inspect.Signature:
+    """Return the signature of a function whose arguments are a record's fields."""
+    either, empty = inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.empty
+    required = sorted(fields_of(record), key=lambda each: each.default is not REQUIRED)
+    return inspect.Signature(
+        [
+            inspect.Parameter(each.name, either, default=empty if each.default is REQUIRED else each.default)
+            for each in required
+        ]
+    )
+
+
+class Command(Generic[P, Given, Returned]):
+    """Public function of a command: it takes the fields of its request as arguments, or the request itself."""
+
+    def __init__(self, request: Callable[P, Given], function: Callable[[Given], Returned]) -> None:
+        self._request = cast(Any, request)
+        self._function = function
+        self.__name__, self.__doc__ = function.__name__, function.__doc__
+        self.__wrapped__, self.__signature__ = function, signature_of(self._request)
+
+    @overload
+    def __call__(self, request: Given, /) -> Returned: ...
+
+    @overload
+    def __call__(self, *placed: P.args, **given: P.kwargs) -> Returned: ...
+
+    def __call__(self, *placed: Any, **given: Any) -> Returned:
+        """Validate the arguments and run the command. Raises ConfigError, and what the command raises."""
+        is_whole = len(placed) == 1 and not given and isinstance(placed[0], self._request)
+        values = placed[0].to_dict() if is_whole else given
+        return self._function(self._request.of(*([] if is_whole else placed), **values))
+
+
+def value_of(name: str, value: object, kind: Kind) -> Any:
+    """Return the value of an argument as its kind reads it. Raises ConfigError."""
+    given = value
+    if isinstance(value, Real) and not isinstance(value, bool):
+        given = int(value) if isinstance(value, Integral) else float(value)
+    issues = ConfigIssues("")
+    found = kind.read(issues, name, list(given) if isinstance(given, tuple) else given)
+    if issues.count:
+        raise ConfigError(f"`{name}` {show(value)}: allowed: {kind.allowed}")
+    return found
+
+
+def read_record(issues: ConfigIssues, prefix: str, given: Table, record: type[Read]) -> Read:
+    """Return a table as a record; issues are noted, and values that have them are `invalid` of their kind."""
+    return record(**read_values(issues, prefix, given, fields_of(record)))
+
+
+def read_values(issues: ConfigIssues, prefix: str, given: Table, fields: Sequence[Field]) -> dict[str, Any]:
+    """Return the values of a table by its keys; issues are noted, for a missing key no others."""
+    known_keys(issues, prefix, given, [each.name for each in fields])
+    found: dict[str, Any] = {}
+    for each in fields:
+        place = dotted(prefix, each.name)
+        if each.name in given:
+            found[each.name] = each.kind.read(issues, place, given[each.name])
+        elif each.default is REQUIRED:
+            issues.add(place, f"missing; allowed: {each.kind.allowed}")
+            issues.settle(place)
+            found[each.name] = each.kind.invalid
+        else:
+            found[each.name] = each.default
+    return found
+
+
+def dotted(prefix: str, name: str) -> str:
+    """Return the dotted key of a table's key; the prefix of a file itself is empty."""
+    return f"{prefix}.{name}" if prefix else name

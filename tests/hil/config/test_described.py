@@ -1,0 +1,95 @@
+"""Records of described fields: as arguments of a function, as values together, as a signature."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import Annotated, Any
+
+import pytest
+
+from liftgate_hil.config.described import Command, Field, Record, fields_of
+from liftgate_hil.config.kinds import File, Flag, Number, Text, Texts
+from liftgate_hil.errors import ConfigError
+
+
+class Request(Record, kw_only=False):
+    """Request to draw a rod."""
+
+    source: Annotated[str | Path, Field(File(), "a recording", metavar="FILE")]
+    angle_deg: Annotated[float, Field(Number(0.0, 90.0, "deg"), "angle of the rod", metavar="DEG")] = 35.0
+    names: Annotated[tuple[str, ...], Field(Texts("a list of names"), "columns")] = ()
+    title: Annotated[str | None, Field(Text(), "title of the picture", "the file's name")] = None
+    is_small: Annotated[bool, Field(Flag(), "a small picture", needs="title")] = False
+
+
+def shown(request: Request) -> str:
+    """Return a request in words."""
+    return f"{request.source} {request.angle_deg:g} {','.join(request.names)} {request.title}"
+
+
+draw = Command(Request, shown)
+
+
+def test_arguments_are_read_as_their_kinds_read_them() -> None:
+    found = Request.of("run.csv", angle_deg=10, names=["a", "b"])
+    assert found.source == Path("run.csv")
+    assert isinstance(found.angle_deg, float)
+    assert found.names == ("a", "b")
+    assert found.title is None
+    assert Request.of("run.csv").angle_deg == 35.0
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"angle_deg": 91}, "`angle_deg` 91: allowed: 0 to 90 deg"),
+        ({"angle_deg": None}, "`angle_deg` None: allowed: 0 to 90 deg"),
+        ({"source": 3}, "`source` 3: allowed: a path"),
+        ({"source": ""}, "`source` '': allowed: a path"),
+        ({"names": 3}, "`names` 3: allowed: a list of names"),
+        ({"is_small": True}, "`is_small` True: allowed: together with `title`"),
+    ],
+)
+def test_an_argument_that_is_not_allowed_is_refused_with_what_is(given: Any, message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        Request.of(**{"source": "run.csv", **given})
+    assert caught.value.issues == [message]
+
+
+def test_what_another_argument_needs_may_be_given_with_it() -> None:
+    assert Request.of("run.csv", title="x", is_small=True).is_small
+
+
+@pytest.mark.parametrize("given", [{}, {"source": "run.csv", "angel_deg": 3}])
+def test_arguments_that_are_no_fields_or_are_missing_are_an_error_of_the_call(given: Any) -> None:
+    with pytest.raises(TypeError):
+        Request.of(**given)
+
+
+def test_a_command_takes_arguments_or_its_request() -> None:
+    assert draw("run.csv", 10.0) == "run.csv 10  None"
+    assert draw(source="run.csv", title="x") == "run.csv 35  x"
+    assert draw(Request(source="run.csv", names=("a",))) == "run.csv 35 a None"
+    with pytest.raises(ConfigError, match="0 to 90 deg"):
+        draw(Request(source="run.csv", angle_deg=91.0))
+
+
+def test_a_command_has_the_signature_of_its_request_and_the_text_of_its_function() -> None:
+    assert list(inspect.signature(draw).parameters) == ["source", "angle_deg", "names", "title", "is_small"]
+    assert inspect.signature(draw).parameters["angle_deg"].default == 35.0
+    assert draw.__doc__ == shown.__doc__
+
+
+def test_records_are_equal_by_their_values_and_show_what_is_not_the_default() -> None:
+    one = Request(source=Path("a"), angle_deg=35.0)
+    assert one == Request(source=Path("a"))
+    assert one != one.replaced(angle_deg=36.0)
+    assert one != 35.0
+    assert repr(one.replaced(title="x")) == f"Request(source={Path('a')!r}, title='x')"
+
+
+def test_a_default_is_told_in_words() -> None:
+    assert {each.name: each.default_text for each in fields_of(Request)} == {
+        "source": "required", "angle_deg": "35", "names": "", "title": "the file's name", "is_small": "false",
+    }  # fmt: skip
