@@ -10,14 +10,15 @@ the arguments of a command.
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Callable, Sequence
 from numbers import Integral, Real
 from typing import (
     Any,
-    Generic,
     NamedTuple,
     ParamSpec,
+    Protocol,
     Self,
     TypeVar,
     cast,
@@ -33,7 +34,8 @@ from liftgate_hil.errors import ConfigError, ConfigIssues
 
 REQUIRED = object()
 P = ParamSpec("P")  # the arguments of a command
-Returned = TypeVar("Returned")
+Request_contra = TypeVar("Request_contra", contravariant=True)
+Result_co = TypeVar("Result_co", covariant=True)
 
 
 class Field(NamedTuple):
@@ -139,7 +141,6 @@ class Record:
 
 
 Read = TypeVar("Read", bound=Record)
-Given = TypeVar("Given", bound=Record)
 
 
 _FIELDS: dict[type, tuple[Field, ...]] = {}  # of records that have been asked for
@@ -172,26 +173,52 @@ def signature_of(record: type) -> inspect.Signature:
     )
 
 
-class Command(Generic[P, Given, Returned]):
+class Command(Protocol[P, Request_contra, Result_co]):
     """Public function of a command: it takes the fields of its request as arguments, or the request itself."""
 
-    def __init__(self, request: Callable[P, Given], function: Callable[[Given], Returned]) -> None:
-        self._request = cast(Any, request)
-        self._function = function
-        self.__name__, self.__doc__ = function.__name__, function.__doc__
-        self.__wrapped__, self.__signature__ = function, signature_of(self._request)
+    @overload
+    def __call__(self, request: Request_contra, /) -> Result_co: ...
 
     @overload
-    def __call__(self, request: Given, /) -> Returned: ...
+    def __call__(self, *placed: P.args, **given: P.kwargs) -> Result_co: ...
 
-    @overload
-    def __call__(self, *placed: P.args, **given: P.kwargs) -> Returned: ...
 
-    def __call__(self, *placed: Any, **given: Any) -> Returned:
-        """Validate the arguments and run the command. Raises ConfigError, and what the command raises."""
-        is_whole = len(placed) == 1 and not given and isinstance(placed[0], self._request)
-        values = placed[0].to_dict() if is_whole else given
-        return self._function(self._request.of(*([] if is_whole else placed), **values))
+def command(
+    request: Callable[P, Request_contra],
+) -> Callable[[Callable[[Request_contra], Result_co]], Command[P, Request_contra, Result_co]]:
+    """Return a decorator that has a function of a request take the request's fields as arguments, too.
+
+    They are validated before the function is called: it raises ConfigError, and TypeError for arguments that do
+    not fit. Signature and list of arguments in its docstring are those of the record.
+    """
+    record = cast(Any, request)
+
+    def decorated(function: Callable[[Request_contra], Result_co]) -> Command[P, Request_contra, Result_co]:
+        def call(*placed: Any, **given: Any) -> Result_co:
+            if len(placed) == 1 and not given and isinstance(placed[0], record):
+                return function(record.of(**placed[0].to_dict()))
+            try:
+                values = signature.bind(*placed, **given).arguments
+            except TypeError as error:
+                raise TypeError(f"{function.__name__}() {error}") from None
+            return function(record.of(**values))
+
+        signature = signature_of(record)
+        functools.update_wrapper(call, function)
+        vars(call)["__signature__"] = signature
+        call.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\n{_arguments_text(record)}"
+        return cast(Command[P, Request_contra, Result_co], call)
+
+    return decorated
+
+
+def _arguments_text(record: type) -> str:
+    """Return the fields of a record as a list for a docstring."""
+    lines = []
+    for each in fields_of(record):
+        default = f"; default: {each.default_text}" if each.default_text and each.default is not REQUIRED else ""
+        lines.append(f"- `{each.name}`: {each.meaning}; allowed: {each.kind.allowed}{default}")
+    return "\n".join(lines)
 
 
 def value_of(name: str, value: object, kind: Kind) -> Any:

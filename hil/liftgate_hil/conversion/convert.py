@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR
-from liftgate_hil.config.described import Command
+from liftgate_hil.config.described import command
 from liftgate_hil.config.units import headed_unit
 from liftgate_hil.conversion.request import ConvertRequest
 from liftgate_hil.conversion.table import decoded, files_of
@@ -86,7 +86,14 @@ def converted(
     return _written(plan, target, inputs, stopped, report)
 
 
-convert = Command(ConvertRequest, converted)
+@command(ConvertRequest)
+def convert(request: ConvertRequest) -> Converted:
+    """Convert a recording, or a bus log of another tool, into the format of the target's suffix.
+
+    A target that cannot hold the content unchanged is not written; what it leaves out is in the notes of the
+    result. A file that is already there is kept under another name. Raises ConfigError, RecordingError.
+    """
+    return converted(request)
 
 
 def _checked(target: Path) -> Path:

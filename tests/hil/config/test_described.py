@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import pytest
 
-from liftgate_hil.config.described import Command, Field, Record, fields_of
+from liftgate_hil.config.described import Field, Record, command, fields_of
 from liftgate_hil.config.kinds import File, Flag, Number, Text, Texts
 from liftgate_hil.errors import ConfigError
 
@@ -23,12 +23,10 @@ class Request(Record, kw_only=False):
     is_small: Annotated[bool, Field(Flag(), "a small picture", needs="title")] = False
 
 
-def shown(request: Request) -> str:
+@command(Request)
+def draw(request: Request) -> str:
     """Return a request in words."""
     return f"{request.source} {request.angle_deg:g} {','.join(request.names)} {request.title}"
-
-
-draw = Command(Request, shown)
 
 
 def test_arguments_are_read_as_their_kinds_read_them() -> None:
@@ -78,7 +76,13 @@ def test_a_command_takes_arguments_or_its_request() -> None:
 def test_a_command_has_the_signature_of_its_request_and_the_text_of_its_function() -> None:
     assert list(inspect.signature(draw).parameters) == ["source", "angle_deg", "names", "title", "is_small"]
     assert inspect.signature(draw).parameters["angle_deg"].default == 35.0
-    assert draw.__doc__ == shown.__doc__
+    text = inspect.getdoc(draw)
+    assert text is not None
+    assert text.startswith("Return a request in words.\n\n- `source`: a recording; allowed: a path\n")
+    assert "- `angle_deg`: angle of the rod; allowed: 0 to 90 deg; default: 35\n" in text
+    assert inspect.isfunction(draw)
+    with pytest.raises(TypeError, match=r"^draw\(\) got an unexpected keyword argument 'angel_deg'"):
+        draw("run.csv", angel_deg=3)  # type: ignore[call-overload]
 
 
 def test_records_are_equal_by_their_values_and_show_what_is_not_the_default() -> None:
