@@ -107,7 +107,7 @@ def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
         scenario = Path(folder) / "scenario.toml"
         scenario.write_text(_SCENARIO, encoding="utf-8")
         for clock in CLOCKS:
-            records, when = (Path(folder) / "run.csv",), ("time_s > 0",)
+            records, when = (Path(folder) / f"{clock}.csv",), ("time_s > 0",)
             options = RunOptions(clock=clock, duration=0.001, record=records, record_when=when)
             job = Job(scenario=str(scenario), ecu="reference", options=options, listener=_Compiling(teller))
             result = execute(plan_of(job), stopped)

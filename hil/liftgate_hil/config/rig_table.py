@@ -166,11 +166,11 @@ def _conversion(wire: SignalMapping, quantity: Signal) -> str:
     if wire.basis == "unit" and (wire.scale, wire.offset) == (1.0, 0.0):
         return ""
     if wire.basis == "labels":
-        return "the same labels"
-    scale = "" if wire.scale == 1.0 else f"{wire.scale:.6g} "
+        return "labels as in the database"
+    scale = "" if wire.scale == 1.0 else f"{wire.scale:.6g} × "
     offset = "" if wire.offset == 0.0 else f" {wire.offset:+.6g}"
     who = " (by the rig)" if wire.basis == "rig" else ""
-    return f"[{quantity.unit}] = {scale}[{wire.unit}]{offset}{who}"
+    return f"value in {quantity.unit} = {scale}value in {wire.unit}{offset}{who}"
 
 
 def _protection(options: MessageOptions) -> str:

@@ -91,6 +91,8 @@ def _advice(name: str) -> str:
     if path.suffix == ".py" or _names_file(name):
         file, _, attribute = name.partition(":")
         path = Path(file)
+        if not path.is_file():
+            return f"{file}: no such file; "
         # Modules are found below the working directory.
         is_below = not path.is_absolute() and ".." not in path.parts
         module = ".".join(path.with_suffix("").parts) if is_below else path.stem

@@ -207,8 +207,9 @@ class Summary:
         delay = self.timing.delay
         if delay.count:
             lines.append(
-                f"command to feedback {in_words(delay)}: this delay would add {force_of(delay.p50_us):.1f} N of "
-                f"pinch force on a 10 N/mm rod, the longest one {force_of(delay.max_us):.1f} N"
+                f"command to feedback {in_words(delay)}: of the force on a 10 N/mm rod "
+                f"{force_of(delay.p50_us):.1f} N are due to this delay, {force_of(delay.max_us):.1f} N with the "
+                "longest one"
             )
         if self.link.before_start:
             lines.append(

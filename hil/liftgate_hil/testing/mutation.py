@@ -14,7 +14,8 @@ from liftgate_hil.running.setup import Setup
 from liftgate_hil.testing.suite import Case, Outcome, run_suite
 
 REACHED, NEVER_REACHED = "reached and tolerated", "never reached"  # why a mutant survives
-INSIDE = "in the ECU only"  # where a mutant that is reached shows if gate and motors do the same
+# What is said of a mutant that is reached, if gate and motors do the same.
+INSIDE = "which changed the ECU's state, but no command"
 SOUND = ""  # in place of a mutant's name: the reference ECU itself
 
 

@@ -43,7 +43,10 @@ def test_the_shipped_rig_is_fine_and_shows_all_it_maps(capsys: pytest.CaptureFix
 def test_a_foreign_rig_shows_units_conversions_and_ranges(capsys: pytest.CaptureFixture[str]):
     assert main(["rig", "check", str(FOREIGN), "--vehicle", "compact", "--rate", "2000"]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
-    assert "left_current StromLinks [mA] -> [A] -81.923 to 81.897 A in steps of 0.02 [A] = 0.001 [mA]" in lines
+    assert (
+        "left_current StromLinks [mA] -> [A] -81.923 to 81.897 A in steps of 0.02 value in A = 0.001 × value in mA"
+        in lines
+    )
     assert any("coast = Frei, open = Auf, close = Zu, brake = Halt (by the rig)" in x for x in lines)
     assert lines[-1].endswith("fits compact at 2000 Hz")
 

@@ -43,7 +43,9 @@ from liftgate_hil.running.setup import rig_from
         ("module_here", "a module; name its class, too: module_here:CLASS; allowed: "),
         ("mutant:no_such", "a mutant is run by liftgate-hil test and campaign; allowed: "),
         ("Referense", "did you mean reference? allowed: "),
-        ("my_ecu", "allowed: reference, the path of a shared library, MODULE:CLASS, or bus"),
+        ("my_ecu", "a module; name its class, too: my_ecu:CLASS; allowed: "),
+        ("no_ecu", "allowed: reference, the path of a shared library, MODULE:CLASS, or bus"),
+        ("no_ecu.py:Ecu", "no_ecu.py: no such file; allowed: "),
         ("nowhere.so", "no such file"),
         ("no_such.part:Ecu", "no module no_such in "),
     ],
@@ -51,9 +53,20 @@ from liftgate_hil.running.setup import rig_from
 def test_a_name_that_names_no_ecu_is_told_with_what_it_may_have_meant(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, told: str
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("program").touch()
-    Path("module_here.py").touch()
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    for each in (
+        "program",
+        "module_here.py",
+        "my_ecu.py",
+        "my-ecu.py",
+        "src/my_ecu.py",
+        "../my_ecu.py",
+        "../a b/my_ecu.py",
+    ):
+        Path(each).parent.mkdir(exist_ok=True)
+        Path(each).touch()
     with pytest.raises(ConfigError) as failure:
         check_ecu(name)
     (issue,) = failure.value.issues

@@ -16,7 +16,7 @@ from liftgate_hil.ecu import mutants
 from liftgate_hil.ecu.calibration import CALIBRATED, coded
 from liftgate_hil.ecu.defects import NO_DEFECTS, Defects
 from liftgate_hil.ecu.mutants import MUTANTS, calibration_of
-from liftgate_hil.testing.mutation import MutationResult
+from liftgate_hil.testing.mutation import INSIDE, MutationResult
 from liftgate_plant.coding import UNCODED
 
 FEW = ("stop_ignored", "latch_not_released", "heat_ignored")
@@ -150,7 +150,10 @@ def test_a_defect_that_changes_only_what_is_learned_is_reached(
     file.write_text(TRAPS + more)
     assert main(["test", str(file), "--mutants"]) == 0
     out = capsys.readouterr().out
-    assert "s.toml, in the ECU only (defect: the load of a trapped obstacle is learned)" in out
+    assert (
+        "s.toml, which changed the ECU's state, but no command (defect: the load of a trapped obstacle is learned)"
+        in out
+    )
     assert "SURVIVED, never reached (defect: motors start at any temperature)" in out
 
 

@@ -248,11 +248,13 @@ def drivers(summary: Summary, units: Mapping[str, str], choice: Choice = "sample
         if not indices or (column == FORCE and parts and summary.driver == FORCE):
             continue
         rows = [_driver_row(each, units) for each in indices]
-        rows.append(("together, or by chance", _bar(rest_of(indices)), "", ""))
+        rows.append(("several together, or chance", _bar(rest_of(indices)), "", ""))
         what = _margin_words(column) if column.startswith(MARGIN) else axis_label(column)
         parts.append(f"<h3>{text(what)}</h3>")
-        mean = _with_unit("mean over classes of the value, from … to …", column, summary)
-        parts.append(table(("varied", "explains alone", mean, "highest mean at"), rows, ("name", "n", "r", "r")))
+        mean = _with_unit("lowest … highest mean of a class", column, summary)
+        parts.append(
+            table(("varied", "share of the variance", mean, "highest mean at"), rows, ("name", "n", "r", "r"))
+        )
     if parts:
         parts.append(
             '<p class="soft">First-order Sobol indices of these variants: the share of variance that a value '
