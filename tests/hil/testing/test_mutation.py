@@ -150,10 +150,7 @@ def test_a_defect_that_changes_only_what_is_learned_is_reached(
     file.write_text(TRAPS + more)
     assert main(["test", str(file), "--mutants"]) == 0
     out = capsys.readouterr().out
-    assert (
-        "s.toml, which changed the ECU's state, but no command (defect: the load of a trapped obstacle is learned)"
-        in out
-    )
+    assert f"s.toml, {INSIDE} (defect: the load of a trapped obstacle is learned)" in out
     assert "SURVIVED, never reached (defect: motors start at any temperature)" in out
 
 
