@@ -265,9 +265,13 @@ def test_charts_have_the_values_of_the_header_beside_their_names(page: Any) -> N
 
 def test_a_peak_that_the_charts_no_longer_have_is_told_and_the_list_says_zoomed(page: Any) -> None:
     until(page, lambda _: page.execute_script("return charts.times.length > 20"))
-    page.execute_script("zoomToPeak({ pinch_peak_n: 98.4, pinch_peak_s: charts.times[0] - 2.5 })")
-    said, begin = page.execute_script("return [find('end-peak').textContent, charts.times[0]]")
-    assert said.startswith(f"The largest pinch force, 98 N, was at {begin - 2.5:.1f}")
+    said, when = page.execute_script(
+        "const when = charts.times[0] - 2.5; zoomToPeak({ pinch_peak_n: 98.4, pinch_peak_s: when });"
+        "return [find('end-peak').textContent, when]"
+    )
+    told = re.match(r"The largest pinch force, 98 N, was at (-?[\d.]+) s; ", said)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(when, abs=0.06)
     assert page.execute_script("return find('window').selectedOptions[0].text") == "zoomed"
     assert page.execute_script("return charts.range[0] === charts.times[0]")
     click(page, "#hold")

@@ -105,16 +105,17 @@ class Record:
     def check(self) -> None:
         """Validate the values, each and together: what `needs` another one. Raises ConfigError."""
         fields = {each.name: each for each in fields_of(type(self))}
-        for name, field in fields.items():
-            value = field.checked(getattr(self, name))
-            if (
-                field.needs
-                and field.is_given(value)
-                and not fields[field.needs].is_given(getattr(self, field.needs))
-            ):
+        given = {
+            name: value
+            for name, field in fields.items()
+            if field.is_given(value := field.checked(getattr(self, name)))
+        }
+        for name, value in given.items():
+            needed = fields[name].needs
+            if needed and needed not in given:
                 text = f"{value:g}" if isinstance(value, float) else show(value)
                 text = ", ".join(map(str, value)) if isinstance(value, tuple) else text
-                raise ConfigError(f"`{name}` {text}: allowed: together with `{field.needs}`")
+                raise ConfigError(f"`{name}` {text}: allowed: together with `{needed}`")
 
     def replaced(self, **values: Any) -> Self:
         """Return the record with other values."""
