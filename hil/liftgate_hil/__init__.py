@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from liftgate_hil import errors
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.scenario import Scenario
+    from liftgate_hil.conversion.compare_recordings import compare
     from liftgate_hil.conversion.convert import convert
+    from liftgate_hil.conversion.plot import plot
     from liftgate_hil.judging.verdict import Verdict
     from liftgate_hil.running.gate import Gate
     from liftgate_hil.running.result import Result
@@ -37,11 +39,13 @@ _HOMES = {
     "Scenario": ("liftgate_hil.config.scenario", "Scenario"),
     "Vehicle": ("liftgate_plant.vehicle", "Vehicle"),
     "Verdict": ("liftgate_hil.judging.verdict", "Verdict"),
+    "compare": ("liftgate_hil.conversion.compare_recordings", "compare"),
     "convert": ("liftgate_hil.conversion.convert", "convert"),
     "judge": ("liftgate_hil.testing.rejudge", "judge"),
     "load_rig": ("liftgate_hil.running.setup", "rig_from"),
     "load_scenario": ("liftgate_hil.running.setup", "scenario_from"),
     "load_vehicle": ("liftgate_hil.running.setup", "vehicle_from"),
+    "plot": ("liftgate_hil.conversion.plot", "plot"),
     "run": ("liftgate_hil.running.run", "run"),
 }
 
@@ -52,12 +56,14 @@ __all__ = [
     "Scenario",
     "Vehicle",
     "Verdict",
+    "compare",
     "convert",
     "errors",
     "judge",
     "load_rig",
     "load_scenario",
     "load_vehicle",
+    "plot",
     "run",
 ]
 

@@ -63,27 +63,32 @@ def add_options(parser: argparse.ArgumentParser, *names: str, **defaults: Any) -
     add_flags(parser, RunOptions, *names, **defaults)
 
 
-def add_flags(parser: argparse.ArgumentParser, record: type[Record], *names: str, **defaults: Any) -> None:
+def add_flags(
+    parser: argparse.ArgumentParser, record: type[Record], *names: str, placed: str = "", **defaults: Any
+) -> None:
     """Add a flag, or where it is required an argument, for fields of a record; `defaults` replace theirs.
 
-    Without names all fields get theirs.
+    Without names all fields get theirs. The field `placed` is an argument, too, which may be left out.
     """
     fields = {each.name: each for each in fields_of(record)}
     for name in names or fields:
         field = fields[name]._replace(default=defaults.get(name, fields[name].default))
-        flag, meta = "--" + name.replace("_", "-"), field.metavar
+        flag, meta = "--" + (field.flag or name.replace("_", "-")), field.metavar
         text = f"{field.meaning}; default: {words}" if (words := field.default_text) else field.meaning
         if field.default is REQUIRED:
             parser.add_argument(name, metavar=meta, type=of_kind(field.kind), help=field.meaning)
+        elif name == placed:
+            parser.add_argument(name, nargs="?", metavar=meta, type=of_kind(field.kind), help=field.meaning)
         elif isinstance(field.kind, Flag):
             either = argparse.BooleanOptionalAction if field.may_be_none else "store_true"
             parser.add_argument(flag, action=either, help=field.meaning)
         elif isinstance(field.kind, Choice):
             parser.add_argument(flag, choices=field.kind.words, default=field.default, help=text)
         elif field.default == ():
-            parser.add_argument(flag, action="append", default=[], metavar=meta, help=text)
+            parser.add_argument(flag, dest=name, action="append", default=[], metavar=meta, help=text)
         else:
-            parser.add_argument(flag, type=of_kind(field.kind), default=field.default, metavar=meta, help=text)
+            kind, default = of_kind(field.kind), field.default
+            parser.add_argument(flag, dest=name, type=kind, default=default, metavar=meta, help=text)
 
 
 def add_bus(parser: argparse.ArgumentParser) -> None:

@@ -42,8 +42,9 @@ class Field(NamedTuple):
     """Description of a field.
 
     As the annotation of a record's field it states kind and meaning; where the value itself does not show it, the
-    default in words; for a flag, what stands for its value in the help, and the field together with which it is
-    allowed. `fields_of` adds what the class states: name, default, and whether None is allowed.
+    default in words; for a flag, what stands for its value in the help, the field together with which it is
+    allowed, and what it is called where that is no name in Python (`from`). `fields_of` adds what the class
+    states: name, default, and whether None is allowed.
     """
 
     kind: Kind
@@ -51,6 +52,7 @@ class Field(NamedTuple):
     default_words: str = ""
     metavar: str | None = None
     needs: str = ""
+    flag: str = ""
     name: str = ""
     default: Any = REQUIRED
     may_be_none: bool = False
@@ -230,7 +232,8 @@ def value_of(name: str, value: object, kind: Kind) -> Any:
     issues = ConfigIssues("")
     found = kind.read(issues, name, list(given) if isinstance(given, tuple) else given)
     if issues.count:
-        raise ConfigError(f"`{name}` {show(value)}: allowed: {kind.allowed}")
+        text = ", ".join(map(str, value)) if isinstance(value, list | tuple) else show(value)
+        raise ConfigError(f"`{name}` {text}: allowed: {kind.allowed}")
     return found
 
 

@@ -244,6 +244,20 @@ class Texts(NamedTuple):
         return tuple(given)
 
 
+class Names:
+    """Kind of value: names, in a list or separated by commas."""
+
+    allowed, invalid = "names, in a list or separated by commas", ()
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
+        """Return the names; an empty tuple and an issue if they are invalid."""
+        given = [value] if isinstance(value, str) else value
+        if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return self.invalid
+        return tuple(name.strip() for each in given for name in each.split(",") if name.strip())
+
+
 class File:
     """Kind of value: the path of a file."""
 

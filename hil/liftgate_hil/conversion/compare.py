@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,6 +54,7 @@ class Comparison:
     alone: tuple[int, int]  # rows at times that the other does not have
     missing: tuple[tuple[str, ...], tuple[str, ...]]  # columns that the other does not have
     frames: FramesCompared | None = None
+    notes: tuple[str, ...] = ()  # what the readers of the files have noticed
 
     @property
     def is_equal(self) -> bool:
@@ -62,6 +65,51 @@ class Comparison:
             and not any(self.missing)
             and (self.frames is None or self.frames.first is None)
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the comparison as `compare --json` prints it (docs/json.md)."""
+        frames = self.frames
+        return {
+            "equal": self.is_equal,
+            "rows": self.rows,
+            "rows_alone": list(self.alone),
+            "columns_alone": [list(each) for each in self.missing],
+            "columns": {
+                each.name: {
+                    "unit": each.unit,
+                    "largest": _finite(each.largest),
+                    "at": _as_values(each.at),
+                    "first": _as_values(each.first),
+                    "rms": _finite(each.rms),
+                    "tolerance": each.tolerance,
+                    "equal": each.is_equal,
+                }
+                for each in self.columns
+            },
+            "frames": None
+            if frames is None
+            else {
+                "counts": list(frames.counts),
+                "first_unlike": frames.first,
+                "time_s": _finite(frames.time_s),
+                "what": frames.what,
+                "values": list(frames.values),
+            },
+        }
+
+    def to_json(self) -> str:
+        """Return the comparison as JSON."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+
+
+def _as_values(found: Values | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {"time_s": found.time_s, "values": [_finite(found.first), _finite(found.second)]}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def compare_tables(

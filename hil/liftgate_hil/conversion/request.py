@@ -2,17 +2,58 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from liftgate_hil.config.described import Field, Record
-from liftgate_hil.config.kinds import File, Text
+from liftgate_hil.config.kinds import SEED, Choice, File, Flag, Names, Number, Text, Texts
+from liftgate_hil.config.toml import show
+from liftgate_hil.conversion.figures.catalogue import FIGURES
+from liftgate_hil.errors import ConfigIssues
+
+_LONGEST_S = 3600.0  # s; all rows within it are kept in memory
+
+
+class Tolerances:
+    """Kind of value: tolerances of columns, as texts, by name, or one for all."""
+
+    allowed, invalid = "X or NAME=X, X at least 0", ()
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
+        """Return the tolerances as texts; an issue for the first that is none."""
+        if isinstance(value, Mapping):
+            given = [f"{name}={each}" for name, each in value.items()]
+        else:
+            given = [str(each) for each in (value if isinstance(value, list) else [value])]
+        for each in given:
+            if not 0.0 <= tolerance_in(each)[1] < math.inf:
+                issues.add(key, f"{show(each)}; allowed: {self.allowed}")
+                return ()
+        return tuple(given)
+
+
+def tolerance_in(text: str) -> tuple[str, float]:
+    """Return column ("": all) and number of a tolerance, [NAME=]X; NaN: it has none."""
+    name, _, number = text.rpartition("=")
+    try:
+        return name, float(number)
+    except ValueError:
+        return name, math.nan
+
 
 # fmt: off
+Rig = Annotated[str | None, Field(Text("a rig's name, or a file"),
+    "a rig, or its database: decodes the frames into signals", metavar="NAME|FILE")]
 RecordingChannel = Annotated[str | None, Field(Text("the name of a bus"),
     "bus to read if the file contains several: can0", metavar="NAME")]
 TimeZone = Annotated[str | None, Field(Text("a zone such as UTC or Europe/Berlin"),
     "zone of local times in files: UTC, Asia/Shanghai", "the computer's", "ZONE")]
+From = Annotated[float | None, Field(Number(-1e9, 1e9, "s"), "start at this time", "the recording's start", "S",
+    flag="from")]
+To = Annotated[float | None, Field(Number(-1e9, 1e9, "s"), "end at this time", "the recording's end", "S",
+    flag="to")]
 
 
 class ConvertRequest(Record, kw_only=False):
@@ -25,3 +66,61 @@ class ConvertRequest(Record, kw_only=False):
         "into a table of signals", metavar="NAME|FILE")] = None
     recording_channel: RecordingChannel = None
     timezone: TimeZone = None
+
+
+class CompareRequest(Record, kw_only=False):
+    """Request to compare two recordings."""
+
+    first: Annotated[str | Path, Field(File(), "a recording", metavar="FILE")]
+    second: Annotated[str | Path, Field(File(), "the recording to compare it with", metavar="OTHER_FILE")]
+    columns: Annotated[tuple[str, ...], Field(Names(), "only these columns (repeatable)", "all, and the frames",
+        "A,B,…")] = ()
+    from_s: From = None
+    to_s: To = None
+    rig: Rig = None
+    recording_channel: RecordingChannel = None
+    timezone: TimeZone = None
+    tolerance: Annotated[float | Mapping[str, float] | tuple[str, ...], Field(Tolerances(), "largest difference "
+        "that counts as equal, in the unit of the column, for all columns or for one (repeatable)", "0",
+        "[NAME=]X")] = ()
+    time_tolerance: Annotated[float | None, Field(Number(0.0, _LONGEST_S, "s"), "how much earlier or later a "
+        "change of a value, or a frame, may be in the other recording", "a microsecond, to which formats keep "
+        "times", "S")] = None
+    output: Annotated[str | Path | None, Field(File(), "the picture, .png, .svg, .pdf or .html", "none",
+        "FILE")] = None
+
+
+COLUMNS = "columns"  # the figure of columns over time
+_OF_VEHICLE = ", ".join(name for name, each in FIGURES.items() if each.of_vehicle)
+# What only figures of one kind of subject take.
+OF_RECORDING = ("recording", "from_s", "to_s", "rig", "recording_channel", "timezone")
+OF_VEHICLE = ("vehicle", "settings", "draw", "ideal")
+
+
+class PlotRequest(Record, kw_only=False):
+    """Request to draw a recording or a vehicle."""
+
+    recording: Annotated[str | Path | None, Field(File(), "a recording, or a bus log of another tool",
+        metavar="FILE")] = None
+    figure: Annotated[str, Field(Choice(tuple(FIGURES)), "; ".join(
+        f"{name}: {each.meaning}" for name, each in FIGURES.items()))] = COLUMNS
+    columns: Annotated[tuple[str, ...], Field(Names(), "only these columns (repeatable)", "angle, currents, "
+        "speeds, pinch force and voltage as far as they change, or the first few", "A,B,…")] = ()
+    from_s: From = None
+    to_s: To = None
+    rig: Rig = None
+    recording_channel: RecordingChannel = None
+    timezone: TimeZone = None
+    vehicle: Annotated[str | Path | None, Field(File(), f"for the figures {_OF_VEHICLE}",
+        "the recording's, else suv", "NAME|FILE")] = None
+    settings: Annotated[tuple[str, ...], Field(Texts("a list of KEY=VALUE"), "replace a value of the vehicle "
+        "file, e.g. environment.road_slope_deg=8 (repeatable)", metavar="KEY=VALUE", flag="set")] = ()
+    draw: Annotated[int | None, Field(SEED, "draw one car from the vehicle file's [spread]",
+        "the file's own values", "SEED")] = None
+    ideal: Annotated[bool, Field(Flag(), "the thesis's plant: no noise, ripple, sensor errors, torsion, source "
+        "resistance or wear")] = False
+    output: Annotated[str | Path | None, Field(File(), "the picture, .png, .svg, .pdf or .html", "FILE.png, "
+        "FILE.FIGURE.png, VEHICLE.FIGURE.png", "FILE")] = None
+
+
+# fmt: on

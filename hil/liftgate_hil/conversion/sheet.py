@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import io
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.report.drawing import pdf, png, style, svg
-from liftgate_hil.report.files import put_report
+from liftgate_hil.report.files import check_targets, put_report
 from liftgate_hil.report.numbers import clean
 from liftgate_hil.report.ours import SOFTWARE
 from liftgate_hil.report.page import figure as figure_html
@@ -26,6 +27,14 @@ WIDTH, HEIGHT = 11.0, 2.1  # inch, of a panel
 FONT, SMALL = 10.0, 9.0
 _DPI = 110
 _LINE = 140  # characters of a caption's line at WIDTH
+
+
+def check_picture(name: str, sources: Sequence[str | Path]) -> Path:
+    """Return the path of a picture. Raises ConfigError where no picture can be written there."""
+    if Path(name).suffix.lower() not in SUFFIXES:
+        raise ConfigError(f"`output` {name}: allowed: a file of {', '.join(SUFFIXES)}")
+    check_targets({"--output": name}, sources)
+    return Path(name)
 
 
 def settings() -> None:

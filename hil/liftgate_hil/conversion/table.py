@@ -179,6 +179,14 @@ class Window(NamedTuple):
                 yield rows[inside]
 
 
+def window_of(begin: float | None, end: float | None) -> Window:
+    """Return the window between two times [s]; None: no limit. Raises ConfigError if nothing can be in it."""
+    whole = Window()
+    window = Window(whole.begin if begin is None else begin, whole.end if end is None else end)
+    window.check()
+    return window
+
+
 def chosen(table: Recording, columns: Sequence[str], argument: str = "columns") -> list[str]:
     """Return these columns of a table, which an argument names, once each; ConfigError names those it lacks."""
     issues = []

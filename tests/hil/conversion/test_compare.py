@@ -412,3 +412,25 @@ def test_signals_are_decoded_by_the_recordings_rig(tmp_path: Path, capsys: pytes
     found = {name: abs(each["largest"]) for name, each in columns.items()}
     assert found == {"Gate.Angle": pytest.approx(0.25, abs=0.05), "gate_angle_deg": pytest.approx(0.25, abs=0.01)}
     assert main(["compare", paths[0], paths[0], "--columns", "Gate.Angle,gate_angle_deg"]) == 0
+
+
+def test_the_function_takes_the_flags_as_arguments_and_gives_what_json_prints(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one, other = table(tmp_path / "a.csv", ROWS), table(tmp_path / "b.csv", ROWS)
+    found = lh.compare(one, other, tolerance={"gate_angle_deg": 0.5}, from_s=0.0)
+    flags = ["--tolerance", "gate_angle_deg=0.5", "--from", "0"]
+    assert main(["compare", str(one), str(other), *flags, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == found.to_dict()
+    assert found.is_equal
+    with pytest.raises(lh.errors.ConfigError, match=r"`tolerance` -1: allowed: X or NAME=X, X at least 0"):
+        lh.compare(one, other, tolerance=-1)
+
+
+def test_the_function_draws_as_the_command_does(tmp_path: Path) -> None:
+    one = table(tmp_path / "a.csv", ROWS)
+    assert lh.plot(one).path == Path(f"{one}.png")
+    assert main(["plot", str(one), "--output", str(tmp_path / "b.png")]) == 0
+    assert (tmp_path / "b.png").read_bytes() == Path(f"{one}.png").read_bytes()
+    with pytest.raises(lh.errors.ConfigError, match=r"`figure` 'columms': allowed: one of columns, thesis"):
+        lh.plot(one, figure="columms")

@@ -15,7 +15,7 @@ import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.codec.frames import logged
 from liftgate_hil.config.rig import load_rig
-from liftgate_hil.conversion.figures import catalogue
+from liftgate_hil.conversion import plot
 from liftgate_hil.conversion.figures.catalogue import FIGURES, drawn
 from liftgate_hil.conversion.figures.pinch import contact_of
 from liftgate_hil.conversion.figures.subject import Drawn, Subject, taken
@@ -346,8 +346,8 @@ def test_the_limit_is_that_of_the_recorded_vehicle_unless_one_is_given(
 ) -> None:
     path, seen = tmp_path / "run.mf4", list[Subject]()
     lh.run("demo", ecu="reference", settings=["gate.pinch_limit=77"], record=[path])
-    real = catalogue.drawn
-    monkeypatch.setattr(catalogue, "drawn", lambda name, subject: (seen.append(subject), real(name, subject))[1])
+    real = plot.drawn
+    monkeypatch.setattr(plot, "drawn", lambda name, subject: (seen.append(subject), real(name, subject))[1])
     assert main(["plot", str(path), "--figure", "pinch", "--output", str(tmp_path / "p.png"), *flags]) == 0
     assert seen[0].vehicle is not None
     assert seen[0].vehicle.gate.pinch_limit == (limit or vehicle_from("suv").gate.pinch_limit)
