@@ -52,6 +52,7 @@ IN_ORDER = (
     "thesis-manual.md",
     "reports.md",
     "pytest.md",
+    "python.md",
     "containers.md",
     "live-data.md",
     "restbus.md",
