@@ -22,7 +22,7 @@ from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import run_loop
 from liftgate_hil.dashboard.listening import hold_token
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
-from liftgate_hil.errors import ConfigError, number_of
+from liftgate_hil.errors import ConfigError, number_of, printable
 from liftgate_hil.judging.verdict import FAIL, INCONCLUSIVE
 
 if TYPE_CHECKING:
@@ -107,11 +107,20 @@ def run(args: argparse.Namespace) -> int:
         _show_on_page(page, folder)
     for reason in reasons:
         print(f"liftgate-hil demo: failed: {reason}", file=sys.stderr)
-    if is_whole and not reasons and not args.quiet and not args.json:
-        print("the demo has passed: the gate met the rod, was reversed, and was latched at the end")
-    if page.scenario in (None, "demo") and not is_whole and not args.quiet and not args.json:
-        print("not judged: the demo was shortened, and the ECU had learned nothing before")
+    last = "" if reasons or args.quiet or args.json else _last_line(page.scenario, shown, is_whole, bool(busy))
+    if last:
+        print(printable(last))
     return 1 if reasons else exit_code_of(shown, DEMO_EXIT_CODES)
+
+
+def _last_line(scenario: str | None, shown: Result, is_whole: bool, is_repeated: bool) -> str:
+    """Return what the output of a run that has not failed ends with; "": the expectations say it."""
+    if is_whole:
+        where = " (repeated on the free clock)" if is_repeated else ""
+        return f"the demo has passed{where}: the gate met the rod, was reversed, and was latched at the end"
+    if scenario in (None, "demo"):
+        return "not judged: the demo was shortened, and the ECU had learned nothing before"
+    return "" if shown.expectations else f"not judged: {scenario} states no expectations"
 
 
 def _shown(args: argparse.Namespace, stopped: StopSignals, is_whole: bool) -> Result:

@@ -12,14 +12,18 @@ _FLAGS = {
     "vehicles": "--vehicle NAME",
     "rigs": "--rig NAME",
     "campaigns": "liftgate-hil campaign NAME",
-    "ECUs": "--ecu NAME; mutants, defects of it, for `test` and `campaign`",
+    "ECUs": "--ecu NAME; mutant:NAME is the reference ECU with one defect, for `test` and `campaign`",
 }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments to the parser."""
     parser.add_argument(
-        "prefix", nargs="?", default="", metavar="PREFIX", help="only names, or their second parts, that begin so"
+        "prefix",
+        nargs="?",
+        default="",
+        metavar="PREFIX",
+        help="only names that begin so, also behind a / or : (crank: pack/crank_dip)",
     )
 
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
 from liftgate_hil.config.described import command
-from liftgate_hil.conversion import picture
 from liftgate_hil.conversion.compare import Comparison, compare_tables
 from liftgate_hil.conversion.compare_frames import compare_frames
 from liftgate_hil.conversion.request import CompareRequest, tolerance_in
-from liftgate_hil.conversion.sheet import check_picture, write_picture
 from liftgate_hil.conversion.table import Window, columns_in, files_of, open_table, open_whole, window_of
 from liftgate_hil.conversion.time_offset import TIME_TOLERANCE_S, aligned
 from liftgate_hil.errors import ConfigError, number_of
@@ -37,7 +35,7 @@ def compared(request: CompareRequest, report: Callable[[str], None] = _nobody, s
     how = read_options(request.recording_channel, request.timezone)
     paths = Path(request.first), Path(request.second)
     inputs = [*paths, *([] if rig is None else files_of(rig))]
-    target = None if request.output is None else check_picture(str(request.output), inputs)
+    target = None if request.output is None else _target(str(request.output), inputs)
     sources = open_recording(paths[0], how), open_recording(paths[1], how)
     have_frames = all(each.channel is not None for each in sources)
     have_rows = rig is not None or all(each.signals for each in sources)
@@ -78,6 +76,12 @@ def compare(request: CompareRequest) -> Comparison:
     return compared(request)
 
 
+def _target(name: str, inputs: Sequence[str | Path]) -> Path:
+    from liftgate_hil.conversion.sheet import check_picture  # imported only for a picture, as that takes time
+
+    return check_picture(name, inputs)
+
+
 def _time_tolerance_s(request: CompareRequest) -> float:
     return TIME_TOLERANCE_S if request.time_tolerance is None else request.time_tolerance
 
@@ -89,6 +93,9 @@ def _draw(
 
     These are the requested ones; if there are none, those that differ and then the usual ones, _PICTURED at most.
     """
+    from liftgate_hil.conversion import picture
+    from liftgate_hil.conversion.sheet import write_picture
+
     names = list(dict.fromkeys(request.columns))
     if not names:
         unlike = [each.name for each in found.columns if not each.is_equal]

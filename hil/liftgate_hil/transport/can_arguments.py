@@ -14,7 +14,7 @@ _NO_BITRATE = ("socketcan", "virtual", "udp_multicast")
 _MISSING = (
     "`bus`: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or python-can's own "
     "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL; or `serial` PORT; "
-    "an `ecu` in this process needs none"
+    "none is needed with `ecu` reference, a library or a Python class"
 )
 
 

@@ -139,8 +139,8 @@ def check_kernel(name: str) -> None:
     except OSError as error:
         if error.errno == errno.EAFNOSUPPORT:
             raise TransportError(
-                f"{text}: this kernel has no SocketCAN; allowed: after `modprobe can`, where it has that module, "
-                "or another bus (liftgate-hil doctor lists them)"
+                f"{text}: this kernel has no SocketCAN; try: sudo modprobe can; where it has no such module, "
+                "allowed: another bus (liftgate-hil doctor lists them)"
             ) from error
 
 

@@ -645,3 +645,11 @@ def test_the_code_of_the_ecus_process_is_ready_before_the_run(monkeypatch: pytes
     monkeypatch.setattr("liftgate_hil.cli.with_ecu._ecu_process", process)
     assert main(["demo", "--bus", "udp_multicast:239.74.163.9", "--no-record", "--duration", "1"]) == 1
     assert order == ["machine code", "process"]
+
+
+def test_a_scenario_without_expectations_is_said_to_be_not_judged(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "mine.toml").write_text("duration = 0.1\n")
+    assert main(["demo", "--clock", "free", "--no-record", "--scenario", "mine.toml"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "not judged: mine.toml states no expectations"
