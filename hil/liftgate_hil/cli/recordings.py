@@ -5,20 +5,16 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from liftgate_hil.cli.options import add_flags
+from liftgate_hil.conversion.request import ConvertRequest
+
 if TYPE_CHECKING:
     from liftgate_hil.formats.recording import ReadOptions
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """Add the flags for what a file does not say itself: the bus of several, the zone of local times."""
-    parser.add_argument(
-        "--recording-channel", metavar="NAME", help="bus to read if the file contains several: can0"
-    )
-    parser.add_argument(
-        "--timezone",
-        metavar="ZONE",
-        help="zone of local times in files: UTC, Asia/Shanghai; default: the computer's",
-    )
+    add_flags(parser, ConvertRequest, "recording_channel", "timezone")
 
 
 def reading_of(args: argparse.Namespace) -> ReadOptions:

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator
 
 from liftgate_hil.loop.loop_thread import LoopThread, threads_of
+from liftgate_hil.loop.priority import give_back
 
 _NICE = 10
 
@@ -24,8 +25,8 @@ def giving_way() -> Iterator[None]:
     try:
         yield
     finally:
+        give_back(policy, parameters)
         with contextlib.suppress(OSError):
-            os.sched_setscheduler(0, policy, parameters)
             os.setpriority(os.PRIO_PROCESS, 0, nice)
 
 

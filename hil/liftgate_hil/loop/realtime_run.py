@@ -128,8 +128,10 @@ class RealtimeRun:
         scratch = Memory(1, 1)  # the recorder already looks at the real one
         self._run(self.config, copied(self.state), nowhere, scratch.shared, self._room)
         scratch.close()
-        self.memory.touch()
-        gc.collect()  # here, not during a peer's turns
+        if self.realtime is not None and self.is_last:
+            self.memory.touch()  # before it is locked; `prepare` collects garbage
+        else:
+            gc.collect()  # here, not during a peer's turns
 
     def run(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
         """Run to the end. Raises OverrunError, PlantDivergedError.

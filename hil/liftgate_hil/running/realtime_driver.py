@@ -57,8 +57,8 @@ class RealtimeDriver:
         run.listener.starts(f"{plan.setup.vehicle_name} on {channel}")
         loop.begin()
         if self._realtime is not None:
-            self._realtime.prepare()
             stack.callback(self._realtime.release)
+            self._realtime.prepare()
         if self._recorder is not None:
             self._recorder.wait_until_ready()
         run.listener.ready()
