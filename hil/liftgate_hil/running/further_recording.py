@@ -214,8 +214,8 @@ class FurtherRecording:
 
 def _holds(process: RecorderProcess) -> str:
     """Return what a completed recording holds, in words."""
-    if process.span is None:
-        return ", without rows"
-    begin, end = process.span
     lost = f"; {process.lost_rows} rows and frames lost" if process.lost_rows else ""
+    if process.span is None:
+        return f", without rows{lost}"
+    begin, end = process.span
     return f", {begin:.3f} to {end:.3f} s{lost}"

@@ -261,6 +261,22 @@ def test_a_recorder_that_stands_still_holds_no_command_up(bench: Bench) -> None:
         os.kill(process_of(bench), signal.SIGCONT)
 
 
+def test_rows_that_a_recorder_had_no_time_for_are_reported_even_where_none_is_left(
+    bench: Bench, memory: Memory
+) -> None:
+    """The machine stands still, and the loop catches up by more rows than the rings hold."""
+    bench.recording.start("x.csv")
+    until(bench.recording, RECORDING)
+    pid = process_of(bench)
+    os.kill(pid, signal.SIGSTOP)
+    put(memory, 0, 10)
+    bench.recording.stop()
+    memory.shared.control.rows += 2 * len(memory.shared.rows)
+    os.kill(pid, signal.SIGCONT)
+    until(bench.recording, None)
+    assert bench.said[-1].endswith("x.csv, without rows; 10 rows and frames lost")
+
+
 def test_a_recorder_that_is_killed_is_no_longer_in_force(bench: Bench) -> None:
     bench.recording.start("x.mf4")
     until(bench.recording, RECORDING)
