@@ -66,7 +66,7 @@ class CampaignFile:
 
 def is_campaign_file(name: str) -> bool:
     """Whether a name is that of a shipped campaign, or of a TOML file with [[part]]."""
-    if name.startswith(PACK) or name in shipped_names(_FOLDER):  # the latter is refused with its whole name
+    if name.startswith(PACK) or _is_part_of_a_name(name):  # the latter is refused with the whole name
         return True
     path = Path(name)
     if path.suffix != ".toml" or not path.is_file():
@@ -101,8 +101,13 @@ def read_campaign_file(name: str, template: Request) -> CampaignFile:
     return CampaignFile(path, given.title or path.stem, given.description, tuple(parts))
 
 
+def _is_part_of_a_name(name: str) -> bool:
+    """Whether it is the name of a shipped campaign without its prefix, or with the one of a scenario."""
+    return name.removeprefix(PACK.replace(":", "/")) in shipped_names(_FOLDER)
+
+
 def _path_of(name: str) -> Path:
-    if not name.startswith(PACK) and name not in shipped_names(_FOLDER):
+    if not name.startswith(PACK) and not _is_part_of_a_name(name):
         return Path(name)
     own = name.removeprefix(PACK)
     known = shipped_names(_FOLDER)

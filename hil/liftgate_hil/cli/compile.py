@@ -50,12 +50,13 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_plant import compiler
 
     stopped, teller = StopSignals(), Teller(args.quiet)
+    listener = _Compiling(teller, sum(not compiler.is_cached(function_of(name)) for name in _MODULES))
     if not compiler.enabled():
         raise LiftgateError("the compiler is switched off (LIFTGATE_COMPILE=0); allowed: LIFTGATE_COMPILE not set")
     try:
-        with reporting_compilation(teller, stopped), compiler.sharing():
+        with reporting_compilation(listener, stopped), compiler.sharing():
             for use in (_loops, _offline, _measurements, _recordings, _replay):
-                use(teller, stopped)
+                use(listener, stopped)
     except compiler.GivenUpError:
         return stopped.exit_code
     finally:
@@ -88,12 +89,20 @@ always = "time_s >= 0"
 
 
 class _Compiling(Listener):
-    """Listener that passes on what concerns compilation, and not the progress of the runs."""
+    """Listener that passes on what concerns compilation, with its number of `total`, and no progress of runs."""
 
-    def __init__(self, teller: Listener) -> None:
-        self.compiles = teller.compiles  # type: ignore[method-assign]
-        self.compiled = teller.compiled  # type: ignore[method-assign]
+    def __init__(self, teller: Listener, total: int) -> None:
+        self._teller, self._total, self._ready = teller, total, 0
         self.say = teller.say  # type: ignore[method-assign]
+
+    def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
+        """Show a compilation with its number."""
+        self._teller.compiles(f"{name} ({self._ready + 1} of {self._total})", seconds, expected)
+
+    def compiled(self, name: str, seconds: float) -> None:
+        """Count a compilation that has ended."""
+        self._ready += 1
+        self._teller.compiled(name, seconds)
 
 
 def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
@@ -109,7 +118,7 @@ def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
         for clock in CLOCKS:
             records, when = (Path(folder) / f"{clock}.csv",), ("time_s > 0",)
             options = RunOptions(clock=clock, duration=0.001, record=records, record_when=when)
-            job = Job(scenario=str(scenario), ecu="reference", options=options, listener=_Compiling(teller))
+            job = Job(scenario=str(scenario), ecu="reference", options=options, listener=teller)
             result = execute(plan_of(job), stopped)
             if result.verdict == ERROR:
                 raise LiftgateError(result.reason)

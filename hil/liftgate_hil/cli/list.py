@@ -23,7 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         default="",
         metavar="PREFIX",
-        help="only names that begin so, also behind a / or : (crank: pack/crank_dip)",
+        help="only names that begin so, also behind a / or : (crank: pack/crank_dip); or one of scenarios, "
+        "vehicles, rigs, campaigns, ECUs",
     )
 
 
@@ -35,10 +36,12 @@ def run(args: argparse.Namespace) -> int:
 
     every = [*shipped_list(), Shipped("ECUs", REFERENCE, "the reference ECU")]
     every += [Shipped("ECUs", f"mutant:{name}", each.meaning) for name, each in MUTANTS.items()]
-    found = [each for each in every if _begins(each.name, args.prefix)]
+    groups = {kind.casefold(): kind for kind in _FLAGS}
+    kind = groups.get(args.prefix.casefold())
+    found = [each for each in every if (each.kind == kind if kind else _begins(each.name, args.prefix))]
     if not found:
-        names = allowed_names(args.prefix, [each.name for each in every])
-        raise ConfigError(f"PREFIX {args.prefix}: no name begins so; allowed: {names}")
+        kinds, names = ", ".join(_FLAGS), allowed_names(args.prefix, [each.name for each in every])
+        raise ConfigError(f"PREFIX {args.prefix}: no name begins so; allowed: {names}, or one of {kinds}")
     width = max(len(each.name) for each in found)
     for number, (kind, those) in enumerate(itertools.groupby(found, lambda each: each.kind)):
         print(f"{chr(10) * bool(number)}{kind} ({_FLAGS[kind]})")

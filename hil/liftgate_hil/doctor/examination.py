@@ -92,7 +92,8 @@ class Examination:
         if fifo is None:
             self._add(timing.lateness("lateness", plain, self.rate, "allow the FIFO priority as advised above"))
         else:  # as runs are not unless --no-realtime is given
-            self._add(timing.lateness("without FIFO", plain, self.rate)._replace(level="ok"))
+            found = timing.lateness("without FIFO", plain, self.rate)
+            self._add(found._replace(level="ok", found=f"{found.found}; concerns runs with --no-realtime only"))
         shares = timing.stolen_percent(before, timing.steal(ROOT))
         self._add(timing.stolen(shares))
         if compiler.enabled() and _is_compiled():

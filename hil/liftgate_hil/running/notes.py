@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _ITSELF = re.compile(r"(?<![\w.])(\w+)\s*[!=]=\s*\1(?![\w.])")
 _LEAST_MS = 1.0  # s, a period of 1 ms that is taken for s
 _FULL_PERCENT = 100.0  # of the time of a bus
+_SOFT_N_PER_M = 100.0  # N/m, less gives way by a metre at 100 N; test rods have 10,000 and more (UN R21 5.8)
 _STILL_DEG = 0.5  # less is a gate that presses against its latch or seal
 
 
@@ -35,6 +36,7 @@ def notes_on(setup: Setup, adapter: Adapter) -> list[str]:
     found = [*_compared_with_itself(scenario)]
     found += [f"parameters.{name}: not used: ${name} stands nowhere" for name in scenario.unused_parameters]
     found += _long_windows(scenario)
+    found += _soft_obstacles(scenario)
     found += without_effect((*scenario.precondition, *(each.action for each in scenario.requests)), adapter)
     return found
 
@@ -45,6 +47,15 @@ def _long_windows(scenario: Scenario) -> Iterator[str]:
     for each in scenario.expectations:
         if duration is not None and math.isfinite(each.within) and each.within > duration:
             yield f"{each.name}: within_s = {each.within:g} is longer than the run of {duration:g} s"
+
+
+def _soft_obstacles(scenario: Scenario) -> Iterator[str]:
+    """Yield a note on each obstacle so soft that its stiffness may be meant in N/mm."""
+    for each in scenario.stimuli.obstacles:
+        stiffness = each.obstacle.stiffness
+        if 0.0 < stiffness < _SOFT_N_PER_M:
+            place = f"the obstacle at {math.degrees(each.obstacle.angle):.4g}°"
+            yield f"{place} has {stiffness:g} N/m: are N/mm meant? {stiffness:g} N/mm is {1e3 * stiffness:g} N/m"
 
 
 def too_rare(rig: Rig, adapter: Adapter) -> list[str]:

@@ -57,8 +57,8 @@ class RunOptions(Record):
     """Options of a run, the same for every kind of run."""
 
     rate: Annotated[float, Field(RATE, "ticks per second", metavar="HZ")] = 1000.0
-    clock: Annotated[str, Field(Choice(CLOCKS), "realtime: wall time; free: as fast as possible; lockstep: waits "
-        "for each command, and advances by one command period")] = "realtime"
+    clock: Annotated[str, Field(Choice(CLOCKS), "realtime: wall time; free: as fast as possible; lockstep: the "
+        "gate waits for each command of the ECU, then advances by one command period")] = "realtime"
     duration: Annotated[float | None, Field(_SECONDS, "model time", "the scenario's, else until stopped",
         "S")] = None
     overrun_limit: Annotated[float, Field(Number(1e-3, 3600.0, "s"), "end with an error when the loop falls this "
@@ -79,9 +79,9 @@ class RunOptions(Record):
         "S", "record_when")] = None
     record_after: Annotated[float | None, Field(_AROUND_S, "also record this long after that", f"{AROUND:g}", "S",
         "record_when")] = None
-    realtime: Annotated[bool | None, Field(Flag(), "ask for FIFO scheduling, locked memory, a CPU of its own and "
-        "no deep sleep, and report what is refused; --no-realtime: none of these; default: the first two, where "
-        "they are granted")] = False  # None: where it is granted
+    realtime: Annotated[bool | None, Field(Flag(), "request FIFO scheduling, locked memory, a CPU of its own and "
+        "no deep sleep, and report what is refused; --no-realtime: request nothing; default: FIFO scheduling and "
+        "locked memory, where granted")] = False  # None: where it is granted
     cpu: Annotated[int | None, Field(Whole(0, 1023), "the CPU of the loop in real time",
         "an isolated one, else the last", "N", "realtime")] = None
 

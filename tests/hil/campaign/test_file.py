@@ -162,7 +162,9 @@ def test_an_unknown_shipped_campaign_is_refused_with_those_that_there_are() -> N
         read_campaign_file("pack:nothing", Request("pack:nothing", ()))
 
 
-@pytest.mark.parametrize("name", ["pack:../campaigns/trap-matrix", "pack:", "pack:/etc/passwd"])
+@pytest.mark.parametrize(
+    "name", ["pack:../campaigns/trap-matrix", "pack:", "pack:/etc/passwd", "pack/trap-matrix"]
+)
 def test_a_shipped_campaign_is_no_path(name: str) -> None:
     with pytest.raises(ConfigError, match="allowed: pack:"):
         read_campaign_file(name, Request(name, ()))

@@ -34,6 +34,11 @@ def test_a_prefix_selects(capsys: pytest.CaptureFixture[str], prefix: str) -> No
     assert set(listed(capsys, prefix)) == {f"pack/trap_40deg_{rate}npmm" for rate in (10, 20, 65)}
 
 
+def test_a_kind_of_file_selects(capsys: pytest.CaptureFixture[str]) -> None:
+    assert set(listed(capsys, "Vehicles")) == set(shipped_files("vehicles"))
+    assert set(listed(capsys, "ECUs")) == {"reference", *(f"mutant:{name}" for name in MUTANTS)}
+
+
 def test_a_prefix_of_nothing_is_refused_with_what_is_near(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list", "pack/crnk"]) == 2
     assert "PREFIX pack/crnk: no name begins so; allowed: pack/crank_dip, " in capsys.readouterr().err

@@ -45,6 +45,15 @@ def test_requests_that_the_ecu_does_not_take_are_named_once(tmp_path: Path, cloc
     assert note == "requests without effect: open, close: the ECU has no request()"
 
 
+@pytest.mark.parametrize(("stiffness", "notes"), [(99.0, 1), (100.0, 0), (2000.0, 0)])
+def test_an_obstacle_with_a_stiffness_in_newton_per_millimetre_is_named(
+    tmp_path: Path, stiffness: float, notes: int
+) -> None:
+    obstacle = f"[[obstacle]]\nangle_deg = 40.0\nstiffness = {stiffness}\n"
+    found = notes_of(tmp_path, obstacle, ScriptedEcu(lambda turn: []))
+    assert [note for note in found if "are N/mm meant? 99 N/mm is 99000 N/m" in note] == list(found)[:notes]
+
+
 def test_an_ecu_in_a_process_of_its_own_says_what_it_does_not_take(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
