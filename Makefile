@@ -70,7 +70,7 @@ coverage: setup
 # Does a test depend on the last bits? Inputs changed by 1e-13 and other tolerances, by SEED; a part of it is in `make test`.
 last-bits: setup
 	LAST_BITS=$(or $(SEED),1) $(BIN)/python -m pytest -n $(JOBS) --dist worksteal tests/plant tests/reference \
-	    tests/hil/identify tests/tools/test_identification_tools.py
+	    tests/hil/identification tests/tools/test_identification_tools.py
 
 test-pythons: setup
 	$(BIN)/python -m tools.pythons

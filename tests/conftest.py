@@ -35,7 +35,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 pytest.register_assert_rewrite(
-    "kills", "tests.hil.identify.many_seeds", "tests.hil.identify.pauses", "tests.system.kills"
+    "kills", "tests.hil.identification.many_seeds", "tests.hil.identification.pauses", "tests.system.kills"
 )
 
 if last_bits.seed():

@@ -33,7 +33,13 @@ from typing import Any, TypeVar, get_type_hints
 Value = TypeVar("Value")
 
 VARIABLE = "LAST_BITS"
-PARTS = ("reference", "plant", "hil/identify", "tools/test_identification_tools.py", "tools/last_bits_canary.py")
+PARTS = (
+    "reference",
+    "plant",
+    "hil/identification",
+    "tools/test_identification_tools.py",
+    "tools/last_bits_canary.py",
+)
 OFF = 1e-13  # relative
 TOLERANCES = (0.3, 2.0)  # a solver's tolerance, by that of the test
 SHORTER = (0.7, 1.0)  # its longest step
@@ -133,7 +139,7 @@ def activate(is_on: bool) -> None:
     """Begin, or end, a test that runs with other last bits."""
     global is_active  # noqa: PLW0603
     is_active = is_on
-    from liftgate_hil.identify import descent
+    from liftgate_hil.identification import descent
 
     by = _chance("step that no longer counts").uniform(*TOLERANCES) if is_on else 1.0
     descent.STILL = _STILL * by
@@ -143,7 +149,7 @@ def install() -> None:
     """Put the switch where numbers go to the plant, to identification and to solvers."""
     import scipy.integrate
 
-    from liftgate_hil.identify.problem import Problem
+    from liftgate_hil.identification.problem import Problem
     from liftgate_plant import vehicle
 
     for function in (vehicle.plant_of, vehicle.load_of):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from liftgate_hil.conversion.compare_recordings import compare
     from liftgate_hil.conversion.convert import convert
     from liftgate_hil.conversion.plot import plot
+    from liftgate_hil.identification.commands import identify, validate
     from liftgate_hil.judging.verdict import Verdict
     from liftgate_hil.running.gate import Gate
     from liftgate_hil.running.result import Result
@@ -41,12 +42,14 @@ _HOMES = {
     "Verdict": ("liftgate_hil.judging.verdict", "Verdict"),
     "compare": ("liftgate_hil.conversion.compare_recordings", "compare"),
     "convert": ("liftgate_hil.conversion.convert", "convert"),
+    "identify": ("liftgate_hil.identification.commands", "identify"),
     "judge": ("liftgate_hil.testing.rejudge", "judge"),
     "load_rig": ("liftgate_hil.running.setup", "rig_from"),
     "load_scenario": ("liftgate_hil.running.setup", "scenario_from"),
     "load_vehicle": ("liftgate_hil.running.setup", "vehicle_from"),
     "plot": ("liftgate_hil.conversion.plot", "plot"),
     "run": ("liftgate_hil.running.run", "run"),
+    "validate": ("liftgate_hil.identification.commands", "validate"),
 }
 
 __all__ = [
@@ -59,12 +62,14 @@ __all__ = [
     "compare",
     "convert",
     "errors",
+    "identify",
     "judge",
     "load_rig",
     "load_scenario",
     "load_vehicle",
     "plot",
     "run",
+    "validate",
 ]
 
 

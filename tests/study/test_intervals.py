@@ -1,6 +1,6 @@
 """Do the intervals of an identification cover the truth? Many seeds, and each way to measure each way to begin.
 
-The suite has a few of each (`tests/hil/identify`).
+The suite has a few of each (`tests/hil/identification`).
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ import math
 import numpy as np
 import pytest
 
-from tests.hil.identify import many_seeds, pauses
-from tests.hil.identify.many_seeds import QUANTUM, THINNED
+from tests.hil.identification import many_seeds, pauses
+from tests.hil.identification.many_seeds import QUANTUM, THINNED
 from tests.study.shortened import SHORT, seeds
 
 

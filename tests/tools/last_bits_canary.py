@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import RK45, solve_ivp
 
-from liftgate_hil.identify import descent
-from tests.hil.identify.simulated import measured
-from tests.hil.identify.test_problem import of
+from liftgate_hil.identification import descent
+from tests.hil.identification.simulated import measured
+from tests.hil.identification.test_problem import of
 from tests.plant.runs import OPEN, inputs, plant_of, suv, tables
 from tests.reference.event_solution import DriveInput, Phase, solve
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from liftgate_hil.identify.data import rows_of
-from liftgate_hil.identify.trajectory import MODELS, REST, trajectory
+from liftgate_hil.identification.data import rows_of
+from liftgate_hil.identification.trajectory import MODELS, REST, trajectory
 from liftgate_hil.measurement.read import read_measurement
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import load_of, plant_of
@@ -43,30 +43,29 @@ def test_the_files_are_read_as_measurements(folder: Path):
 
 
 def test_the_first_run_finds_sharp_values_and_no_inductance(folder: Path):
-    result = thesis.run(folder, "thesis-1", *thesis.CUT)
-    told = result["identifiable"]
-    assert [told[name] for name in thesis.TABLE_4_1] == [True, False, True, True]
-    inductance = result["parameters"]["motor.inductance"]
-    assert inductance["std"] > 10.0 * TRUTH["motor.inductance"]
+    result = thesis.run(folder, "thesis-1", **thesis.CUT)
+    told = {each.name: each for each in result.parameters}
+    assert [told[name].identifiable for name in thesis.TABLE_4_1] == [True, False, True, True]
+    assert told["motor.inductance"].std > 10.0 * TRUTH["motor.inductance"]
     for name in ("motor.resistance", "motor.rotor_inertia"):
-        assert result["parameters"][name]["value"] == pytest.approx(TRUTH[name], rel=0.01)
-    assert len(result["noise_variance"]) == 3
-    assert result["fit_percent"]["left_current_a"] > 95.0
+        assert told[name].value == pytest.approx(TRUTH[name], rel=0.01)
+    assert len(result.noise_variance) == 3
+    assert result.fit_percent["left_current_a"] > 95.0
 
 
 def test_the_full_plant_finds_the_truth_within_three_standard_deviations(folder: Path):
-    result = thesis.run(folder, "thesis-1", "--model", "full")
-    for name, each in result["parameters"].items():
-        if result["identifiable"][name]:
-            assert abs(each["value"] - TRUTH[name]) < 3.0 * each["std"]
-    assert sum(result["identifiable"].values()) == 3
+    result = thesis.run(folder, "thesis-1", model="full")
+    sharp = [each for each in result.parameters if each.identifiable]
+    for each in sharp:
+        assert abs(each.value - TRUTH[each.name]) < 3.0 * each.std
+    assert len(sharp) == 3
 
 
 @pytest.mark.parametrize("preset", ["thesis-2", "thesis-3"])
 def test_the_other_runs_follow_the_measurement(folder: Path, preset: str):
-    result = thesis.run(folder, preset, *thesis.CUT)
-    assert result["fit_percent"]["left_position_rev"] > 99.0
-    assert result["identifiable"]["motor.resistance"]
+    result = thesis.run(folder, preset, **thesis.CUT)
+    assert result.fit_percent["left_position_rev"] > 99.0
+    assert result.identifiable["motor.resistance"]
 
 
 @pytest.mark.parametrize("ripple", [0.0, 0.05])

@@ -25,7 +25,7 @@ SOME = (
     "tests/reference/test_event_solution.py::test_coast_current_reaches_exactly_zero",
     "tests/reference/test_pendulum.py",
     "tests/plant/test_options.py",
-    "tests/hil/identify/test_descent.py",
+    "tests/hil/identification/test_descent.py",
 )
 
 

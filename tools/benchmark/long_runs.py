@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.identify.data import rows_of
-from liftgate_hil.identify.trajectory import REST, trajectory
+from liftgate_hil.identification.data import rows_of
+from liftgate_hil.identification.trajectory import REST, trajectory
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 from tools.identification.measurements import sensed, true_vehicle, write_csv

@@ -9,8 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from liftgate_hil.config.described_result import keys_of
+from liftgate_hil.conversion.compare import Comparison
 from liftgate_hil.loop.histogram import Distribution
 from liftgate_hil.loop.statistics import Timing
+from liftgate_hil.report.provenance import Provenance
 
 
 class Shared(NamedTuple):
@@ -52,21 +55,7 @@ def _times(prefix: str, what: str) -> dict[str, str]:
 PROVENANCE = Shared(
     "Provenance",
     "`provenance` of the documents below. `SOURCE_DATE_EPOCH` of the environment replaces the date.",
-    {
-        "command_line": "the command with its arguments",
-        "date": "when the result was made: ISO 8601, UTC",
-        "sources": "files that were read, by purpose: `scenario`, `vehicle`, `rig`, `dbc`, …; of `test` and "
-        "`judge` empty here, see `scenarios[].sources`",
-        "sources.PURPOSE": "a file",
-        "sources.PURPOSE.path": "path of the file",
-        "sources.PURPOSE.sha256": "SHA-256 of its content, in hexadecimal digits",
-        "versions": "versions by package",
-        "versions.PACKAGE": "version; `unknown`: the package is not installed",
-        "platform": "operating system and processor architecture",
-        "libc": "C library with its version",
-        "processor": "processor type for which code was compiled",
-        "processor_features": "processor features, each with + or -, separated by commas",
-    },
+    keys_of(Provenance),
 )
 LINK = Shared(
     "Link",
@@ -290,33 +279,5 @@ REPLAY = Document(
 )
 
 COMPARE = Document(
-    "`compare --json`",
-    "Differences between two recordings: the second minus the first.",
-    {
-        "equal": "whether the recordings are equal within the tolerances",
-        "rows": "rows at times that both have",
-        "rows_alone": "rows at times that the other does not have: [first, second]",
-        "columns_alone": "names of columns that the other does not have: [first, second]",
-        "columns": "columns that both have",
-        "columns.COLUMN": "the differences of a column",
-        "columns.COLUMN.unit": "unit of the column; empty: none",
-        "columns.COLUMN.largest": "the difference that is furthest from zero, in the column's unit; null: only "
-        "one of them has a value at that time",
-        "columns.COLUMN.at": "where that is; null: there is no difference",
-        "columns.COLUMN.at.time_s": "time [s]",
-        "columns.COLUMN.at.values": "both values, in the column's unit: [first, second]; null: no value",
-        "columns.COLUMN.first": "the first difference beyond the tolerance; null: there is none",
-        "columns.COLUMN.first.time_s": "time [s]",
-        "columns.COLUMN.first.values": "both values, in the column's unit: [first, second]; null: no value",
-        "columns.COLUMN.rms": "root mean square of the differences, in the column's unit; null: unknown",
-        "columns.COLUMN.tolerance": "difference that is allowed, in the column's unit",
-        "columns.COLUMN.equal": "whether all differences are within the tolerance",
-        "frames": "comparison of the bus frames; null: none were compared",
-        "frames.counts": "number of frames: [first, second]",
-        "frames.first_unlike": "index from 0 of the first frame that differs; null: all are equal",
-        "frames.time_s": "time of that frame [s]; null: all are equal",
-        "frames.what": "what differs in that frame; empty: nothing, or the other recording has ended",
-        "frames.values": "that frame in words: [first, second]; empty: all are equal",
-    },
-    {},
+    "`compare --json`", "Differences between two recordings: the second minus the first.", keys_of(Comparison), {}
 )

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tools.docs.json_bench_keys import CAMPAIGN, DOCTOR, RIG
-from tools.docs.json_fit_keys import EXPERIMENT, IDENTIFY, PLAN, VALIDATE, VALIDATED
+from tools.docs.json_fit_keys import EXPERIMENT, IDENTIFY, PLAN, VALIDATE
 from tools.docs.json_keys import COMPARE, EXPECTATION, LINK, PROVENANCE, REPLAY, RUN, VERDICTS
 from tools.docs.markdown import code, page, table
 
 DOCUMENTS = (RUN, VERDICTS, COMPARE, REPLAY, IDENTIFY, PLAN, VALIDATE, RIG, DOCTOR, CAMPAIGN)
-_SHARED = (EXPECTATION, LINK, EXPERIMENT, VALIDATED, PROVENANCE)
+_SHARED = (EXPECTATION, LINK, EXPERIMENT, PROVENANCE)
 _INTRO = """\
 What commands print with `--json`, and the JSON files that they write. What the server of the operator's page
 answers, `/api/state` for example, is described in [HTTP and WebSocket](http-api.md).

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from liftgate_hil.cli import identify as command
-from liftgate_hil.identify.reporting.figures import trace_figure
+import liftgate_hil as lh
+from liftgate_hil.identification.reporting.figures import trace_figure
 from liftgate_hil.report.drawing import png
 from tools.benchmark.machine import machine_lines
 from tools.identification import coverage, dc_motor, thesis, versus
@@ -86,13 +86,13 @@ def _thesis(work: Path, output: Path) -> list[str]:
         "opening and a closing of the full plant with true values near what the thesis found, through "
         "sensors like its own "
         "(`tools/identification/measurements.py`). As in the thesis the seal's phase is cut and the data are "
-        "thinned out: `liftgate-hil identify opening.csv --preset thesis-1 " + " ".join(thesis.CUT) + "`.",
+        "thinned out: `liftgate-hil identify opening.csv --preset thesis-1 --cut-angle 1:78 --decimate 10`.",
     ]
     for number, (preset, found) in enumerate(thesis.RUNS.items(), 1):
         title = {1: "Table 4.1", 2: "Table 4.2", 3: "no table in the thesis"}[number]
-        result = thesis.run(work, preset, *thesis.CUT)
+        result = thesis.run(work, preset, **thesis.CUT)
         lines += ["", f"### Run {number}, `--preset {preset}` ({title})", "", *thesis.table(result, found)]
-    full = thesis.run(work, "thesis-1", "--model", "full")
+    full = thesis.run(work, "thesis-1", model="full")
     lines += [
         "",
         "### Run 1 by the full plant, nothing cut or thinned out: `--preset thesis-1 --model full`",
@@ -110,10 +110,7 @@ def _thesis(work: Path, output: Path) -> list[str]:
 
 def _picture(work: Path, target: Path) -> None:
     """Write the counterpart of the thesis's figure 4.7: run 1, measured and simulated."""
-    parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
-    flags = [str(work / "opening.csv"), "--preset", "thesis-1", *thesis.CUT, "--quiet"]
-    result = command.identified(parser.parse_args(flags))
+    result = lh.identify(work / "opening.csv", preset="thesis-1", **thesis.CUT)
     target.write_bytes(png(trace_figure(result.experiments[0])))
 
 

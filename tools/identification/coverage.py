@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.config.parameters import find_parameter, value_of
-from liftgate_hil.identify.data import Data, rows_of
-from liftgate_hil.identify.identification import identify
-from liftgate_hil.identify.problem import Problem, Sought
-from liftgate_hil.identify.trajectory import MODELS, REST, trajectory
+from liftgate_hil.identification.data import Data, rows_of
+from liftgate_hil.identification.fit import fitted
+from liftgate_hil.identification.problem import Problem, Sought
+from liftgate_hil.identification.trajectory import MODELS, REST, trajectory
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import load_of, plant_of
@@ -109,7 +109,7 @@ def one(case: Case, seed: int) -> tuple[list[float], list[bool]]:
         quantity = parameter.quantity
         sought.append(Sought(parameter, value_of(shipped, parameter), quantity.low, quantity.high))
     outputs = list(data[0].outputs)
-    result = identify(Problem(vehicle, case.model, sought, data, outputs))
+    result = fitted(Problem(vehicle, case.model, sought, data, outputs))
     z = [(each.value - TRUTH[each.name]) / each.std for each in result.parameters]
     return z, [each.identifiable for each in result.parameters]
 

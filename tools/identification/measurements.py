@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.config.parameters import find_parameter, with_values
-from liftgate_hil.identify.data import rows_of
-from liftgate_hil.identify.trajectory import REST, trajectory
+from liftgate_hil.identification.data import rows_of
+from liftgate_hil.identification.trajectory import REST, trajectory
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.rows import AT
 from liftgate_plant.sensors import Sensors

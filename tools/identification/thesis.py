@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import json
+import math
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.cli.main import main
+import liftgate_hil as lh
+from liftgate_hil.identification.result import Identification
 from tools.identification.measurements import TRUTH
 
 # The seal's phase is cut and the data are thinned out, as in §4.6.1.
-CUT = ("--cut-angle", "1:78", "--decimate", "10")
+CUT: dict[str, Any] = {"cut_angle": (1.0, 78.0), "decimate": 10}
 # (estimate, standard deviation) of each parameter in the thesis.
 TABLE_4_1 = {
     "motor.resistance": (2.12797, 0.0217914),
@@ -28,33 +29,28 @@ TABLE_4_2 = {
 RUNS: dict[str, dict[str, tuple[float, float]]] = {"thesis-1": TABLE_4_1, "thesis-2": TABLE_4_2, "thesis-3": {}}
 
 
-def run(folder: Path, preset: str, *flags: str) -> dict[str, Any]:
-    """Return the result of one run on `folder`'s opening.csv. Raises RuntimeError if the command fails."""
-    target = folder / f"{preset}.json"
-    data = str(folder / "opening.csv")
-    code = main(["identify", data, "--preset", preset, *flags, "--result", str(target), "--quiet"])
-    if code:
-        raise RuntimeError(f"identify --preset {preset} ended with exit code {code}")
-    content: dict[str, Any] = json.loads(target.read_text())
-    return content
+def run(folder: Path, preset: str, **more: Any) -> Identification:
+    """Return the result of one run on `folder`'s opening.csv; `more` are arguments of `identify`."""
+    return lh.identify(folder / "opening.csv", preset=preset, **more)
 
 
-def table(result: dict[str, Any], thesis: dict[str, tuple[float, float]]) -> list[str]:
+def table(result: Identification, thesis: dict[str, tuple[float, float]]) -> list[str]:
     """Return Markdown lines: a table of one run's estimates beside the thesis's, and the fits of the run."""
     lines = [
         "| parameter | truth | initial | found | std | identifiable | thesis found | std |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for name, each in result["parameters"].items():
+    for each in result.parameters:
+        name = each.name
         value, std = thesis.get(name, (None, None))
-        identifiable = "yes" if result["identifiable"][name] else "**no**"
+        identifiable = "yes" if each.identifiable else "**no**"
         lines.append(
-            f"| `{name}` | {TRUTH[name]:.4g} | {each['initial']:.4g} | {each['value']:.4g} | "
-            f"{_shown(each['std'])} | {identifiable} | {_shown(value)} | {_shown(std)} |"
+            f"| `{name}` | {TRUTH[name]:.4g} | {each.initial:.4g} | {each.value:.4g} | "
+            f"{_shown(each.std)} | {identifiable} | {_shown(value)} | {_shown(std)} |"
         )
-    fits = ", ".join(f"{name} {fit:.1f} %" for name, fit in result["fit_percent"].items())
+    fits = ", ".join(f"{name} {fit:.1f} %" for name, fit in result.fit_percent.items())
     return [*lines, "", f"Fit: {fits}."]
 
 
 def _shown(value: float | None) -> str:
-    return "" if value is None else f"{value:.3g}"
+    return "" if value is None or not math.isfinite(value) else f"{value:.3g}"

@@ -1,9 +1,10 @@
 """Benchmark of the `identify` command: run 1 of the thesis at 1 kHz, against scipy's least_squares and solve_ivp.
 
-Both sides have the same data, the same equations (4.1-4.13 as identify/rigid.py corrects them), the same unknowns
-and start, and weights from the same noise. The scipy side is what an engineer would write down in an afternoon:
-the equations in Python, LSODA, two-point differences. The sides are compared twice: with four steps of voltage in
-10 s, each of which LSODA crosses with long steps, and with a voltage as it is measured, different at every sample.
+Both sides have the same data, the same equations (4.1-4.13 as identification/rigid.py corrects them), the same
+unknowns and start, and weights from the same noise. The scipy side is what an engineer would write down in an
+afternoon: the equations in Python, LSODA, two-point differences. The sides are compared twice: with four steps
+of voltage in 10 s, each of which LSODA crosses with long steps, and with a voltage as it is measured, different
+at every sample.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 from liftgate_hil.config.parameters import find_parameter, value_of, with_values
-from liftgate_hil.identify.data import rows_of
-from liftgate_hil.identify.trajectory import MODELS, REST, trajectory
+from liftgate_hil.identification.data import rows_of
+from liftgate_hil.identification.trajectory import MODELS, REST, trajectory
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant import gate, spring, transmission
 from liftgate_plant.sensors import Sensors

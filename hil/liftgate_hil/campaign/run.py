@@ -211,7 +211,7 @@ def _note(folder: Folder, found: Prepared, pace: Pace, provenance: Provenance, r
             "varied": [str(each) for each in found.space.factors],
             **pace._asdict(),
             "files": {name: each._asdict() for name, each in found.plan.sources.items()},
-            **{name: each for name, each in provenance.as_dict().items() if name != "sources"},
+            **{name: each for name, each in provenance.to_dict().items() if name != "sources"},
         }
     )
 

@@ -26,7 +26,7 @@ _MODULES = {
     "scheduled_tick": "liftgate_hil.loop.python_loop",
     "turn": "liftgate_hil.ecu.node",
     "block": "liftgate_hil.loop.simulation",
-    "run": "liftgate_hil.identify.trajectory",
+    "run": "liftgate_hil.identification.trajectory",
     "walk": "liftgate_hil.measurement.walk",
     "judge_block": "liftgate_hil.judging.table",
     "note_wakeups": "liftgate_hil.loop.wakeups",
@@ -128,7 +128,7 @@ def _offline(teller: Listener, stopped: Callable[[], bool]) -> None:
     """Compile `simulate`, and the model that identification runs."""
     import numpy as np
 
-    from liftgate_hil.identify.trajectory import REST, trajectory
+    from liftgate_hil.identification.trajectory import REST, trajectory
     from liftgate_hil.loop.simulation import simulate
     from liftgate_hil.running.setup import setup_of
     from liftgate_hil.running.stimulation import offline_of

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
-from liftgate_hil.cli.measurements import add_map
 from liftgate_hil.cli.recordings import add_reading, reading_of
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.suite_reports import (
@@ -31,6 +30,7 @@ from liftgate_hil.cli.suite_reports import (
 )
 from liftgate_hil.cli.test import add_set_parameter, naming_the_flag, parameters_of
 from liftgate_hil.errors import printable
+from liftgate_hil.measurement.request import MapRequest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scenario", required=True, metavar="NAME|FILE", help="the scenario with the expectations"
     )
     parser.add_argument("--one-run", action="store_true", help="all files belong to one run, whatever their names")
-    add_map(parser)
+    options.add_flags(parser, MapRequest)
     parser.add_argument("--vehicle", metavar="NAME|FILE", help="default: the scenario's, else suv")
     parser.add_argument(
         "--rig",
@@ -114,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
                     out.put(_lines_of(outcome, len(runs) > 1, args))
                 progress.update(len(outcomes), text=f"{len(outcomes)}/{len(cases)} runs" if len(cases) > 1 else "")
     provenance = provenance_of(args.command_line, {})
-    content = as_json(outcomes, provenance.as_dict())
+    content = as_json(outcomes, provenance.to_dict())
     with teller.progress("report"):
         write_all(
             targets,

@@ -10,8 +10,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from liftgate_hil.config.described import REQUIRED, Record, fields_of
-from liftgate_hil.config.kinds import SEED, Choice, Flag, Kind, Number, Whole
+from liftgate_hil.config.described import REQUIRED, Record, fields_of, signature_of
+from liftgate_hil.config.kinds import SEED, Choice, Flag, Kind, Number, Paths, Whole
+from liftgate_hil.config.vehicle_choice import VehicleSettings
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.running.options import RunOptions
 
@@ -24,7 +25,8 @@ MACHINE = ("realtime", "cpu")  # options about what the program requests of the 
 LISTEN = "127.0.0.1:8765"
 _PARSERS: Mapping[type, Callable[[str], Any]] = {Number: float, Whole: int}
 _ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
-_FLAGS = {"settings": "--set"}  # flags that are not called as their argument
+# Flags that are not called as their argument.
+_FLAGS = {"settings": "--set", "from_s": "--from", "to_s": "--to", "maps": "--map", "files": "FILE"}
 
 
 def as_flags(text: str) -> str:
@@ -71,11 +73,13 @@ def add_flags(
     Without names all fields get theirs. The field `placed` is an argument, too, which may be left out.
     """
     fields = {each.name: each for each in fields_of(record)}
-    for name in names or fields:
+    for name in names or signature_of(record).parameters:
         field = fields[name]._replace(default=defaults.get(name, fields[name].default))
         flag, meta = "--" + (field.flag or name.replace("_", "-")), field.metavar
         text = f"{field.meaning}; default: {words}" if (words := field.default_text) else field.meaning
-        if field.default is REQUIRED:
+        if isinstance(field.kind, Paths):
+            parser.add_argument(name, nargs="*" if name == placed else "+", metavar=meta, help=field.meaning)
+        elif field.default is REQUIRED:
             parser.add_argument(name, metavar=meta, type=of_kind(field.kind), help=field.meaning)
         elif name == placed:
             parser.add_argument(name, nargs="?", metavar=meta, type=of_kind(field.kind), help=field.meaning)
@@ -165,25 +169,7 @@ def setup_of(args: argparse.Namespace) -> Setup:
 def add_vehicle(parser: argparse.ArgumentParser, default: str | None = "suv", text: str = "default: suv") -> None:
     """Add the flags for the vehicle."""
     parser.add_argument("--vehicle", default=default, metavar="NAME|FILE", help=text)
-    parser.add_argument(
-        "--set",
-        dest="settings",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="replace a value of the vehicle file, e.g. environment.road_slope_deg=8 (repeatable)",
-    )
-    parser.add_argument(
-        "--draw",
-        type=of_kind(SEED),
-        metavar="SEED",
-        help="draw one car from the vehicle file's [spread]; default: the file's own values",
-    )
-    parser.add_argument(
-        "--ideal",
-        action="store_true",
-        help="the thesis's plant: no noise, ripple, sensor errors, torsion, source resistance or wear",
-    )
+    add_flags(parser, VehicleSettings, "settings", "draw", "ideal")
 
 
 def vehicle_of(args: argparse.Namespace) -> Vehicle:

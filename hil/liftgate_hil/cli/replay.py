@@ -153,7 +153,7 @@ def _content(args: argparse.Namespace, played: Played, stopped: StopSignals) -> 
     return {
         **played.as_dict(),
         "stop_reason": stopped.name or "end",
-        "provenance": provenance_of(args.command_line, sources).as_dict(),
+        "provenance": provenance_of(args.command_line, sources).to_dict(),
     }
 
 

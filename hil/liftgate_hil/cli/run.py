@@ -97,7 +97,7 @@ def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> 
         "verdict": result.verdict if result.expectations else None,
         "expectations": [expectation_json(each) for each in result.expectations.values()],
         "notes": list(result.notes),
-        "provenance": provenance_of(args.command_line, result.sources).as_dict(),
+        "provenance": provenance_of(args.command_line, result.sources).to_dict(),
     }
 
 

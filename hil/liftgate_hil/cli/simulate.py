@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import ConfigError, RecordingError
+from liftgate_hil.measurement.request import MapRequest
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,8 +35,6 @@ _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # from an input without --durati
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    from liftgate_hil.cli.measurements import add_map
-
     options.add_setup(parser)
     source = parser.add_mutually_exclusive_group()
     source.add_argument(
@@ -50,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=".csv (.tsv, .txt), .parquet, .mf4 or .mcap with time_s and input columns; its first sample "
         "becomes time 0",
     )
-    add_map(parser)
+    options.add_flags(parser, MapRequest)
     parser.add_argument(
         "--duration",
         type=options.bounded(0.0, 1e7, "s"),

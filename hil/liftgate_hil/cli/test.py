@@ -132,7 +132,7 @@ def run(args: argparse.Namespace) -> int:
     mutation = _mutated(args, ordered, jobs, stop, teller) if args.mutants else None
     verdict = worst([suite.verdict_of(ordered), *([] if mutation is None else [mutation.verdict])])
     provenance = provenance_of(args.command_line, {})
-    content = {**as_json(ordered, provenance.as_dict()), "verdict": verdict}
+    content = {**as_json(ordered, provenance.to_dict()), "verdict": verdict}
     if mutation is not None:
         content["mutation"] = mutation.as_json()
     with teller.progress("report"):

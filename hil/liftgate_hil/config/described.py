@@ -86,11 +86,14 @@ class Record:
     validate: `of` does. Of a class with `kw_only=False` it takes values by their place, too.
     """
 
+    _takes_names_only = True
+
     def __init__(self, **values: Any) -> None:
         self.__dict__.update(values)
 
     def __init_subclass__(cls, *, kw_only: bool = True) -> None:
-        """Take what type checkers need to know of a subclass."""
+        """Note whether the constructor takes the subclass's own fields by their names only."""
+        cls._takes_names_only = kw_only
 
     @classmethod
     def of(cls, *placed: Any, **given: Any) -> Self:
@@ -165,15 +168,24 @@ def fields_of(record: type) -> tuple[Field, ...]:
 
 
 def signature_of(record: type) -> inspect.Signature:
-    """Return the signature of a function whose arguments are a record's fields."""
-    either, empty = inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.empty
-    required = sorted(fields_of(record), key=lambda each: each.default is not REQUIRED)
-    return inspect.Signature(
-        [
-            inspect.Parameter(each.name, either, default=empty if each.default is REQUIRED else each.default)
-            for each in required
-        ]
-    )
+    """Return the signature of a function whose arguments are a record's fields.
+
+    First those that are taken by their place, too; of either, first those that are required.
+    """
+    empty = inspect.Parameter.empty
+    parameters = [
+        inspect.Parameter(each.name, kind, default=empty if each.default is REQUIRED else each.default)
+        for each in fields_of(record)
+        for kind in [_parameter_kind(record, each.name)]
+    ]
+    return inspect.Signature(sorted(parameters, key=lambda each: (each.kind, each.default is not empty)))
+
+
+def _parameter_kind(record: type, name: str) -> inspect._ParameterKind:
+    """Return how a function takes a field: as the class that states it says."""
+    owner = next(each for each in record.__mro__ if name in vars(each).get("__annotations__", {}))
+    names_only = vars(owner)["_takes_names_only"]
+    return inspect.Parameter.KEYWORD_ONLY if names_only else inspect.Parameter.POSITIONAL_OR_KEYWORD
 
 
 class Command(Protocol[P, Request_contra, Result_co]):

@@ -252,10 +252,12 @@ class Names:
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
         """Return the names; an empty tuple and an issue if they are invalid."""
         given = [value] if isinstance(value, str) else value
-        if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return self.invalid
-        return tuple(name.strip() for each in given for name in each.split(",") if name.strip())
+        if isinstance(given, list) and all(isinstance(each, str) for each in given):
+            found = tuple(name.strip() for each in given for name in each.split(",") if name.strip())
+            if found or not given:
+                return found
+        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return self.invalid
 
 
 class File:
@@ -269,6 +271,20 @@ class File:
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return self.invalid
         return Path(value)
+
+
+class Paths:
+    """Kind of value: paths of files, in a list, or one."""
+
+    allowed, invalid = "a path, or a list of them", ()
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[Path, ...]:
+        """Return the paths; an empty tuple and an issue if they are invalid."""
+        given = value if isinstance(value, list) else [value]
+        if not given or not all(isinstance(each, str | os.PathLike) and os.fspath(each) for each in given):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return self.invalid
+        return tuple(map(Path, given))
 
 
 class Raw(NamedTuple):

@@ -5,14 +5,16 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
+
+from liftgate_hil.config.described_result import Shown
 
 
 class Source(NamedTuple):
     """A file as it was read, with the hash of its content."""
 
-    path: str
-    sha256: str
+    path: Annotated[str, Shown("path of the file")]
+    sha256: Annotated[str, Shown("SHA-256 of its content, in hexadecimal digits")]
 
 
 def sources_of(paths: Mapping[str, Path]) -> dict[str, Source]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from liftgate_hil.config.described_result import Result, Shown
 from liftgate_hil.conversion.compare_frames import FramesCompared
 from liftgate_hil.conversion.held_values import Compared, HeldValues
 from liftgate_hil.conversion.partners import partners
@@ -18,46 +17,62 @@ from liftgate_hil.conversion.time_offset import TIME_TOLERANCE_S
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording
 
+# fmt: off
+# A field with its description is a row of a table.
+
 
 class Values(NamedTuple):
     """Values of a column in both recordings at a time; NaN: no value."""
 
-    time_s: float
+    time_s: Annotated[float, Shown("time [s]")]
     first: float
     second: float
 
+    @property
+    def values(self) -> Annotated[tuple[float, float], Shown("both values, in the column's unit: [first, second]; "
+            "null: no value")]:
+        """Both values."""
+        return self.first, self.second
+
 
 @dataclass(frozen=True)
-class Difference:
+class Difference(Result):
     """Difference of one column: second recording minus first."""
 
     name: str
-    unit: str
-    largest: float  # difference that is furthest from zero; NaN: only one of them has a value at that time
-    at: Values | None  # where that is; None: there is none
-    first: Values | None  # the first difference beyond the tolerance; None: there is none
-    rms: float  # over all times at which both have a value
-    tolerance: float
+    unit: Annotated[str, Shown("unit of the column; empty: none")]
+    largest: Annotated[float, Shown("the difference that is furthest from zero, in the column's unit; null: only "
+        "one of them has a value at that time")]
+    at: Annotated[Values | None, Shown("where that is; null: there is no difference")]
+    first: Annotated[Values | None, Shown("the first difference beyond the tolerance; null: there is none")]
+    # over all times at which both have a value
+    rms: Annotated[float, Shown("root mean square of the differences, in the column's unit; null: unknown")]
+    tolerance: Annotated[float, Shown("difference that is allowed, in the column's unit")]
 
     @property
-    def is_equal(self) -> bool:
+    def is_equal(self) -> Annotated[bool, Shown("whether all differences are within the tolerance", key="equal")]:
         """Whether the difference is within its tolerance everywhere."""
         return self.first is None
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Result):
     """Differences between two recordings."""
 
-    columns: tuple[Difference, ...]
-    rows: int  # rows of the first recording at times that both have
-    alone: tuple[int, int]  # rows at times that the other does not have
-    missing: tuple[tuple[str, ...], tuple[str, ...]]  # columns that the other does not have
-    frames: FramesCompared | None = None
+    columns: Annotated[tuple[Difference, ...], Shown("columns that both have", by="name", names=("COLUMN",),
+        meanings=("the differences of a column",))]
+    rows: Annotated[int, Shown("rows at times that both have")]  # of the first recording
+    alone: Annotated[tuple[int, int], Shown("rows at times that the other does not have: [first, second]",
+        key="rows_alone")]
+    missing: Annotated[tuple[tuple[str, ...], tuple[str, ...]], Shown("names of columns that the other does not "
+        "have: [first, second]", key="columns_alone")]
+    frames: Annotated[FramesCompared | None, Shown("comparison of the bus frames; null: none were "
+        "compared")] = None
     notes: tuple[str, ...] = ()  # what the readers of the files have noticed
 
     @property
-    def is_equal(self) -> bool:
+    def is_equal(self) -> Annotated[bool, Shown("whether the recordings are equal within the tolerances",
+            key="equal")]:
         """Whether the recordings are equal within the tolerances."""
         return (
             all(each.is_equal for each in self.columns)
@@ -66,52 +81,8 @@ class Comparison:
             and (self.frames is None or self.frames.first is None)
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the comparison as `compare --json` prints it (docs/json.md)."""
-        frames = self.frames
-        return {
-            "equal": self.is_equal,
-            "rows": self.rows,
-            "rows_alone": list(self.alone),
-            "columns_alone": [list(each) for each in self.missing],
-            "columns": {
-                each.name: {
-                    "unit": each.unit,
-                    "largest": _finite(each.largest),
-                    "at": _as_values(each.at),
-                    "first": _as_values(each.first),
-                    "rms": _finite(each.rms),
-                    "tolerance": each.tolerance,
-                    "equal": each.is_equal,
-                }
-                for each in self.columns
-            },
-            "frames": None
-            if frames is None
-            else {
-                "counts": list(frames.counts),
-                "first_unlike": frames.first,
-                "time_s": _finite(frames.time_s),
-                "what": frames.what,
-                "values": list(frames.values),
-            },
-        }
 
-    def to_json(self) -> str:
-        """Return the comparison as JSON."""
-        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
-
-
-def _as_values(found: Values | None) -> dict[str, Any] | None:
-    if found is None:
-        return None
-    return {"time_s": found.time_s, "values": [_finite(found.first), _finite(found.second)]}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
+# fmt: on
 def compare_tables(
     tables: tuple[Recording, Recording],
     columns: Sequence[str] = (),

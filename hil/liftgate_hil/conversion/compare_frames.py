@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD_FLAGS, REMOTE, no_logged
+from liftgate_hil.config.described_result import Result, Shown
 from liftgate_hil.conversion.time_offset import TIME_TOLERANCE_S, offset_of
 from liftgate_hil.formats.recording import Recording
 
@@ -16,15 +18,23 @@ _FIELDS = {"identifier": "identifier", "length": "length", "is_sent": "direction
 _NONE = "none"
 
 
+# fmt: off
 @dataclass(frozen=True)
-class FramesCompared:
+class FramesCompared(Result):
     """Result of the comparison of the frames of two recordings."""
 
-    counts: tuple[int, int]  # frames in each recording
-    first: int | None  # index of the first frame that differs; None: all are equal
-    time_s: float  # time of that frame, in the first recording if it has one; NaN: all are equal
-    what: str = ""  # fields that differ in that frame
-    values: tuple[str, str] = ("", "")  # that frame in each recording, in words; "": all are equal
+    counts: Annotated[tuple[int, int], Shown("number of frames: [first, second]")]
+    first: Annotated[int | None, Shown("index from 0 of the first frame that differs; null: all are equal",
+        key="first_unlike")]
+    # in the first recording, if it has that frame
+    time_s: Annotated[float, Shown("time of that frame [s]; null: all are equal")]
+    what: Annotated[str, Shown("what differs in that frame; empty: nothing, or the other recording has "
+        "ended")] = ""
+    values: Annotated[tuple[str, str], Shown("that frame in words: [first, second]; empty: all are "
+        "equal")] = ("", "")
+
+
+# fmt: on
 
 
 def compare_frames(

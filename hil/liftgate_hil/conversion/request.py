@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from liftgate_hil.config.described import Field, Record
-from liftgate_hil.config.kinds import SEED, Choice, File, Flag, Names, Number, Text, Texts
+from liftgate_hil.config.kinds import Choice, File, Names, Number, Text
 from liftgate_hil.config.toml import show
+from liftgate_hil.config.vehicle_choice import VehicleSettings
 from liftgate_hil.conversion.figures.catalogue import FIGURES
 from liftgate_hil.errors import ConfigIssues
 
@@ -97,7 +98,7 @@ OF_RECORDING = ("recording", "from_s", "to_s", "rig", "recording_channel", "time
 OF_VEHICLE = ("vehicle", "settings", "draw", "ideal")
 
 
-class PlotRequest(Record, kw_only=False):
+class PlotRequest(VehicleSettings, kw_only=False):
     """Request to draw a recording or a vehicle."""
 
     recording: Annotated[str | Path | None, Field(File(), "a recording, or a bus log of another tool",
@@ -113,12 +114,6 @@ class PlotRequest(Record, kw_only=False):
     timezone: TimeZone = None
     vehicle: Annotated[str | Path | None, Field(File(), f"for the figures {_OF_VEHICLE}",
         "the recording's, else suv", "NAME|FILE")] = None
-    settings: Annotated[tuple[str, ...], Field(Texts("a list of KEY=VALUE"), "replace a value of the vehicle "
-        "file, e.g. environment.road_slope_deg=8 (repeatable)", metavar="KEY=VALUE", flag="set")] = ()
-    draw: Annotated[int | None, Field(SEED, "draw one car from the vehicle file's [spread]",
-        "the file's own values", "SEED")] = None
-    ideal: Annotated[bool, Field(Flag(), "the thesis's plant: no noise, ripple, sensor errors, torsion, source "
-        "resistance or wear")] = False
     output: Annotated[str | Path | None, Field(File(), "the picture, .png, .svg, .pdf or .html", "FILE.png, "
         "FILE.FIGURE.png, VEHICLE.FIGURE.png", "FILE")] = None
 

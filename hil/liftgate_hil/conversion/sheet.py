@@ -33,7 +33,7 @@ def check_picture(name: str, sources: Sequence[str | Path]) -> Path:
     """Return the path of a picture. Raises ConfigError where no picture can be written there."""
     if Path(name).suffix.lower() not in SUFFIXES:
         raise ConfigError(f"`output` {name}: allowed: a file of {', '.join(SUFFIXES)}")
-    check_targets({"--output": name}, sources)
+    check_targets({"output": name}, sources)
     return Path(name)
 
 

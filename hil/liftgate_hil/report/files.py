@@ -36,53 +36,54 @@ def is_of_another_kind(path: Path, kind: str) -> bool:
 
 
 def check_targets(targets: Mapping[str, str | None], sources: Iterable[str | Path]) -> None:
-    """Raise ConfigError with all issues of the files that flags name, where they are given.
+    """Raise ConfigError with all issues of the files that arguments name, where they are given.
 
     No file may be written twice, and none may be one that is read (`sources`). What killed processes have left
     beside them is removed.
     """
     issues: list[str] = []
     taken, inputs = dict[str, str](), [Path(each) for each in sources]
-    for flag, path in targets.items():
+    for name, path in targets.items():
         if path is None:
             continue
         try:
-            check_target(path, flag)
+            check_target(path, name)
         except ConfigError as error:
             issues += error.issues
             continue
-        kind, place = flag.removeprefix("--").replace("-", "_"), os.path.realpath(path)
+        place = os.path.realpath(path)
         if is_one_of(Path(path), inputs):
-            issues.append(f"{flag} {path}: is an input file; allowed: a separate file")
-        elif is_of_another_kind(Path(path), kind):
+            issues.append(f"`{name}` {path}: is an input file; allowed: a separate file")
+        elif is_of_another_kind(Path(path), name):
             issues.append(
-                f"{flag} {path}: is a file of another kind; allowed: a new file, or a {_KINDS[kind][0]} to replace"
+                f"`{name}` {path}: is a file of another kind; allowed: a new file, or a {_KINDS[name][0]} to "
+                "replace"
             )
         elif place in taken:
-            issues.append(f"{flag} {path}: {taken[place]}; allowed: a separate file")
+            issues.append(f"`{name}` {path}: {taken[place]}; allowed: a separate file")
         else:
             remove_leftovers(Path(path).parent, Path(path).name)
-        taken.setdefault(place, f"{flag} writes it")
+        taken.setdefault(place, f"`{name}` writes it")
     if issues:
         raise ConfigError(issues)
 
 
-def check_target(path: str, flag: str) -> None:
-    """Raise ConfigError where `flag` names a file that could not be written."""
+def check_target(path: str, name: str) -> None:
+    """Raise ConfigError where an argument names a file that could not be written."""
     target = Path(path)
     if "\0" in path:
-        raise ConfigError(f"{flag} {path!r}: allowed: a name without a NUL")
+        raise ConfigError(f"`{name}` {path!r}: allowed: a name without a NUL")
     try:
         if not path or target.is_dir():
-            raise ConfigError(f"{flag} {path}: is a folder; allowed: the name of a file")
+            raise ConfigError(f"`{name}` {path}: is a folder; allowed: the name of a file")
         if not target.parent.is_dir():
-            raise ConfigError(f"{flag} {path}: no folder {target.parent}; allowed: an existing folder")
+            raise ConfigError(f"`{name}` {path}: no folder {target.parent}; allowed: an existing folder")
         exists = target.exists()
     except OSError as error:  # for example a name that is too long
-        raise ConfigError(f"{flag} {path}: {error.strerror}") from error
+        raise ConfigError(f"`{name}` {path}: {error.strerror}") from error
     if not os.access(target if exists else target.parent, os.W_OK):
         what = "it" if exists else f"folder {target.parent}"
-        raise ConfigError(f"{flag} {path}: no permission to write {what}")
+        raise ConfigError(f"`{name}` {path}: no permission to write {what}")
 
 
 def put_report(path: Path, content: bytes, say: Say = silent) -> None:
@@ -108,9 +109,9 @@ def _holds(path: Path, content: bytes) -> bool:
     return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
 
 
-def write_report(path: str, flag: str, text: str, say: Say = silent) -> None:
+def write_report(path: str, name: str, text: str, say: Say = silent) -> None:
     """Write a text file as `put_report` does; raise ConfigError where that fails."""
     try:
         put_report(Path(path), text.encode(), say)
     except OSError as error:
-        raise ConfigError(f"{flag} {path}: cannot be written: {error.strerror}") from error
+        raise ConfigError(f"`{name}` {path}: cannot be written: {error.strerror}") from error

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
+from typing import Annotated
 
+from liftgate_hil.config.described_result import Result, Shown
 from liftgate_hil.config.sources import Source
 from liftgate_hil.version import versions
 from liftgate_plant import compiler
@@ -17,24 +18,31 @@ from liftgate_plant import compiler
 _EPOCH = "SOURCE_DATE_EPOCH"
 
 
+# fmt: off
+# A field with its description is a row of a table.
+
+
 @dataclass(frozen=True)
-class Provenance:
+class Provenance(Result):
     """Provenance of one result: command line, date, versions, files and computer."""
 
-    command_line: str
-    date: str  # ISO 8601, UTC
-    sources: Mapping[str, Source] = field(default_factory=dict)
-    versions: Mapping[str, str] = field(default_factory=versions)
-    platform: str = field(default_factory=platform.platform)
-    libc: str = field(default_factory=lambda: " ".join(platform.libc_ver()))
-    processor: str = field(default_factory=lambda: compiler.processor()[0])
-    processor_features: str = field(default_factory=lambda: compiler.processor()[1])
+    command_line: Annotated[str, Shown("the command with its arguments; empty: none, a program asked for it")]
+    date: Annotated[str, Shown("when the result was made: ISO 8601, UTC")]
+    sources: Annotated[Mapping[str, Source], Shown("files that were read, by purpose: `scenario`, `vehicle`, "
+        "`rig`, `dbc`, …; of `test` and `judge` empty here, see `scenarios[].sources`", names=("PURPOSE",),
+        meanings=("a file",))] = field(default_factory=dict)
+    versions: Annotated[Mapping[str, str], Shown("versions by package", names=("PACKAGE",),
+        meanings=("version; `unknown`: the package is not installed",))] = field(default_factory=versions)
+    platform: Annotated[str, Shown("operating system and processor architecture")] = field(
+        default_factory=platform.platform)
+    libc: Annotated[str, Shown("C library with its version")] = field(
+        default_factory=lambda: " ".join(platform.libc_ver()))
+    processor: Annotated[str, Shown("processor type for which code was compiled")] = field(
+        default_factory=lambda: compiler.processor()[0])
+    processor_features: Annotated[str, Shown("processor features, each with + or -, separated by commas")] = field(
+        default_factory=lambda: compiler.processor()[1])
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the provenance as a dictionary for JSON."""
-        sources = {name: each._asdict() for name, each in self.sources.items()}
-        return {**asdict(self), "sources": sources}
-
+    # fmt: on
     def rows(self) -> list[tuple[str, str]]:
         """Return the provenance as (name, value) rows of a table."""
         return [

@@ -28,10 +28,10 @@ from fitting_files import (
     write_columns,
 )
 
-from liftgate_hil.cli.fitting import _check_beginnings
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.identify.data import Data
+from liftgate_hil.identification.assembly import _check_beginnings
+from liftgate_hil.identification.data import Data
 from liftgate_hil.running.setup import vehicle_from
 
 SIGMAS = 4.0  # six seeds out of ten thousand are further off
@@ -310,7 +310,7 @@ def test_a_prior_that_is_sure_wins_over_the_data(capsys: pytest.CaptureFixture[s
     ("flags", "said"),
     [
         ([], ["--estimate: missing"]),
-        (["--estimate", " , "], ["--estimate: missing"]),
+        (["--estimate", " , "], ["--estimate  , : allowed: names"]),
         (["--estimate", "motor.resistence,gear.foo"], ["motor.resistence: no such", "gear.foo: no such"]),
         (["--estimate", "motor.resistance,motor.resistance"], ["motor.resistance: given twice"]),
         (
@@ -334,7 +334,7 @@ def test_a_prior_that_is_sure_wins_over_the_data(capsys: pytest.CaptureFixture[s
         (["--noise", "foo=1"], ["OUTPUT one of current, speed, position, angle"]),
         (["--noise", "current=1"], ["--noise: not given for left_position_rev, gate_angle_deg"]),
         (["--outputs", "foo,bar"], ["--outputs foo", "--outputs bar"]),
-        (["--outputs", ""], ["--outputs : allowed: current"]),
+        (["--outputs", ""], ["--outputs : allowed: names"]),
         (["--outputs", "speed"], ["not measured; allowed: current, position, angle"]),
         (["--profile", "gear.ratio"], ["--profile gear.ratio: allowed: motor.resistance"]),
         (["--initial", "ajar"], ["allowed: auto, pause, closed, open"]),
@@ -505,7 +505,7 @@ def test_an_interrupt_ends_it_without_a_crash_or_half_a_result(opening: Path, tm
     result = tmp_path / "result.json"
     arguments = ["identify", str(opening), "--estimate", NAMES, "--step", "1e-5", "--quiet"]
     code = (
-        "import liftgate_hil.cli.main, sys, liftgate_hil.identify.identification as i\n"
+        "import liftgate_hil.cli.main, sys, liftgate_hil.identification.fit as i\n"
         "search = i._check_excited\n"
         "def told(problem):\n    search(problem)\n    print('begun', flush=True)\n"
         "    while True:\n        search(problem)\n"
@@ -592,7 +592,7 @@ def test_a_stated_beginning_that_the_data_contradict_is_refused(
     assert "opening.csv: its first gate_angle_deg is" in line
     assert line.endswith("while it states 80; allowed: auto, or the angle at which each file begins")
     data = Data("a.csv", np.arange(3.0), np.zeros((3, 14)), {"left_speed_rps": np.array([40.0, 45.0, 50.0])})
-    with pytest.raises(ConfigError, match=r"--initial closed: a.csv: its first left_speed_rps is 40, while"):
+    with pytest.raises(ConfigError, match=r"`initial` closed: a.csv: its first left_speed_rps is 40, while"):
         _check_beginnings([data], [0.0], "closed")
     _check_beginnings([data], [None], "auto")
 

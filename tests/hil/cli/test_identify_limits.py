@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import math
@@ -12,8 +11,10 @@ from pathlib import Path
 import pytest
 from fitting_files import KEPT, call, driven, noisy, settings, simulated, write_columns
 
-from liftgate_hil.cli import identify as command
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.identification.commands import identified
+from liftgate_hil.identification.request import IdentifyRequest
+from liftgate_hil.identification.saved_vehicle import vehicle_text_of
 from liftgate_hil.running.setup import vehicle_from
 
 NAMES = "motor.torque_constant,motor.speed_constant,motor.resistance"
@@ -59,20 +60,18 @@ def test_what_was_found_is_not_saved_beside_an_initial_value_that_does_not_go_wi
     weak: Path, tmp_path: Path
 ) -> None:
     """A torque constant that could not be told stays as it was, above what the new speed constant allows."""
-    parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
     names = "motor.torque_constant,motor.speed_constant"
     target = str(tmp_path / "saved.toml")
-    args = parser.parse_args([str(weak), "--estimate", names, "--quiet", "--save-vehicle", target])
-    result = command.identified(args)
+    request = IdentifyRequest.of(files=str(weak), estimate=names, save_vehicle=target)
+    result = identified(request)
     torque, speed = result.parameters
     found = (dataclasses.replace(torque, identifiable=False), dataclasses.replace(speed, value=0.0755))
     with pytest.raises(ConfigError) as caught:
-        command._vehicle_text(args, dataclasses.replace(result, parameters=found))
+        vehicle_text_of(request, dataclasses.replace(result, parameters=found))
     (line,) = caught.value.issues
-    assert line.startswith(f"--save-vehicle {target}: motor.torque_constant: 0.0122 makes energy")
-    assert "motor.torque_constant kept the initial value; allowed: --estimate without it" in line
-    text = command._vehicle_text(args, result)
+    assert line.startswith(f"`save_vehicle` {target}: motor.torque_constant: 0.0122 makes energy")
+    assert "motor.torque_constant kept the initial value; allowed: `estimate` without it" in line
+    text = vehicle_text_of(request, result)
     assert tomllib.loads(text)["identification"]["not_identifiable"] == []
     Path(target).write_text(text, encoding="utf-8")
     assert vehicle_from(target).left.motor.speed_constant == speed.value

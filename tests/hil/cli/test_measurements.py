@@ -8,8 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from liftgate_hil.cli.measurements import add_measurement_arguments, angle_of_position, measurements_from
+from liftgate_hil.cli.options import add_flags, given_in
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.identification.measurements import measurements_of
+from liftgate_hil.identification.request import MeasuredRequest
+from liftgate_hil.measurement.known_vehicle import angle_of_position
 from liftgate_hil.measurement.measurement import Measurement
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.initial import initial_state
@@ -20,9 +23,9 @@ COUNT = 3001
 
 def measure(*arguments: object, vehicle: str = "suv") -> list[Measurement]:
     parser = argparse.ArgumentParser(allow_abbrev=False)
-    add_measurement_arguments(parser)
+    add_flags(parser, MeasuredRequest)
     args = parser.parse_args([str(each) for each in arguments])
-    return measurements_from(args, vehicle_from(vehicle))
+    return measurements_of(MeasuredRequest.of(**given_in(args, MeasuredRequest)), vehicle_from(vehicle))
 
 
 @pytest.fixture
@@ -109,7 +112,7 @@ def test_units_are_held_against_the_vehicle(drive: Path) -> None:
 
 
 def test_from_comes_before_to(drive: Path) -> None:
-    with pytest.raises(ConfigError, match="--from 2 --to 1: allowed: --from before --to"):
+    with pytest.raises(ConfigError, match="`from_s` 2 `to_s` 1: allowed: `from_s` before `to_s`"):
         measure(drive, "--from", 2, "--to", 1)
 
 

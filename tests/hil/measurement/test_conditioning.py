@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.identify.data import Data, rows_of
-from liftgate_hil.identify.raster import thinned
+from liftgate_hil.identification.data import Data, rows_of
+from liftgate_hil.identification.raster import thinned
 from liftgate_hil.measurement.condition import cut_angle, cut_time
 from liftgate_hil.measurement.known_vehicle import KnownVehicle
 from liftgate_hil.measurement.measurement import Floats, Measurement

@@ -41,7 +41,7 @@ def test_the_date_is_now_or_the_one_that_the_environment_gives() -> None:
 def test_it_is_json_and_a_table_with_the_same_in_both(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text("")
     record = provenance_of("liftgate-hil demo", sources_of({"rig": tmp_path / "rig.toml"}))
-    content = json.loads(json.dumps(record.as_dict()))
+    content = json.loads(json.dumps(record.to_dict()))
     assert set(content) == {
         "command_line", "date", "sources", "versions", "platform", "libc", "processor", "processor_features",
     }  # fmt: skip

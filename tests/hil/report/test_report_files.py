@@ -119,7 +119,7 @@ def test_what_a_killed_process_has_left_beside_a_target_is_removed(tmp_path: Pat
     left, other = tmp_path / name_beside("fit.json"), tmp_path / name_beside("other.json")
     left.touch()
     other.touch()
-    check_targets({"--result": str(tmp_path / "fit.json")}, [])
+    check_targets({"result": str(tmp_path / "fit.json")}, [])
     assert list(tmp_path.iterdir()) == [other]
 
 
@@ -128,8 +128,8 @@ def test_a_target_that_is_read_is_refused(tmp_path: Path, link: object) -> None:
     source, target = tmp_path / "in.csv", tmp_path / "out.json"
     source.write_text("time_s\n")
     link(source, target)  # type: ignore[operator]
-    with pytest.raises(ConfigError, match=r"--result .*out\.json: is an input file; allowed: a separate file"):
-        check_targets({"--result": str(target)}, [tmp_path / "not there", source])
+    with pytest.raises(ConfigError, match=r"`result` .*out\.json: is an input file; allowed: a separate file"):
+        check_targets({"result": str(target)}, [tmp_path / "not there", source])
 
 
 def test_a_report_of_another_form_is_not_replaced(tmp_path: Path) -> None:

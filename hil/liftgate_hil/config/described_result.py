@@ -1,0 +1,126 @@
+"""Description of a result, once: JSON and its reference page are made from what stands at a field.
+
+    @dataclass(frozen=True)
+    class Fit(Result):
+        name: str  # not in JSON
+        percent: Annotated[float, Shown("NRMSE fit [%]")]
+
+        @property
+        def is_good(self) -> Annotated[bool, Shown("whether it is above 80 %")]: ...
+
+`Fit("a", 90.0).to_dict()` is {"percent": 90.0, "is_good": True}.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from types import UnionType
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+
+
+class Shown(NamedTuple):
+    """Description of a field of a result, or of one of its properties, as the annotation of its type.
+
+    An object whose keys vary has `names` for what stands for them in the reference, from the outside in, with the
+    `meanings` of what is there. Items of a sequence are shown as such an object `by` one of their attributes.
+    """
+
+    meaning: str
+    key: str = ""  # in JSON, where it is not called as the field
+    names: tuple[str, ...] = ()
+    meanings: tuple[str, ...] = ()
+    by: str = ""
+
+
+class Result:
+    """Base class of results: records of which what is `Shown` is public, in JSON and in the reference."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what is shown as plain values by their keys; a number that is not finite is None."""
+        return _object_of(self)
+
+    def to_json(self) -> str:
+        """Return what `--json` prints."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+
+
+_SHOWN: dict[type, dict[str, tuple[Any, Shown]]] = {}  # of classes that have been asked for
+
+
+def shown_in(record: type) -> dict[str, tuple[Any, Shown]]:
+    """Return type and description of what a class shows, by its attribute: fields, then properties."""
+    if record not in _SHOWN:
+        hints = get_type_hints(record, include_extras=True)
+        for base in reversed(record.__mro__):
+            for name, member in vars(base).items():
+                if isinstance(member, property) and member.fget is not None:
+                    hints[name] = get_type_hints(member.fget, include_extras=True)["return"]
+        _SHOWN[record] = {
+            name: (hint.__origin__, found)
+            for name, hint in hints.items()
+            if get_origin(hint) is Annotated and isinstance(found := hint.__metadata__[0], Shown)
+        }
+    return _SHOWN[record]
+
+
+def _object_of(record: Any) -> dict[str, Any]:
+    found = {}
+    for name, (_, shown) in shown_in(type(record)).items():
+        value = getattr(record, name)
+        value = {getattr(each, shown.by): each for each in value} if shown.by else value
+        found[shown.key or name] = json_of(value)
+    return found
+
+
+def json_of(value: Any) -> Any:
+    """Return a value for JSON: results by what they show, arrays as lists; a number that is not finite is None."""
+    if isinstance(value, Result):
+        return value.to_dict()
+    if isinstance(value, str | bool | int | None):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if hasattr(value, "tolist"):  # of numpy, which not every command loads
+        return json_of(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): json_of(each) for key, each in value.items()}
+    if hasattr(value, "_fields") and shown_in(type(value)):
+        return _object_of(value)
+    return os.fspath(value) if isinstance(value, os.PathLike) else [json_of(each) for each in value]
+
+
+def keys_of(record: type, own_tables: Sequence[type] = ()) -> dict[str, str]:
+    """Return the meanings of all keys in the JSON of a class by their dotted paths.
+
+    `a.b` is key `b` of object `a`, `a[].b` that of each object in list `a`. The keys of `own_tables` are left
+    out: they have tables of their own.
+    """
+    found: dict[str, str] = {}
+    for name, (hint, shown) in shown_in(record).items():
+        path = shown.key or name
+        found[path] = shown.meaning
+        for part, meaning in zip(shown.names, shown.meanings, strict=True):
+            path = f"{path}.{part}"
+            found[path] = meaning
+        inner = _result_in(hint)
+        if inner is None or inner in own_tables:
+            continue
+        path += "" if shown.names or not _is_list(hint) else "[]"
+        found |= {f"{path}.{key}": meaning for key, meaning in keys_of(inner, own_tables).items()}
+    return found
+
+
+def _is_list(hint: Any) -> bool:
+    return any(get_origin(each) is tuple or get_origin(each) is list for each in (hint, *get_args(hint)))
+
+
+def _result_in(hint: Any) -> type | None:
+    """Return the class of results that a type consists of; None: it has none."""
+    if isinstance(hint, type) and get_origin(hint) is None:
+        return hint if shown_in(hint) else None
+    if get_origin(hint) in (Annotated, UnionType) or get_args(hint):
+        return next(filter(None, map(_result_in, get_args(hint))), None)
+    return None

@@ -1,0 +1,28 @@
+"""Choice of a vehicle, as commands take it: its file, and what replaces values of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from liftgate_hil.config.described import Field, Record
+from liftgate_hil.config.kinds import SEED, File, Flag, Texts
+
+
+# fmt: off
+class VehicleSettings(Record):
+    """Base of the requests that replace values of a vehicle."""
+
+    settings: Annotated[tuple[str, ...], Field(Texts("a list of KEY=VALUE"), "replace a value of the vehicle "
+        "file, e.g. environment.road_slope_deg=8 (repeatable)", metavar="KEY=VALUE", flag="set")] = ()
+    draw: Annotated[int | None, Field(SEED, "draw one car from the vehicle file's [spread]",
+        "the file's own values", "SEED")] = None
+    ideal: Annotated[bool, Field(Flag(), "the thesis's plant: no noise, ripple, sensor errors, torsion, source "
+        "resistance or wear")] = False
+
+
+class VehicleChoice(VehicleSettings):
+    """Base of the requests that concern a vehicle."""
+
+    vehicle: Annotated[str | Path, Field(File(), "the vehicle: a shipped name, or a "
+        "file", metavar="NAME|FILE")] = "suv"

@@ -1,0 +1,227 @@
+"""The problem of a request: its measurements as data, the outputs to compare, how each begins, and the delay."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+from typing import cast
+
+import numpy as np
+
+from liftgate_hil.config.plausibility import notes_on_vehicle
+from liftgate_hil.config.vehicle import issues_with
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.identification.data import Data, first_sample, rows_of
+from liftgate_hil.identification.measurements import measurements_of
+from liftgate_hil.identification.problem import Problem, Sought
+from liftgate_hil.identification.raster import thinned
+from liftgate_hil.identification.request import OUTPUT_KINDS, MeasuredRequest
+from liftgate_hil.identification.trajectory import OUTPUTS
+from liftgate_hil.measurement.measurement import Measurement
+from liftgate_hil.running.setup import angle_from
+from liftgate_plant.friction_profile import is_the_law
+from liftgate_plant.vehicle import Vehicle
+
+_DRIVING = ("voltage_v", "duty", "coast")  # a motor's inputs
+_NEAR_DEG = 5.0  # from a stated angle: more than a sensor is wrong by
+_STILL_RPS, _STILL_SHARE = 2.0, 0.05  # speed, and share of the largest one, up to which a motor counts as at rest
+
+
+def problem_of(
+    request: MeasuredRequest, vehicle: Vehicle, model: str, sought: Sequence[Sought], outputs: Sequence[str]
+) -> tuple[Problem, tuple[str, ...]]:
+    """Return the problem of a request, and notes on what was done to the data. Raises ConfigError."""
+    initial = cast(str, request.initial)
+    measurements = measurements_of(request, vehicle, model != "full")
+    angles, pauses = beginnings_of(initial, vehicle, len(measurements))
+    data = [
+        dataclasses.replace(data_of(each, vehicle), after_motion=pause)
+        for each, pause in zip(measurements, pauses, strict=True)
+    ]
+    _check_beginnings(data, angles, initial)
+    data = _thinned(data, request, vehicle)
+    delay, is_delay_sought = delay_of(cast(str, request.input_delay), data)
+    try:
+        problem = Problem(
+            vehicle,
+            model,
+            sought,
+            data,
+            outputs_of(outputs, data),
+            angles,
+            delay=delay,
+            is_delay_sought=is_delay_sought,
+            speed_window=request.speed_window,
+            longest=request.step,
+            refused_by=issues_with,
+        )
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    notes = [f"{request.vehicle}: {each}" for each in notes_on_vehicle(vehicle)]
+    notes += [f"{request.vehicle}: with {setting}" for setting in request.settings]
+    if not is_the_law(vehicle):
+        notes.append(f"{request.vehicle}: the model omits how [friction] varies with travel, runs and age")
+    for measurement, each in zip(measurements, data, strict=True):
+        found = (*measurement.notes, *_driven_alike(measurement, vehicle.drives))
+        notes += [f"{measurement.source}: {note}" for note in found]
+        if each.decimation is not None:
+            steps = [] if request.resample is None else [f"resampled to {request.resample:g} Hz"]
+            steps += [f"decimated by {request.decimate} after a low-pass filter"] if request.decimate > 1 else []
+            counts = f"{len(each.times)} samples of {len(each.rows)} rows"
+            notes.append(f"{each.name}: {', '.join(steps)}: {counts}")
+    for each, begin in zip(data, problem.beginnings, strict=True):
+        if begin.in_pause:
+            is_warm = any(unknown.name == "warmth" for unknown in begin.unknowns)
+            notes.append(
+                f"{each.name}: begins at rest after a motion that is not recorded: where its drives stopped"
+                f"{' and how warm they are' if is_warm else ''} is estimated, too; "
+                "`initial` gives the angle of a gate that has rested for long"
+            )
+    return problem, tuple(notes)
+
+
+def _driven_alike(measurement: Measurement, drives: int) -> Iterator[str]:
+    """Yield a note on a motor for which the measurement has no input (see `rows_of`)."""
+    for side, other in (("left", "right"), ("right", "left"))[:drives]:
+        if drives == 2 and not any(f"{side}_{what}" in measurement.columns for what in _DRIVING):
+            yield f"no {side}_voltage_v or {side}_duty: the {side} motor is driven as the {other} one"
+
+
+def _check_beginnings(data: Sequence[Data], angles: Sequence[float | None], given: str) -> None:
+    """Raise ConfigError where a measurement does not begin at rest at the angle that `initial` states."""
+    issues = []
+    for each, angle in zip(data, angles, strict=True):
+        if angle is None:
+            continue
+        first = first_sample(each.outputs.get("gate_angle_deg"))
+        if abs(first - angle) > _NEAR_DEG:
+            issues.append(f"{each.name}: its first gate_angle_deg is {first:.4g}, while it states {angle:.4g}")
+        for name in ("left_speed_rps", "right_speed_rps"):
+            values = each.outputs.get(name)
+            speed = first_sample(values)
+            if values is not None and abs(speed) > max(
+                _STILL_RPS, _STILL_SHARE * float(np.nanmax(np.abs(values)))
+            ):
+                issues.append(f"{each.name}: its first {name} is {speed:.4g}, while it states a gate at rest")
+    if issues:
+        allowed = "; allowed: auto, or the angle at which each file begins"
+        raise ConfigError([f"`initial` {given}: {issue}{allowed}" for issue in issues])
+
+
+def _thinned(data: Sequence[Data], request: MeasuredRequest, vehicle: Vehicle) -> list[Data]:
+    """Return the data after `resample` and `decimate`. Raises ConfigError with the issues of all files."""
+    quantum = 1.0 / vehicle.sensors.hall_counts
+    result, issues = [], []
+    for each in data:
+        try:
+            result.append(thinned(each, request.resample, request.decimate, quantum))
+        except ConfigError as error:
+            issues += error.issues
+    if issues:
+        raise ConfigError(issues)
+    return result
+
+
+def data_of(measurement: Measurement, vehicle: Vehicle) -> Data:
+    """Convert a measurement to Data; a Hall count becomes a position where none was measured."""
+    columns = dict(measurement.columns)
+    for side in ("left", "right"):
+        count = columns.get(f"{side}_hall_count")
+        if count is not None and f"{side}_position_rev" not in columns:
+            columns[f"{side}_position_rev"] = count / vehicle.sensors.hall_counts
+    if vehicle.drives == 1:
+        columns = {name: each for name, each in columns.items() if not name.startswith("right_")}
+    return Data(
+        measurement.source,
+        measurement.times,
+        rows_of(columns, len(measurement.times)),
+        {name: columns[name] for name in OUTPUTS if name in columns},
+        measurement.through_sensors,
+    )
+
+
+def outputs_of(wanted: Sequence[str], data: Sequence[Data]) -> list[str]:
+    """Return the output columns to compare. Raises ConfigError where a requested one was not measured."""
+    moving, still = _moving_and_still(data)
+    measured = moving or still  # where nothing moves, the identification reports it
+    kinds = wanted or list(OUTPUT_KINDS)
+    issues = []
+    found: list[str] = []
+    for kind in kinds:
+        if kind not in OUTPUT_KINDS:
+            issues.append(f"`outputs` {kind}: allowed: {', '.join(OUTPUT_KINDS)}")
+            continue
+        own = [name for name in OUTPUT_KINDS[kind] if name in measured and name not in found]
+        if wanted and not measured.intersection(OUTPUT_KINDS[kind]):
+            why = "never changes" if still.intersection(OUTPUT_KINDS[kind]) else "not measured"
+            issues.append(
+                f"`outputs` {kind}: {why}; allowed: {_measured_kinds(measured)}, or a file with "
+                f"{' or '.join(OUTPUT_KINDS[kind])}"
+            )
+        found += own
+    if issues:
+        raise ConfigError(issues)
+    return found
+
+
+def _moving_and_still(data: Sequence[Data]) -> tuple[set[str], set[str]]:
+    """Return the measured columns that change, and those that never do.
+
+    A constant column (the Hall counts of a locked rotor) does not show its noise, so it cannot be weighted.
+    """
+    measured: set[str] = set()
+    moving: set[str] = set()
+    for each in data:
+        for name, values in each.outputs.items():
+            there = values[np.isfinite(values)]
+            if len(there):
+                measured.add(name)
+                if np.ptp(there) > 0.0:
+                    moving.add(name)
+    return moving, measured - moving
+
+
+def _measured_kinds(measured: set[str]) -> str:
+    return ", ".join(kind for kind, names in OUTPUT_KINDS.items() if measured.intersection(names))
+
+
+def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float | None], list[bool]]:
+    """Return the initial angles [deg] that `initial` states, and which files begin in a pause, one for each file.
+
+    An angle of None is estimated from the data. Raises ConfigError.
+    """
+    parts = [each.strip() for each in text.split(",")]
+    if len(parts) not in (1, files):
+        raise ConfigError(
+            f"`initial` {text}: {len(parts)} values for {files} files; allowed: one for all, or one for each"
+        )
+    angles = [
+        None
+        if part in ("auto", "pause")
+        else math.degrees(angle_from(part, vehicle.gate.open_angle, "auto, pause, "))
+        for part in parts
+    ]
+    times = files // len(angles)
+    return angles * times, [part == "pause" for part in parts] * times
+
+
+def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:
+    """Return (input delay [s], whether to estimate it). Raises ConfigError."""
+    if text == "auto":
+        logs = [each.name for each in data if each.through_sensors]
+        if logs and len(logs) < len(data):
+            raise ConfigError(
+                f"`input_delay` auto: bus logs ({', '.join(logs)}) together with other files; allowed: files of "
+                "one kind, or one delay for all"
+            )
+        return 0.0, bool(logs)
+    if text == "estimate":
+        return 0.0, True
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not -0.5 <= value <= 0.5:
+        raise ConfigError(f"`input_delay` {text}: allowed: -0.5 to 0.5 s, or estimate")
+    return value, False

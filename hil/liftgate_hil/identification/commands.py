@@ -1,0 +1,288 @@
+"""The commands of identification as functions: `identify`, its plan of experiments, and `validate`."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.config.described import command
+from liftgate_hil.config.described_result import Result
+from liftgate_hil.config.parameters import find_parameter, with_value
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.guarded import Say, silent
+from liftgate_hil.formats.target import check_no_input
+from liftgate_hil.identification.assembly import problem_of
+from liftgate_hil.identification.descent import Report
+from liftgate_hil.identification.design import ExperimentPlan, candidates, plan
+from liftgate_hil.identification.fit import NothingToTellError, fitted, validated
+from liftgate_hil.identification.measurements import files_of
+from liftgate_hil.identification.problem import Sought
+from liftgate_hil.identification.reporting.findings import notes_of, with_warnings
+from liftgate_hil.identification.request import (
+    NO_PRESET,
+    OUTPUT_KINDS,
+    PRESETS,
+    IdentifyRequest,
+    MeasuredRequest,
+    PlanRequest,
+    SoughtChoice,
+    ValidateRequest,
+)
+from liftgate_hil.identification.result import Identification, Validation
+from liftgate_hil.identification.saved_vehicle import vehicle_text_of
+from liftgate_hil.identification.sought import sought_of
+from liftgate_hil.identification.sources import inputs_of, provenance_for
+from liftgate_hil.report.files import check_targets, put_report, write_report
+from liftgate_hil.running.setup import vehicle_from
+from liftgate_plant.vehicle import Vehicle
+
+_RATE = 1000.0  # Hz of a planned experiment
+
+
+@command(IdentifyRequest)
+def identify(request: IdentifyRequest) -> Identification:
+    """Identify parameters of a vehicle from measurements: a nonlinear grey box, by prediction-error minimisation.
+
+    A file has time_s, the inputs (motor voltages or duties) and what was measured of currents, speeds, positions
+    or Hall counts and the gate's angle: a table, or a bus log with its rig. The result has the estimates with
+    their standard deviations and covariance, the fits, and warnings of what limits its use.
+
+        identify("measured.csv", estimate="motor.resistance", bounds={"motor.resistance": (0.3, 2.0)})
+
+    Raises ConfigError, also where the data say nothing of the parameters.
+    """
+    result = identified(request)
+    if issues := write_identification(request, result):
+        raise ConfigError(issues)
+    return result
+
+
+@command(ValidateRequest)
+def validate(request: ValidateRequest) -> Validation:
+    """Compare a vehicle's model with measurements: simulated with the measured input, and nothing fed back.
+
+    The result has fit, mean, RMS and largest error of each output, errors by phase, and what the residuals show.
+
+        validate("other.csv", vehicle="my-car.toml").fit_percent
+
+    Raises ConfigError.
+    """
+    result = compared(request)
+    if issues := write_validation(request, result):
+        raise ConfigError(issues)
+    return result
+
+
+def identified(request: IdentifyRequest, report: Report | None = None, command_line: str = "") -> Identification:
+    """Return the result of an identification; `report` gets its iterations, no file is written.
+
+    Raises ConfigError.
+    """
+    check_targets(_targets_of(request), inputs_of(request).values())
+    origin = provenance_for(request, command_line)
+    vehicle, model, sought, outputs = _wanted(request)
+    names = [each.parameter.name for each in sought]
+    unknown = [each for each in request.profile if each not in names]
+    if unknown:
+        raise ConfigError([f"`profile` {each}: allowed: {', '.join(names)}" for each in unknown])
+    problem, notes = problem_of(request, vehicle, model, sought, outputs)
+    try:
+        found = fitted(problem, report, _noise(request, problem.outputs), request.profile)
+    except NothingToTellError as error:
+        raise ConfigError(
+            f"{', '.join(map(str, files_of(request)))}: nothing to identify from, with vehicle {request.vehicle}: "
+            f"{error}"
+        ) from error
+    return dataclasses.replace(
+        with_warnings(found), vehicle=str(request.vehicle), notes=(*notes, *notes_of(found)), provenance=origin
+    )
+
+
+def compared(request: ValidateRequest, command_line: str = "") -> Validation:
+    """Return the comparison of a model with measurements; no file is written. Raises ConfigError."""
+    check_targets(_targets_of(request), inputs_of(request).values())
+    origin = provenance_for(request, command_line)
+    vehicle = _vehicle_of(request)
+    if request.parameters is not None:
+        vehicle = _with_result(vehicle, request.parameters)
+    problem, notes = problem_of(request, vehicle, request.model or NO_PRESET.model, [], request.outputs)
+    found = validated(problem)
+    return dataclasses.replace(with_warnings(found), vehicle=str(request.vehicle), notes=notes, provenance=origin)
+
+
+def planned(request: PlanRequest, command_line: str = "") -> ExperimentPlan:
+    """Return experiments by the information that they would give; no file is written. Raises ConfigError."""
+    inputs = inputs_of(request).values()
+    check_targets({"result": _text(request.result)}, inputs)
+    origin = provenance_for(request, command_line)
+    vehicle, model, sought, outputs = _wanted(request)
+    kinds = list(dict.fromkeys(outputs or ("current", "position")))
+    unknown = [each for each in kinds if each not in OUTPUT_KINDS]
+    if unknown:
+        raise ConfigError([f"`outputs` {each}: allowed: {', '.join(OUTPUT_KINDS)}" for each in unknown])
+    columns = [OUTPUT_KINDS[kind][0] for kind in kinds]
+    found = plan(vehicle, model, sought, columns, candidates(vehicle, request.duration, _RATE))
+    return dataclasses.replace(found, provenance=origin)
+
+
+def write_identification(request: IdentifyRequest, result: Identification, say: Say = silent) -> list[str]:
+    """Write the files that a request names; return what could not be written, a line each."""
+    from liftgate_hil.identification.reporting.html import identification_html
+
+    def vehicle() -> None:
+        write_report(str(request.save_vehicle), "save_vehicle", vehicle_text_of(request, result), say)
+        kept = [each.name for each in result.parameters if not each.identifiable and not each.is_held]
+        if kept:
+            say(
+                f"{request.save_vehicle}: what is not identifiable has its initial value: {', '.join(kept)}. So "
+                "this vehicle is not quite the one that was fitted; liftgate-hil validate shows its fit"
+            )
+
+    page = identification_html
+    more = [vehicle] if request.save_vehicle else []
+    return _written([*_fit_writers(request, result, lambda: page(result), say), *more])
+
+
+def write_validation(request: ValidateRequest, result: Validation, say: Say = silent) -> list[str]:
+    """Write the files that a request names; return what could not be written, a line each."""
+    from liftgate_hil.identification.reporting.html import validation_html
+
+    return _written(_fit_writers(request, result, lambda: validation_html(result), say))
+
+
+def write_plan(request: PlanRequest, result: ExperimentPlan, say: Say = silent) -> list[str]:
+    """Write the files that a request names, and tell each; return what could not be written, a line each."""
+    writers = [_json_writer(request.result, result, say)] if request.result else []
+    return _written([*writers, lambda: _write_inputs(request, result, say)])
+
+
+def _fit_writers(
+    request: MeasuredRequest, result: Result, page: Callable[[], str], say: Say
+) -> list[Callable[[], None]]:
+    writers = [_json_writer(request.result, result, say)] if request.result else []
+    html = _text(request.html)
+    return [*writers, lambda: write_report(html, "html", page(), say)] if html else writers
+
+
+def _json_writer(path: str | Path, result: Result, say: Say) -> Callable[[], None]:
+    return lambda: write_report(str(path), "result", f"{result.to_json()}\n", say)
+
+
+def _written(writers: Sequence[Callable[[], None]]) -> list[str]:
+    """Write all files that can be written; return the issues of the others."""
+    issues: list[str] = []
+    for write in writers:
+        try:
+            write()
+        except ConfigError as error:
+            issues += error.issues
+    return issues
+
+
+def _write_inputs(request: PlanRequest, result: ExperimentPlan, say: Say) -> None:
+    """Write the inputs of the best sequence, and tell each file. Raises ConfigError, also for one that is read."""
+    from liftgate_hil.identification.reporting.plan import input_csv, input_name
+
+    if request.save_inputs is None:
+        return
+    folder, inputs = Path(request.save_inputs), [*inputs_of(request).values()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for number, each in enumerate(result.order, 1):
+            path = folder / f"{number}-{input_name(each.candidate)}.csv"
+            check_no_input(path, inputs)
+            put_report(path, input_csv(each.candidate).encode(), say)
+            where = (
+                f"from rest at {each.candidate.angle_deg:g} deg, road_slope_deg {each.candidate.road_slope_deg:g}"
+            )
+            say(f"written: {path}: {where}")
+    except OSError as error:
+        raise ConfigError(f"`save_inputs` {folder}: {error.strerror}; allowed: a folder") from error
+
+
+def _targets_of(request: MeasuredRequest) -> dict[str, str | None]:
+    """Return the files that a request has written, by their arguments."""
+    own = request.save_vehicle if isinstance(request, IdentifyRequest) else None
+    return {"result": _text(request.result), "save_vehicle": _text(own), "html": _text(request.html)}
+
+
+def _text(path: str | Path | None) -> str | None:
+    return None if path is None else str(path)
+
+
+def _vehicle_of(request: SoughtChoice | ValidateRequest) -> Vehicle:
+    return vehicle_from(request.vehicle, request.settings, draw=request.draw, ideal=request.ideal)
+
+
+def _wanted(request: SoughtChoice) -> tuple[Vehicle, str, list[Sought], tuple[str, ...]]:
+    """Return vehicle, model, free parameters and outputs of a request, or of its preset. Raises ConfigError."""
+    preset = PRESETS[request.preset] if request.preset else NO_PRESET
+    vehicle = _vehicle_of(request)
+    sought = sought_of(request, vehicle, request.estimate or preset.estimate)
+    return vehicle, request.model or preset.model, sought, request.outputs or preset.outputs
+
+
+def _noise(request: IdentifyRequest, columns: Sequence[str]) -> NDArray[np.float64] | None:
+    """Return the outputs' noise standard deviations that a request gives; None without it. Raises ConfigError."""
+    texts = cast(tuple[str, ...], request.noise)
+    if not texts:
+        return None
+    given: dict[str, float] = {}
+    for text in texts:
+        kind, equals, value = text.partition("=")
+        try:
+            std = float(value)
+        except ValueError:
+            std = math.nan
+        if kind not in OUTPUT_KINDS or not equals or not 0.0 < std < math.inf:
+            raise ConfigError(
+                f"`noise` {text}: allowed: OUTPUT=STD, OUTPUT one of {', '.join(OUTPUT_KINDS)}, STD above 0"
+            )
+        given |= dict.fromkeys(OUTPUT_KINDS[kind], std)
+    missing = [name for name in columns if name not in given]
+    if missing:
+        raise ConfigError(f"`noise`: not given for {', '.join(missing)}; allowed: all outputs, or none")
+    return np.array([given[name] for name in columns])
+
+
+def _with_result(vehicle: Vehicle, source: str | Path | Result) -> Vehicle:
+    """Return the vehicle with a result's values that are identifiable, or held by a bound. Raises ConfigError."""
+    path = "a result" if isinstance(source, Result) else source
+    try:
+        content: Any = (
+            source.to_dict()
+            if isinstance(source, Result)
+            else json.loads(Path(source).read_text(encoding="utf-8"))
+        )
+        sound = content["identifiable"]
+        values = {
+            name: float(each["value"])
+            for name, each in content["parameters"].items()
+            if sound[name] or each.get("is_held")
+        }
+    except OSError as error:
+        raise ConfigError(f"`parameters` {path}: cannot be read: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ConfigError(f"`parameters` {path}: allowed: a result written by identify") from error
+    issues = []
+    for name, value in values.items():
+        try:
+            parameter = find_parameter(vehicle, name)
+        except ValueError as error:
+            issues.append(f"`parameters` {path}: {name}: {error}")
+            continue
+        low, high = parameter.quantity.low, parameter.quantity.high
+        if low <= value <= high:
+            vehicle = with_value(vehicle, parameter, value)
+        else:
+            issues.append(f"`parameters` {path}: {name}: {value:g}; allowed: {low:g} to {high:g}")
+    if issues:
+        raise ConfigError(issues)
+    return vehicle

@@ -1,0 +1,129 @@
+"""Measured data for grey-box identification."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.identification.decimation import Decimation
+from liftgate_plant.rows import AT, INPUT_COLUMNS
+
+Floats = NDArray[np.float64]
+
+# Columns of the inputs that drive the motors.
+DRIVEN = (AT.left_voltage_v, AT.left_duty, AT.right_voltage_v, AT.right_duty)
+
+
+@dataclass(frozen=True)
+class Data:
+    """The data of one experiment.
+
+    `outputs` (n,) at `times` (n,) [s] have the names of trajectory.OUTPUTS, and NaN where there is no sample;
+    `inputs` have the columns rows.INPUT_COLUMNS of the plant, and each of the `rows` holds until the next one.
+    """
+
+    name: str
+    times: Floats
+    inputs: Floats  # (N, 14)
+    outputs: Mapping[str, Floats]
+    through_sensors: bool = False  # a bus log: sensor readings, inputs at the timestamps of their frames
+    decimation: Decimation | None = None  # how the outputs follow from their values in all rows
+    whole: Data | None = None  # the data before decimation
+    after_motion: bool = False  # whether the caller states that it begins in a pause
+
+    @property
+    def rows(self) -> Floats:
+        """Timestamps [s] (N,) of the inputs, and of the outputs before decimation."""
+        return self.times if self.decimation is None else self.decimation.rows
+
+    def thinned(self, name: str, values: Floats) -> Floats:
+        """Return the samples (n,) of an output from its values (N,) in all rows."""
+        return values if self.decimation is None else self.decimation.of(name, values)
+
+
+def without_end(data: Data, seconds: float) -> Data:
+    """Return the data without the samples of the last `seconds`, nor those whose filter reaches there.
+
+    What drove these samples need not be among the inputs.
+    """
+    reach = 0.0 if data.decimation is None else data.decimation.reach
+    late = data.times > data.times[-1] - seconds - reach
+    outputs = {name: np.where(late, np.nan, values) for name, values in data.outputs.items()}
+    return replace(data, outputs=outputs)
+
+
+def part_of(data: Data, first: int, last: int, zeros: Mapping[str, float]) -> Data:
+    """Return the samples from `first` to `last` (exclusive) of outputs less their `zeros`, with their inputs.
+
+    The filter of a decimation is dropped, because it reaches beyond these samples.
+    """
+    outputs = {name: own[first:last] - zeros.get(name, 0.0) for name, own in data.outputs.items()}
+    times, rows = data.times[first:last], data.rows
+    if data.decimation is None:
+        inputs = data.inputs[first:last]
+        return replace(data, times=times, inputs=inputs, outputs=outputs)
+    begin, end = np.searchsorted(rows, [times[0], times[-1]], side="right")
+    own = rows[begin - 1 : end].copy()
+    own[0] = times[0]
+    if own[-1] < times[-1]:
+        own = np.append(own, times[-1])
+    inputs = data.inputs[np.arange(begin - 1, begin - 1 + len(own)).clip(max=end - 1)]
+    decimation = Decimation(own, times)
+    return replace(data, times=times, inputs=inputs, outputs=outputs, decimation=decimation, whole=None)
+
+
+def changes_of(data: Data) -> NDArray[np.intp]:
+    """Return the rows (m,) at which the inputs change, beginning with the first row."""
+    now, before = data.inputs[1:], data.inputs[:-1]
+    same = (now == before) | (np.isnan(now) & np.isnan(before))
+    return np.concatenate([[0], 1 + np.flatnonzero(~np.all(same, axis=1))])
+
+
+def is_count(position: Floats, quantum: float) -> bool:
+    """Whether a position's samples are whole multiples of a quantum [rev]."""
+    counts = position[np.isfinite(position)] / quantum
+    return bool(np.all(np.abs(counts - np.round(counts)) <= 1e-6 * (1.0 + np.abs(counts))))
+
+
+def first_sample(values: Floats | None) -> float:
+    """Return the first finite value; NaN where there is none."""
+    if values is None:
+        return math.nan
+    there = np.flatnonzero(np.isfinite(values))
+    return float(values[there[0]]) if len(there) else math.nan
+
+
+def rows_of(columns: Mapping[str, Floats], count: int) -> Floats:
+    """Return inputs (n, 14) from columns; a drive without columns is driven like the other one."""
+    rows = np.full((count, len(INPUT_COLUMNS)), np.nan)
+    for place, name in enumerate(INPUT_COLUMNS):
+        if name in columns:
+            rows[:, place] = columns[name]
+    left = (AT.left_voltage_v, AT.left_duty, AT.left_coast)
+    right = (AT.right_voltage_v, AT.right_duty, AT.right_coast)
+    for own, other in ((left, right), (right, left)):
+        if np.all(np.isnan(rows[:, own])):
+            rows[:, own] = rows[:, other]
+    return rows
+
+
+def is_driven(data: Data) -> NDArray[np.bool_]:
+    """Return for each of the data's `rows` (N,) whether a voltage or a duty drives a motor."""
+    driven: NDArray[np.bool_] = np.any(np.nan_to_num(data.inputs[:, DRIVEN]) != 0.0, axis=1)
+    return driven
+
+
+def applied_voltage(data: Data, supply: float) -> Floats:
+    """Return the left motor's voltage (n,) [V] at the samples, from the inputs; 0 while it coasts."""
+    held = np.searchsorted(data.rows, data.times * (1.0 + 1e-12), side="right") - 1
+    rows = data.inputs[np.maximum(held, 0)]
+    given = rows[:, AT.supply_voltage_v]
+    source = np.where(np.isnan(given), supply, given)
+    driven = np.nan_to_num(rows[:, AT.left_voltage_v])
+    driven += np.nan_to_num(rows[:, AT.left_duty]) * source
+    voltage: Floats = np.where(np.nan_to_num(rows[:, AT.left_coast]) > 0.0, 0.0, driven)
+    return voltage

@@ -1,0 +1,116 @@
+"""Measurements of a request, read, checked and conditioned."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.recording import read_options
+from liftgate_hil.identification.request import MeasuredRequest
+from liftgate_hil.measurement import checks, condition, quality
+from liftgate_hil.measurement.known_vehicle import angle_of_position, known_of
+from liftgate_hil.measurement.mapping import parse_maps
+from liftgate_hil.measurement.measurement import Measurement
+from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.running.setup import rig_from
+from liftgate_plant import gate
+from liftgate_plant.rows import surroundings_of
+from liftgate_plant.vehicle import Vehicle, load_of
+
+_MARGIN_DEG = 0.5  # distance from seal and end stops
+
+
+def files_of(request: MeasuredRequest) -> tuple[Path, ...]:
+    """Return the files of a request that was validated."""
+    return cast(tuple[Path, ...], request.files)
+
+
+def measurements_of(request: MeasuredRequest, vehicle: Vehicle, travel_only: bool = False) -> list[Measurement]:
+    """Return the measurements of all files, read, checked and conditioned.
+
+    `travel_only` is for a model without seal and end stops: without `cut_angle` the measurements are cut to the
+    travel between these. Raises ConfigError with all issues of all files.
+    """
+    begin, end, files = request.from_s, request.to_s, files_of(request)
+    if begin is not None and end is not None and begin >= end:
+        raise ConfigError(f"`from_s` {begin:g} `to_s` {end:g}: allowed: `from_s` before `to_s`")
+    mapping, how = parse_maps(request.maps), read_options(request.recording_channel, request.timezone)
+    find_config("rigs", str(request.rig))
+    rig = functools.cache(functools.partial(rig_from, request.rig))
+    paths = [os.path.realpath(name) for name in files]
+    issues = [
+        f"{name}: given twice; allowed: each file once, as a repeated file adds no information"
+        for k, name in enumerate(files)
+        if paths[k] in paths[:k]
+    ]
+    result = []
+    for name in files:
+        try:
+            measurement = read_measurement(name, mapping, rig, _surroundings(vehicle), how)
+            cut = cast(tuple[float, float] | None, request.cut_angle)
+            if cut is None and travel_only and _shows_angle(measurement):
+                cut = _travel(vehicle)
+            result.append(_conditioned(measurement, request, vehicle, cut))
+        except ConfigError as error:
+            issues += [fault for fault in error.issues if fault not in issues]
+    if issues:
+        raise ConfigError(issues)
+    return result
+
+
+def _shows_angle(measurement: Measurement) -> bool:
+    """Whether a column shows the position of the gate."""
+    shown = ("_position_rev", "_hall_count", "gate_angle_deg")
+    return any(name.endswith(shown) for name in measurement.columns)
+
+
+def _travel(vehicle: Vehicle) -> tuple[float, float]:
+    """Return the range [deg] in which neither the seal nor an end stop acts on the gate."""
+    link, seal = gate.linkage(vehicle.gate), vehicle.seal
+    low, high = -math.inf, math.inf
+    if seal.force > 0.0 and seal.stiffness > 0.0:
+        low = math.degrees(gate.angle_of_extension(link, seal.force / seal.stiffness)) + _MARGIN_DEG
+    if vehicle.left.spring.stop_stiffness > 0.0:
+        high = math.degrees(vehicle.gate.open_angle) - _MARGIN_DEG
+    return low, high
+
+
+def _conditioned(
+    measurement: Measurement, request: MeasuredRequest, vehicle: Vehicle, cut: tuple[float, float] | None
+) -> Measurement:
+    """Return the requested part of a measurement, checked. Raises ConfigError."""
+    if vehicle.drives == 1:
+        columns = {k: v for k, v in measurement.columns.items() if not k.startswith("right_")}
+        measurement = replace(measurement, columns=columns)
+    known = known_of(vehicle)
+    # An outlier that is dropped later is no value in another unit.
+    kept = quality.report_outliers(measurement, True, known) if request.drop_outliers else measurement
+    _raise_if_any(checks.check(kept, known))
+    measurement = condition.cut_time(measurement, request.from_s, request.to_s)
+    _raise_if_any(checks.check_length(measurement))
+    measurement = quality.report_gaps(measurement)
+    measurement = quality.report_outliers(measurement, request.drop_outliers, known)
+    if cut is not None:
+        low, high = cut
+        measurement = condition.cut_angle(
+            measurement, low, high, angle_of_position(vehicle), vehicle.sensors.hall_counts
+        )
+    _raise_if_any(checks.check(measurement))
+    return measurement
+
+
+def _surroundings(vehicle: Vehicle) -> Mapping[str, float]:
+    """Return the vehicle file's surroundings, which hold until a test bench's panel changes them."""
+    return surroundings_of(load_of(vehicle))._asdict()
+
+
+def _raise_if_any(issues: list[str]) -> None:
+    if issues:
+        raise ConfigError(issues)

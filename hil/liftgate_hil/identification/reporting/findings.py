@@ -1,0 +1,198 @@
+"""Warnings that a reader needs to judge the numbers, and statistics over all experiments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from liftgate_hil.identification.reporting.dependences import amplified, suspects
+from liftgate_hil.identification.result import Identification, Series, Validation, columns_of, series_of
+from liftgate_hil.identification.statistics import factor_between, is_nothing, rounding_step
+from liftgate_hil.report.numbers import clean, column_label, significant
+
+Warned = TypeVar("Warned", Identification, Validation)
+
+_ROUNDING = 1e-9  # of an output's range: largest residual of data without noise
+_FAR = 2.0  # ratio of the errors of two phases from which on the larger one is named
+_ALIKE = 0.98  # correlation of two courses of the same shape
+_OTHER = 1.3  # ratio of their sizes that is reported
+_WELL_PERCENT = 80.0  # fit above which it is not
+_LARGER_PART = math.sqrt(0.5)  # of an rms: its squared mean is more than half of the squared rms
+_PARTS, _CONSTANT = 4, 0.5  # parts in time, and share of the mean error that each of them has where it is constant
+_SURE = 5.0  # standard deviations of a mean error that is reported
+_NOT_IN_STD = (
+    "; the standard deviations account for its correlation, not for a bias, nor for noise of a measured voltage: "
+    "give the commanded one, or a filtered one"
+)
+_TURNED = (
+    "above the simulation in one measurement and below it in another, so it is no sensor offset: check scale "
+    "factors: gear ratio, spindle lead, end angle, clock"
+)
+_STRONG = 0.9  # correlation of two parameters from which on it is reported
+
+
+def with_warnings(result: Warned) -> Warned:
+    """Return a result with its warnings."""
+    found = warnings_of(result) if isinstance(result, Identification) else validation_warnings(result)
+    return replace(result, warnings=tuple(found))
+
+
+def warnings_of(result: Identification) -> list[str]:
+    """Return the warnings, worst first: not identifiable, at a bound, residual not white or fit below 0 %."""
+    not_identifiable = [
+        f"{clean(each.name)} is not identifiable{_because(each.remark)}"
+        for each in result.parameters
+        if not each.identifiable
+    ]
+    remarks = [
+        f"{clean(each.name)}: {clean(each.remark)}"
+        for each in result.parameters
+        if each.identifiable and each.remark
+    ]
+    apart = [clean(each) for each in result.inseparable]
+    return [
+        *not_identifiable,
+        *apart,
+        *remarks,
+        *_one_sided(result),
+        *amplified(result),
+        *suspects(result),
+        *validation_warnings(result),
+    ]
+
+
+def _one_sided(result: Identification) -> list[str]:
+    """Return a warning for each side of a profile on which it does not reach the 95 % limit."""
+    return [
+        f"{clean(each.name)}: its profile likelihood has no 95 % limit {side} the estimate: it ends at "
+        f"{significant(last, 4)}, {why or 'after 3 standard deviations'}"
+        for each in result.profiles
+        for side, limit, last, why in (
+            ("below", each.low, each.values[0], each.ends[0]),
+            ("above", each.high, each.values[-1], each.ends[1]),
+        )
+        if math.isnan(limit)
+    ]
+
+
+def validation_warnings(result: Identification | Validation) -> list[str]:
+    """Return the warnings of initial states that are not identifiable, of the data, then of the experiments."""
+    states = [
+        f"initial state {clean(each.name)} is not identifiable{_because(each.remark)}"
+        for each in result.initial_states
+        if not each.identifiable
+    ]
+    return [*states, *map(clean, result.data_warnings), *experiment_warnings(result)]
+
+
+def _because(remark: str) -> str:
+    return f": {clean(remark)}" if remark else ""
+
+
+def experiment_warnings(result: Identification | Validation) -> list[str]:
+    """Return the warnings of each experiment, with the names of the outputs that they concern.
+
+    They are on outputs of another scale or with an offset, on those that the model fits worse than their mean
+    value does, and on residuals that are not white.
+    """
+    turned = [name for name in columns_of(result.experiments) if _turns(series_of(result.experiments, name))]
+    found = [f"{clean(name, 60)}: {_TURNED}" for name in turned]
+    has_std = isinstance(result, Identification)
+    for experiment in result.experiments:
+        worse = [_name(each) for each in experiment.series if each.fit_percent < 0.0]
+        coloured = [each for each in experiment.series if not each.is_white and not each.excuse]
+        name = clean(experiment.name, 60)
+        found += [f"{name}: {text}" for text in map(_scaled, experiment.series) if text]
+        found += [
+            f"{name}: {_offset(each)}"
+            for each in experiment.series
+            if has_offset(each) and each.output not in turned
+        ]
+        if worse:
+            found.append(f"{name}: fit below 0 %, worse than the mean value: {', '.join(worse)}")
+        if coloured:
+            found.append(
+                f"{name}: residuals are not white: {', '.join(map(_with_phase, coloured))}. "
+                "Model or timestamps leave a part unexplained" + (_NOT_IN_STD if has_std else "")
+            )
+    return found
+
+
+def _with_phase(series: Series) -> str:
+    """Return an output with the phase in which its errors are by far the largest, if there is one."""
+    sizes = sorted(((rms, phase) for phase, (rms, _, count) in series.phases.items() if count), reverse=True)
+    if len(sizes) < 2 or not sizes[0][0] > _FAR * sizes[1][0]:
+        return _name(series)
+    return f"{_name(series)} (mostly in the phase “{clean(sizes[0][1])}”, rms {significant(sizes[0][0], 2)})"
+
+
+def _name(series: Series) -> str:
+    """Return the name of an output, which may come from a file, shortened if it is long."""
+    return clean(series.output, 60)
+
+
+def _scaled(series: Series) -> str:
+    """Return a warning on an output that has the shape of the simulation and another size; "": it has not."""
+    if series.fit_percent > _WELL_PERCENT:
+        return ""
+    factor = factor_between(series.measured, series.simulated, _ALIKE)
+    if factor is None or factor < 0.0 or abs(math.log(factor)) < math.log(_OTHER):
+        return ""
+    return f"{_name(series)} is {significant(factor, 3)} times the simulation: is its scale right?"
+
+
+def has_offset(series: Series) -> bool:
+    """Whether the larger part of an output's errors is their mean, from the beginning to the end of the data.
+
+    It is none where noise or rounding explains the mean, or where the errors grow, as those of a wrong model do.
+
+    The slopes of a position are no column of the data, and have no offset of their own.
+    """
+    least = max(_LARGER_PART * series.rms, _SURE * series.mean_std)
+    if series.excuse == "slopes" or not abs(series.mean) > least:
+        return False
+    errors = series.measured - series.simulated
+    if is_nothing(errors, series.measured) or abs(series.mean) <= rounding_step(series.measured):
+        return False
+    parts = (part for part in np.array_split(errors, _PARTS) if len(part))
+    return all(float(np.mean(part)) / series.mean > _CONSTANT for part in parts)
+
+
+def _turns(several: Sequence[Series]) -> bool:
+    """Whether the mean errors of an output are above the simulation in one experiment, and below it in another."""
+    signs = {math.copysign(1.0, each.mean) for each in several if has_offset(each)}
+    return len(signs) > 1
+
+
+def _offset(series: Series) -> str:
+    """Return the warning on an output whose errors are mostly an offset."""
+    size = f"{significant(abs(series.mean), 2)} {column_label(series.output)[1]}".rstrip()
+    side = "above" if series.mean > 0.0 else "below"
+    return f"{_name(series)} is {size} {side} the simulation on average: has its sensor an offset?"
+
+
+def notes_of(result: Identification) -> list[str]:
+    """Return a note on data in which the residuals are no more than rounding."""
+    series = [each for experiment in result.experiments for each in experiment.series]
+    is_exact = all(each.maximum <= _ROUNDING * float(np.ptp(each.measured)) for each in series)
+    text = "the data have no noise, as those of a simulation: standard deviations and criteria are rounding errors"
+    return [text] if series and is_exact else []
+
+
+EXCUSES = {"rounding": "not white: rounding of the data", "slopes": "not white: derived from the position"}
+
+
+def strong_correlations(result: Identification) -> list[tuple[str, str, float]]:
+    """Return pairs of parameters whose correlation is at least _STRONG in size, with it, strongest first."""
+    names = [each.name for each in result.parameters]
+    pairs = [
+        (names[i], names[k], float(result.correlation[i, k]))
+        for i in range(len(names))
+        for k in range(i + 1, len(names))
+        if abs(result.correlation[i, k]) >= _STRONG
+    ]
+    return sorted(pairs, key=lambda pair: -abs(pair[2]))

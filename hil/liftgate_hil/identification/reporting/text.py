@@ -1,0 +1,241 @@
+"""Text output of `identify` and `validate`: aligned tables, at most 110 columns."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from liftgate_hil.identification.reporting.dependences import dependences, firsts
+from liftgate_hil.identification.reporting.findings import EXCUSES, has_offset, strong_correlations
+from liftgate_hil.identification.result import Estimate, Experiment, Identification, Series, Validation
+from liftgate_hil.report.numbers import (
+    clean,
+    deviation,
+    fit,
+    known_digits,
+    percent,
+    plain,
+    relative_change,
+    relative_error,
+    significant,
+)
+
+WIDTH = 110
+_ACROSS = 6  # columns of a matrix side by side
+
+
+def identification_text(result: Identification) -> str:
+    """Return the whole result of an identification."""
+    sections = [
+        [f"model {clean(result.model)}, vehicle {clean(result.vehicle)}"],
+        _titled("Attention", _bullets(result.warnings)),
+        _titled("Parameters", _parameters(result.parameters)),
+        _titled("Strongly correlated", _pairs(result)),
+        _titled("If a fixed parameter were 10 % larger (not visible in the residuals)", _dependences(result)),
+        _titled("Initial states", _states(result.initial_states)),
+        _titled("95 % intervals by profile likelihood", _profiles(result)),
+        _titled("Noise variance (NoiseVar)", _noise(result)),
+        _titled("Criteria", _criteria(result)),
+        _titled("Fit", _fits(result.experiments, before=True)),
+        _titled("Errors by phase", _phases(result.experiments)),
+        _titled("Search", _search(result)),
+        _titled("Notes", _bullets(result.notes)),
+    ]
+    return _joined(sections)
+
+
+def validation_text(result: Validation) -> str:
+    """Return fit, errors by phase and residuals of every experiment."""
+    sections = [
+        [f"model {clean(result.model)}, vehicle {clean(result.vehicle)}"],
+        _titled("Attention", _bullets(result.warnings)),
+        _titled("Initial states", _states(result.initial_states)),
+        _titled("Fit", _fits(result.experiments, before=False)),
+        _titled("Errors by phase", _phases(result.experiments)),
+        _titled("Notes", _bullets(result.notes)),
+    ]
+    return _joined(sections)
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]], align: str) -> list[str]:
+    """Return the lines of a table; `align` has one of l and r for each column."""
+    body = [list(heads), *[list(row) for row in rows]]
+    widths = [max(len(row[i]) for row in body) for i in range(len(heads))]
+    return [
+        "  ".join(
+            cell.ljust(width) if side == "l" else cell.rjust(width)
+            for cell, width, side in zip(row, widths, align, strict=True)
+        ).rstrip()
+        for row in body
+    ]
+
+
+def _titled(title: str, lines: list[str]) -> list[str]:
+    return [title, *[f"  {line}" if line else "" for line in lines]] if lines else []
+
+
+def _joined(sections: Iterable[list[str]]) -> str:
+    return "\n\n".join("\n".join(lines) for lines in sections if lines) + "\n"
+
+
+def _wrapped(text: str, indent: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH - 2, initial_indent=indent, subsequent_indent=" " * len(indent))
+
+
+def _bullets(texts: Iterable[str]) -> list[str]:
+    return [line for text in texts for line in _wrapped(clean(text), "- ")]
+
+
+def _parameters(estimates: Sequence[Estimate]) -> list[str]:
+    if not estimates:
+        return []
+    rows = [
+        (
+            clean(each.name, 30),
+            known_digits(each.value, each.shown_std),
+            deviation(each.shown_std),
+            percent(relative_error(each.value, each.shown_std)),
+            plain(each.initial),
+            percent(relative_change(each.value, each.initial), "+"),
+            clean(each.unit, 12),
+            "yes" if each.identifiable else "NO",
+        )
+        for each in estimates
+    ]
+    heads = ("", "value", "std", "std %", "initial", "change %", "unit", "identifiable")
+    lines = table(heads, rows, "lrrrrrll")
+    output = lines[:1]
+    for line, each in zip(lines[1:], estimates, strict=True):
+        output.append(line)
+        output += _wrapped(clean(each.remark), "    ") if each.remark else []
+    return output
+
+
+def _states(estimates: Sequence[Estimate]) -> list[str]:
+    """Return one line for each state: there are as many as experiments times states."""
+    rows = [
+        (
+            clean(each.name, 50),
+            known_digits(each.value, each.shown_std),
+            f"± {deviation(each.shown_std)}",
+            clean(each.unit, 12),
+            f"initial {plain(each.initial)}",
+            "" if each.identifiable else "not identifiable",
+        )
+        for each in estimates
+    ]
+    return table(("",) * 6, rows, "lrllll")[1:] if rows else []
+
+
+def _pairs(result: Identification) -> list[str]:
+    return [f"{clean(one)} and {clean(other)}: {r:+.3f}" for one, other, r in strong_correlations(result)[:10]]
+
+
+def _dependences(result: Identification) -> list[str]:
+    rows = [
+        (
+            clean(each.estimate.name, 30) if is_first else "",
+            clean(each.fixed.name, 40),
+            f"{plain(each.fixed.value)} {clean(each.fixed.unit, 12)}".rstrip(),
+            percent(100.0 * each.share, "+"),
+            significant(each.shift / each.estimate.std, 2),
+        )
+        for each, is_first in firsts(dependences(result))
+    ]
+    return table(("estimate", "fixed parameter", "its value", "change %", "in std"), rows, "lllrr") if rows else []
+
+
+def _profiles(result: Identification) -> list[str]:
+    rows = [(clean(each.name, 30), f"{_bound(each.low)} … {_bound(each.high)}") for each in result.profiles]
+    return table(("", ""), rows, "ll")[1:] if rows else []
+
+
+def _bound(value: float) -> str:
+    text = significant(value, 4)
+    return "no limit" if text == "—" else text
+
+
+def _noise(result: Identification) -> list[str]:
+    names = [clean(each, 24) for each in result.outputs]
+    lines: list[str] = []
+    for start in range(0, len(names), _ACROSS):
+        across = range(start, min(start + _ACROSS, len(names)))
+        rows = [
+            (str(i + 1), names[i], *(significant(result.noise_variance[i, k]) for k in across))
+            for i in range(len(names))
+        ]
+        heads = ("", "", *(str(k + 1) for k in across))
+        lines += [""] * bool(lines) + table(heads, rows, "rl" + "r" * len(across))
+    return lines
+
+
+def _criteria(result: Identification) -> list[str]:
+    rows = [
+        ("loss", plain(result.loss), f"initially {plain(result.loss_initial)}"),
+        ("FPE", plain(result.fpe), ""),
+        ("AIC", plain(result.aic), ""),
+        ("AICc", plain(result.aicc), ""),
+        ("BIC", plain(result.bic), ""),
+        ("condition number", significant(result.condition_number, 3), ""),
+    ]
+    kind = f"{'covariance':<16}  {clean(result.covariance_kind)}"
+    return [*table(("", "", ""), rows, "lll")[1:], kind]
+
+
+def _residual(series: Series) -> str:
+    if series.is_white:
+        return "white about its mean" if has_offset(series) else "white"
+    if series.excuse:
+        return EXCUSES[series.excuse]
+    lag = 1 + int(np.argmax(np.nan_to_num(np.abs(series.autocorrelation[1:]))))
+    return f"not white: {series.autocorrelation[lag]:+.2f} at lag {lag}, band ±{series.band:.3f}"
+
+
+def _fits(experiments: Sequence[Experiment], *, before: bool) -> list[str]:
+    lines: list[str] = []
+    heads = ("", "fit %", "mean", "rms", "largest", "residual")
+    for experiment in experiments:
+        rows = [
+            (
+                clean(each.output, 24),
+                f"{fit(each.fit_before)} -> {fit(each.fit_percent)}" if before else fit(each.fit_percent),
+                significant(each.mean, 2),
+                significant(each.rms, 3),
+                significant(each.maximum, 3),
+                _residual(each),
+            )
+            for each in experiment.series
+        ]
+        lines += [""] * bool(lines) + [clean(experiment.name, WIDTH - 4)]
+        lines += table(heads, rows, "lrrrrl")
+    return lines
+
+
+def _phases(experiments: Sequence[Experiment]) -> list[str]:
+    lines: list[str] = []
+    for experiment in experiments:
+        rows = [
+            (
+                clean(each.output, 30) if i == 0 else "",
+                clean(phase, 30),
+                significant(rms, 3),
+                significant(largest, 3),
+                str(samples),
+            )
+            for each in experiment.series
+            for i, (phase, (rms, largest, samples)) in enumerate(each.phases.items())
+        ]
+        if rows:
+            lines += [""] * bool(lines) + [clean(experiment.name, WIDTH - 4)]
+            lines += table(("", "phase", "rms", "largest", "samples"), rows, "llrrr")
+    return lines
+
+
+def _search(result: Identification) -> list[str]:
+    return _wrapped(
+        f"{clean(result.stop_reason)}; {result.iterations} iterations, {result.evaluations} "
+        f"simulations, {significant(result.seconds, 3)} s",
+        "",
+    )

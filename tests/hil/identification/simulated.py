@@ -1,0 +1,108 @@
+"""Measurements of known truth for the grey box."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.config.parameters import find_parameter, value_of, with_values
+from liftgate_hil.identification.data import Data, rows_of
+from liftgate_hil.identification.fit import fitted
+from liftgate_hil.identification.problem import Problem, Sought
+from liftgate_hil.identification.result import Identification
+from liftgate_hil.identification.trajectory import MODELS, OUTPUTS, REST, Start, trajectory
+from liftgate_hil.running.setup import vehicle_from
+from liftgate_plant.sensors import Sensors
+from liftgate_plant.vehicle import Vehicle, load_of, plant_of
+
+TRUTH = {
+    "motor.resistance": 0.8,
+    "motor.rotor_inertia": 1.47e-5,
+    "motor.load_torque": 0.0015,
+    "motor.speed_constant": 0.08,
+    "spring.preload": 320.0,
+}
+NOISE = {"left_current_a": 0.05, "left_speed_rps": 0.5, "gate_angle_deg": 0.1}
+
+
+def true_vehicle(truth: Mapping[str, float] = TRUTH, name: str = "suv") -> Vehicle:
+    """A shipped vehicle with other values."""
+    vehicle = vehicle_from(name)
+    parameters = [find_parameter(vehicle, key) for key in truth]
+    return with_values(vehicle, parameters, list(truth.values()))
+
+
+def there_and_back(seconds: float = 2.0, rate: float = 200.0) -> tuple[np.ndarray, np.ndarray]:
+    """Times and voltage of an opening that reverses."""
+    times = np.arange(round(seconds * rate) + 1) / rate
+    volts = np.select([times < 0.5 * seconds, times < 0.6 * seconds], [12.0, 0.0], -9.0)
+    return times, volts
+
+
+def measured(
+    vehicle: Vehicle,
+    model: str = "third-order",
+    noise: Mapping[str, float] = NOISE,
+    seed: int | None = None,
+    angle_deg: float = 20.0,
+    drive: tuple[np.ndarray, np.ndarray] | None = None,
+    start: Start | None = None,
+    sensors: Sensors | None = None,
+    name: str = "run",
+    **columns: Any,
+) -> Data:
+    """What would be measured on the vehicle: `noise` names the outputs; without a seed there is none."""
+    times, volts = there_and_back() if drive is None else drive
+    given = {"left_voltage_v": volts}
+    given |= {key: np.broadcast_to(value, len(times)) for key, value in columns.items()}
+    inputs = rows_of(given, len(times))
+    out = trajectory(
+        plant_of(vehicle),
+        sensors or Sensors(),
+        load_of(vehicle)._replace(latch_released=1.0),
+        REST._replace(angle=math.radians(angle_deg)) if start is None else start,
+        MODELS[model],
+        times,
+        inputs,
+        1e-3,
+    )
+    rng = np.random.default_rng(seed)
+    outputs = {}
+    for key, std in noise.items():
+        clean = out[:, OUTPUTS.index(key)]
+        outputs[key] = clean + std * rng.standard_normal(len(times)) * (seed is not None)
+    return Data(name, times, inputs, outputs, sensors is not None)
+
+
+def sought(names: Sequence[str], vehicle: Vehicle | None = None, **limits: Any) -> list[Sought]:
+    """What to seek, from the values of the vehicle or of the shipped SUV, within the quantities' bounds."""
+    vehicle = vehicle_from("suv") if vehicle is None else vehicle
+    found = []
+    for name in names:
+        parameter = find_parameter(vehicle, name)
+        quantity = parameter.quantity
+        each = Sought(parameter, value_of(vehicle, parameter), quantity.low, quantity.high)
+        found.append(dataclasses.replace(each, **limits))
+    return found
+
+
+def estimated(
+    vehicle: Vehicle,
+    model: str,
+    names: Sequence[str],
+    data: Sequence[Data],
+    angle_deg: float | None = 20.0,
+    **more: Any,
+) -> Identification:
+    """The identification of the vehicle's parameters of these names, from the shipped values on."""
+    problem = Problem(vehicle, model, sought(names), data, list(data[0].outputs), angle_deg)
+    return fitted(problem, **more)
+
+
+def scores(result: Identification, truth: Mapping[str, float] = TRUTH) -> np.ndarray:
+    """Errors in standard deviations."""
+    return np.array([(each.value - truth[each.name]) / each.std for each in result.parameters])

@@ -1,0 +1,351 @@
+"""How a measurement began is told from its first samples, and what the inputs leave open."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from liftgate_hil.identification import rigid
+from liftgate_hil.identification.data import Data, applied_voltage, first_sample, rows_of
+from liftgate_hil.identification.initial_condition import beginning_of, begins_at_rest
+from liftgate_hil.identification.problem import Problem
+from liftgate_hil.identification.raster import thinned
+from liftgate_hil.running.setup import vehicle_from
+from liftgate_plant import gate
+from liftgate_plant.rows import INPUT_COLUMNS
+from liftgate_plant.vehicle import Vehicle, plant_of
+from tests.hil.identification.simulated import measured
+from tests.plant.runs import suv
+
+POSITION = {"left_position_rev": 0.1}
+SPEED = {"left_speed_rps": 0.5}
+ANGLE = {"gate_angle_deg": 0.02}
+LATCH = np.array([name == "latch_released" for name in INPUT_COLUMNS])
+
+
+def later(data: Data, seconds: float) -> Data:
+    """The same measurement, begun that much later."""
+    first = int(np.searchsorted(data.times, seconds))
+    return dataclasses.replace(
+        data,
+        times=data.times[first:] - data.times[first],
+        inputs=data.inputs[first:],
+        outputs={name: values[first:] for name, values in data.outputs.items()},
+    )
+
+
+def scaled(noise: dict[str, float], factor: float) -> dict[str, float]:
+    return {name: factor * std for name, std in noise.items()}
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    noise=st.sampled_from([POSITION, SPEED]),
+    factor=st.floats(0.0, 3.0),
+    seed=st.integers(0, 10_000),
+    rate=st.sampled_from([100.0, 200.0, 1000.0]),
+    sign=st.sampled_from([1.0, -1.0]),
+)
+def test_rest_and_motion_are_distinguished_whatever_the_noise(
+    noise: dict[str, float], factor: float, seed: int, rate: float, sign: float
+) -> None:
+    times = np.arange(round(2.0 * rate) + 1) / rate
+    drive = (times, np.where(times < 0.2, 0.0, sign * 12.0))
+    data = measured(suv(), "full", scaled(noise, factor), seed, 40.0, drive)
+    assert begins_at_rest(data)
+    assert not begins_at_rest(later(data, 1.0))
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000), phase=st.floats(0.0, 1.0))
+def test_rest_and_motion_are_distinguished_from_counts(seed: int, phase: float) -> None:
+    times = np.arange(2001) / 1000.0
+    drive = (times, np.where(times < 0.2, 0.0, 12.0))
+    data = measured(suv(), "full", {"left_position_rev": 0.0}, seed, 40.0 + phase, drive)
+    counts = np.floor(4.0 * data.outputs["left_position_rev"] + 0.5) / 4.0
+    data = dataclasses.replace(data, outputs={"left_position_rev": counts})
+    assert begins_at_rest(data)
+    assert not begins_at_rest(later(data, 1.0))
+
+
+def test_a_start_with_the_first_sample_is_a_start_from_rest() -> None:
+    times = np.arange(401) / 200.0
+    for noise in (POSITION, SPEED, ANGLE):
+        data = measured(suv(), "full", noise, 1, 40.0, (times, np.full(401, 12.0)))
+        assert begins_at_rest(data)
+
+
+@pytest.mark.parametrize("volts", [6.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0])
+@pytest.mark.parametrize("quantum", [0.25, 0.5])
+def test_a_step_with_the_first_sample_is_a_start_from_rest_in_counts_too(volts: float, quantum: float) -> None:
+    times = np.arange(3001) / 1000.0
+    data = measured(suv(), "full", {"left_position_rev": 0.0}, None, 20.0, (times, np.full(3001, volts)))
+    counts = quantum * np.floor(data.outputs["left_position_rev"] / quantum)
+    data = dataclasses.replace(data, outputs={"left_position_rev": counts})
+    assert begins_at_rest(data)
+    assert not begins_at_rest(later(data, 1.0))
+
+
+def test_a_zero_before_the_first_difference_of_a_position_is_no_rest() -> None:
+    times = np.arange(2001) / 1000.0
+    data = later(measured(suv(), "full", {"left_speed_rps": 0.0}, None, 40.0, (times, np.full(2001, 12.0))), 1.0)
+    speed = data.outputs["left_speed_rps"].copy()
+    speed[0] = 0.0
+    assert not begins_at_rest(dataclasses.replace(data, outputs={"left_speed_rps": speed}))
+
+
+def test_data_that_say_nothing_of_motion_begin_at_rest() -> None:
+    data = measured(suv(), "full", {"left_current_a": 0.05}, 1)
+    assert begins_at_rest(data)
+
+
+def test_a_known_angle_leaves_nothing_to_estimate() -> None:
+    begin = beginning_of(suv(), measured(suv(), noise=ANGLE, seed=1), 0, 20.0, True)
+    assert begin.unknowns == ()
+    assert begin.start.angle == pytest.approx(math.radians(20.0))
+    assert begin.start.balanced == 0.0
+
+
+def test_a_gate_at_rest_near_closed_begins_closed() -> None:
+    times = np.arange(201) / 200.0
+    data = measured(suv(), "full", ANGLE, 1, 0.0, (times, np.where(times < 0.5, 0.0, 12.0)))
+    begin = beginning_of(suv(), data, 0, None, True)
+    assert begin.start.angle == 0.0
+    assert begin.unknowns == ()
+
+
+def test_a_latched_gate_begins_closed_and_latched() -> None:
+    data = measured(suv(), "full", ANGLE, 1, angle_deg=0.0, latch_released=0.0)
+    begin = beginning_of(suv(), data, 0, None, True)
+    assert begin.start.latched == 1.0
+    assert begin.start.angle == 0.0
+
+
+def test_a_position_alone_says_at_which_angle_a_gate_rests() -> None:
+    plant = plant_of(suv())
+    times = np.arange(401) / 200.0
+    drive = (times, np.where(times < 0.5, 0.0, 12.0))
+    data = measured(suv(), "full", {"left_position_rev": 0.01}, 1, 35.0, drive)
+    begin = beginning_of(suv(), data, 0, None, True)
+    shown = math.degrees(rigid.angle_at(plant.link, plant.left.travel * begin.start.left_position))
+    assert shown == pytest.approx(35.0, abs=0.1)
+    assert begin.start.speed == 0.0
+    assert [each.name for each in begin.unknowns] == ["left_position", "right_ahead", "angle"]
+
+
+def test_a_moving_gate_begins_with_the_speed_and_place_measured() -> None:
+    whole = measured(suv(), "third-order", {**POSITION, **ANGLE}, 1, 20.0)
+    data = later(whole, 0.5)
+    truth = measured(suv(), "third-order", {**POSITION, **SPEED, **ANGLE}, None, 20.0).outputs
+    begin = beginning_of(suv(), data, 0, None, True)
+    assert begin.start.balanced == 1.0
+    assert begin.start.speed == pytest.approx(truth["left_speed_rps"][100], abs=30.0)
+    assert begin.start.left_position == pytest.approx(truth["left_position_rev"][100], abs=0.5)
+    names = [each.name for each in begin.unknowns]
+    assert names == ["speed", "left_position", "right_ahead", "angle", "rate"]
+    stiff = beginning_of(suv(), data, 0, None, False)
+    assert [each.name for each in stiff.unknowns] == ["speed", "left_position"]
+
+
+def test_a_moving_gate_of_an_unset_counter_begins_where_its_angle_says() -> None:
+    plant = plant_of(suv())
+    data = later(measured(suv(), "third-order", {**POSITION, **ANGLE}, 1, 20.0), 0.5)
+    outputs = dict(data.outputs)
+    outputs["left_position_rev"] = outputs["left_position_rev"] + 1000.0
+    begin = beginning_of(suv(), dataclasses.replace(data, outputs=outputs), 0, None, False)
+    angle = math.radians(first_sample(outputs["gate_angle_deg"]))
+    expected = gate.extension(plant.link, angle) / plant.left.travel
+    assert begin.start.left_position == pytest.approx(expected)
+    offset = {each.name: each.value for each in begin.unknowns}["left_offset"]
+    assert offset == pytest.approx(1000.0, abs=1.0)
+
+
+def test_an_angle_alone_says_how_fast_a_gate_begins() -> None:
+    data = later(measured(suv(), "full", ANGLE, 1, 20.0), 0.5)
+    truth = measured(suv(), "full", {"left_speed_rps": 0.0}, None, 20.0)
+    begin = beginning_of(suv(), data, 0, None, True)
+    expected = truth.outputs["left_speed_rps"][100]
+    assert begin.start.speed == pytest.approx(expected, rel=0.2)
+    assert begin.unknowns[0].name == "speed"
+
+
+def test_a_closed_gate_is_one_however_noisy_its_angle() -> None:
+    times = np.arange(1001) / 1000.0
+    for seed in range(10):
+        drive = (times, np.where(times < 0.3, 0.0, 12.0))
+        data = measured(suv(), "full", {"gate_angle_deg": 0.3}, seed, 0.0, drive)
+        assert beginning_of(suv(), data, 0, None, True).unknowns == ()
+
+
+def test_a_motion_without_a_place_is_refused() -> None:
+    data = later(measured(suv(), "full", SPEED, 1, 20.0), 0.5)
+    with pytest.raises(ValueError, match=r"begins in motion.*allowed"):
+        beginning_of(suv(), data, 0, None, True)
+
+
+def test_the_measurement_without_an_initial_condition_is_named() -> None:
+    good = measured(suv(), "full", SPEED, 1, 0.0, name="good.csv")
+    late = later(measured(suv(), "full", SPEED, 1, 20.0, name="late.csv"), 0.5)
+    with pytest.raises(ValueError, match=r"^late\.csv: begins in motion"):
+        Problem(suv(), "full", [], [good, late], list(SPEED), None)
+
+
+def test_a_drive_that_nothing_is_specified_for_is_driven_like_the_other() -> None:
+    for side, other in (("left", "right"), ("right", "left")):
+        rows = rows_of({f"{side}_duty": np.array([0.5, -0.5])}, 2)
+        assert rows[:, INPUT_COLUMNS.index(f"{other}_duty")] == pytest.approx([0.5, -0.5])
+        assert np.all(np.isnan(rows[:, INPUT_COLUMNS.index(f"{other}_voltage_v")]))
+    both = rows_of({"left_duty": np.full(2, 0.5), "right_voltage_v": np.full(2, 3.0)}, 2)
+    assert np.all(np.isnan(both[:, INPUT_COLUMNS.index("right_duty")]))
+    assert np.all(np.isnan(both[:, INPUT_COLUMNS.index("left_voltage_v")]))
+
+
+def test_the_voltage_is_what_the_columns_say_and_none_while_coasting() -> None:
+    columns = {
+        "left_duty": np.array([0.5, 0.5, 0.5, -1.0]),
+        "left_voltage_v": np.array([0.0, 1.0, np.nan, 0.0]),
+        "left_coast": np.array([0.0, 0.0, 1.0, np.nan]),
+        "supply_voltage_v": np.array([np.nan, np.nan, np.nan, 10.0]),
+    }
+    data = Data("run", np.arange(4.0), rows_of(columns, 4), {})
+    assert applied_voltage(data, 12.0) == pytest.approx([6.0, 7.0, 0.0, -10.0])
+
+
+def test_the_first_sample_is_the_first_there_is() -> None:
+    assert first_sample(np.array([np.nan, 2.0, 3.0])) == 2.0
+    assert math.isnan(first_sample(np.array([np.nan])))
+    assert math.isnan(first_sample(None))
+
+
+def heavy_suv() -> Vehicle:
+    return vehicle_from("heavy-suv")
+
+
+def test_the_windings_of_a_drive_in_motion_may_be_warm() -> None:
+    cold, warm = suv(), heavy_suv()
+    assert warm.left.thermal.enabled > 0.0
+    for vehicle, expected in ((cold, False), (warm, True)):
+        whole = measured(vehicle, "full", {"left_position_rev": 0.0}, angle_deg=20.0)
+        row = 300
+        cut = Data(
+            "cut",
+            whole.times[row:],
+            whole.inputs[row:],
+            {name: values[row:] for name, values in whole.outputs.items()},
+        )
+        begin = beginning_of(vehicle, cut, 0, None, True)
+        assert begin.start.balanced == 1.0
+        assert ("warmth" in [each.name for each in begin.unknowns]) == expected
+
+
+def test_a_latch_that_is_not_released_holds_a_closed_gate_alone() -> None:
+    # On a bus the release is a short pulse: later it says nothing of a gate that is open.
+    noise = {**POSITION, **ANGLE}
+    whole = measured(suv(), "third-order", noise, 1, 40.0)
+    open_ = dataclasses.replace(whole, inputs=np.where(LATCH, 0.0, whole.inputs))
+    begin = beginning_of(suv(), open_, 0, None, True)
+    assert begin.start.latched == 0.0
+    extended = plant_of(suv()).left.travel * begin.start.left_position
+    assert math.degrees(rigid.angle_at(plant_of(suv()).link, extended)) == pytest.approx(40, abs=1)
+    moving = beginning_of(suv(), later(open_, 0.5), 0, None, True)
+    assert moving.start.balanced == 1.0
+    closed = measured(suv(), "third-order", noise, 1, 0.0)
+    shut = dataclasses.replace(closed, inputs=np.where(LATCH, 0.0, closed.inputs))
+    shut = dataclasses.replace(shut, outputs={n: np.zeros(401) for n in shut.outputs})
+    assert beginning_of(suv(), shut, 0, None, True).start.latched == 1.0
+    cut = dataclasses.replace(shut, times=shut.times + 3.0)
+    begin = beginning_of(suv(), cut, 0, None, True)
+    assert (begin.start.balanced, begin.start.latched) == (1.0, 1.0)
+    assert {each.name: each.std for each in begin.unknowns} == {
+        "left_position": 3.0,
+        "left_offset": 0.125,
+        "right_ahead": 3.0,
+    }
+
+
+def pause(vehicle: Vehicle, angle_deg: float, noise: dict[str, float], cut: float = 0.0) -> Data:
+    """Half a second of rest before an opening; the clock shows `cut` where it begins."""
+    times = np.arange(401) / 200.0
+    drive = (times, np.where(times < 0.5, 0.0, 12.0))
+    data = measured(vehicle, "full", noise, 1, angle_deg, drive, latch_released=0.0)
+    return dataclasses.replace(data, times=data.times + cut)
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "cut", "expected"), [(0.0, 0.0, False), (0.0, 2.0, True), (30.0, 0.0, True)]
+)
+def test_a_gate_at_rest_is_open_or_cut_off_from_what_was_before_or_rested_for_long(
+    angle_deg: float, cut: float, expected: bool
+) -> None:
+    data = pause(heavy_suv(), angle_deg, {**POSITION, **ANGLE}, cut)
+    begin = beginning_of(heavy_suv(), data, 0, None, True)
+    names = {each.name for each in begin.unknowns}
+    assert ({"warmth", "housing_warmth", "right_ahead", "left_position"} <= names) == expected
+    assert (begin.start.balanced == 1.0) == expected
+    assert beginning_of(heavy_suv(), data, 0, angle_deg, True).unknowns == ()
+
+
+@pytest.mark.parametrize("noise", [{"left_position_rev": 0.02}, {"left_speed_rps": 0.1}])
+@pytest.mark.parametrize("released", [0.0, 1.0])
+def test_a_closed_gate_that_rests_for_long_creeps_into_its_seal_and_still_rests(
+    noise: dict[str, float], released: float
+) -> None:
+    times = np.arange(1001) / 1000.0
+    drive = (times, np.where(times < 0.5, 0.0, 12.0))
+    for seed in range(5):
+        data = measured(suv(), "full", noise, seed, 0.0, drive, latch_released=released)
+        begin = beginning_of(suv(), data, 0, None, True)
+        assert (begin.start.balanced, begin.unknowns) == (0.0, ())
+        assert begin.start.latched == 1.0 - released
+
+
+def test_a_latch_holds_a_closed_gate_of_which_only_a_speed_or_an_odd_angle_is_known() -> None:
+    for noise, offset in ((SPEED, 0.0), ({"gate_angle_deg": 0.02}, -0.5)):
+        data = pause(suv(), 0.0, noise)
+        outputs = {name: values + offset for name, values in data.outputs.items()}
+        for clock in (0.0, 3.0):
+            odd = dataclasses.replace(data, outputs=outputs, times=data.times + clock)
+            assert beginning_of(suv(), odd, 0, None, True).start.latched == 1.0
+
+
+def test_how_thinned_data_begin_is_read_from_all_rows() -> None:
+    times = np.arange(3001) / 1000.0
+    drive = (times, np.where(times < 0.5, 0.0, 12.0))
+    data = measured(suv(), "full", {**POSITION, **ANGLE}, 1, 0.0, drive)
+    for factor in (10, 50, 100):
+        few = thinned(data, None, factor, 0.25)
+        assert beginning_of(suv(), few, 0, None, True).unknowns == ()
+
+
+def test_a_slow_motion_that_nothing_drives_is_one() -> None:
+    times = np.arange(2001) / 1000.0
+    volts = np.where(times < 0.5, 12.0, 0.0)
+    for noise in (POSITION, SPEED):
+        whole = measured(suv(), "full", noise, 1, 20.0, (times, volts))
+        truth = measured(suv(), "full", {"left_speed_rps": 0.0}, None, 20.0, (times, volts))
+        speed = truth.outputs["left_speed_rps"]
+        slow = times[np.flatnonzero((times > 0.5) & (speed < 0.15 * np.max(speed)))[0]]
+        assert not begins_at_rest(later(whole, slow), creeps=True)
+        assert begins_at_rest(later(whole, 1.8), creeps=True)
+
+
+def test_a_stall_under_voltage_is_refused_and_an_inrush_is_none() -> None:
+    times = np.arange(9001) / 1000.0
+    volts = np.where(times < 7.0, 12.0, -10.0)
+    noise = {**POSITION, "left_current_a": 0.05}
+    whole = measured(suv(), "full", noise, 1, 0.0, (times, volts))
+    with pytest.raises(ValueError, match=r"stalled under voltage.*allowed: `from` before they stop"):
+        beginning_of(suv(), later(whole, 6.5), 0, None, True)
+    opened = measured(suv(), "full", noise, 1, 70.0, (times, -volts))
+    shifted = dataclasses.replace(opened, times=opened.times + 1.0)
+    assert beginning_of(suv(), shifted, 0, None, True).in_pause
+
+
+def test_a_rest_that_only_an_angle_shows_may_be_a_slow_motion() -> None:
+    begin = beginning_of(suv(), pause(suv(), 30.0, ANGLE), 0, None, True)
+    assert {each.name: each.std for each in begin.unknowns}["speed"] == 5.0

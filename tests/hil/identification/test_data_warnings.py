@@ -1,0 +1,137 @@
+"""Currents that are not zero at rest, and data in which nothing drives."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from liftgate_hil.identification.data import Data
+from liftgate_hil.identification.data_warnings import driven_through_gaps, never_driven, offsets_at_rest
+from liftgate_hil.identification.fit import validated
+from liftgate_hil.identification.problem import Problem
+from liftgate_hil.identification.reporting.findings import validation_warnings, warnings_of
+from tests.hil.identification.simulated import estimated, measured, sought, true_vehicle
+
+ALL = {"left_current_a": 0.05, "left_speed_rps": 0.5, "left_position_rev": 0.1, "gate_angle_deg": 0.1}
+CURRENT = {"left_current_a": 0.05}
+OFFSET = "an offset with the other sign in a map file corrects it"
+SAID = f"A while the motor stands without voltage: has its sensor an offset? {OFFSET}"
+
+
+def later_driven(
+    noise: Mapping[str, float] = ALL, offset: float = 0.0, seed: int = 1, first: float = 0.3, **columns: float
+) -> Data:
+    """Data with a voltage from `first` [s] on, the current with an offset [A]."""
+    times = np.arange(401) / 200.0
+    data = measured(
+        true_vehicle(), noise=noise, seed=seed, drive=(times, np.where(times < first, 0.0, 12.0)), **columns
+    )
+    return dataclasses.replace(
+        data, outputs={**data.outputs, "left_current_a": data.outputs["left_current_a"] + offset}
+    )
+
+
+def problem_of(data: Data) -> Problem:
+    return Problem(true_vehicle(), "third-order", [], [data], list(data.outputs), 20.0)
+
+
+@pytest.mark.parametrize("noise", [ALL, CURRENT])
+def test_a_current_at_rest_is_told_as_an_offset(noise: dict[str, float]) -> None:
+    for offset, said in ((0.155, "0.15"), (-0.5, "-0.5")):
+        (warning,) = offsets_at_rest(problem_of(later_driven(noise, offset)))
+        assert warning.startswith(f"run: left_current_a is {said}")
+        assert warning.endswith(SAID)
+
+
+@pytest.mark.parametrize("noise", [ALL, CURRENT, {"left_current_a": 0.5}])
+@pytest.mark.parametrize("seed", range(10))
+def test_noise_and_rounding_at_rest_are_no_offset(noise: dict[str, float], seed: int) -> None:
+    assert offsets_at_rest(problem_of(later_driven(noise, seed=seed))) == []
+    coarse = later_driven(noise, 0.06, seed)
+    rounded = {**coarse.outputs, "left_current_a": np.round(coarse.outputs["left_current_a"] / 0.1) * 0.1}
+    assert offsets_at_rest(problem_of(dataclasses.replace(coarse, outputs=rounded))) == []
+
+
+def test_a_current_from_the_first_sample_on_is_that_of_the_voltage() -> None:
+    assert offsets_at_rest(problem_of(later_driven(offset=0.5, first=0.0))) == []
+
+
+def test_a_motor_that_is_turned_by_hand_has_a_current() -> None:
+    data = later_driven(first=9.0, hand_force_n=400.0)
+    assert float(np.ptp(data.outputs["left_position_rev"])) > 5.0
+    assert offsets_at_rest(problem_of(data)) == []
+    unseen = dataclasses.replace(data, outputs={"left_current_a": data.outputs["left_current_a"]})
+    assert offsets_at_rest(problem_of(unseen)) != []  # the columns of motion make the difference
+
+
+def test_an_offset_that_the_vehicle_states_for_the_sensor_of_a_log_is_none() -> None:
+    data = dataclasses.replace(later_driven(offset=0.5), through_sensors=True)
+    for stated, count in ((0.0, 1), (0.5, 0)):
+        vehicle = true_vehicle()
+        vehicle = vehicle._replace(sensors=vehicle.sensors._replace(current_offset=stated))
+        found = offsets_at_rest(dataclasses.replace(problem_of(data), vehicle=vehicle))
+        assert len(found) == count
+        assert all("0.49 A while" in each or "0.5 A while" in each for each in found)
+        assert all(
+            each.endswith("sensors.current_offset in the vehicle file is 0 A: is it right?") for each in found
+        )
+    estimated_too = sought(["sensors.current_offset"], true_vehicle())
+    assert offsets_at_rest(dataclasses.replace(problem_of(data), sought=estimated_too)) == []
+
+
+def test_both_commands_warn_of_an_offset_at_rest() -> None:
+    data = later_driven(offset=0.3)
+    result = estimated(true_vehicle(), "third-order", ["motor.resistance"], [data])
+    for warnings in (warnings_of(result), validation_warnings(validated(problem_of(data)))):
+        assert len([each for each in warnings if each.endswith(SAID)]) == 1
+
+
+def test_data_in_which_nothing_drives_are_warned_of() -> None:
+    data = later_driven(first=9.0, hand_force_n=400.0)
+    result = estimated(true_vehicle(), "third-order", ["spring.preload"], [data])
+    (warning,) = [each for each in warnings_of(result) if "no motor" in each]
+    assert warning == "no motor is driven: the data show only motion by weight, springs and hand"
+    assert never_driven([data, later_driven()]) == []
+
+
+def test_a_gap_through_which_the_motor_is_driven_is_warned_of() -> None:
+    data = later_driven()
+
+    def without(begin: float, end: float) -> Data:
+        kept = (data.times < begin) | (data.times > end)
+        outputs = {name: values[kept] for name, values in data.outputs.items()}
+        return dataclasses.replace(data, times=data.times[kept], inputs=data.inputs[kept], outputs=outputs)
+
+    (warning,) = driven_through_gaps([without(0.8, 1.5)])
+    assert "no rows from 0.795 to 1.505 s: the motor is simulated with the last voltage" in warning
+    assert driven_through_gaps([data, without(0.02, 0.28), without(0.8, 0.9)]) == []
+
+
+def test_a_current_before_the_timestamp_of_a_voltage_may_be_of_the_voltage() -> None:
+    problem = problem_of(later_driven(offset=0.5, first=0.06))
+    assert offsets_at_rest(problem) != []
+    assert offsets_at_rest(dataclasses.replace(problem, delay=-0.06)) == []
+
+
+@pytest.mark.parametrize(("begin", "disturbed", "is_told"), [(0, 15, True), (0, 0, False), (100, 0, False)])
+def test_a_slow_motion_at_the_beginning_that_may_be_noise_is_told(
+    begin: int, disturbed: int, is_told: bool
+) -> None:
+    """Not so a true one, of data that are cut out of a motion."""
+    times = np.arange(401) / 200.0
+    volts = np.select([times < 0.2, times < 1.2], [0.0, 12.0], -9.0)
+    data = measured(true_vehicle(), noise=ALL, seed=2, angle_deg=20.0, drive=(times, volts))
+    speed = data.outputs["left_speed_rps"].copy()
+    speed[:disturbed] += 8.0
+    outputs = {**data.outputs, "left_speed_rps": speed}
+    cut = dataclasses.replace(
+        data,
+        times=times[begin:] - times[begin],
+        inputs=data.inputs[begin:],
+        outputs={name: values[begin:] for name, values in outputs.items()},
+    )
+    result = estimated(true_vehicle(), "full", ["motor.resistance"], [cut], None)
+    assert bool([each for each in result.data_warnings if "the initial speed was estimated" in each]) == is_told

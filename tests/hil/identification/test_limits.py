@@ -1,0 +1,162 @@
+"""Estimates within what a vehicle file may hold, whatever check says so."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import LinearConstraint, minimize
+
+from liftgate_hil.config.parameters import find_parameter, with_value
+from liftgate_hil.config.vehicle import issues_with
+from liftgate_hil.identification.fit import NothingToTellError, fitted
+from liftgate_hil.identification.limits import step_within_limits
+from liftgate_hil.identification.problem import Problem
+from liftgate_hil.running.setup import vehicle_from
+from tests.hil.identification.simulated import measured, sought
+from tests.plant.runs import suv
+
+ENERGY = 2.0 * math.pi / 1.01  # speed constant over torque constant, at least
+
+
+def strong(factor: float = 1.03):
+    """A gate whose motors make energy, as measurements with a current or a speed that is off look."""
+    vehicle = suv()
+    constant = factor * vehicle.left.motor.speed_constant / (2.0 * math.pi)
+    return with_value(vehicle, find_parameter(vehicle, "motor.torque_constant"), constant)
+
+
+def checked(*arguments: Any, **more: Any) -> Problem:
+    """A problem whose search may only go where a vehicle file may."""
+    return Problem(*arguments, **{"refused_by": issues_with, **more})
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_step_is_the_least_within_bounds_and_half_spaces(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count, limits = int(rng.integers(2, 6)), int(rng.integers(1, 3))
+    root = rng.standard_normal((count + 3, count))
+    matrix, gradient = root.T @ root, root.T @ (3.0 * rng.standard_normal(count + 3))
+    normals, room = rng.standard_normal((limits, count)), rng.uniform(0.0, 0.3, limits)
+    low, high = -np.ones(count), np.ones(count)
+    step = step_within_limits(
+        matrix, gradient, low, high, np.ones(count), lambda x: bool(np.all(normals @ x <= room))
+    )
+    expected = minimize(
+        lambda x: 0.5 * x @ matrix @ x - gradient @ x,
+        np.zeros(count),
+        jac=lambda x: matrix @ x - gradient,
+        method="SLSQP",
+        bounds=list(zip(low, high, strict=True)),
+        constraints=LinearConstraint(normals, -np.inf, room),
+        options={"ftol": 1e-14, "maxiter": 500},
+    ).x
+    assert np.all(normals @ step <= room)
+    assert np.all((step >= low) & (step <= high))
+    assert step == pytest.approx(expected, abs=1e-5)
+
+
+def test_a_step_follows_a_curved_limit() -> None:
+    """From within a circle to the point of it that is nearest to what lies outside."""
+    goal, radius = np.array([3.0, 1.0]), 0.8
+    x = np.zeros(2)
+    for _ in range(8):
+        x = x + step_within_limits(
+            np.eye(2),
+            goal - x,
+            np.full(2, -9.0),
+            np.full(2, 9.0),
+            np.ones(2),
+            lambda step, x=x: bool(np.linalg.norm(x + step) <= radius),
+        )
+    assert x == pytest.approx(radius * goal / np.linalg.norm(goal), abs=1e-3)
+    assert np.linalg.norm(x) <= radius
+
+
+def test_a_limit_without_a_slope_stops_a_step_before_it() -> None:
+    """As a check that allows 0 and 1 only."""
+    step = step_within_limits(np.eye(2), np.ones(2), -np.ones(2), np.ones(2), np.ones(2), lambda x: not np.any(x))
+    assert step.tolist() == [0.0, 0.0]
+
+
+def test_the_motor_constants_that_are_found_make_no_energy() -> None:
+    vehicle, names = suv(), ["motor.torque_constant", "motor.speed_constant", "motor.resistance"]
+    data = measured(strong(), seed=1)
+    result = fitted(checked(vehicle, "third-order", sought(names, vehicle), [data], [*data.outputs], 20.0))
+    torque, speed, resistance = result.parameters
+    assert speed.value / torque.value >= ENERGY
+    assert speed.value / torque.value == pytest.approx(ENERGY, rel=1e-5)
+    for each in (torque, speed):
+        assert each.identifiable
+        assert "held with others at a limit for valid vehicles" in each.remark
+        assert "makes energy" in each.remark
+    assert not resistance.remark
+    found = vehicle
+    for each in result.parameters:
+        found = with_value(found, find_parameter(found, each.name), each.value)
+    assert issues_with(found) == []
+    # It is the best of those along the limit: a search in that one direction ends there too.
+    deviance = _deviance_along(vehicle, data, resistance.value)
+    assert deviance(speed.value) < min(deviance(speed.value * by) for by in (0.99, 1.01))
+
+
+def _deviance_along(vehicle, data, resistance: float):
+    from liftgate_hil.identification.descent import place_at
+
+    names = ["motor.torque_constant", "motor.speed_constant", "motor.resistance"]
+    problem = checked(vehicle, "third-order", sought(names), [data], [*data.outputs], 20.0)
+
+    def deviance(speed: float) -> float:
+        point = np.array([speed / ENERGY, speed, resistance])
+        return place_at(problem, point, None).deviance
+
+    return deviance
+
+
+def test_a_single_constant_at_its_limit_is_not_identified_by_the_data() -> None:
+    vehicle = suv()
+    data = measured(strong(), seed=1)
+    problem = checked(vehicle, "third-order", sought(["motor.torque_constant"], vehicle), [data],
+        [*data.outputs], 20.0,
+    )  # fmt: skip
+    with pytest.raises(NothingToTellError, match=r"at a limit for valid vehicles: .* energy"):
+        fitted(problem)
+
+
+def test_a_lever_that_would_vanish_is_a_limit_as_well() -> None:
+    """Any check counts: here that of the geometry, by a coordinate of a point."""
+    vehicle = vehicle_from("suv")
+    parameter = find_parameter(vehicle, "gate.inertia")
+    low = 0.1 * vehicle.gate.mass * 0.540833**2  # kg m², below which it is refused
+    start = with_value(vehicle, parameter, 1.2 * low)
+    light = with_value(vehicle, parameter, 0.5 * low)
+    data = measured(light, noise={"gate_angle_deg": 0.01, "left_current_a": 0.05}, seed=1)
+    names = ["gate.inertia", "motor.resistance"]
+    result = fitted(checked(start, "third-order", sought(names, start), [data], [*data.outputs], 20.0))
+    inertia, resistance = result.parameters
+    assert inertia.value == pytest.approx(low, rel=1e-3)
+    assert inertia.value >= low * (1.0 - 1e-5)
+    assert "gate.inertia" in inertia.remark
+    assert not inertia.identifiable
+    assert resistance.identifiable
+
+
+def test_a_search_that_would_begin_at_what_is_refused_says_so() -> None:
+    data = measured(suv(), seed=1)
+    vehicle = strong()
+    problem = checked(vehicle, "third-order", sought(["motor.resistance"], vehicle), [data], [*data.outputs], 20.0)
+    with pytest.raises(ValueError, match="makes energy"):
+        fitted(problem)
+
+
+def test_limits_that_are_not_met_change_nothing() -> None:
+    """Neither steps nor how many simulations they take."""
+    vehicle = suv()
+    data = measured(suv("motor.resistance=0.8"), seed=2)
+    problem = checked(vehicle, "third-order", sought(["motor.resistance"], vehicle), [data], [*data.outputs], 20.0)
+    free = Problem(vehicle, "third-order", sought(["motor.resistance"], vehicle), [data], [*data.outputs], 20.0)
+    one, other = fitted(problem), fitted(free)
+    assert one.parameters == other.parameters
+    assert one.evaluations == other.evaluations
