@@ -31,7 +31,6 @@ _MODULES = {
     "judge_block": "liftgate_hil.judging.table",
     "note_wakeups": "liftgate_hil.loop.wakeups",
     "put_lines": "liftgate_hil.formats.csv_text",
-    "put_messages": "liftgate_hil.formats.mcap_text",
     "play": "liftgate_hil.replay.player",
     "note_truths": "liftgate_hil.running.recording_trigger",
 }
@@ -55,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         raise LiftgateError("the compiler is switched off (LIFTGATE_COMPILE=0); allowed: LIFTGATE_COMPILE not set")
     try:
         with reporting_compilation(listener, stopped), compiler.sharing():
-            for use in (_loops, _offline, _measurements, _recordings, _replay):
+            for use in (_loops, _offline, _measurements, _replay):
                 use(listener, stopped)
     except compiler.GivenUpError:
         return stopped.exit_code
@@ -157,15 +156,6 @@ def _measurements(teller: Listener, stopped: Callable[[], bool]) -> None:
     layout = rig_of(None, setup_of(None).scenario).output_config(sending=False)
     events_in(layout, empty_frames(0), np.zeros(0, dtype=np.int64), len(BUS_OUTPUTS), True)
     measure_wakeups(1_000_000, 1)
-
-
-def _recordings(teller: Listener, stopped: Callable[[], bool]) -> None:
-    """Compile the writing of MCAP."""
-    import numpy as np
-
-    from liftgate_hil.formats.mcap_text import RowMessages, Topic
-
-    RowMessages([Topic(0, ("time_s",), (0,), (False,))]).block(np.zeros((1, 1)), np.zeros(1, dtype=np.int64), 0)
 
 
 def _replay(teller: Listener, stopped: Callable[[], bool]) -> None:

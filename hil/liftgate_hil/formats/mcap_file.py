@@ -1,12 +1,11 @@
-"""MCAP files, written and read: rows and frames as JSON messages with schemas, laid out as in `mcap_layout`."""
+"""Reader of the MCAP files that `mcap_writer` writes."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import orjson
@@ -16,137 +15,13 @@ from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LOGGED, MAX
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats import mcap_layout as layout
-from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.mcap_chunks import HEAD, LENGTH_BEFORE, MESSAGE, Block, ChunkWriter
-from liftgate_hil.formats.mcap_text import RowMessages, Topic, frame_texts, plain_name
 from liftgate_hil.formats.reading import foreign_reader
 from liftgate_hil.formats.recording import FRAME, Floats, Recording, column_signal, nanoseconds_of
-from liftgate_hil.formats.writer import StreamWriter
-from liftgate_hil.version import version
 from liftgate_plant.signals import TIME, Signal
 
 if TYPE_CHECKING:
     from mcap.records import Message
     from mcap.summary import Summary
-
-
-_ROWS = 1024  # rows that are formatted together
-
-
-class McapWriter(StreamWriter):
-    """Writer of MCAP recordings."""
-
-    def __init__(self, stream: BinaryIO, content: Content) -> None:
-        super().__init__(stream, content)
-        self._writer = ChunkWriter(stream, f"{content.title} {version()}")
-        self._rows: RowMessages | None = None
-        self._row = self._frame = self._mark = 0  # sequence numbers of the next ones
-        self._frames = self._marks = 0  # ids of the channels of frames and of marks; 0: none yet
-
-    @property
-    def written(self) -> int:
-        """Bytes written to the file so far, plus the uncompressed size of the chunks still in memory."""
-        return self._stream.tell() + self._writer.held
-
-    def begin(self, epoch_ns: int) -> None:
-        """Write the wall clock at the start of the run [ns since 1970] (0: none applies), and the provenance."""
-        start = datetime.fromtimestamp(epoch_ns * 1e-9, UTC).isoformat() if epoch_ns else ""
-        record = {
-            "title": self._content.title,
-            "version": version(),
-            "times": layout.TIMES,
-            layout.START: str(epoch_ns),
-            "start": start,
-        }
-        self._writer.add_metadata(layout.RECORD, record)
-        if about := self._content.about:
-            self._writer.add_attachment(layout.ABOUT, "application/json", about.encode())
-
-    def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Write rows as messages, one for each topic and row."""
-        if self._rows is None and len(rows):
-            self._rows = RowMessages(self._register_rows())
-        for first in range(0, len(rows), _ROWS):
-            block = rows[first : first + _ROWS]
-            times = _nanoseconds(block[:, self._content.time_place])
-            assert self._rows is not None
-            self._writer.add(self._rows.block(block, times, self._row))
-            self._row += len(block)
-
-    def write_frames(self, frames: Any) -> None:
-        """Write frames, an array (n,) of dtype LOGGED, as one message each."""
-        if not len(frames):
-            return
-        if not self._frames:
-            schema, bus = (layout.frames_schema("CAN frame"), {layout.BUS_NAME: plain_name(self._content.channel)})
-            self._frames = self._register(layout.FRAMES, "frame", schema, bus, layout.BUS)
-        times = np.maximum(frames["time_ns"], 0).astype(np.int64)
-        texts = frame_texts(frames, self._content.channel)
-        self._writer.add(_block_of(self._frames, times, texts, self._frame))
-        self._frame += len(frames)
-
-    def write_mark(self, time_s: float, text: str) -> None:
-        """Write a mark at a time [s] as a message on `/marks`."""
-        if not self._marks:
-            self._marks = self._register(layout.MARKS_TOPIC, "mark", layout.marks_schema(), {}, layout.MARKS)
-        content = orjson.dumps({"time_s": time_s, "text": text})
-        self._writer.add(_block_of(self._marks, _nanoseconds(np.array([time_s])), [content], self._mark))
-        self._mark += 1
-
-    def flush(self) -> None:
-        """Write all chunks but the one that is being filled, and flush the stream."""
-        self._writer.drain()
-        self._stream.flush()
-
-    def close(self) -> None:
-        """Write the remark, the remaining chunks and the summary, and close the file."""
-        try:
-            if remark := self._content.remark():
-                self._writer.add_metadata(layout.REMARK, {"remark": remark})
-            self._writer.finish()
-        finally:
-            self._stream.close()
-
-    def _register_rows(self) -> list[Topic]:
-        content = self._content
-        row = dict(zip(content.columns, content.places, strict=True))
-        topics = []
-        for topic, columns in layout.topics_of(content.columns).items():
-            prefix = next(iter(columns.values()))
-            names = ["time_s", *columns]
-            fields = ["time_s", *(name.removeprefix(prefix) for name in columns)]
-            signals = {
-                field: (content.row[name], content.unit_of(name))
-                for field, name in zip(fields, names, strict=True)
-            }
-            schema = layout.rows_schema(topic, signals)
-            channel = self._register(topic, topic.strip("/"), schema, {layout.PREFIX: prefix}, layout.ROWS)
-            whole = [content.row[name].is_whole for name in names]
-            topics.append(Topic(channel, fields, [row[name] for name in names], whole))
-        return topics
-
-    def _register(self, topic: str, name: str, schema: bytes, metadata: dict[str, str], holds: str) -> int:
-        number = self._writer.register_schema(f"liftgate_hil/{name}", layout.SCHEMA_ENCODING, schema)
-        return self._writer.register_channel(topic, layout.ENCODING, number, {layout.CONTENT: holds, **metadata})
-
-
-def _nanoseconds(times: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return times [s] in ns; those that MCAP cannot hold, as of a plant that has diverged, are 0."""
-    sound = np.where((times >= 0.0) & (times < 1e9), times, 0.0)
-    return np.round(sound * 1e9).astype(np.int64)
-
-
-def _block_of(channel: int, times: NDArray[np.int64], texts: Sequence[bytes], number: int) -> Block:
-    """Return the messages of one channel as a block; `number` is the sequence number of the first one."""
-    records = [
-        HEAD.pack(MESSAGE, HEAD.size - LENGTH_BEFORE + len(text), channel, number + k, time, time) + text
-        for k, (time, text) in enumerate(zip(times.tolist(), texts, strict=True))
-    ]
-    ends = np.cumsum([len(record) for record in records], dtype=np.uint64)
-    offsets = np.concatenate([np.zeros(1, dtype=np.uint64), ends[:-1]])
-    channels = np.full(len(times), channel, dtype=np.uint16)
-    return Block(b"".join(records), channels, times.astype(np.uint64), offsets)
-
 
 _MAGIC = b"\x89MCAP0\r\n"
 _LARGEST = 1 << 30  # most bytes of a record or a chunk's content; the recorder's have some MB

@@ -74,7 +74,7 @@ FORMATS: Mapping[str, Format] = {
     ),
     ".mcap": Format(
         _lazily("mcap_file", "open_mcap"),
-        _lazily("mcap_file", "McapWriter"),
+        _lazily("mcap_writer", "McapWriter"),
         has_rows=True,
         has_frames=True,
         holds_about=True,

@@ -21,7 +21,6 @@ ENTRY_POINTS = {
     "judge_block": "evaluation of expectations",
     "note_wakeups": "lateness measurement",
     "put_lines": "CSV text",
-    "put_messages": "MCAP text",
     "play": "replay",
     "note_truths": "trigger of the recording",
 }
