@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from liftgate_hil.running.setup import rig_from as load_rig
     from liftgate_hil.running.setup import scenario_from as load_scenario
     from liftgate_hil.running.setup import vehicle_from as load_vehicle
+    from liftgate_hil.simulation.simulate import simulate
     from liftgate_hil.testing.rejudge import judge
     from liftgate_plant.vehicle import Vehicle
 
@@ -49,6 +50,7 @@ _HOMES = {
     "load_vehicle": ("liftgate_hil.running.setup", "vehicle_from"),
     "plot": ("liftgate_hil.conversion.plot", "plot"),
     "run": ("liftgate_hil.running.run", "run"),
+    "simulate": ("liftgate_hil.simulation.simulate", "simulate"),
     "validate": ("liftgate_hil.identification.commands", "validate"),
 }
 
@@ -69,6 +71,7 @@ __all__ = [
     "load_vehicle",
     "plot",
     "run",
+    "simulate",
     "validate",
 ]
 

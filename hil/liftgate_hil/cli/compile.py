@@ -128,7 +128,7 @@ def _offline(teller: Listener, stopped: Callable[[], bool]) -> None:
     import numpy as np
 
     from liftgate_hil.identification.trajectory import REST, trajectory
-    from liftgate_hil.loop.simulation import simulate
+    from liftgate_hil.loop.simulation import blocks_of
     from liftgate_hil.running.setup import setup_of
     from liftgate_hil.running.stimulation import offline_of
     from liftgate_hil.stimuli.samples import constant_voltage
@@ -138,7 +138,7 @@ def _offline(teller: Listener, stopped: Callable[[], bool]) -> None:
 
     setup = setup_of(None)
     vehicle, plant, load = setup.vehicle, plant_of(setup.vehicle), load_of(setup.vehicle)
-    list(simulate(offline_of(setup, 1e-3), initial_state(plant, 0.0), constant_voltage(0.0), 1))
+    list(blocks_of(offline_of(setup, 1e-3), initial_state(plant, 0.0), constant_voltage(0.0), 1))
     rows = np.full((2, len(INPUT_COLUMNS)), np.nan)
     trajectory(plant, vehicle.sensors, load, REST, 0, np.array([0.0, 1e-3]), rows, 1e-3)
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.config.described import REQUIRED, Record, fields_of, signature_of
-from liftgate_hil.config.kinds import SEED, Choice, Flag, Kind, Number, Paths, Whole
-from liftgate_hil.config.vehicle_choice import VehicleSettings
+from liftgate_hil.config.kinds import Choice, Flag, Kind, Number, Paths, Whole
+from liftgate_hil.config.vehicle_choice import SetupChoice, VehicleSettings
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.running.options import RunOptions
 
@@ -140,30 +140,14 @@ def given_in(args: argparse.Namespace, record: type[Record]) -> dict[str, Any]:
 
 def add_setup(parser: argparse.ArgumentParser) -> None:
     """Add the flags for vehicle, scenario, initial angle and seed."""
-    add_vehicle(parser, None, "default: the scenario's, else suv")
-    parser.add_argument("--scenario", metavar="NAME|FILE", help="what happens over time")
-    parser.add_argument(
-        "--initial",
-        metavar="closed|open|ANGLE_deg",
-        help="where the gate starts; default: the scenario's, else closed",
-    )
-    parser.add_argument(
-        "--seed", type=of_kind(SEED), help="seed of noise and other random values; default: the scenario's, else 0"
-    )
+    add_flags(parser, SetupChoice)
 
 
 def setup_of(args: argparse.Namespace) -> Setup:
     """Return the setup from the flags of `add_setup`. Raises ConfigError."""
-    from liftgate_hil.running.setup import setup_of, variant_of
+    from liftgate_hil.running.setup import setup_for
 
-    return setup_of(
-        args.scenario,
-        vehicle=args.vehicle,
-        settings=args.settings,
-        initial=args.initial,
-        seed=args.seed,
-        variant=variant_of(args.draw, args.ideal),
-    )
+    return setup_for(SetupChoice.of(**given_in(args, SetupChoice)))
 
 
 def add_vehicle(parser: argparse.ArgumentParser, default: str | None = "suv", text: str = "default: suv") -> None:

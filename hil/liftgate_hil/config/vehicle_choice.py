@@ -1,4 +1,4 @@
-"""Choice of a vehicle, as commands take it: its file, and what replaces values of it."""
+"""Choice of a vehicle, and of what happens to it, as commands take them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from liftgate_hil.config.described import Field, Record
-from liftgate_hil.config.kinds import SEED, File, Flag, Texts
+from liftgate_hil.config.kinds import SEED, File, Flag, Raw, Texts
 
 
 # fmt: off
@@ -26,3 +26,15 @@ class VehicleChoice(VehicleSettings):
 
     vehicle: Annotated[str | Path, Field(File(), "the vehicle: a shipped name, or a "
         "file", metavar="NAME|FILE")] = "suv"
+
+
+class SetupChoice(VehicleSettings):
+    """Base of the requests that concern a vehicle in a scenario."""
+
+    scenario: Annotated[str | Path | None, Field(File(), "what happens over time", metavar="NAME|FILE")] = None
+    vehicle: Annotated[str | Path | None, Field(File(), "the vehicle: a shipped name, or a file", "the "
+        "scenario's, else suv", "NAME|FILE")] = None
+    initial: Annotated[float | str | None, Field(Raw("closed, open, or degrees"), "where the gate starts",
+        "the scenario's, else closed", "closed|open|ANGLE_deg")] = None
+    seed: Annotated[int | None, Field(SEED, "seed of noise and other random values", "the scenario's, else "
+        "0")] = None

@@ -129,7 +129,7 @@ def block(offline: Offline, start: OfflineState, rows: Floats, out: Floats) -> t
     return after, k, sound
 
 
-def simulate(offline: Offline, state: State, samples: Samples, steps: int, every: int = 1) -> Iterator[Block]:
+def blocks_of(offline: Offline, state: State, samples: Samples, steps: int, every: int = 1) -> Iterator[Block]:
     """Yield the rows of every `every`-th step, and all Hall edges, in blocks. Raises PlantDivergedError.
 
     They go from the initial state to that after `steps` steps. The next few blocks are computed while the caller

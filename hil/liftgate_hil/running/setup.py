@@ -18,6 +18,7 @@ from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.variant import AS_FILED, Variant
 from liftgate_hil.config.vehicle import VehicleFile, load_vehicle, read_vehicle
+from liftgate_hil.config.vehicle_choice import SetupChoice
 from liftgate_hil.errors import ConfigError
 from liftgate_plant.vehicle import Vehicle
 
@@ -172,6 +173,18 @@ class Setup:
             seed=seed_of(scenario.seed if seed is None else seed),
             start_angle=angle_from(scenario.initial if initial is None else initial, vehicle.gate.open_angle),
         )
+
+
+def setup_for(choice: SetupChoice) -> Setup:
+    """Return the setup for a choice. Raises ConfigError."""
+    return setup_of(
+        choice.scenario,
+        vehicle=choice.vehicle,
+        settings=choice.settings,
+        initial=choice.initial,
+        seed=choice.seed,
+        variant=variant_of(choice.draw, choice.ideal),
+    )
 
 
 def setup_of(

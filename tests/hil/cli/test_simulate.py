@@ -298,7 +298,7 @@ def test_motors_that_nothing_drives_are_reported(tmp_path: Path, capsys: pytest.
     source = tmp_path / "in.csv"
     source.write_text("time_s,left_voltage_v\n0,12\n0.01,12\n")
     simulate(tmp_path, "--input", str(source))
-    note = f"{source}: no right_voltage_v or right_duty: 0 V, which brakes the right motor"
+    note = f"liftgate-hil simulate: {source}: no right_voltage_v or right_duty: 0 V, which brakes the right motor"
     aside = f"{tmp_path / 'out.csv'}: the recording that was there is now {tmp_path / 'out.previous.csv'}"
     assert capsys.readouterr().err.splitlines() == [note, aside]
     simulate(tmp_path, "--input", str(source), "--vehicle", "compact")

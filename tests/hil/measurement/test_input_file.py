@@ -12,7 +12,7 @@ import pytest
 
 from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.loop.simulation import Offline, simulate
+from liftgate_hil.loop.simulation import Offline, blocks_of
 from liftgate_hil.measurement.input_file import read_samples
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.running.setup import vehicle_from
@@ -108,7 +108,7 @@ def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> No
         said = without({**mild, **changes}, "voltage_v" if "left_duty" in changes else "duty")
         given = {name: [value] * len(TIMES) for name, value in said.items()}
         samples, _ = read_samples(written(tmp_path, given), {})
-        (block,) = simulate(offline(), initial_state(plant, 0.5), samples, 3)
+        (block,) = blocks_of(offline(), initial_state(plant, 0.5), samples, 3)
         last = block.rows[-1]
         return {name: last[COLUMN_PLACE[name]] for name in mild if name not in LATCH}
 

@@ -1,0 +1,259 @@
+"""Offline simulation of a vehicle: a voltage step or measured inputs in, a table out.
+
+It starts unlatched and at rest. A sample of the input holds from its time until the next one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.config.described import command
+from liftgate_hil.config.described_result import Result, Shown
+from liftgate_hil.config.plausibility import notes_on_vehicle
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.edges import EdgeFile
+from liftgate_hil.formats.guarded import Say, raise_failures, silent
+from liftgate_hil.formats.open import FORMATS, TABLES, check_file, open_writer
+from liftgate_hil.formats.target import check_no_input, is_one_of
+from liftgate_hil.loop.simulation import Block, blocks_of
+from liftgate_hil.measurement.input_file import read_samples
+from liftgate_hil.measurement.mapping import parse_maps
+from liftgate_hil.running.fault_columns import fault_columns_of
+from liftgate_hil.running.provenance import origin_offline
+from liftgate_hil.running.setup import Setup, setup_for
+from liftgate_hil.running.stimulation import offline_of
+from liftgate_hil.signals import COLUMN_PLACE, columns_of
+from liftgate_hil.simulation.request import SimulateRequest
+from liftgate_hil.stimuli.samples import Samples, constant_voltage
+from liftgate_plant.initial import initial_state
+
+Floats = NDArray[np.float64]
+Sink = Callable[[Content, Iterable[Floats]], None]  # takes rows (n, places) as they come
+
+_MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # from an input without a duration, at most
+
+
+def _nobody(time_s: float, duration_s: float) -> None:
+    """Ignore how far a simulation is."""
+
+
+# fmt: off
+@dataclass(frozen=True)
+class Simulation(Result):
+    """The result of a simulation of the plant alone."""
+
+    columns: Mapping[str, Floats]  # (n,) each, by name; empty where a file was written
+    rows: Annotated[int, Shown("rows of the table")]
+    time_s: Annotated[float, Shown("time of the last row [s]")]
+    duration_s: Annotated[float, Shown("model time that was asked for [s]")]
+    is_complete: Annotated[bool, Shown("whether it came to its end")]
+    notes: Annotated[tuple[str, ...], Shown("sentences: what is unusual in vehicle and inputs")]
+
+
+# fmt: on
+@command(SimulateRequest)
+def simulate(request: SimulateRequest) -> Simulation:
+    """Simulate the plant alone, from rest and unlatched: a voltage step or measured inputs in, a table out.
+
+    Without an `output` the table is in the result: its columns by name, `columns["gate_angle_deg"]` for example.
+    A sample of the input holds from its time until the next one.
+
+        simulate(voltage=12.0, duration=8.0, settings=["environment.road_slope_deg=8"]).columns["gate_angle_deg"]
+
+    Raises ConfigError, PlantDivergedError, RecordingError.
+    """
+    return simulated(request)
+
+
+def simulated(
+    request: SimulateRequest,
+    sink: Sink | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    report: Callable[[float, float], None] = _nobody,
+    say: Say = silent,
+    note: Say = silent,
+) -> Simulation:
+    """Return the simulation of a request; its table goes to the request's file, to `sink`, or into the result.
+
+    What had been simulated when it was `stopped` is written. `report` is called with the time reached and the
+    duration [s], `note` with each note before the first step, `say` with what becomes of files. Raises
+    ConfigError, PlantDivergedError, RecordingError.
+    """
+    setup = setup_for(request)
+    inputs = [*setup.inputs, *(Path(name) for name in (request.input, *request.maps) if name)]
+    output, edges = _targets_of(request, inputs)
+    samples, notes = _samples_of(request)
+    duration = request.duration if request.duration is not None else setup.scenario.duration
+    if duration is None:
+        duration = _length_of(request, samples.times)
+    found = [f"{setup.vehicle_name}: {each}" for each in notes_on_vehicle(setup.vehicle)]
+    found += [f"{request.input}: {each}" for each in notes]
+    found += _undriven(request, samples, setup.vehicle.drives)
+    for each in found:
+        note(each)
+    offline = offline_of(setup, request.step)
+    state, steps = initial_state(offline.constants.plant, setup.start_angle), round(duration / request.step)
+    course = _Course(steps * request.step, report)
+    content = Content(
+        columns_of(setup.vehicle.drives, offline=True),
+        title="liftgate-hil simulate",
+        remark=course.remark,
+        about=_about(request, setup, output, duration),
+        inputs=inputs,
+    ).with_faults(fault_columns_of(setup.scenario.faults))
+    collected = _Collected()
+    if output is not None:
+        take: Sink = _FileSink(output, say)
+    else:
+        take = collected if sink is None else sink
+    with contextlib.ExitStack() as stack:
+        edge_file = None
+        if edges is not None:
+            edge_file = stack.enter_context(contextlib.closing(EdgeFile("edges", edges, inputs, say)))
+        blocks = course.over(blocks_of(offline, state, samples, steps, request.every), stopped)
+        take(content, map(content.whole, _rows_of(blocks, edge_file)))
+    return Simulation(
+        collected.columns, course.rows, course.time, course.duration, course.is_complete, tuple(found)
+    )
+
+
+def _samples_of(request: SimulateRequest) -> tuple[Samples, Sequence[str]]:
+    """Return the inputs, and notes on how they were read. Raises ConfigError."""
+    if request.input is None:
+        return constant_voltage(request.voltage or 0.0), ()
+    return read_samples(Path(request.input), parse_maps(request.maps))
+
+
+def _about(request: SimulateRequest, setup: Setup, output: Path | None, duration: float) -> str:
+    """Return the provenance for the output; empty where its format cannot hold it."""
+    if output is None or not FORMATS[output.suffix].holds_about:
+        return ""
+    files = {"input": Path(request.input)} if request.input is not None else {}
+    return origin_offline(setup, request.step, duration, files)
+
+
+class _Course:
+    """How far a simulation is, and whether it came to its end."""
+
+    def __init__(self, duration: float, report: Callable[[float, float], None]) -> None:
+        self.duration, self._report = duration, report
+        self.time = 0.0  # s
+        self.rows = 0
+        self.is_complete = False
+
+    def over(self, blocks: Iterable[Block], stopped: Callable[[], bool]) -> Iterator[Block]:
+        """Yield the blocks until stopped, and note the time reached."""
+        for block in blocks:
+            if stopped():
+                return
+            if len(block.rows):
+                self.time = float(block.rows[-1, COLUMN_PLACE["time_s"]])
+                self.rows += len(block.rows)
+                self._report(self.time, self.duration)
+            yield block
+        self.is_complete = True
+
+    def remark(self) -> str:
+        """Return a remark on an incomplete file; empty where it is complete."""
+        if self.is_complete:
+            return ""
+        return f"incomplete, stopped at {self.time:.3f} s of {self.duration:g} s"
+
+
+class _Collected:
+    """Sink that keeps the table."""
+
+    def __init__(self) -> None:
+        self.columns: dict[str, Floats] = {}
+
+    def __call__(self, content: Content, rows: Iterable[Floats]) -> None:
+        """Take the rows as columns by name."""
+        table = np.concatenate([np.zeros((0, len(content.row))), *rows])[:, content.places]
+        self.columns = dict(zip(content.columns, table.T, strict=True))
+
+
+class _FileSink:
+    """Sink that writes the table to a file."""
+
+    def __init__(self, path: Path, say: Say) -> None:
+        self._path, self._say = path, say
+
+    def __call__(self, content: Content, rows: Iterable[Floats]) -> None:
+        """Write all rows, until writing fails. Raises ConfigError, RecordingError."""
+        recorder = open_writer(self._path, content, None, self._say, "output", is_salvaged=False)
+        try:
+            recorder.begin(0)
+            for block in rows:
+                recorder.write_rows(block)
+                if recorder.failure:
+                    break
+        finally:
+            recorder.close()
+        raise_failures([recorder])
+
+
+def _undriven(request: SimulateRequest, samples: Samples, drives: int) -> Iterator[str]:
+    """Yield notes on motors that nothing drives."""
+    if request.input is None:
+        if request.voltage is None:
+            yield "no `voltage` and no `input`: 0 V, which brakes the motors"
+        return
+    for side in ("left", "right")[:drives]:
+        if not any(f"{side}_{what}" in samples.columns for what in ("voltage_v", "duty", "coast")):
+            yield f"{request.input}: no {side}_voltage_v or {side}_duty: 0 V, which brakes the {side} motor"
+
+
+def _length_of(request: SimulateRequest, times: Floats) -> float:
+    """Return the length of the input [s]. Raises ConfigError where it is implausibly long.
+
+    A clock that jumps would make hours or days of it, and fill the disk.
+    """
+    if request.input is None:
+        raise ConfigError("`duration`: missing; allowed: 0 to 1e+07 s")
+    length = float(times[-1])
+    rows = length / request.step / request.every
+    if length > _MOST_SECONDS or rows > _MOST_ROWS:
+        gaps = np.diff(times)
+        row = int(np.argmax(gaps))
+        raise ConfigError(
+            f"`input` {request.input}: {length:.9g} s, {rows:.6g} rows, the longest gap {gaps[row]:.9g} s after "
+            f"row {row + 1}; allowed: up to {_MOST_SECONDS:g} s and {_MOST_ROWS:g} rows, or as long as `duration` "
+            f"says"
+        )
+    return length
+
+
+def _targets_of(request: SimulateRequest, inputs: Sequence[Path]) -> tuple[Path | None, Path | None]:
+    """Return the files for the table and for the edges; None: there is none. Raises ConfigError."""
+    output = None if request.output is None else check_file("output", str(request.output), TABLES)
+    edges = None if request.edges is None else check_file("edges", str(request.edges), (".csv",))
+    if output is not None and edges is not None and os.path.realpath(edges) == os.path.realpath(output):
+        raise ConfigError(f"`edges` {edges}: allowed: another file than `output`")
+    given = [] if request.input is None else [Path(request.input)]
+    for name, path in (("output", output), ("edges", edges)):
+        if path is None:
+            continue
+        if is_one_of(path, given):
+            raise ConfigError(f"`{name}` {path}: allowed: another file than `input`")
+        try:
+            check_no_input(path, inputs)
+        except ConfigError as error:
+            raise ConfigError(f"`{name}` {error}") from error
+    return output, edges
+
+
+def _rows_of(blocks: Iterable[Block], edge_file: EdgeFile | None) -> Iterator[Floats]:
+    """Yield the rows of the blocks, and write their edges. Raises RecordingError."""
+    for block in blocks:
+        if edge_file is not None:
+            edge_file.write(block.edges)
+        yield block.rows
