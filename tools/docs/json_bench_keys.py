@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from tools.docs.json_keys import DISTRIBUTION, PROVENANCE, Document
+from liftgate_hil.config.described_result import keys_of
+from liftgate_hil.loop.histogram import Distribution
+from tools.docs.json_keys import PROVENANCE, Document
 
 _LATENESS = {
-    **DISTRIBUTION,
+    **keys_of(Distribution),
     "missed": "periods that were skipped",
     "periods": "periods that were measured",
     "late_by_5_ms": "times that the loop was late by more than 5 ms",
@@ -32,7 +34,7 @@ DOCTOR = Document(
         "figures.lateness_realtime": "the same with FIFO scheduling; null: not possible, or not measured",
         **{f"figures.lateness_realtime.{name}": meaning for name, meaning in _LATENESS.items()},
         "figures.tick": "execution time of a tick; null: not compiled yet (see `compile`)",
-        **{f"figures.tick.{name}": meaning for name, meaning in DISTRIBUTION.items()},
+        **{f"figures.tick.{name}": meaning for name, meaning in keys_of(Distribution).items()},
         "figures.tick_share_percent": "median execution time as a share of the period [%]; null: as above",
         "figures.stolen_percent": "time that the host of a virtual machine took, by CPU",
         "figures.stolen_percent.CPU": "share [%]",

@@ -11,9 +11,10 @@ from typing import NamedTuple
 
 from liftgate_hil.config.described_result import keys_of
 from liftgate_hil.conversion.compare import Comparison
-from liftgate_hil.loop.histogram import Distribution
-from liftgate_hil.loop.statistics import Timing
+from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.replay.player import Played
 from liftgate_hil.report.provenance import Provenance
+from liftgate_hil.transport.base import LinkCounts
 
 
 class Shared(NamedTuple):
@@ -37,21 +38,6 @@ class Document(NamedTuple):
         return {*self.keys} | {f"{at}.{key}" for at, shared in self.shared.items() for key in shared.keys}
 
 
-_TIMES = {"lateness": "how late ticks began", "execution": "execution time of a tick", "delay": "command delay"}
-_OF_TIMES = {
-    "count": "number of measured values",
-    "p50_us": "median [µs]",
-    "p99_us": "99th percentile [µs]",
-    "p999_us": "99.9th percentile [µs]",
-    "max_us": "largest value [µs]",
-}
-DISTRIBUTION = {name: _OF_TIMES[name] for name in Distribution._fields}
-
-
-def _times(prefix: str, what: str) -> dict[str, str]:
-    return {f"{prefix}_{name}": f"{what}: {meaning}" for name, meaning in DISTRIBUTION.items()}
-
-
 PROVENANCE = Shared(
     "Provenance",
     "`provenance` of the documents below. `SOURCE_DATE_EPOCH` of the environment replaces the date.",
@@ -60,23 +46,7 @@ PROVENANCE = Shared(
 LINK = Shared(
     "Link",
     "`link`: errors on the way to and from the wire. All values are numbers of events.",
-    {
-        "send_failures": "frames that were not sent",
-        "send_queue_full": "those of them because the send queue was full",
-        "receive_failures": "errors while receiving",
-        "dropped": "frames that arrived, but were dropped before they were read",
-        "losses": "times that the link was lost",
-        "bus_offs": "those of them because the controller went bus-off",
-        "unreadable_frames": "messages received that are no CAN frames",
-        "refused_frames": "frames of other machines, on a bus that is restricted to this one",
-        "cut_frames": "serial line: frames that were cut off",
-        "long_frames": "serial line: frames that are too long",
-        "short_frames": "serial line: frames that are too short",
-        "bad_crcs": "serial line: frames with a wrong checksum",
-        "bad_identifiers": "serial line: frames with an identifier that is not allowed",
-        "before_start": "frames that arrived before the loop was ready, or a lost link was back, and were dropped",
-        "stale_frames": "frames that had waited longer than their message's timeout, and were dropped",
-    },
+    keys_of(LinkCounts),
 )
 EXPECTATION = Shared(
     "Expectation",
@@ -111,46 +81,7 @@ RUN = Document(
     "The summary of a run; without a subcommand the same. It goes to stdout when the run has ended. Times of the "
     "loop are measured on the clock `realtime` only; else they are null.",
     {
-        "clock": "clock of the run: `realtime`, `lockstep` or `free`",
-        "ticks": "ticks that were done",
-        "model_time_s": "model time at the end [s]",
-        "overruns": "ticks that were missed",
-        "bus_load_percent": "bus load over the run [%]; null: the run is shorter than 0.1 s",
-        "frames_sent": "frames that the gate sent",
-        "command_timeouts": "times that the ECU's commands failed to come",
-        "first_refused": "the first frame that was refused for each cause, as texts with their times",
-        "first_foreign": "identifier of the first frame that the rig does not receive, as text; empty: none",
-        "received": "frames that came to the gate, by outcome",
-        "received.accepted": "valid frames of mapped messages",
-        "received.foreign": "frames with identifiers that the rig does not receive",
-        "received.error": "error frames that the controller reported",
-        "received.remote": "remote requests for mapped messages",
-        "received.wrong_length": "rejected: length is not the message's",
-        "received.out_of_range": "rejected: a value is outside the range of database, rig or quantity, or NaN",
-        "received.checksum": "rejected: wrong checksum",
-        "received.counter": "rejected: alive counter did not change, or is out of sequence",
-        "received.unqualified": "valid frame, but the E2E state is not (yet) valid",
-        "received.lost": "frames missing between two alive counters, never received",
-        "link_error": "the operating system's text for the link's last error; empty: none",
-        "recordings": "files that were written",
-        "recording_windows": "triggers around which was recorded; null: the whole run was",
-        "recording_lost_rows": "rows for which the recorder was too slow",
-        "unseen_rows": "rows and frames that were not judged, because an ECU in this process delayed it",
-        "injections": "injections of a test bench that were carried out",
-        "injected": "the first of them, as texts with their times",
-        "injections_refused": "injections that were refused as invalid",
-        "commands": "commands of an operator that were carried out",
-        "commanded": "the first of them, as texts with their times",
-        "discarded": "frames of the ECU that were in flight where the precondition ended",
-        "ecu_dropped_frames": "frames for which an ECU in this process had no room",
-        **{
-            key: meaning
-            for name in Timing._fields
-            for key, meaning in _times("command_delay" if name == "delay" else name, _TIMES[name]).items()
-        },
-        "command_delay_force_n": "pinch force that grows during the largest command delay, on the rod of 10 N/mm "
-        "[N]; null: no delay was measured",
-        "rejected_frames": "all rejected frames: remote, wrong length, out of range, checksum, counter",
+        **keys_of(Summary, [LinkCounts]),
         "stop_reason": "signal that stopped the run: `SIGINT`, `SIGTERM`; else `given up`, if the bench ended it "
         "early (exit code 3), or `duration`",
         "maxima": "largest value of each column of recordings",
@@ -161,7 +92,6 @@ RUN = Document(
         "null: there are none. The exit code of `run` reports on the bench alone",
         "expectations": "verdicts on the scenario's expectations, see Expectation",
         "notes": "what may explain the run, as texts, such as requests that the ECU does not take",
-        "link": "errors of the link, see Link",
         "provenance": "see Provenance",
         "pinch": "`demo` only: the contact with the largest pinch force; null: nothing was pinched",
         "pinch.peak_n": "largest pinch force [N]",
@@ -257,24 +187,7 @@ VERDICTS = Document(
 REPLAY = Document(
     "`replay --json`",
     "The summary of a replay.",
-    {
-        "direction": "which frames were sent: `received`, `sent` or `both`, as they were recorded",
-        "is_complete": "false: it was stopped",
-        "rounds": "rounds that were begun, or played to their end",
-        "played_s": "from the first frame's due time to that of the last one sent [s]",
-        "took_s": "elapsed time [s]",
-        "frames_due": "frames whose due time has come",
-        "frames_sent": "frames that were sent",
-        "frames_not_sent": "frames that were not sent",
-        "error_frames_left_out": "error frames of the recording, which are not sent",
-        "clock_set_back": "times that a time stamp was far behind the one before",
-        "ring_empty": "times that a frame was late because the recording was read too slowly",
-        **_times("lateness", "from when a frame was due until the wire had it"),
-        "link": "errors of the link, see Link",
-        "link_error": "the operating system's text for the link's last error; empty: none",
-        "stop_reason": "`end`: the recording was played, else what stopped it: `SIGINT`, `SIGTERM`",
-        "provenance": "see Provenance",
-    },
+    keys_of(Played, [LinkCounts, Provenance]),
     {"link": LINK, "provenance": PROVENANCE},
 )
 

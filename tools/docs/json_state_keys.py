@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from liftgate_hil.config.described_result import keys_of
 from liftgate_hil.dashboard.source import STATE
+from liftgate_hil.loop.histogram import Distribution
 from liftgate_hil.signals import COLUMNS, Bench
-from tools.docs.json_keys import DISTRIBUTION, EXPECTATION
+from tools.docs.json_keys import EXPECTATION
 
 IN_SHORT = ("name", "verdict", "margin", "margin_unit", "time_s")  # keys of a verdict while the run goes on
 _IN_WORDS = {
@@ -53,7 +55,7 @@ _INSIDE = {
         for name, meaning in _TIMES.items()
         for path, text in {
             f"loop.{name}": f"{meaning}; null: not measured",
-            **{f"loop.{name}.{key}": each for key, each in DISTRIBUTION.items()},
+            **{f"loop.{name}.{key}": each for key, each in keys_of(Distribution).items()},
         }.items()
     },
     "bus.channel": "name of the bus",

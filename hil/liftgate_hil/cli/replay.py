@@ -11,7 +11,6 @@ Exit code 0: all was sent, or --loop was stopped; 1: something was not; 130: sto
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from collections.abc import Sequence
@@ -132,7 +131,12 @@ def _listed(given: Sequence[str]) -> list[str]:
 
 def _tell(args: argparse.Namespace, played: Played, stopped: StopSignals) -> None:
     if args.json:
-        print(json.dumps(_content(args, played, stopped), allow_nan=False))
+        from liftgate_hil.config.sources import sources_of
+        from liftgate_hil.report.provenance import provenance_of
+
+        played.stop_reason = stopped.name or "end"
+        played.provenance = provenance_of(args.command_line, sources_of({"recording": Path(args.recording)}))
+        print(played.to_json())
         return
     if not played.is_complete and stopped() and not args.loop:
         text = f"{stopped.name} after {played.played_s:.3f} s and {played.frames_sent} frames"
@@ -142,19 +146,6 @@ def _tell(args: argparse.Namespace, played: Played, stopped: StopSignals) -> Non
         print(f"liftgate-hil replay: {text}", file=sys.stderr)
     if not args.quiet:
         print("\n".join(played.lines()))
-
-
-def _content(args: argparse.Namespace, played: Played, stopped: StopSignals) -> dict[str, object]:
-    """Return the summary for JSON; its keys are public, and an unknown number is None."""
-    from liftgate_hil.config.sources import sources_of
-    from liftgate_hil.report.provenance import provenance_of
-
-    sources = sources_of({"recording": Path(args.recording)})
-    return {
-        **played.as_dict(),
-        "stop_reason": stopped.name or "end",
-        "provenance": provenance_of(args.command_line, sources).to_dict(),
-    }
 
 
 def _exit_code(args: argparse.Namespace, played: Played, stopped: StopSignals) -> int:

@@ -90,7 +90,7 @@ def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> 
     from liftgate_hil.report.provenance import provenance_of
 
     return {
-        **result.summary.as_dict(),
+        **result.summary.to_dict(),
         "stop_reason": stopped.name or (GIVEN_UP if result.is_given_up else "duration"),
         "maxima": _known(result.maxima),
         "minima": _known(result.minima),

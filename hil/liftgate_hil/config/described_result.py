@@ -17,7 +17,7 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from types import UnionType
+from types import MappingProxyType, UnionType
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
 
@@ -33,6 +33,8 @@ class Shown(NamedTuple):
     names: tuple[str, ...] = ()
     meanings: tuple[str, ...] = ()
     by: str = ""
+    prefix: str = ""  # where the keys of an object stand beside the others: what they begin with
+    parts: Mapping[str, str] = MappingProxyType({})  # meanings of the fields of a tuple that states none itself
 
 
 class Result:
@@ -67,11 +69,15 @@ def shown_in(record: type) -> dict[str, tuple[Any, Shown]]:
 
 
 def _object_of(record: Any) -> dict[str, Any]:
-    found = {}
+    found: dict[str, Any] = {}
     for name, (_, shown) in shown_in(type(record)).items():
         value = getattr(record, name)
         value = {getattr(each, shown.by): each for each in value} if shown.by else value
-        found[shown.key or name] = json_of(value)
+        value = json_of({part: getattr(value, part) for part in shown.parts} or value)
+        if shown.prefix:
+            found |= {f"{shown.prefix}_{key}": each for key, each in value.items()}
+        else:
+            found[shown.key or name] = value
     return found
 
 
@@ -100,12 +106,17 @@ def keys_of(record: type, own_tables: Sequence[type] = ()) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     for name, (hint, shown) in shown_in(record).items():
+        inner = _result_in(hint)
+        if shown.prefix:
+            assert inner is not None
+            found |= {f"{shown.prefix}_{key}": f"{shown.meaning}: {text}" for key, text in keys_of(inner).items()}
+            continue
         path = shown.key or name
         found[path] = shown.meaning
+        found |= {f"{path}.{part}": meaning for part, meaning in shown.parts.items()}
         for part, meaning in zip(shown.names, shown.meanings, strict=True):
             path = f"{path}.{part}"
             found[path] = meaning
-        inner = _result_in(hint)
         if inner is None or inner in own_tables:
             continue
         path += "" if shown.names or not _is_list(hint) else "[]"

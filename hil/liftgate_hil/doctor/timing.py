@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from liftgate_hil.config.described_result import json_of
 from liftgate_hil.doctor.check import Check, Level, number, read
 
 if TYPE_CHECKING:
@@ -268,7 +269,7 @@ def figures(
 
     def of(wakeups: Wakeups) -> dict[str, Any]:
         return {
-            **wakeups.lateness.as_dict(),
+            **json_of(wakeups.lateness),
             "missed": wakeups.missed,
             "periods": wakeups.periods,
             "late_by_5_ms": wakeups.long,
@@ -282,7 +283,7 @@ def figures(
         "duration_s": duration,
         "lateness": of(plain),
         "lateness_realtime": of(fifo) if fifo is not None else None,
-        "tick": tick.as_dict() if tick is not None else None,
+        "tick": json_of(tick),
         "tick_share_percent": 100.0 * tick.p50_us * 1e-6 * rate if tick is not None else None,
         "stolen_percent": stolen_shares,
     }

@@ -6,11 +6,12 @@ There is a bin for each ns up to 64, then 64 bins per octave.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.config.described_result import Shown
 from liftgate_plant.compiler import compilable
 
 _FINE = 64
@@ -66,15 +67,11 @@ def _lower_end(index: int) -> float:
 class Distribution(NamedTuple):
     """Quantiles and maximum of a histogram [µs]; NaN where it is empty."""
 
-    count: int  # type: ignore[assignment]  # shadows tuple.count
-    p50_us: float
-    p99_us: float
-    p999_us: float
-    max_us: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the figures for JSON, where NaN is null."""
-        return {key: None if math.isnan(value) else value for key, value in self._asdict().items()}
+    count: Annotated[int, Shown("number of measured values")]  # type: ignore[assignment]  # shadows tuple.count
+    p50_us: Annotated[float, Shown("median [µs]")]
+    p99_us: Annotated[float, Shown("99th percentile [µs]")]
+    p999_us: Annotated[float, Shown("99.9th percentile [µs]")]
+    max_us: Annotated[float, Shown("largest value [µs]")]
 
 
 NOTHING = Distribution(0, math.nan, math.nan, math.nan, math.nan)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Annotated, NamedTuple
 
 from liftgate_hil import signals
 from liftgate_hil.codec.frames import Frames, bits_of
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, rejected
+from liftgate_hil.config.described_result import Result, Shown
 from liftgate_hil.errors import number_of
 from liftgate_hil.loop.histogram import NOTHING, Distribution
 from liftgate_hil.transport.base import LinkCounts
@@ -71,69 +72,101 @@ _USUAL_FAULTS = ("losses", "send_failures", "send_queue_full", "receive_failures
 DROPPED = "lost: bench too slow"
 STALE = "ignored: waited longer than the message's time-out"
 DROPPED_OR_STALE = "lost or ignored: bench too slow"
-# Figures that a note on the run or a line of its summary words.
-_OF_NOTES = ("timing", "awaited", "commands_missing", "command_cycles", "fd_frames", "first_fd_frame")
 _NO_FAULTS = ("before_start",)
 
 
+# Frames that came to the gate, by what became of them.
+_RECEIVED = {
+    "accepted": "valid frames of mapped messages",
+    "foreign": "frames with identifiers that the rig does not receive",
+    "error": "error frames that the controller reported",
+    "remote": "remote requests for mapped messages",
+    "wrong_length": "rejected: length is not the message's",
+    "out_of_range": "rejected: a value is outside the range of database, rig or quantity, or NaN",
+    "checksum": "rejected: wrong checksum",
+    "counter": "rejected: alive counter did not change, or is out of sequence",
+    "unqualified": "valid frame, but the E2E state is not (yet) valid",
+    "lost": "frames missing between two alive counters, never received",
+}
+
+# fmt: off
+# A field with its description is a row of a table.
+
+
 @dataclass
-class Summary:
+class Summary(Result):
     """The figures of a run."""
 
-    clock: str = "realtime"
-    ticks: int = 0
-    model_time_s: float = 0.0
-    overruns: int = 0
+    clock: Annotated[str, Shown("clock of the run: `realtime`, `lockstep` or `free`")] = "realtime"
+    ticks: Annotated[int, Shown("ticks that were done")] = 0
+    model_time_s: Annotated[float, Shown("model time at the end [s]")] = 0.0
+    overruns: Annotated[int, Shown("ticks that were missed")] = 0
     timing: Timing = NO_TIMING
     bus_load_percent: float = 0.0
-    frames_sent: int = 0
-    command_timeouts: int = 0
-    received: Counts = NO_COUNTS
-    discarded: int = 0  # frames of the ECU that were in flight where the precondition ended
-    first_refused: list[str] = field(default_factory=list)  # the first frame refused for each cause, with its time
-    first_foreign: str = ""  # the first frame with an identifier that the rig does not receive; "": there is none
+    frames_sent: Annotated[int, Shown("frames that the gate sent")] = 0
+    command_timeouts: Annotated[int, Shown("times that the ECU's commands failed to come")] = 0
+    received: Annotated[Counts, Shown("frames that came to the gate, by outcome", parts=_RECEIVED)] = NO_COUNTS
+    discarded: Annotated[int, Shown("frames of the ECU that were in flight where the precondition ended")] = 0
+    first_refused: Annotated[list[str], Shown("the first frame that was refused for each cause, as texts with "
+        "their times")] = field(default_factory=list)
+    first_foreign: Annotated[str, Shown("identifier of the first frame that the rig does not receive, as text; "
+        "empty: none")] = ""
     fd_frames: int = 0  # CAN FD frames received, whatever became of them
     first_fd_frame: str = ""  # the first of them, with its time
     awaited: str = ""  # the command message, with its identifier
     commands_missing: int = 0  # frames of that message that are missing by its counter
     command_cycles: int = 0  # its cycles so far, those included
-    link: LinkCounts = field(default_factory=LinkCounts)
-    link_error: str = ""  # the system's text for the last error
-    recordings: list[str] = field(default_factory=list)  # files that were written
-    recording_windows: int | None = None  # triggers around which it was recorded; None: recorded as a whole
-    recording_lost_rows: int = 0  # rows that the recorder was too slow for
-    unseen_rows: int = 0  # rows and frames not judged because an ECU in this process held that up
-    injections: int = 0  # injections of a test bench that were carried out
-    injected: list[str] = field(default_factory=list)  # the first of them, with their times
-    injections_refused: int = 0  # injections that were refused as invalid
-    commands: int = 0  # commands of an operator that were carried out
-    commanded: list[str] = field(default_factory=list)  # the first of them, with their times
-    ecu_dropped_frames: int = 0  # frames for which an ECU in this process had no room
+    link: Annotated[LinkCounts, Shown("errors of the link, see Link")] = field(default_factory=LinkCounts)
+    link_error: Annotated[str, Shown("the operating system's text for the link's last error; empty: none")] = ""
+    recordings: Annotated[list[str], Shown("files that were written")] = field(default_factory=list)
+    recording_windows: Annotated[int | None, Shown("triggers around which was recorded; null: the whole run "
+        "was")] = None
+    recording_lost_rows: Annotated[int, Shown("rows for which the recorder was too slow")] = 0
+    unseen_rows: Annotated[int, Shown("rows and frames that were not judged, because an ECU in this process "
+        "delayed it")] = 0
+    injections: Annotated[int, Shown("injections of a test bench that were carried out")] = 0
+    injected: Annotated[list[str], Shown("the first of them, as texts with their "
+        "times")] = field(default_factory=list)
+    injections_refused: Annotated[int, Shown("injections that were refused as invalid")] = 0
+    commands: Annotated[int, Shown("commands of an operator that were carried out")] = 0
+    commanded: Annotated[list[str], Shown("the first of them, as texts with their "
+        "times")] = field(default_factory=list)
+    ecu_dropped_frames: Annotated[int, Shown("frames for which an ECU in this process had no room")] = 0
 
-    def load(self) -> float:
-        """Return the bus load [%] where there is one; NaN for a run that is shorter than a cycle."""
+    @property
+    def known_bus_load_percent(self) -> Annotated[float, Shown("bus load over the run [%]; null: the run is "
+            "shorter than 0.1 s", key="bus_load_percent")]:
+        """Bus load where there is one [%]; NaN for a run that is shorter than a cycle."""
         return math.nan if 0.0 < self.model_time_s < _CYCLES_S else self.bus_load_percent
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the figures for --json."""
-        figures = asdict(self)
-        for name in _OF_NOTES:
-            del figures[name]
-        if math.isnan(self.load()):
-            figures["bus_load_percent"] = None
-        for name, each in self.timing._asdict().items():
-            prefix = "command_delay" if name == "delay" else name
-            for key, value in each._asdict().items():
-                figures[f"{prefix}_{key}"] = None if math.isnan(value) else value
-        delay = self.timing.delay.max_us
-        figures["command_delay_force_n"] = None if math.isnan(delay) else force_of(delay)
-        return {
-            **figures,
-            "received": self.received._asdict(),
-            "rejected_frames": rejected(self.received),
-            "link": self.link._asdict(),
-        }
+    @property
+    def lateness(self) -> Annotated[Distribution, Shown("how late ticks began", prefix="lateness")]:
+        """How late ticks began."""
+        return self.timing.lateness
 
+    @property
+    def execution(self) -> Annotated[Distribution, Shown("execution time of a tick", prefix="execution")]:
+        """Execution time of a tick."""
+        return self.timing.execution
+
+    @property
+    def delay(self) -> Annotated[Distribution, Shown("command delay", prefix="command_delay")]:
+        """From a command on the bus to the first feedback that shows it."""
+        return self.timing.delay
+
+    @property
+    def command_delay_force_n(self) -> Annotated[float, Shown("pinch force that grows during the largest command "
+            "delay, on the rod of 10 N/mm [N]; null: no delay was measured")]:
+        """Pinch force that grows during the largest command delay [N]; NaN: no delay was measured."""
+        return force_of(self.timing.delay.max_us)
+
+    @property
+    def rejected_frames(self) -> Annotated[int, Shown("all rejected frames: remote, wrong length, out of range, "
+            "checksum, counter")]:
+        """Number of all rejected frames."""
+        return rejected(self.received)
+
+    # fmt: on
     def refusals_text(self) -> str:
         """Return why frames for the gate were refused; "": none was."""
         causes = {
@@ -187,7 +220,7 @@ class Summary:
         """Return the figures as lines of text for a person."""
         received = self.received
         why = self.refusals_text()
-        percent = self.load()
+        percent = self.known_bus_load_percent
         load = "" if math.isnan(percent) else f", bus load {percent:.1f} %"
         discarded = f", {self.discarded} discarded after the precondition" if self.discarded else ""
         lines = [

@@ -11,14 +11,15 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames
+from liftgate_hil.config.described_result import Result, Shown
 from liftgate_hil.errors import ConfigError, LiftgateError
 from liftgate_hil.formats.open import open_recording
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
@@ -31,6 +32,7 @@ from liftgate_hil.loop.replay_loop import TRIAL_NS, Schedule, empty_schedule, pa
 from liftgate_hil.loop.rings import LATENESS, Memory
 from liftgate_hil.loop.statistics import in_words
 from liftgate_hil.replay.selection import Course, Selection, has_sent, playable
+from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.transport.base import Line, LinkCounts, Transport
 from liftgate_hil.transport.find import Way, open_line
 from liftgate_plant.compiler import compiled
@@ -68,32 +70,35 @@ class Replay:
             raise ConfigError(f"`cpu` {self.cpu}: allowed: together with `realtime`")
 
 
+# fmt: off
+# A field with its description is a row of a table.
+
+
 @dataclass
-class Played:
-    """Result of a replay."""
+class Played(Result):
+    """The summary of a replay."""
 
-    direction: str = ""
-    is_complete: bool = False  # false: it was stopped
-    rounds: int = 0  # rounds that were begun, or played to their end
-    played_s: float = 0.0  # from the first frame's due time to that of the last one sent
-    took_s: float = 0.0  # elapsed time
-    frames_due: int = 0  # frames whose due time has come
-    frames_sent: int = 0
-    frames_not_sent: int = 0
-    error_frames_left_out: int = 0
-    clock_set_back: int = 0  # times that a timestamp was far behind the one before
-    ring_empty: int = 0  # times that a frame was late because the recording was read too slowly
-    lateness: Distribution = NOTHING  # from when a frame was due until the wire had it
-    link: LinkCounts = field(default_factory=LinkCounts)
-    link_error: str = ""  # the operating system's text for the last error
+    direction: Annotated[str, Shown("which frames were sent: `received`, `sent` or `both`, as they were "
+        "recorded")] = ""
+    is_complete: Annotated[bool, Shown("false: it was stopped")] = False
+    rounds: Annotated[int, Shown("rounds that were begun, or played to their end")] = 0
+    played_s: Annotated[float, Shown("from the first frame's due time to that of the last one sent [s]")] = 0.0
+    took_s: Annotated[float, Shown("elapsed time [s]")] = 0.0
+    frames_due: Annotated[int, Shown("frames whose due time has come")] = 0
+    frames_sent: Annotated[int, Shown("frames that were sent")] = 0
+    frames_not_sent: Annotated[int, Shown("frames that were not sent")] = 0
+    error_frames_left_out: Annotated[int, Shown("error frames of the recording, which are not sent")] = 0
+    clock_set_back: Annotated[int, Shown("times that a time stamp was far behind the one before")] = 0
+    ring_empty: Annotated[int, Shown("times that a frame was late because the recording was read too slowly")] = 0
+    lateness: Annotated[Distribution, Shown("from when a frame was due until the wire had it",
+        prefix="lateness")] = NOTHING
+    link: Annotated[LinkCounts, Shown("errors of the link, see Link")] = field(default_factory=LinkCounts)
+    link_error: Annotated[str, Shown("the operating system's text for the link's last error; empty: none")] = ""
+    stop_reason: Annotated[str, Shown("`end`: the recording was played, else what stopped it: `SIGINT`, "
+        "`SIGTERM`")] = "end"
+    provenance: Annotated[Provenance | None, Shown("see Provenance")] = None
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the result as a dictionary for JSON."""
-        figures = asdict(self)
-        del figures["lateness"]
-        late = {f"lateness_{name}": each for name, each in self.lateness.as_dict().items()}
-        return {**figures, **late, "link": self.link._asdict()}
-
+    # fmt: on
     def lines(self) -> list[str]:
         """Return the result as lines of text."""
         rounds = f", {self.rounds} rounds" if self.rounds > 1 else ""

@@ -105,8 +105,8 @@ def on_the_bus(plan: Plan, summary: Summary) -> list[str]:
         )
         found.append(f"{first}: on a real one every controller answers that with an error frame")
     # Without stuff bits, so that a real load is higher; with CAN FD it is an upper bound, which shows nothing.
-    if not has_fd and summary.load() > _FULL_PERCENT:
-        load = f"{summary.load():.0f} % of its {1e-3 * rig.bitrate:g} kbit/s on average"
+    if not has_fd and summary.known_bus_load_percent > _FULL_PERCENT:
+        load = f"{summary.known_bus_load_percent:.0f} % of its {1e-3 * rig.bitrate:g} kbit/s on average"
         found.append(f"the bus was overloaded, with {load}: on a real one frames come late, or not at all")
     if link.send_queue_full and way is not None:
         found.append(f"{number_of(link.send_queue_full, 'frame')} of the gate not sent: {way.why_full}")

@@ -4,33 +4,37 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import FD_FLAGS, Frames
+from liftgate_hil.config.described_result import Shown
 
 
 class LinkCounts(NamedTuple):
     """Counts of errors on the way to or from the wire."""
 
-    send_failures: int = 0
-    send_queue_full: int = 0  # those of them because the queue was full
-    receive_failures: int = 0
-    dropped: int = 0  # frames that arrived but were dropped before they were read
-    losses: int = 0  # times the link was lost
-    bus_offs: int = 0  # those of them because the controller went bus-off
-    unreadable_frames: int = 0  # messages received that are no CAN frames
-    refused_frames: int = 0  # frames of other machines, if the bus shall reach this one only
-    # Bad frames of a serial line, by cause (see liftgate_hil.transport.cobs.BadFrames).
-    cut_frames: int = 0
-    long_frames: int = 0
-    short_frames: int = 0
-    bad_crcs: int = 0
-    bad_identifiers: int = 0
-    before_start: int = 0  # frames that arrived before the loop was ready, or a lost link was back
-    stale_frames: int = 0  # frames that had waited longer than their message's timeout
+    # fmt: off
+    send_failures: Annotated[int, Shown("frames that were not sent")] = 0
+    send_queue_full: Annotated[int, Shown("those of them because the send queue was full")] = 0
+    receive_failures: Annotated[int, Shown("errors while receiving")] = 0
+    dropped: Annotated[int, Shown("frames that arrived, but were dropped before they were read")] = 0
+    losses: Annotated[int, Shown("times that the link was lost")] = 0
+    bus_offs: Annotated[int, Shown("those of them because the controller went bus-off")] = 0
+    unreadable_frames: Annotated[int, Shown("messages received that are no CAN frames")] = 0
+    refused_frames: Annotated[int, Shown("frames of other machines, on a bus that is restricted to this one")] = 0
+    cut_frames: Annotated[int, Shown("serial line: frames that were cut off")] = 0
+    long_frames: Annotated[int, Shown("serial line: frames that are too long")] = 0
+    short_frames: Annotated[int, Shown("serial line: frames that are too short")] = 0
+    bad_crcs: Annotated[int, Shown("serial line: frames with a wrong checksum")] = 0
+    bad_identifiers: Annotated[int, Shown("serial line: frames with an identifier that is not allowed")] = 0
+    before_start: Annotated[int, Shown("frames that arrived before the loop was ready, or a lost link was back, "
+        "and were dropped")] = 0
+    stale_frames: Annotated[int, Shown("frames that had waited longer than their message's timeout, and were "
+        "dropped")] = 0
+    # fmt: on
 
     def in_words(self) -> dict[str, str]:
         """Return a text for each count that is not zero, by its name: 1 loss, 2 bus offs."""

@@ -237,7 +237,7 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         "time-outs 13",
     ):
         assert said in text
-    told = summary.as_dict()
+    told = summary.to_dict()
     assert told["rejected_frames"] == 30
     assert told["received"]["wrong_length"] == 5
     assert told["link"]["send_failures"] == 11
@@ -259,8 +259,8 @@ def test_what_happened_once_is_told_in_the_singular():
 
 def test_the_bus_load_of_a_run_shorter_than_a_cycle_is_not_reported():
     short = Summary(ticks=1, model_time_s=0.001, bus_load_percent=104.6)
-    assert short.as_dict()["bus_load_percent"] is None
+    assert short.to_dict()["bus_load_percent"] is None
     assert "bus load" not in "".join(short.lines())
     long = Summary(ticks=1000, model_time_s=1.0, bus_load_percent=13.3)
-    assert long.as_dict()["bus_load_percent"] == 13.3
+    assert long.to_dict()["bus_load_percent"] == 13.3
     assert "bus load 13.3 %" in "".join(long.lines())
