@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from liftgate_hil.conversion.plot import plot
     from liftgate_hil.identification.commands import identify, validate
     from liftgate_hil.judging.verdict import Verdict
+    from liftgate_hil.playback.replay import replay
     from liftgate_hil.running.gate import Gate
     from liftgate_hil.running.result import Result
     from liftgate_hil.running.run import run
@@ -49,6 +50,7 @@ _HOMES = {
     "load_scenario": ("liftgate_hil.running.setup", "scenario_from"),
     "load_vehicle": ("liftgate_hil.running.setup", "vehicle_from"),
     "plot": ("liftgate_hil.conversion.plot", "plot"),
+    "replay": ("liftgate_hil.playback.replay", "replay"),
     "run": ("liftgate_hil.running.run", "run"),
     "simulate": ("liftgate_hil.simulation.simulate", "simulate"),
     "validate": ("liftgate_hil.identification.commands", "validate"),
@@ -70,6 +72,7 @@ __all__ = [
     "load_scenario",
     "load_vehicle",
     "plot",
+    "replay",
     "run",
     "simulate",
     "validate",

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from liftgate_hil.config.described_result import keys_of
 from liftgate_hil.conversion.compare import Comparison
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.replay.player import Played
+from liftgate_hil.playback.player import Played
 from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.transport.base import LinkCounts
 

@@ -31,7 +31,7 @@ _MODULES = {
     "judge_block": "liftgate_hil.judging.table",
     "note_wakeups": "liftgate_hil.loop.wakeups",
     "put_lines": "liftgate_hil.formats.csv_text",
-    "play": "liftgate_hil.replay.player",
+    "play": "liftgate_hil.playback.player",
     "note_truths": "liftgate_hil.running.recording_trigger",
 }
 
@@ -160,6 +160,6 @@ def _measurements(teller: Listener, stopped: Callable[[], bool]) -> None:
 
 def _replay(teller: Listener, stopped: Callable[[], bool]) -> None:
     """Compile the replay of a recording onto a bus."""
-    from liftgate_hil.replay.player import machine_code
+    from liftgate_hil.playback.player import machine_code
 
     machine_code()

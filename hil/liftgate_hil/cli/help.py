@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 # Subjects of flags, in their order, by the names of their values.
 _SUBJECTS: Mapping[str, tuple[str, ...]] = {
-    "bus": ("bus", "serial", "interface", "channel", "bitrate", "fd", "rig", "ecu_serial"),
+    "bus": ("bus", "serial", "interface", "channel", "bitrate", "is_fd", "rig", "ecu_serial"),
     "ECU": ("ecu", "against", "mutants", "mutation_threshold", "request", "no_requests", "drives", "coding"),
     "vehicle": ("vehicle", "settings", "draw", "ideal"),
     "scenario": ("scenario", "scenarios", "initial", "seed", "set_parameter", "voltage", "input", "one_run"),
@@ -15,9 +15,9 @@ _SUBJECTS: Mapping[str, tuple[str, ...]] = {
     "clock": ("clock", "rate", "duration", "step", "realtime", "cpu", "overrun_limit", "wall_timeout"),
     "what is run": ("jobs", "retry_inconclusive", "scheduler", "store", "resume"),
     "files that are read": (
-        *("recording", "maps", "recording_channel", "timezone", "origin", "longest_gap", "start", "end", "from_s"),
-        *("to_s", "cut_angle", "resample", "decimate", "drop_outliers", "columns", "direction", "only_ids"),
-        "except_ids",
+        *("recording", "maps", "recording_channel", "timezone", "origin", "longest_gap", "from_s"),
+        *("to_s", "cut_angle", "resample", "decimate", "drop_outliers", "columns", "direction", "only"),
+        "without",
     ),
     "playing": ("speed", "times", "loop"),
     "model": ("model", "outputs", "input_delay", "speed_window", "parameters", "plan"),

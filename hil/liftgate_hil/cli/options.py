@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 from liftgate_hil.config.described import REQUIRED, Record, fields_of, signature_of
 from liftgate_hil.config.kinds import Choice, Flag, Kind, Number, Paths, Whole
 from liftgate_hil.config.vehicle_choice import SetupChoice, VehicleSettings
+from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.running.options import RunOptions
 
 if TYPE_CHECKING:
     from liftgate_hil.running.setup import Setup
-    from liftgate_hil.transport.can_arguments import WireChoice
     from liftgate_plant.vehicle import Vehicle
 
 MACHINE = ("realtime", "cpu")  # options about what the program requests of the machine
@@ -26,7 +26,14 @@ LISTEN = "127.0.0.1:8765"
 _PARSERS: Mapping[type, Callable[[str], Any]] = {Number: float, Whole: int}
 _ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
 # Flags that are not called as their argument.
-_FLAGS = {"settings": "--set", "from_s": "--from", "to_s": "--to", "maps": "--map", "files": "FILE"}
+_FLAGS = {
+    "settings": "--set",
+    "from_s": "--from",
+    "to_s": "--to",
+    "maps": "--map",
+    "files": "FILE",
+    "without": "--except",
+}
 
 
 def as_flags(text: str) -> str:
@@ -75,7 +82,9 @@ def add_flags(
     fields = {each.name: each for each in fields_of(record)}
     for name in names or signature_of(record).parameters:
         field = fields[name]._replace(default=defaults.get(name, fields[name].default))
-        flag, meta = "--" + (field.flag or name.replace("_", "-")), field.metavar
+        own, meta = "--" + (field.flag or name.replace("_", "-")), field.metavar
+        letters = [each for each in field.also if not each.startswith("--")]
+        flags = [*letters, own, *(each for each in field.also if each not in letters)]
         text = f"{field.meaning}; default: {words}" if (words := field.default_text) else field.meaning
         if isinstance(field.kind, Paths):
             parser.add_argument(name, nargs="*" if name == placed else "+", metavar=meta, help=field.meaning)
@@ -85,28 +94,19 @@ def add_flags(
             parser.add_argument(name, nargs="?", metavar=meta, type=of_kind(field.kind), help=field.meaning)
         elif isinstance(field.kind, Flag):
             either = argparse.BooleanOptionalAction if field.may_be_none else "store_true"
-            parser.add_argument(flag, action=either, help=field.meaning)
+            parser.add_argument(*flags, dest=name, action=either, help=field.meaning)
         elif isinstance(field.kind, Choice):
-            parser.add_argument(flag, choices=field.kind.words, default=field.default, help=text)
+            parser.add_argument(*flags, dest=name, choices=field.kind.words, default=field.default, help=text)
         elif field.default == ():
-            parser.add_argument(flag, dest=name, action="append", default=[], metavar=meta, help=text)
+            parser.add_argument(*flags, dest=name, action="append", default=[], metavar=meta, help=text)
         else:
             kind, default = of_kind(field.kind), field.default
-            parser.add_argument(flag, dest=name, type=kind, default=default, metavar=meta, help=text)
+            parser.add_argument(*flags, dest=name, type=kind, default=default, metavar=meta, help=text)
 
 
 def add_bus(parser: argparse.ArgumentParser) -> None:
-    """Add the flags for the bus or serial line."""
-    parser.add_argument("--bus", metavar="INTERFACE:CHANNEL[@BITRATE]", help="the CAN bus, e.g. socketcan:vcan0")
-    parser.add_argument(
-        "--serial",
-        metavar="PORT[@BAUD]",
-        help="instead of a bus: a device or URL of pyserial, e.g. /dev/ttyUSB0@921600",
-    )
-    parser.add_argument("-i", "--interface", help="python-can's interface, instead of --bus")
-    parser.add_argument("-c", "--channel", help="python-can's channel, instead of --bus")
-    parser.add_argument("-b", "--bitrate", type=whole(1, 100_000_000), help="bit/s; default: the rig's")
-    parser.add_argument("--fd", action="store_true", help="open the bus for CAN FD")
+    """Add the flags for the bus or serial line, and its rig."""
+    add_flags(parser, WireChoice)
     parser.add_argument(
         "--rig",
         metavar="NAME|FILE",
@@ -115,17 +115,8 @@ def add_bus(parser: argparse.ArgumentParser) -> None:
 
 
 def wire_choice(args: argparse.Namespace) -> WireChoice:
-    """Return the choice of bus or line from the flags of `add_bus`."""
-    from liftgate_hil.transport.can_arguments import WireChoice
-
-    return WireChoice(
-        bus=args.bus,
-        serial=args.serial,
-        interface=args.interface,
-        channel=args.channel,
-        bitrate=args.bitrate,
-        is_fd=args.fd,
-    )
+    """Return the choice of bus or line from the flags of `add_bus`. Raises ConfigError."""
+    return WireChoice.of(**given_in(args, WireChoice))
 
 
 def run_options(args: argparse.Namespace) -> RunOptions:

@@ -11,66 +11,23 @@ Exit code 0: all was sent, or --loop was stopped; 1: something was not; 130: sto
 from __future__ import annotations
 
 import argparse
-import math
 import sys
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.cli import options
-from liftgate_hil.cli.recordings import add_reading, reading_of
+from liftgate_hil.cli.options import add_flags, given_in
 from liftgate_hil.cli.stopping import StopSignals
+from liftgate_hil.playback.request import ReplayRequest
 
 if TYPE_CHECKING:
-    from liftgate_hil.replay.player import Played
+    from liftgate_hil.playback.player import Played
+
+
+REQUEST = ReplayRequest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    parser.add_argument("recording", metavar="FILE", help="a recording with frames, or a bus log")
-    add_reading(parser)
-    options.add_bus(parser)
-    parser.add_argument(
-        "--direction",
-        choices=("sent", "received", "both"),
-        help="which frames to play: sent or received by the gate; default: sent, both if none is marked as sent",
-    )
-    for name, meaning in (("only", "only these frames"), ("except", "all but these frames")):
-        parser.add_argument(
-            f"--{name}",
-            dest=f"{name}_ids",
-            action="append",
-            default=[],
-            metavar="ID,…",
-            help=f"{meaning}: 0x120, 0x200-0x2FF, or a message of the rig (repeatable)",
-        )
-    for name, other, meaning in (("from", "start", "begin"), ("to", "end", "end")):
-        parser.add_argument(
-            f"--{name}",
-            f"--{other}",
-            dest=f"{name}_s",
-            type=options.bounded(-1e9, 1e9, "s"),
-            metavar="S",
-            help=f"{meaning} at this time of the recording; default: with its "
-            f"{'first' if name == 'from' else 'last'} frame",
-        )
-    parser.add_argument(
-        "--speed",
-        type=options.bounded(0.001, 1000.0, ""),
-        default=1.0,
-        metavar="FACTOR",
-        help="2: twice as fast; default: 1",
-    )
-    rounds = parser.add_mutually_exclusive_group()
-    rounds.add_argument(
-        "--times",
-        type=options.whole(1, 10**9),
-        default=1,
-        metavar="N",
-        help="play it N times, each right after the last frame, or --to; default: 1",
-    )
-    rounds.add_argument("--loop", action="store_true", help="repeat until stopped")
-    options.add_options(parser, *options.MACHINE)
+    add_flags(parser, ReplayRequest)
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
 
@@ -80,38 +37,18 @@ def run(args: argparse.Namespace) -> int:
     stopped = StopSignals()
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.errors import LiftgateError
-    from liftgate_hil.replay.player import Player, Replay
-    from liftgate_hil.replay.selection import Selection, identifiers_of
+    from liftgate_hil.playback.replay import player_for
     from liftgate_hil.running.compilation import reporting_compilation
-    from liftgate_hil.running.setup import rig_of
-    from liftgate_hil.transport.find import find_way
     from liftgate_plant.compiler import GivenUpError
 
-    rig = rig_of(args.rig)
-    selection = Selection(
-        direction=args.direction or "",
-        only=identifiers_of("only", _listed(args.only_ids), rig.messages),
-        without=identifiers_of("except", _listed(args.except_ids), rig.messages),
-        begin=-math.inf if args.from_s is None else args.from_s,
-        end=math.inf if args.to_s is None else args.to_s,
-    )
-    replay = Replay(
-        Path(args.recording),
-        selection,
-        how=reading_of(args),
-        speed=args.speed,
-        times=None if args.loop else args.times,
-        realtime=args.realtime,
-        cpu=args.cpu,
-    )
+    request = ReplayRequest.of(**given_in(args, ReplayRequest))
     teller = Teller(args.quiet, args.json)
-    way = find_way(options.wire_choice(args), rig)
     shown = teller.progress("replay")
 
     def tell(seconds: float, end: float, sent: int) -> None:
         shown.update(seconds, end, f"{seconds:.1f} s  {sent} frames sent")
 
-    player = Player(replay, way, teller, stopped, tell)
+    player = player_for(request, teller, stopped, tell, args.command_line)
     try:
         with shown, reporting_compilation(teller, stopped):
             player.run()
@@ -125,17 +62,9 @@ def run(args: argparse.Namespace) -> int:
     return _exit_code(args, player.played, stopped)
 
 
-def _listed(given: Sequence[str]) -> list[str]:
-    return [name.strip() for each in given for name in each.split(",") if name.strip()]
-
-
 def _tell(args: argparse.Namespace, played: Played, stopped: StopSignals) -> None:
     if args.json:
-        from liftgate_hil.config.sources import sources_of
-        from liftgate_hil.report.provenance import provenance_of
-
         played.stop_reason = stopped.name or "end"
-        played.provenance = provenance_of(args.command_line, sources_of({"recording": Path(args.recording)}))
         print(played.to_json())
         return
     if not played.is_complete and stopped() and not args.loop:

@@ -20,8 +20,8 @@ from liftgate_hil.errors import printable
 from liftgate_hil.judging.verdict import ERROR, GIVEN_UP
 
 if TYPE_CHECKING:
+    from liftgate_hil.config.wire_choice import WireChoice
     from liftgate_hil.running.result import Result
-    from liftgate_hil.transport.can_arguments import WireChoice
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -29,12 +29,12 @@ from liftgate_hil.running.processes.children import end, foreign_output
 from liftgate_hil.running.processes.supervisor import dies_with_parent
 
 if TYPE_CHECKING:
+    from liftgate_hil.config.wire_choice import WireChoice
     from liftgate_hil.ecu.events import Event
     from liftgate_hil.loop.listener import Listener
     from liftgate_hil.running.job import Job
     from liftgate_hil.running.plan import Plan
     from liftgate_hil.running.result import Result
-    from liftgate_hil.transport.can_arguments import WireChoice
     from liftgate_plant.vehicle import Vehicle
 
 _USAGE = 2  # exit code for wrong usage or configuration
@@ -218,7 +218,7 @@ def _ecu_process(args: argparse.Namespace, vehicle: Vehicle, teller: Listener) -
         command += ["--serial", args.ecu_serial]
     # It does not report again what the gate's loop reports to be refused.
     is_asked = args.realtime or (args.realtime is None and args.clock == "realtime" and has_fifo())
-    command += ["--fd"] * args.fd + ["--realtime" if is_asked else "--no-realtime"]
+    command += ["--fd"] * args.is_fd + ["--realtime" if is_asked else "--no-realtime"]
     child = EcuProcess(command, teller, is_ours=args.ecu == REFERENCE)
     try:
         yield child

@@ -43,8 +43,8 @@ class Field(NamedTuple):
 
     As the annotation of a record's field it states kind and meaning; where the value itself does not show it, the
     default in words; for a flag, what stands for its value in the help, the field together with which it is
-    allowed, and what it is called where that is no name in Python (`from`). `fields_of` adds what the class
-    states: name, default, and whether None is allowed.
+    allowed, what it is called where that is no name in Python (`from`), and other spellings (`-b`). `fields_of`
+    adds what the class states: name, default, and whether None is allowed.
     """
 
     kind: Kind
@@ -53,6 +53,7 @@ class Field(NamedTuple):
     metavar: str | None = None
     needs: str = ""
     flag: str = ""
+    also: tuple[str, ...] = ()
     name: str = ""
     default: Any = REQUIRED
     may_be_none: bool = False

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
+from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.judging.judge import Judge
@@ -28,7 +29,6 @@ from liftgate_hil.running.stepping import CommandLog
 from liftgate_hil.running.stimulation import off_not_made, reset_not_made
 from liftgate_hil.stimuli.restbus import hand_over
 from liftgate_hil.stimuli.stimulus_plan import OFF_A_REAL_BUS, StimulusPlan
-from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_hil.transport.find import find_way, open_transport
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario, ScenarioFile
 from liftgate_hil.config.variant import AS_FILED, Variant
 from liftgate_hil.config.vehicle import VehicleFile
+from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.running.options import RunOptions
-from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_plant.vehicle import Vehicle
 
 PRIVATE_BUS = "virtual"  # name in recordings of a bus that is in this process alone

@@ -18,6 +18,7 @@ from liftgate_hil.config.arguments import numbers_of, text_or_none, texts_of
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import notes_on_fit
 from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.ecu.find import is_library
 from liftgate_hil.errors import EcuError, LiftgateError, shown
 from liftgate_hil.running.job import Job
@@ -26,7 +27,6 @@ from liftgate_hil.running.plan import Plan, plan_of
 from liftgate_hil.running.result import Result, nothing_of
 from liftgate_hil.running.run_plan import run_plan
 from liftgate_hil.running.setup import variant_of
-from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_plant.vehicle import Vehicle
 
 _WORKER = "liftgate_hil.running.worker"  # module that runs a job in a process of its own

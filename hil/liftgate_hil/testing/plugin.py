@@ -205,9 +205,9 @@ def _allow_imports_from_root(config: pytest.Config) -> None:
 
 def _template(config: pytest.Config) -> Job:
     """Return the job that the options define for scenarios. Raises ConfigError."""
+    from liftgate_hil.config.wire_choice import WireChoice
     from liftgate_hil.running.job import Job
     from liftgate_hil.running.options import RunOptions
-    from liftgate_hil.transport.can_arguments import WireChoice
 
     bus = config.getoption("liftgate_bus")
     ecu = config.getoption("liftgate_ecu") or (ON_A_BUS if bus else REFERENCE)

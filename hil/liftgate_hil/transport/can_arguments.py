@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from typing import Any, NamedTuple
+from typing import Any
 
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.errors import ConfigError, words_of
 
 # Interfaces whose bit rate is set elsewhere, or that have none.
@@ -16,33 +17,6 @@ _MISSING = (
     "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL; or `serial` PORT; "
     "none is needed with `ecu` reference, a library or a Python class"
 )
-
-
-class WireChoice(NamedTuple):
-    """The wire that the user chose: a bus by one text or by python-can's own options, or a serial port."""
-
-    bus: str | None = None  # INTERFACE:CHANNEL[@BITRATE]
-    serial: str | None = None  # PORT[@BAUD]
-    interface: str | None = None
-    channel: str | None = None
-    bitrate: int | None = None  # bit/s
-    is_fd: bool = False
-
-    @property
-    def is_given(self) -> bool:
-        """Whether the user chose a wire at all."""
-        named = (self.bus, self.serial, self.interface, self.channel)
-        return any(each is not None for each in named)
-
-    @property
-    def is_configured(self) -> bool:
-        """Whether python-can's configuration names a bus: can.conf, or CAN_* in the environment."""
-        from liftgate_hil.config.can_libraries import can
-
-        try:
-            return can.util.load_config().get("interface") is not None
-        except Exception:  # what is wrong with it is told where it is used
-            return any(name.startswith("CAN_") for name in os.environ)
 
 
 def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:

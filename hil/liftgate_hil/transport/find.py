@@ -7,9 +7,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.transport.base import Line, Transport
-from liftgate_hil.transport.can_arguments import WireChoice, bus_arguments
+from liftgate_hil.transport.can_arguments import bus_arguments
 from liftgate_hil.transport.serial_open import parse_serial
 
 
@@ -71,7 +72,7 @@ def find_way(choice: WireChoice, rig: Rig) -> Way:
     """Return the wire that the user chose. Raises ConfigError."""
     if choice.serial is None:
         return Way(bus_arguments(choice, rig), None, rig.is_fd or choice.is_fd)
-    if choice._replace(serial=None) != WireChoice():
+    if any((choice.bus, choice.interface, choice.channel, choice.bitrate, choice.is_fd)):
         raise ConfigError("`serial` and `bus`/-i/-c/-b/`fd`: allowed: one or the other")
     check_serial(rig)
     return Way(None, parse_serial(choice.serial), rig.is_fd)

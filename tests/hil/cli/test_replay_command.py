@@ -50,7 +50,7 @@ def test_json_has_the_distribution_and_where_it_is_from(log: Path, capsys: pytes
         (["--except", "0x100-0x101"], "no frame matches the selection"),
         (["--from", "2", "--to", "1"], "--from 2: not before --to 1"),
         (["--speed", "0"], "argument --speed: '0'; allowed: 0.001 to 1000"),
-        (["--times", "2", "--loop"], "not allowed with argument --times"),
+        (["--times", "2", "--loop"], "--times 2: not allowed with --loop"),
         (["--direction", "sent"], "no frame sent in the recording"),
         (["--cpu", "0", "--no-realtime"], "--cpu 0: allowed: together with --realtime"),
         (["--loop", "--to", "0"], "all frames have the same time"),

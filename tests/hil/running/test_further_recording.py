@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from recording_support import rows_from, table_in
 
+from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.open import holds_nothing
@@ -21,7 +22,6 @@ from liftgate_hil.running.further_recording import RECORDING, STARTING, FurtherR
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import Plan, plan_of
-from liftgate_hil.transport.can_arguments import WireChoice
 
 EPOCH_NS = 1_700_000_000_000_000_000
 

@@ -15,11 +15,11 @@ from run_support import ScriptedEcu, message
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.running.notes import on_the_bus
 from liftgate_hil.running.setup import rig_from
 from liftgate_hil.transport.base import LinkCounts
-from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_hil.transport.find import Way, find_way
 
 

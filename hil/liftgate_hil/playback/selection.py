@@ -17,7 +17,6 @@ from liftgate_hil.formats.recording import Recording
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
-DIRECTIONS = ("sent", "received", "both")
 _NUMBER = 0x1FFFFFFF  # bits of an identifier without its flags
 # If a timestamp is so much earlier than the one before, the logger's clock was set back.
 _SET_BACK_NS = 100_000_000
@@ -29,19 +28,11 @@ Blocks = Iterator[NDArray[np.void]]
 class Selection:
     """Selection of a recording's frames: by time [s], by direction, with or without identifiers."""
 
-    direction: str = ""  # one of DIRECTIONS; empty: sent if there are such frames, else both
+    direction: str = ""  # sent, received or both; empty: sent if there are such frames, else both
     only: tuple[tuple[int, int], ...] = ()  # ranges of identifiers, both ends included; none: all
     without: tuple[tuple[int, int], ...] = ()  # ranges of identifiers that are left out
     begin: float = -math.inf
     end: float = math.inf
-
-    def check(self) -> None:
-        """Raise ConfigError if the direction is unknown, or nothing can be selected."""
-        if self.direction and self.direction not in DIRECTIONS:
-            allowed = ", ".join(DIRECTIONS)
-            raise ConfigError(f"`direction` {self.direction}: allowed: {allowed}")
-        if not self.begin < self.end:
-            raise ConfigError(f"`from` {self.begin:g}: not before `to` {self.end:g}; allowed: before `to`")
 
     def of(self, blocks: Blocks) -> Blocks:
         """Yield the selected frames."""

@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 from hil_support import frames_of
 
+import liftgate_hil as lh
 from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames, logged
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_writer
 from liftgate_hil.loop.listener import Listener
-from liftgate_hil.replay import player
-from liftgate_hil.replay.player import Played, Player, Replay
-from liftgate_hil.replay.selection import Selection
+from liftgate_hil.playback import player
+from liftgate_hil.playback.player import Played, Player, Replay
+from liftgate_hil.playback.selection import Selection
 from liftgate_hil.signals import columns_of
 from liftgate_hil.transport import find
 from liftgate_hil.transport.base import LinkCounts
@@ -104,14 +105,41 @@ def test_what_cannot_be_played_is_reported_before_a_bus_is_opened(tmp_path: Path
         (Replay(path, Selection("received")), "no frame received in the recording"),
         (Replay(path, Selection(begin=9.0)), "no frame sent matches the selection"),
         (Replay(tmp_path / "rows.csv"), "holds only rows; allowed: a recording with frames"),
-        (Replay(path, speed=0.0), "`speed` 0: allowed: 0.001 to 1000"),
-        (Replay(path, times=0), "`times` 0: allowed: 1 to"),
-        (Replay(path, realtime=False, cpu=0), "`cpu` 0: allowed: together with `realtime`"),
         (Replay(tmp_path / "none.log"), "no such file"),
     ):
         with pytest.raises(ConfigError) as caught:
             Player(replay, way, Listener(), lambda: False, lambda seconds, end, sent: None).run()
         assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"speed": 0.0}, "`speed` 0.0: allowed: 0.001 to 1000"),
+        ({"times": 0}, "`times` 0: allowed: a whole number from 1 to"),
+        ({"times": 2, "loop": True}, "`times` 2: not allowed with `loop`"),
+        ({"realtime": False, "cpu": 0}, "`cpu` 0: allowed: together with `realtime`"),
+        ({"direction": "up"}, "`direction` 'up': allowed: one of sent, received, both"),
+        ({"from_s": 3.0, "to_s": 2.0}, "`from_s` 3: not before `to_s` 2"),
+        ({"only": "Nobody"}, "`only` Nobody"),
+        ({"without": "Nobody"}, "`without` Nobody"),
+        ({"serial": "loop://"}, "`serial` and `bus`"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(tmp_path: Path, how: dict[str, Any], said: str) -> None:
+    path = write(tmp_path / "run.log", FRAMES, [True] * 60)
+    with pytest.raises(ConfigError) as caught:
+        lh.replay(path, bus="virtual:refused", **how)
+    assert said in str(caught.value)
+
+
+def test_a_recording_is_played_from_python(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.log", FRAMES, [True] * 60)
+    with can.Bus("python", interface="virtual", receive_own_messages=False) as bus:
+        played = lh.replay(path, bus="virtual:python", speed=10.0, rig="liftgate")
+        assert (played.frames_sent, played.is_complete, played.stop_reason) == (60, True, "end")
+        assert bus.recv(0.0) is not None
+    assert played.to_dict()["provenance"]["sources"]["recording"]["path"] == str(path)
 
 
 class Wire:

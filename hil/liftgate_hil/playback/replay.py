@@ -1,0 +1,70 @@
+"""Replay of a recording's frames onto a bus or a serial line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+from liftgate_hil.config.described import command
+from liftgate_hil.config.sources import sources_of
+from liftgate_hil.formats.recording import read_options
+from liftgate_hil.loop.listener import Listener
+from liftgate_hil.playback.player import Played, Player, Replay
+from liftgate_hil.playback.request import ReplayRequest
+from liftgate_hil.playback.selection import Selection, identifiers_of
+from liftgate_hil.report.provenance import provenance_of
+from liftgate_hil.running.setup import rig_of
+from liftgate_hil.transport.find import find_way
+
+
+def _nobody(seconds: float, end: float, sent: int) -> None:
+    """Ignore how far a replay is."""
+
+
+@command(ReplayRequest)
+def replay(request: ReplayRequest) -> Played:
+    """Play the frames of a recording onto a bus or a serial line, with the original timing.
+
+    Without `direction` it plays the frames that are marked as sent; if there are none, as in logs without
+    directions, all of them. The result tells how late the frames were: from when each was due until the kernel,
+    or the driver of another interface, had it.
+
+        replay("run.blf", bus="socketcan:vcan0", to_s=10.0).frames_sent
+
+    Raises ConfigError, TransportError.
+    """
+    player = player_for(request)
+    player.run()
+    return player.played
+
+
+def player_for(
+    request: ReplayRequest,
+    listener: Listener | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    progress: Callable[[float, float, int], None] = _nobody,
+    command_line: str = "",
+) -> Player:
+    """Return the player of a request, which opens its recording. Raises ConfigError."""
+    rig = rig_of(request.rig)
+    selection = Selection(
+        direction=request.direction or "",
+        only=identifiers_of("only", request.only, rig.messages),
+        without=identifiers_of("without", request.without, rig.messages),
+        begin=-math.inf if request.from_s is None else request.from_s,
+        end=math.inf if request.to_s is None else request.to_s,
+    )
+    chosen = Replay(
+        Path(request.recording),
+        selection,
+        how=read_options(request.recording_channel, request.timezone),
+        speed=request.speed,
+        times=None if request.loop else request.times,
+        realtime=request.realtime,
+        cpu=request.cpu,
+    )
+    player = Player(chosen, find_way(request, rig), listener or Listener(), stopped, progress)
+    sources = sources_of({"recording": Path(request.recording)})
+    player.played.provenance = provenance_of(command_line, sources)
+    return player

@@ -1,0 +1,58 @@
+"""Request of `replay`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from liftgate_hil.config.described import Field
+from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Text, Whole
+from liftgate_hil.config.wire_choice import WireChoice
+from liftgate_hil.conversion.request import RecordingChannel, TimeZone
+from liftgate_hil.errors import ConfigError
+
+DIRECTIONS = ("sent", "received", "both")
+_TIME = Number(-1e9, 1e9, "s")
+_IDENTIFIERS = "0x120, 0x200-0x2FF, or a message of the rig (repeatable)"
+
+
+# fmt: off
+class ReplayRequest(WireChoice, kw_only=False):
+    """Request to play a recording's frames onto a bus or a serial line."""
+
+    recording: Annotated[str | Path, Field(File(), "a recording with frames, or a bus log", metavar="FILE")]
+    rig: Annotated[str | Path | None, Field(Text("a rig's name, or a file"), "the rig: mapping of bus signals",
+        "liftgate", "NAME|FILE")] = None
+    recording_channel: RecordingChannel = None
+    timezone: TimeZone = None
+    direction: Annotated[str | None, Field(Choice(DIRECTIONS), "which frames to play: sent or received by the "
+        "gate",
+        "sent, both if none is marked as sent")] = None
+    only: Annotated[tuple[str, ...], Field(Names(), f"only these frames: {_IDENTIFIERS}", metavar="ID,…")] = ()
+    without: Annotated[tuple[str, ...], Field(Names(), f"all but these frames: {_IDENTIFIERS}", metavar="ID,…",
+        flag="except")] = ()
+    from_s: Annotated[float | None, Field(_TIME, "begin at this time of the recording", "with its first "
+        "frame", "S",
+        flag="from", also=("--start",))] = None
+    to_s: Annotated[float | None, Field(_TIME, "end at this time of the recording", "with its last frame", "S",
+        flag="to", also=("--end",))] = None
+    speed: Annotated[float, Field(Number(0.001, 1000.0), "2: twice as fast", metavar="FACTOR")] = 1.0
+    times: Annotated[int, Field(Whole(1, 10**9), "play it N times, each right after the last frame, or --to",
+        metavar="N")] = 1
+    loop: Annotated[bool, Field(Flag(), "repeat until stopped")] = False
+    realtime: Annotated[bool | None, Field(Flag(), "request FIFO scheduling, locked memory, a CPU of its own and "
+        "no deep sleep, and report what is refused; --no-realtime: request nothing; default: FIFO scheduling and "
+        "locked memory, where granted")] = None
+    cpu: Annotated[int | None, Field(Whole(0, 1023), "the CPU of the loop in real time",
+        "an isolated one, else the last", "N")] = None
+
+    # fmt: on
+    def check(self) -> None:
+        """Validate the values, each and together. Raises ConfigError."""
+        super().check()
+        if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
+            raise ConfigError(f"`from_s` {self.from_s:g}: not before `to_s` {self.to_s:g}; allowed: before `to_s`")
+        if self.loop and self.times != 1:
+            raise ConfigError(f"`times` {self.times}: not allowed with `loop`")
+        if self.cpu is not None and self.realtime is False:
+            raise ConfigError(f"`cpu` {self.cpu}: allowed: together with `realtime`")
