@@ -182,9 +182,10 @@ def rig_page() -> str:
         "## `[inputs]`: what the gate receives",
         "`left_duty` is required. Without `right_duty` the right motor coasts, which `rig check` notes: map "
         "both to one signal, or take a vehicle with one drive (`drives = 1`). Without a direction signal the "
-        "sign of the duty is the direction. Without `latch_release` the latch opens while a motor is driven "
-        "open. The inputs from `obstacle_angle` on are those of a test bench: from its first frame on, such "
-        "an input replaces the value of vehicle and scenario.",
+        "sign of the duty is the direction, and a duty of 0 brakes; with one, the sign does not count. Without "
+        "`latch_release` the latch opens while a motor is driven open. The inputs from `obstacle_angle` on are "
+        "those of a test bench: from its first frame on, such an input replaces the value of vehicle and "
+        "scenario.",
         _quantities(BUS_INPUTS),
         "## `[outputs]`: what the gate sends",
         "A plain name such as `left_current` means the reading of a sensor. True values always have the prefix "

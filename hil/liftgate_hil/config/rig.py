@@ -272,6 +272,8 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
     for wire in rig.inputs:
         if wire.quantity.endswith("_duty") and wire.basis != "unknown":
             _check_duty(issues, rig, wire, mapped)
+        if wire.quantity.endswith("_direction"):
+            _check_direction(issues, wire)
     received = {wire.message for wire in rig.inputs}
     for wire in rig.outputs:
         if wire.message in received:
@@ -322,6 +324,16 @@ def _check_duty(issues: ConfigIssues, rig: Rig, wire: SignalMapping, mapped: set
             f"inputs.{direction}",
             f"missing, and {wire.message}.{wire.signal} is {low:g} to {high:g} %, so the motor turns one way "
             f"only; allowed: a signal with the direction{hint}, or a {wire.quantity} that is signed",
+        )
+
+
+def _check_direction(issues: ConfigIssues, wire: SignalMapping) -> None:
+    """Check that a direction can drive the motor: with one, the sign of the duty does not count."""
+    if wire.values is not None and not {"open", "close"} & set(wire.values):
+        issues.add(
+            f"inputs.{wire.quantity}.values",
+            f"{', '.join(wire.values)}: the motor could never be driven; allowed: with open and close; without "
+            "a direction the sign of the duty is it, and a duty of 0 brakes",
         )
 
 

@@ -78,7 +78,12 @@ def without_motion(setup: Setup, result: Result) -> list[str]:
     if not angles[1] - angles[0] < _STILL_DEG:  # true for NaN, too
         return []
     sides = SIDES[: setup.vehicle.drives]
-    duties = [_span(side, result.minima[f"{side}_duty"], result.maxima[f"{side}_duty"]) for side in sides]
+    duties = [
+        f"{side} coasts"
+        if result.minima[f"{side}_coast"] == 1.0
+        else _span(side, result.minima[f"{side}_duty"], result.maxima[f"{side}_duty"])
+        for side in sides
+    ]
     latch = ", and the latch stayed engaged" if result.minima["latched"] == 1.0 else ""
     text = f"the gate moved by less than {_STILL_DEG:g}°: the commands were {', '.join(duties)}{latch}"
     return [f"{text}; positive opens"]

@@ -227,3 +227,12 @@ def test_a_name_of_before_is_refused_with_the_name_that_it_is_now(tmp_path: Path
         f"{path}: outputs.{each}: no sensor measures it, so it is called true_{each} now; allowed: true_{each}"
         for each in old
     ]
+
+
+def test_a_direction_without_open_and_close_is_refused(tmp_path: Path) -> None:
+    """With a direction the sign of the duty does not count, so that such a motor would never be driven."""
+    wired = '[inputs]\nleft_duty = "Cmd.Pwm"\nleft_direction = { signal = "Cmd.Dir", values = {VALUES} }\n'
+    one_way = rig('left_current = "Out.X"', wired.replace("VALUES", "coast = 0, open = 1"))
+    rig_of(tmp_path, database("A"), one_way)
+    (fault,) = faults(tmp_path, one_way.replace("open = 1", "brake = 1"), database("A"))
+    assert "inputs.left_direction.values: coast, brake: the motor could never be driven" in fault

@@ -87,6 +87,12 @@ def test_a_gate_that_does_not_move_is_told_with_what_was_commanded(
     )
 
 
+def test_drives_that_coast_are_told_as_such(tmp_path: Path) -> None:
+    """Their duties are 0 whatever the ECU sends."""
+    (note,) = notes_of(tmp_path, OPENS, commanding(70.0, 0))
+    assert "the commands were left coasts, right coasts, and" in note
+
+
 @pytest.mark.parametrize(("angle", "is_met"), [(35.0, True), (100.0, False)])
 def test_an_obstacle_that_is_never_met_is_told(tmp_path: Path, angle: float, is_met: bool) -> None:
     text = f'initial = 40.0\n[[request]]\ntime = 0.0\naction = "close"\n[[obstacle]]\nangle_deg = {angle}\n'
