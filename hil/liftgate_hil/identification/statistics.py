@@ -18,7 +18,6 @@ Floats = NDArray[np.float64]
 LAGS = 25
 BAND = 2.5758  # half width of the 99 % band of the standard normal distribution
 _SIGNIFICANT = 1e-3  # of the Ljung-Box test: share of white residuals that are called not white, at most
-_FAR_OUT = 700.0  # half a χ² beyond which the tail counts as 0
 _SAME = 10  # samples of the same value, at least, that share one rounding error
 _SAME_LEVEL = 1e-7  # of an output's range: distance within which two levels are the same
 _APART = 1e-10  # eigenvalue of the normalised information below which a direction is not identifiable
@@ -265,29 +264,15 @@ def is_nothing(errors: Floats, measured: Floats) -> bool:
 
 def is_white(errors: Floats, lags: int = LAGS) -> bool:
     """Whether a residual is white, by Ljung and Box's test of its first autocorrelations."""
+    from scipy.special import chdtrc
+
     count = len(errors)
     lags = min(lags, count // 4)
     if lags < 1:
         return True
     rho = autocorrelation(errors, lags)[1:]
     statistic = count * (count + 2) * np.sum(rho**2 / (count - np.arange(1, lags + 1)))
-    return chi_square_tail(float(statistic), lags) > _SIGNIFICANT
-
-
-def chi_square_tail(value: float, freedom: int) -> float:
-    """Return the probability of a χ² above `value` (Abramowitz and Stegun, 26.4.4 f.)."""
-    half = 0.5 * value
-    if half > _FAR_OUT:
-        return 0.0
-    if freedom % 2 == 0:
-        total, term, first = 0.0, math.exp(-half), 1.0
-    else:
-        total, first = math.erfc(math.sqrt(half)), 1.5
-        term = math.exp(-half) * math.sqrt(half) / math.gamma(1.5)
-    for k in range(freedom // 2):
-        total += term
-        term *= half / (first + k)
-    return total
+    return bool(chdtrc(lags, statistic) > _SIGNIFICANT)
 
 
 def factor_between(measured: Floats, simulated: Floats, alike: float) -> float | None:

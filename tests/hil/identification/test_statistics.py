@@ -6,11 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from liftgate_hil.identification.statistics import (
     autocorrelation,
-    chi_square_tail,
     correlation_of,
     criteria,
     crosscorrelation,
@@ -336,13 +334,6 @@ def test_three_of_one_sum_are_named_once() -> None:
     one, told = rng.standard_normal((2, 40))
     slopes = np.column_stack([one, told, 2.0 * one, -3.0 * one])
     assert uncertainty(slopes.T @ slopes).apart == ((0, 2, 3),)
-
-
-@pytest.mark.parametrize("freedom", [1, 2, 3, 10, 24, 25])
-def test_the_tail_of_chi_square_is_scipys(freedom: int) -> None:
-    values = np.array([0.0, 0.3, 5.0, 25.0, 60.0, 300.0, 5000.0])
-    found = [chi_square_tail(value, freedom) for value in values]
-    assert found == pytest.approx(chi2.sf(values, freedom), rel=1e-9, abs=1e-300)
 
 
 def test_the_robust_covariance_is_bartletts_sum_over_lags() -> None:
