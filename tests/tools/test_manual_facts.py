@@ -9,6 +9,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
+from liftgate_hil.formats.suffixes import FORMATS, TABLES, WITH_FRAMES, WITH_MARKS
 
 ROOT = Path(__file__).parents[2]
 
@@ -36,6 +37,24 @@ def test_every_kind_of_fault_is_in_a_group() -> None:
     groups = [line for line in text_of("faults.md").splitlines() if line.startswith("| ")]
     named = [name for line in groups for name in re.findall(r"`(\w+)`", line.split("|")[2])]
     assert sorted(named) == sorted(FAULT_KINDS)
+
+
+def test_suffixes_that_are_listed_by_hand_are_those_of_the_formats() -> None:
+    pages = [path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")]
+    named = [each for text in pages for each in re.findall(r"`((?:\.\w+ )+\.\w+)`", text)]
+    assert named
+    assert {*named} == {" ".join(WITH_FRAMES)}
+    whole = [suffix for suffix, each in FORMATS.items() if each.holds_about]
+    for page, words, suffixes in (
+        ("plant.md", "`--output` takes", TABLES),
+        ("operators-page.md", "recordings that can hold one (", WITH_MARKS),
+        ("operators-page.md", "the file names the vehicle (", whole),
+        ("reproducibility.md", "(full in", whole),
+        ("tests.md", "says of which run it is:", whole),
+    ):
+        found = re.search(rf"{re.escape(words)}\s*((?:`\.\w+`(?:,| or| and|\s)*)+)", text_of(page))
+        assert found, (page, words)
+        assert sorted(re.findall(r"`(\.\w+)`", found[1])) == sorted(suffixes), (page, words)
 
 
 def test_every_message_of_the_troubleshooting_is_one_of_the_program() -> None:

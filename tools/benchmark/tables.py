@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from liftgate_hil.formats.open import TABLES
+from liftgate_hil.formats.suffixes import TABLES
 from tools.benchmark.checkouts import HERE, environment_of
 from tools.benchmark.effort import WHOLE, Effort
 

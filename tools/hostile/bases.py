@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.config.shipped import data_root
+from liftgate_hil.formats.suffixes import RECORDED
 
 FOREIGN = Path(__file__).parents[2] / "tests/system/foreign"
 _INPUT = "in.csv"
+_BESIDE_THE_DEMOS = tuple(suffix for suffix in RECORDED if suffix not in (".csv", ".log"))
 
 
 class Bases:
@@ -53,8 +55,8 @@ class Bases:
         simulated = ["simulate", "--input", str(table)]
         kept = self.folder / "m.csv"
         demo = ["demo", "--clock", "free", "--duration", "1.5", "--quiet", "--output", str(self.folder)]
-        for suffix in ("asc", "blf", "trc", "mf4", "mcap", "parquet"):
-            demo += ["--record", str(self.folder / f"bus.{suffix}")]
+        for suffix in _BESIDE_THE_DEMOS:
+            demo += ["--record", str(self.folder / f"bus{suffix}")]
         own = str(self.folder / "demo.csv")
         calls = [
             [*simulated, "--step", "0.001", "--every", "5", "--output", str(kept)],
@@ -85,10 +87,8 @@ class Bases:
     @property
     def recordings(self) -> list[Path]:
         """Paths of the recordings that `convert` and similar commands read: tables, logs, and binary formats."""
-        names = ("demo.csv", "m.csv", "demo.log", "bus.asc", "bus.trc")
-        return [self.folder / name for name in names] + [
-            self.folder / f"bus.{suffix}" for suffix in ("blf", "mf4", "mcap", "parquet")
-        ]
+        names = ("demo.csv", "m.csv", "demo.log", *(f"bus{suffix}" for suffix in _BESIDE_THE_DEMOS))
+        return [self.folder / name for name in names]
 
     @property
     def binaries(self) -> list[Path]:

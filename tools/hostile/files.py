@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from liftgate_hil.formats.suffixes import RECORDED
 from tools.hostile import mangling
 from tools.hostile.bases import Bases
 from tools.hostile.case import Case
@@ -169,7 +170,7 @@ def recording_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
         name, kind = mangling.no_file(chance, path)
     elif how < 0.1:
         kind = "another suffix"
-        shutil.copy(source, folder / f"data{chance.choice(_SUFFIXES)}")
+        shutil.copy(source, folder / f"data{chance.choice(RECORDED)}")
         name = next(each.name for each in folder.iterdir())
     elif source.suffix == ".csv" and how < 0.8:
         kind = "cells"
@@ -183,7 +184,7 @@ def recording_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
     rig = [[], [], ["--rig", "liftgate"], ["--rig", "liftgate"]]
     sound = str(source)
     calls = [
-        ["convert", name, f"out{chance.choice(_SUFFIXES)}", *chance.choice(rig)],
+        ["convert", name, f"out{chance.choice(RECORDED)}", *chance.choice(rig)],
         ["compare", *chance.sample([name, sound], 2), *chance.choice([[], ["--json"]])],
         ["replay", name, *_PLAYED, *chance.choice(_PLAY_FLAGS)],
         ["plot", name, *chance.choice(_FIGURES), "--output", chance.choice(_PICTURES), *chance.choice(rig)],
@@ -195,7 +196,6 @@ def recording_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
 
 _PICTURES = ["p.png", "p.svg", "p.pdf", "p.html"]
 _FIGURES = [[], *(["--figure", each] for each in ("thesis", "phase", "pinch"))]
-_SUFFIXES = [".csv", ".parquet", ".log", ".asc", ".blf", ".trc", ".mf4", ".mcap"]
 # The end is limited so that no call waits for a mangled time stamp that is hours away.
 _PLAYED = ["--bus", "virtual:x", "--from", "0", "--to", "2", "--speed", "50"]
 _PLAY_FLAGS: list[list[str]] = [

@@ -1,6 +1,6 @@
-"""Convert a recording into another format, by the suffix: .csv and .parquet hold rows, .log, .asc, .blf and .trc
-frames, .mf4 and .mcap both. Every value and every frame is kept as it was. What OUT cannot hold is left out and
-reported; if OUT could hold something only in another form, nothing is written.
+"""Convert a recording into another format, by the suffix of OUT_FILE. Every value and every frame is kept as it
+was. What OUT_FILE cannot hold is left out and reported; if it could hold something only in another form, nothing
+is written.
 
 With --rig there is a row for each time at which a frame arrived; a signal has the value of its message's last
 frame.

@@ -1,7 +1,7 @@
 """Parameters of a vehicle from measurements: a nonlinear grey box by prediction-error minimisation.
 
 A FILE has time_s, the inputs (motor voltages or duties) and what was measured of currents, speeds, positions or
-Hall counts and the gate's angle: CSV, MF4, or a bus log with its rig. With --plan: which experiment would tell
+Hall counts and the gate's angle: a table, or a bus log with its rig. With --plan: which experiment would tell
 most.
 """
 

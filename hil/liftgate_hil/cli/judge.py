@@ -1,6 +1,6 @@
-"""The verdicts and margins of a scenario again, from recordings: tables (CSV, Parquet, MF4, MCAP), bus logs (ASC,
-BLF, candump, TRC, MF4, MCAP), or both. Files whose names differ in the suffix only (run.csv, run.log) belong to
-one run; each run is judged, and all stand in one report. Exit codes are those of `liftgate-hil test`.
+"""The verdicts and margins of a scenario again, from recordings: tables, bus logs, or both. Files whose names
+differ in the suffix only (run.csv, run.log) belong to one run; each run is judged, and all stand in one report.
+Exit codes are those of `liftgate-hil test`.
 
 Recordings of other tools have other columns (--map) and another bus (--rig: a rig's file or a database).
 Quantities that no table has are decoded from the log's frames by the rig's outputs. They are judged in ticks of
@@ -30,6 +30,7 @@ from liftgate_hil.cli.suite_reports import (
 )
 from liftgate_hil.cli.test import add_set_parameter, naming_the_flag, parameters_of
 from liftgate_hil.errors import printable
+from liftgate_hil.formats.suffixes import WITH_FRAMES, WITH_ROWS
 from liftgate_hil.measurement.request import MapRequest
 
 if TYPE_CHECKING:
@@ -41,7 +42,13 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="recordings of one run, or of several")
+    parser.add_argument(
+        "recordings",
+        nargs="+",
+        metavar="RECORDING",
+        help="recordings of one run, or of several: "
+        f"tables {' '.join(WITH_ROWS)}, bus logs {' '.join(WITH_FRAMES)}",
+    )
     parser.add_argument(
         "--scenario", required=True, metavar="NAME|FILE", help="the scenario with the expectations"
     )

@@ -20,9 +20,10 @@ from liftgate_hil.errors import ConfigError, RecordingError, number_of, printabl
 from liftgate_hil.formats.bus_log import BUS_ERROR
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.guarded import raise_failures
-from liftgate_hil.formats.open import FORMATS, RECORDED, WITH_MARKS, check_file, open_recording, open_writer
+from liftgate_hil.formats.open import check_file, open_recording, open_writer
 from liftgate_hil.formats.ours import is_ours
 from liftgate_hil.formats.recording import Recording, read_options
+from liftgate_hil.formats.suffixes import FORMATS, TABLES, WITH_FRAMES, WITH_MARKS
 from liftgate_hil.formats.target import is_one_of, is_special, set_aside, why
 from liftgate_hil.formats.writer import Writer
 from liftgate_hil.signals import COLUMNS
@@ -31,6 +32,8 @@ from liftgate_plant.compiler.files import remove_leftovers, whole_file
 # Formats whose error frames have neither class nor data: they hold those alone that state none either.
 _SHOWN = 3  # units that a note lists
 _WITHOUT_CLASS = (".asc", ".blf")
+_WITHOUT_ERRORS = (".trc",)
+_WITH_ERRORS = [suffix for suffix in WITH_FRAMES if suffix not in (*_WITHOUT_CLASS, *_WITHOUT_ERRORS)]
 _WITHOUT_EARLY = (".mcap", ".blf")  # formats in which no time is before the start
 _MOST = 2.0**53  # largest count
 _LONGEST_S = 1e9  # latest time of a mark, and of a row in MCAP
@@ -164,7 +167,7 @@ def _notes_on_units(table: Recording, target: Path) -> list[str]:
     ]
     if target.suffix != ".csv" or not units:
         return []
-    able = ", ".join(suffix for suffix in RECORDED if FORMATS[suffix].has_rows and suffix != ".csv")
+    able = ", ".join(suffix for suffix in TABLES if suffix != ".csv")
     shown = ", ".join([*units[:_SHOWN], *(["…"] if len(units) > _SHOWN else [])])
     return [f"units omitted ({shown}): .csv holds names only; allowed: {able}"]
 
@@ -332,7 +335,7 @@ def _checked_frames(source: Recording, target: Path) -> Iterator[NDArray[np.void
         if suffix in _WITHOUT_CLASS:
             plain = (identifiers == ERROR | BUS_ERROR) & (block["length"] == 0)
             _refuse_any(source, block, errors & ~plain, "an error frame", target)
-        if suffix == ".trc":
+        if suffix in _WITHOUT_ERRORS:
             _refuse_any(source, block, errors, "an error frame", target)
         if suffix in _WITHOUT_EARLY or (suffix == ".log" and not is_absolute):
             _refuse_any(source, block, block["time_ns"] < 0, "a frame before the start", target)
@@ -348,7 +351,7 @@ def _refuse_any(
 
 
 def _refuse(source: Recording, frame: np.void, called: str, target: Path) -> None:
-    whole = ".log, .mf4, .mcap" if called == "an error frame" else ".mf4"
+    whole = ", ".join(_WITH_ERRORS) if called == "an error frame" else ".mf4"
     raise ConfigError(
         f"{source.path}: {called} at {frame['time_ns'] / 1e9:.6f} s, which {target.suffix} cannot hold unchanged; "
         f"allowed: {whole}"

@@ -13,6 +13,7 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle_choice import VehicleSettings
 from liftgate_hil.conversion.figures.catalogue import FIGURES
 from liftgate_hil.errors import ConfigIssues
+from liftgate_hil.formats.suffixes import BUS_LOGS, PICTURES, ROWS_AND_FRAMES, ROWS_ONLY, either
 
 _LONGEST_S = 3600.0  # s; all rows within it are kept in memory
 
@@ -61,8 +62,9 @@ class ConvertRequest(Record, kw_only=False):
     """Request to convert a recording."""
 
     source: Annotated[str | Path, Field(File(), "a recording, or a bus log of another tool", metavar="FILE")]
-    target: Annotated[str | Path, Field(File(), "the file to write; what is there is kept, as out.previous.mf4",
-        metavar="OUT_FILE")]
+    target: Annotated[str | Path, Field(File(), f"the file to write: {' '.join(ROWS_ONLY)} hold rows, "
+        f"{' '.join(BUS_LOGS)} frames, {' '.join(ROWS_AND_FRAMES)} both; what is there is kept, as "
+        "out.previous.mf4", metavar="OUT_FILE")]
     rig: Annotated[str | None, Field(Text("a rig's name, or a file"), "a rig, or its database: decodes the frames "
         "into a table of signals", metavar="NAME|FILE")] = None
     recording_channel: RecordingChannel = None
@@ -87,7 +89,7 @@ class CompareRequest(Record, kw_only=False):
     time_tolerance: Annotated[float | None, Field(Number(0.0, _LONGEST_S, "s"), "how much earlier or later a "
         "change of a value, or a frame, may be in the other recording", "a microsecond, to which formats keep "
         "times", "S")] = None
-    output: Annotated[str | Path | None, Field(File(), "the picture, .png, .svg, .pdf or .html", "none",
+    output: Annotated[str | Path | None, Field(File(), f"the picture, {either(PICTURES)}", "none",
         "FILE")] = None
 
 
@@ -114,7 +116,7 @@ class PlotRequest(VehicleSettings, kw_only=False):
     timezone: TimeZone = None
     vehicle: Annotated[str | Path | None, Field(File(), f"for the figures {_OF_VEHICLE}",
         "the recording's, else suv", "NAME|FILE")] = None
-    output: Annotated[str | Path | None, Field(File(), "the picture, .png, .svg, .pdf or .html", "FILE.png, "
+    output: Annotated[str | Path | None, Field(File(), f"the picture, {either(PICTURES)}", "FILE.png, "
         "FILE.FIGURE.png, VEHICLE.FIGURE.png", "FILE")] = None
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
+from liftgate_hil.formats.suffixes import PICTURES
 from liftgate_hil.report.drawing import pdf, png, style, svg
 from liftgate_hil.report.files import check_targets, put_report
 from liftgate_hil.report.numbers import clean
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
 
-SUFFIXES = (".png", ".svg", ".pdf", ".html")
 WIDTH, HEIGHT = 11.0, 2.1  # inch, of a panel
 FONT, SMALL = 10.0, 9.0
 _DPI = 110
@@ -31,8 +31,8 @@ _LINE = 140  # characters of a caption's line at WIDTH
 
 def check_picture(name: str, sources: Sequence[str | Path]) -> Path:
     """Return the path of a picture. Raises ConfigError where no picture can be written there."""
-    if Path(name).suffix.lower() not in SUFFIXES:
-        raise ConfigError(f"`output` {name}: allowed: a file of {', '.join(SUFFIXES)}")
+    if Path(name).suffix.lower() not in PICTURES:
+        raise ConfigError(f"`output` {name}: allowed: a file of {', '.join(PICTURES)}")
     check_targets({"output": name}, sources)
     return Path(name)
 
@@ -75,7 +75,7 @@ def legend_above(axis: Axes, handles: list[Any] | None = None, columns: int = 5)
 
 
 def write_picture(path: Path, figure: Figure, title: str, caption: str, say: Say = silent) -> None:
-    """Write the plot in the format of its suffix, one of SUFFIXES; see `put_report`.
+    """Write the plot in the format of its suffix, one of PICTURES; see `put_report`.
 
     Raises ConfigError if it cannot be written.
     """

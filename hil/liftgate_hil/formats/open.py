@@ -1,14 +1,12 @@
-"""File formats: one table of suffixes, and how a file of each format is opened for writing or reading."""
+"""Opening of a file of any format, for writing or reading."""
 
 from __future__ import annotations
 
 import contextlib
 import importlib.util
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from importlib import import_module
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 
 from liftgate_hil.config.files import check_file as check_readable
 from liftgate_hil.errors import ConfigError
@@ -20,98 +18,11 @@ from liftgate_hil.formats.ours import SIGNED
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.formats.rotation import Part, Parts
 from liftgate_hil.formats.salvage import SalvagedWriter
+from liftgate_hil.formats.suffixes import BUS_LOGS, FORMATS, RECORDED
 from liftgate_hil.formats.target import check_no_input, is_special, open_free, open_salvage, why
 from liftgate_hil.formats.writer import Writer
 
-
-@dataclass(frozen=True)
-class Format:
-    """Format that a suffix stands for: how a file is written, and how it is read."""
-
-    read: Callable[[Path], Recording]
-    write: Callable[[BinaryIO, Content], Writer] | None = None
-    has_rows: bool = False
-    has_frames: bool = False
-    holds_about: bool = False  # the provenance of the run, in full
-    has_comments: bool = False  # a part of the provenance, as comments
-    holds_marks: bool = False  # events with a text
-    is_text: bool = False  # written directly: a kill cannot corrupt it, and a pipe can take it
-    module: str = ""  # Python module that it needs
-    extra: str = ""  # extra of this package that installs the module
-
-
-def _lazily(module: str, name: str) -> Callable[..., Any]:
-    """Return a function of a module of this package, loaded when it is called."""
-
-    def call(*arguments: object) -> Any:
-        return getattr(import_module(f"{__package__}.{module}"), name)(*arguments)
-
-    return call
-
-
-_CSV = _lazily("csv_file", "open_csv")
-FORMATS: Mapping[str, Format] = {
-    ".csv": Format(_CSV, _lazily("csv_writer", "CsvWriter"), has_rows=True, is_text=True),
-    ".tsv": Format(_CSV, has_rows=True),
-    ".txt": Format(_CSV, has_rows=True),
-    ".parquet": Format(
-        _lazily("parquet_file", "open_parquet"),
-        _lazily("parquet_file", "ParquetTableWriter"),
-        has_rows=True,
-        holds_about=True,
-        module="pyarrow",
-        extra="parquet",
-    ),
-    ".mf4": Format(
-        _lazily("mf4_file", "open_mf4"),
-        _lazily("mf4_file", "Mf4Writer"),
-        has_rows=True,
-        has_frames=True,
-        holds_about=True,
-        holds_marks=True,
-        module="asammdf",
-        extra="mf4",
-    ),
-    ".mcap": Format(
-        _lazily("mcap_file", "open_mcap"),
-        _lazily("mcap_writer", "McapWriter"),
-        has_rows=True,
-        has_frames=True,
-        holds_about=True,
-        holds_marks=True,
-        module="mcap",
-        extra="mcap",
-    ),
-    ".log": Format(
-        _lazily("candump_file", "open_candump"),
-        _lazily("candump_file", "CandumpWriter"),
-        has_frames=True,
-        is_text=True,
-    ),
-    ".asc": Format(
-        _lazily("asc_file", "open_asc"),
-        _lazily("asc_file", "AscWriter"),
-        has_frames=True,
-        has_comments=True,
-        holds_marks=True,
-    ),
-    ".blf": Format(
-        _lazily("blf_file", "open_blf"), _lazily("blf_file", "BlfWriter"), has_frames=True, holds_marks=True
-    ),
-    ".trc": Format(
-        _lazily("trc_file", "open_trc"),
-        _lazily("trc_file", "TrcWriter"),
-        has_frames=True,
-        has_comments=True,
-        holds_marks=True,
-    ),
-}
-RECORDED = tuple(suffix for suffix, each in FORMATS.items() if each.write)
-TABLES = tuple(suffix for suffix in RECORDED if FORMATS[suffix].has_rows)
-WITH_ROWS = tuple(suffix for suffix, each in FORMATS.items() if each.has_rows)
-WITH_MARKS = tuple(suffix for suffix, each in FORMATS.items() if each.holds_marks)
 _SALVAGE_SUFFIXES = (".log", ".csv")  # of text files with frames and rows beside an unfinished file
-BUS_LOGS = tuple(suffix for suffix in FORMATS if suffix not in WITH_ROWS)
 
 
 def open_recording(path: Path, how: ReadOptions = AS_IT_IS) -> Recording:

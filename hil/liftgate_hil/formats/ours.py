@@ -17,12 +17,15 @@ from pathlib import Path
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.mcap_layout import START_COLUMN
+from liftgate_hil.formats.suffixes import FORMATS, RECORDED
 from liftgate_hil.signals import FAULT_PREFIX, columns_of
 
 NAME = "liftgate-hil"
 MF4_PROGRAM = b"liftgate"  # program in the identification block of an MF4 file, which holds eight bytes
 _ATTRIBUTE = f"user.{NAME}"
-SIGNED = (".log", ".blf", ".csv")  # formats without a place for a mark
+SIGNED = tuple(  # formats without a place for a mark
+    suffix for suffix in RECORDED if not (FORMATS[suffix].holds_about or FORMATS[suffix].has_comments)
+)
 _HEAD = 1 << 16  # bytes in which a mark or a header stands; our longest header has 2 kB
 _LENGTH, _MCAP_HEADER = struct.Struct("<I"), 17  # of a text; content of the first record, after magic and head
 _OUR_ROW = re.compile(rb"[-+.,0-9a-z]+")  # numbers, nan and inf

@@ -15,6 +15,7 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle_choice import VehicleChoice
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.formats.suffixes import WITH_FRAMES, WITH_ROWS
 from liftgate_hil.measurement.request import Maps
 
 MODEL_NAMES = ("full", "third-order", "second-order")
@@ -137,8 +138,8 @@ class ModelChoice(VehicleChoice):
 class MeasuredRequest(ModelChoice, kw_only=False):
     """Base of the requests that compare a model with measurements."""
 
-    files: Annotated[str | Path | Sequence[str | Path], Field(Paths(), "measurements: .csv (.tsv, .txt), "
-        ".parquet, .mf4, .mcap, or a bus log .log .asc .blf .trc .mf4 .mcap", metavar="FILE")]
+    files: Annotated[str | Path | Sequence[str | Path], Field(Paths(), f"measurements: "
+        f"{', '.join(WITH_ROWS)}, or a bus log {' '.join(WITH_FRAMES)}", metavar="FILE")]
     maps: Maps = ()
     rig: Annotated[str | Path, Field(File(), "the rig that decodes bus logs", metavar="NAME|FILE")] = "liftgate"
     recording_channel: RecordingChannel = None

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from liftgate_hil.errors import ConfigError, printable
-from liftgate_hil.formats.open import WITH_ROWS, open_file
+from liftgate_hil.formats.open import open_file
+from liftgate_hil.formats.suffixes import WITH_ROWS
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
 from liftgate_hil.measurement.table import (

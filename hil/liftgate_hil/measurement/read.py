@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.formats.open import BUS_LOGS, FORMATS, open_file
+from liftgate_hil.formats.open import open_file
 from liftgate_hil.formats.recording import AS_IT_IS, FRAME, ReadOptions
+from liftgate_hil.formats.suffixes import BUS_LOGS, FORMATS
 from liftgate_hil.measurement.mapping import ColumnMap
 from liftgate_hil.measurement.measurement import Measurement
 from liftgate_hil.measurement.table import read_table

@@ -10,6 +10,7 @@ from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Text, W
 from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.suffixes import WITH_FRAMES
 
 DIRECTIONS = ("sent", "received", "both")
 _TIME = Number(-1e9, 1e9, "s")
@@ -20,7 +21,8 @@ _IDENTIFIERS = "0x120, 0x200-0x2FF, or a message of the rig (repeatable)"
 class ReplayRequest(WireChoice, kw_only=False):
     """Request to play a recording's frames onto a bus or a serial line."""
 
-    recording: Annotated[str | Path, Field(File(), "a recording with frames, or a bus log", metavar="FILE")]
+    recording: Annotated[str | Path, Field(File(), "a recording with frames, or a bus log: "
+        + " ".join(WITH_FRAMES), metavar="FILE")]
     rig: Annotated[str | Path | None, Field(Text("a rig's name, or a file"), "the rig: mapping of bus signals",
         "liftgate", "NAME|FILE")] = None
     recording_channel: RecordingChannel = None

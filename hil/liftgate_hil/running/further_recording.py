@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError, RecordingError
-from liftgate_hil.formats.open import RECORDED, WITH_MARKS, check_file
+from liftgate_hil.formats.open import check_file
+from liftgate_hil.formats.suffixes import RECORDED, WITH_MARKS
 from liftgate_hil.running.provenance import whole_content_of
 from liftgate_hil.running.recorder_process import RecorderProcess
 from liftgate_hil.running.ring_recorder import Place, place_in

@@ -16,6 +16,7 @@ from liftgate_hil.config.kinds import Choice, Flag, Number, Size, Texts, Whole
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.limit import Limit
+from liftgate_hil.formats.suffixes import BUS_LOGS, ROWS_AND_FRAMES, ROWS_ONLY
 
 NS = 1_000_000_000
 RATE = Number(200.0, 10_000.0, "Hz")
@@ -65,9 +66,9 @@ class RunOptions(Record):
         "far behind", metavar="S")] = 1.0
     wall_timeout: Annotated[float | None, Field(_SECONDS, "end with an error when lockstep has waited this long "
         "for a command", "no limit", "S")] = None
-    record: Annotated[tuple[Path, ...], Field(Files(), "write a recording; the suffix picks the format: .csv "
-        ".parquet for the plant, .log .asc .blf .trc for the bus, .mf4 .mcap for both (repeatable)",
-        metavar="FILE")] = ()
+    record: Annotated[tuple[Path, ...], Field(Files(), "write a recording; the suffix picks the format: "
+        f"{' '.join(ROWS_ONLY)} for the plant, {' '.join(BUS_LOGS)} for the bus, {' '.join(ROWS_AND_FRAMES)} for "
+        "both (repeatable)", metavar="FILE")] = ()
     record_limit: Annotated[int | None, Field(Size(1_000_000), "begin a new file at this size, e.g. 500MB: "
         "run.0001.csv, run.0002.csv, …", metavar="SIZE", needs="record")] = None
     record_keep: Annotated[int | None, Field(Whole(2, 10**9), "keep only the last N of these files", "all", "N",

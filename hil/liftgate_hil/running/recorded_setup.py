@@ -16,7 +16,8 @@ from liftgate_hil.config.scenario import Scenario, load_scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.sources import sources_of
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.open import FORMATS, open_file
+from liftgate_hil.formats.open import open_file
+from liftgate_hil.formats.suffixes import FORMATS
 from liftgate_plant.vehicle import Vehicle
 
 

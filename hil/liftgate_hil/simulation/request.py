@@ -9,6 +9,7 @@ from liftgate_hil.config.described import Field
 from liftgate_hil.config.kinds import File, Number, Whole
 from liftgate_hil.config.vehicle_choice import SetupChoice
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.suffixes import WITH_ROWS, either
 from liftgate_hil.measurement.request import MapRequest
 
 
@@ -19,8 +20,8 @@ class SimulateRequest(SetupChoice, MapRequest):
     voltage: Annotated[float | None, Field(Number(-1000.0, 1000.0, "V"), "step of the motor voltage on both "
         "drives",
         metavar="V")] = None
-    input: Annotated[str | Path | None, Field(File(), ".csv (.tsv, .txt), .parquet, .mf4 or .mcap with time_s "
-        "and input columns; its first sample becomes time 0", metavar="FILE")] = None
+    input: Annotated[str | Path | None, Field(File(), f"{either(WITH_ROWS)} with time_s and input columns; its "
+        "first sample becomes time 0", metavar="FILE")] = None
     duration: Annotated[float | None, Field(Number(0.0, 1e7, "s"), "model time", "the scenario's, else to the "
         "input's last sample, an hour at most", "S")] = None
     step: Annotated[float, Field(Number(1e-5, 5e-3, "s"), "step of the simulation, 1e-5 to "

@@ -22,7 +22,8 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.edges import EdgeFile
 from liftgate_hil.formats.guarded import Say, raise_failures, silent
-from liftgate_hil.formats.open import FORMATS, TABLES, check_file, open_writer
+from liftgate_hil.formats.open import check_file, open_writer
+from liftgate_hil.formats.suffixes import FORMATS, TABLES
 from liftgate_hil.formats.target import check_no_input, is_one_of
 from liftgate_hil.loop.simulation import Block, blocks_of
 from liftgate_hil.measurement.input_file import read_samples

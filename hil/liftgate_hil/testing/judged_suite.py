@@ -10,7 +10,7 @@ from pathlib import Path
 
 from liftgate_hil.config.sources import sources_of
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.open import BUS_LOGS
+from liftgate_hil.formats.suffixes import BUS_LOGS
 from liftgate_hil.judging.verdict import worst
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.running.job import Job

@@ -58,10 +58,10 @@ def judge(
 ) -> dict[str, Verdict]:
     """Return the verdicts of a scenario's expectations, by their names, from the recordings of one run.
 
-    The recordings are tables (CSV, Parquet, MF4, MCAP), bus logs, or both. What was not recorded makes a verdict
-    inconclusive. `duration` [s] is the run's end where it was not the scenario's. Timestamps count from the run's
-    start; those of a wall clock from when a recording of ours says that the run began. Recordings of other tools
-    begin with their first sample, or at `origin` [s] by their own times.
+    The recordings are tables, bus logs, or both. What was not recorded makes a verdict inconclusive. `duration`
+    [s] is the run's end where it was not the scenario's. Timestamps count from the run's start; those of a wall
+    clock from when a recording of ours says that the run began. Recordings of other tools begin with their first
+    sample, or at `origin` [s] by their own times.
 
     Of recordings that are not ours, `rig` (a rig's file, or a database) defines what frames mean; its outputs
     stand for the columns that no table has. `maps` are texts as of `--map`: OURS=THEIRS[unit], a column, or a

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.open import BUS_LOGS, open_file
+from liftgate_hil.formats.open import open_file
 from liftgate_hil.formats.recording import FRAME, ReadOptions, Recording, Series
+from liftgate_hil.formats.suffixes import BUS_LOGS
 from liftgate_hil.measurement.log_frames import LogFrames
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
 from liftgate_hil.measurement.table import time_issue

@@ -18,7 +18,7 @@ from liftgate_hil.config.shipped import data_root
 from liftgate_hil.config.toml import NO_TOML, read_toml
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.open import RECORDED
+from liftgate_hil.formats.suffixes import RECORDED
 
 CONFIGS = data_root() / "configs"
 FILES = {

@@ -23,7 +23,8 @@ from liftgate_hil.conversion.request import ConvertRequest
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats import bus_log, csv_file, csv_text, mcap_writer, mf4_file, mf4_reader, parquet_file
 from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.open import FORMATS, RECORDED, TABLES, WITH_MARKS, open_recording, open_writer
+from liftgate_hil.formats.open import open_recording, open_writer
+from liftgate_hil.formats.suffixes import FORMATS, RECORDED, TABLES, WITH_MARKS
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, columns_of
 
 pytest.importorskip("asammdf")

@@ -10,7 +10,8 @@ import can
 import pytest
 from recording_support import BOTH, messages_in, rows_from, sent
 
-from liftgate_hil.formats.open import FORMATS, RECORDED, WITH_MARKS, open_recording, open_writer
+from liftgate_hil.formats.open import open_recording, open_writer
+from liftgate_hil.formats.suffixes import FORMATS, RECORDED, WITH_MARKS
 
 TEXT = "gate squeaks – left"
 

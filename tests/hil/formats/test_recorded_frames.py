@@ -13,7 +13,8 @@ from recording_support import BOTH, EPOCH_NS, key, many, messages_in, rows_from,
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, no_logged
 from liftgate_hil.formats.candump_file import candump_lines
 from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.open import FORMATS, open_recording, open_writer
+from liftgate_hil.formats.open import open_recording, open_writer
+from liftgate_hil.formats.suffixes import FORMATS
 
 BUS = [suffix for suffix, each in FORMATS.items() if each.has_frames]
 

@@ -20,7 +20,8 @@ from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.csv_text import CsvText, put_lines
-from liftgate_hil.formats.open import TABLES, open_writer
+from liftgate_hil.formats.open import open_writer
+from liftgate_hil.formats.suffixes import TABLES
 from liftgate_hil.loop.tick import tick
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ON_TIME, ROW_WIDTH, columns_of
 

@@ -13,7 +13,8 @@ import pytest
 from recording_support import BOTH, messages_in, read_csv, rows_from, sent, table_in
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.open import FORMATS, RECORDED, TABLES, check_file, open_writer
+from liftgate_hil.formats.open import check_file, open_writer
+from liftgate_hil.formats.suffixes import FORMATS, RECORDED, TABLES
 
 SPOILT = [suffix for suffix in RECORDED if not FORMATS[suffix].is_text]
 FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

@@ -10,8 +10,9 @@ import pytest
 from recording_support import BOTH, messages_in, read_csv, rows_from, sent
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.open import FORMATS, open_writer
+from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.rotation import Limit
+from liftgate_hil.formats.suffixes import FORMATS
 from liftgate_hil.formats.target import aside_of
 from liftgate_hil.running.options import RunOptions
 

@@ -14,8 +14,9 @@ from recording_support import BOTH, rows_from, sent
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.edges import EdgeFile
-from liftgate_hil.formats.open import FORMATS, RECORDED, open_writer
+from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.ours import _is_our_table, is_ours
+from liftgate_hil.formats.suffixes import FORMATS, RECORDED
 from liftgate_hil.formats.target import aside_of, set_aside
 from liftgate_hil.signals import columns_of
 

@@ -21,6 +21,7 @@ from liftgate_hil.codec.frames import logged, no_logged
 from liftgate_hil.conversion.compare import compare_tables
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.open import open_recording
+from liftgate_hil.formats.suffixes import RECORDED, TABLES, WITH_FRAMES
 from liftgate_hil.running.recording_trigger import Trigger, Triggered, trigger_of
 from liftgate_hil.signals import COLUMN_PLACE
 
@@ -163,9 +164,6 @@ def test_a_pre_trigger_that_memory_does_not_hold_is_refused() -> None:
         trigger_of(["right_current_a > 1"], 0.0, 0.0, 1000.0, {}, one, 1)
 
 
-FORMATS = ("csv", "parquet", "log", "asc", "blf", "trc", "mf4", "mcap")
-
-
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same run recorded as a whole, around a trigger, and around one that never comes."""
@@ -181,7 +179,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         },
         "none": {"record_when": ["pinch_force_n > 1000"]},
     }.items():
-        files = [folder / f"{name}.{suffix}" for suffix in FORMATS]
+        files = [folder / f"{name}{suffix}" for suffix in RECORDED]
         result = lh.run("demo", duration=2.0, record=files, **how)
         assert result.verdict == "pass"
         assert result.summary.recording_windows == {"whole": None, "part": 1, "none": 0}[name]
@@ -189,9 +187,9 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
-@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("suffix", RECORDED)
 def test_every_format_has_the_rows_and_frames_of_the_whole_with_the_runs_times(runs: Path, suffix: str) -> None:
-    whole, part = (open_recording(runs / f"{name}.{suffix}") for name in ("whole", "part"))
+    whole, part = (open_recording(runs / f"{name}{suffix}") for name in ("whole", "part"))
     if whole.signals:
         compared = compare_tables((whole, part))
         assert all(each.is_equal for each in compared.columns)
@@ -219,7 +217,7 @@ def test_a_recording_says_around_what_it_was_made(runs: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
-@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("suffix", RECORDED)
 def test_what_it_does_not_cover_is_inconclusive(runs: Path, tmp_path: Path, suffix: str) -> None:
     window = open_recording(runs / "part.csv")
     times = np.concatenate(list(window.rows(["time_s"])))[:, 0]
@@ -231,10 +229,10 @@ def test_what_it_does_not_cover_is_inconclusive(runs: Path, tmp_path: Path, suff
         '[[expect]]\nname = "bus"\nalways = "Gate.Angle < 80"\n'
         f'[[expect]]\nname = "in bus"\nalways = "Gate.Angle < 80"\nafter = {middle}\nwithin_s = 0.01\n'
     )
-    found = lh.judge([runs / f"part.{suffix}"], tmp_path / "s.toml")
+    found = lh.judge([runs / f"part{suffix}"], tmp_path / "s.toml")
     verdicts = {name: each.verdict for name, each in found.items()}
-    has_rows = suffix in ("csv", "parquet", "mf4", "mcap")
-    has_frames = suffix not in ("csv", "parquet")
+    has_rows = suffix in TABLES
+    has_frames = suffix in WITH_FRAMES
     decided = {True: "pass", False: "inconclusive"}
     assert verdicts == {
         "all": "inconclusive", "bus": "inconclusive",
@@ -242,7 +240,7 @@ def test_what_it_does_not_cover_is_inconclusive(runs: Path, tmp_path: Path, suff
     }  # fmt: skip
     said = "rows are missing from 0 s to " if has_rows else "its window, to 2 s, was cut off"
     assert found["all" if has_rows else "bus"].reason.startswith(said)
-    empty = lh.judge([runs / f"none.{suffix}"], tmp_path / "s.toml")
+    empty = lh.judge([runs / f"none{suffix}"], tmp_path / "s.toml")
     assert {each.reason for each in empty.values()} == {"nothing was recorded"}
 
 

@@ -16,7 +16,7 @@ from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, MESSAGE, WHERE, 
 from liftgate_hil.config.kinds import Choice, Level, Number, Whole
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
-from liftgate_hil.formats.open import RECORDED
+from liftgate_hil.formats.suffixes import RECORDED
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.attachment.geometry import geometry_of
 from liftgate_hil.running.commands.by_hand import usual_obstacle
