@@ -23,7 +23,7 @@ from liftgate_hil.formats.guarded import raise_failures
 from liftgate_hil.formats.open import check_file, open_recording, open_writer
 from liftgate_hil.formats.ours import is_ours
 from liftgate_hil.formats.recording import Recording, read_options
-from liftgate_hil.formats.suffixes import FORMATS, TABLES, WITH_FRAMES, WITH_MARKS
+from liftgate_hil.formats.suffixes import FORMATS, RECORDED, TABLES, WITH_FRAMES, WITH_MARKS
 from liftgate_hil.formats.target import is_one_of, is_special, set_aside, why
 from liftgate_hil.formats.writer import Writer
 from liftgate_hil.signals import COLUMNS
@@ -114,8 +114,7 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
     notes = [*_notes_about(source, target), *_notes_on_marks(source, target)]
     if rig is not None:
         if not form.has_rows:
-            tables = ", ".join(each for each, other in FORMATS.items() if other.has_rows)
-            raise ConfigError(f"`rig` {rig}: decodes frames into a table; allowed: OUT as {tables}")
+            raise ConfigError(f"`rig` {rig}: decodes frames into a table; allowed: OUT as {', '.join(TABLES)}")
         table = decoded(source, rig)
         notes += [*table.left_out, *_notes_on_units(table, target)]
         if source.signals:
@@ -126,8 +125,8 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
     if not ((source.signals and form.has_rows) or (has_frames and form.has_frames)):
         able = ", ".join(
             each
-            for each, other in FORMATS.items()
-            if (source.signals and other.has_rows) or (has_frames and other.has_frames)
+            for each in RECORDED
+            if (source.signals and FORMATS[each].has_rows) or (has_frames and FORMATS[each].has_frames)
         )
         more = "" if source.signals else "; or `rig`, which decodes the frames into a table"
         raise ConfigError(f"{target}: cannot hold the {holds} of {source.path}; allowed: {able}{more}")

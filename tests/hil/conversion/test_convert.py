@@ -442,9 +442,10 @@ def test_wrong_arguments_are_reported(tmp_path: Path, capsys: pytest.CaptureFixt
         ((str(tmp_path), table), "is a folder; allowed: a file of"),
         ((table, str(tmp_path / "no" / "x.csv")), "allowed: an existing folder"),
         ((table, str(tmp_path / "x.blf")), "cannot hold the rows of"),
+        ((table, str(tmp_path / "x.blf")), "; allowed: .csv, .parquet, .mf4, .mcap"),
         ((log, str(tmp_path / "x.csv")), "; or --rig, which decodes the frames into a table"),
         ((table, str(tmp_path / "x.mf4"), "--rig", "liftgate"), "--rig liftgate: allowed with a recording that"),
-        ((log, str(tmp_path / "x.blf"), "--rig", "liftgate"), "decodes frames into a table; allowed: OUT as .csv"),
+        ((log, str(tmp_path / "x.blf"), "--rig", "liftgate"), "allowed: OUT as .csv, .parquet, .mf4, .mcap"),
         ((log, str(tmp_path / "x.csv"), "--rig", "nosuch"), "nosuch"),
         ((log, str(tmp_path / "x.csv"), "--rig", str(tmp_path / "x.dbc")), "no such file"),
     ):  # fmt: skip
