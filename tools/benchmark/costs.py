@@ -41,7 +41,7 @@ from liftgate_hil.loop.rings import Memory, Shared
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force, tick
 from liftgate_hil.running.loop_start import loop_config_of, start_of
 from liftgate_hil.running.setup import rig_from, vehicle_from
-from liftgate_hil.signals import ON_TIME, ROW_WIDTH, Bench
+from liftgate_hil.signals import ROW_WIDTH, Bench
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, stimulus_plan_of, turns
 from liftgate_hil.transport.can_bus import CanTransport
@@ -230,11 +230,11 @@ def measure(effort: Effort = WHOLE) -> dict[str, float]:
     # From here on as `Loop` calls it: with its stimuli, and with a row of the recording.
     one_tick, row = compiled(scheduled_tick), np.empty((1, ROW_WIDTH))
     frames = empty_frames(1)
-    one_tick(config, loop_state, frames, stimuli, row, ON_TIME, False, False)
+    one_tick(config, loop_state, frames, stimuli, row, 0.0, False)
 
     def called() -> None:
         for _ in range(some):
-            one_tick(config, loop_state, frames, stimuli, row, ON_TIME, False, False)
+            one_tick(config, loop_state, frames, stimuli, row, 0.0, False)
 
     figures["tick, compiled, called from Python"] = per_call(called, some, rounds)
 
@@ -267,7 +267,7 @@ def portable_tick(config: LoopConfig, state: LoopState) -> Callable[[int], None]
         current = state
         for _ in range(count):
             given = transport.receive()
-            current, _, replies, _ = one_tick(config, current, given, stimuli, row, ON_TIME, False, False)
+            current, _, replies, _ = one_tick(config, current, given, stimuli, row, 0.0, False)
             transport.send(replies)
 
     return run

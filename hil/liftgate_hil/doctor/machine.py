@@ -22,7 +22,7 @@ def platform(name: str = sys.platform, bits: int = 0, byte_order: str = sys.byte
     fit = name == "linux" and bits == 64 and byte_order == "little"
     return judged(
         "platform",
-        found if fit else f"{found}: only the Python loop runs here, which keeps no hard deadlines",
+        found if fit else f"{found}: clocks free and lockstep only",
         "" if fit else "use 64-bit little-endian Linux (x86-64 or arm64)",
         "problem",
     )

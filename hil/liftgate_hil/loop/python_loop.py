@@ -1,8 +1,7 @@
-"""The Python loop: a clock, a transport, sinks and observers around `tick`."""
+"""The Python loop: a transport, sinks and observers around `tick`; free and lockstep runs make its ticks."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -11,13 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames, empty_frames, logged
-from liftgate_hil.codec.receive import is_stale
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.advance import advance
-from liftgate_hil.loop.clock import Clock, FreeClock
 from liftgate_hil.loop.observers import Observer, Sink
 from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
-from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
+from liftgate_hil.loop.statistics import BusLoad, Summary
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, in_force
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH, Bench
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, turns
@@ -55,8 +52,7 @@ def scheduled_tick(
     frames: Frames,
     stimuli: StimulusPlan,
     row: NDArray[np.float64],
-    counts: Bench,
-    is_silent: bool,
+    frames_dropped: float,
     is_stop: bool,
 ) -> tuple[LoopState, Frames, Frames, bool]:
     """Make a tick with its stimuli, as `advance` does; its row goes to `row` (1, ROW_WIDTH).
@@ -68,8 +64,8 @@ def scheduled_tick(
     gate, given = in_force(config, stimuli.faults.row), frames
     if not is_stop:
         given = received(stimuli, config.inputs, frames, state.tick * config.step_ns, config.seed)
-    bench = Bench(counts.ticks_missed, counts.frames_dropped, 0.0, not_made(stimuli))
-    state, replies, is_sound = advance(gate, state, stimuli, given, row, bench, is_silent, is_stop)
+    bench = Bench(0.0, frames_dropped, 0.0, not_made(stimuli))
+    state, replies, is_sound = advance(gate, state, stimuli, given, row, bench, False, is_stop)
     return state, given, replies, is_sound
 
 
@@ -87,10 +83,8 @@ class Loop:
     observers: Sequence[Observer] = ()
     bitrate: float = 500_000.0
     load: BusLoad = field(default_factory=BusLoad)
-    ticks_missed: int = 0
     frames_sent: int = 0
     frames_dropped: int = 0  # frames dropped because too many waited for a tick
-    frames_stale: int = 0  # frames older than their message's time-out
     command: int = -1  # identifier of the drive command; -1: commands are not counted
     before_start: int = 0  # frames that came before the loop was ready
     commands_before: int = 0  # commands among these
@@ -107,7 +101,7 @@ class Loop:
         """
         # A tick writes its state in place, so this one gets copies.
         own = copied(self.state), copied(self.stimuli)
-        self._call(*own, np.empty((1, ROW_WIDTH)), empty_frames(0), False, False)
+        self._call(*own, np.empty((1, ROW_WIDTH)), empty_frames(0), False)
         if is_first:
             count, self.commands_before = drained(self.transport, self.command)
             self.before_start += count
@@ -115,42 +109,21 @@ class Loop:
         for peer in self.peers if self.state.tick == 0 else ():
             peer.poll(0)
 
-    def advance(self, frames: Frames, steps: int) -> None:
-        """Make `steps` steps; all but the last make up for missed ticks and send nothing.
-
-        The first step receives the frames. Raises PlantDivergedError.
-        """
-        for missed in range(steps - 1, -1, -1):
-            self._step(frames, is_silent=missed > 0, is_stop=False)
-            frames = empty_frames(0)
+    def advance(self, frames: Frames) -> None:
+        """Make a tick that receives the frames. Raises PlantDivergedError."""
+        self._step(frames, is_stop=False)
         for peer in self.peers:
             peer.poll(self.state.tick * self.config.step_ns)
 
     def advance_by(self, frames: Frames, ticks: int) -> None:
-        """Make `ticks` ticks, each of which sends; the first receives the frames. Raises PlantDivergedError."""
+        """Make `ticks` ticks; the first receives the frames. Raises PlantDivergedError."""
         for _ in range(ticks):
-            self.advance(frames, 1)
+            self.advance(frames)
             frames = empty_frames(0)
 
-    def without_stale(self, frames: Frames) -> Frames:
-        """Return the frames just received without the stale ones.
-
-        A frame is stale if it has waited for longer than its message's time-out.
-        """
-        count, bus = frames.count, self.config.inputs
-        ages_ns = time.monotonic_ns() - self.transport.came_ns
-        fresh = [row for row in range(count) if not is_stale(bus, int(frames.identifiers[row]), int(ages_ns[row]))]
-        self.frames_stale += count - len(fresh)
-        if len(fresh) == count:
-            return frames
-        return Frames(len(fresh), frames.identifiers[fresh], frames.lengths[fresh], frames.data[fresh])
-
-    def _step(self, frames: Frames, is_silent: bool, is_stop: bool) -> None:
-        self.ticks_missed += is_silent
+    def _step(self, frames: Frames, is_stop: bool) -> None:
         row = np.empty((1, ROW_WIDTH))
-        self.state, frames, replies, is_sound = self._call(
-            self.state, self.stimuli, row, frames, is_silent, is_stop
-        )
+        self.state, frames, replies, is_sound = self._call(self.state, self.stimuli, row, frames, is_stop)
         self.transport.send(replies)
         self.frames_sent += replies.count
         self.load.add(frames)
@@ -163,24 +136,17 @@ class Loop:
             observer.look(seen, self.time)
         if self.monitor is not None:
             link = self.transport.counts()
-            moment = Moment(self.ticks, row[0], self.frames_sent, self.ticks_missed, link)
+            moment = Moment(self.ticks, row[0], self.frames_sent, 0, link)
             self.monitor.look(moment, is_last=is_stop)
         if not is_sound:
             at, angle, current = (row[0, COLUMN_PLACE[name]] for name in _DIVERGED)
             raise PlantDivergedError.at(at, found=f" (angle {angle}, current {current})")
 
     def _call(
-        self,
-        state: LoopState,
-        stimuli: StimulusPlan,
-        row: NDArray[np.float64],
-        frames: Frames,
-        is_silent: bool,
-        is_stop: bool,
+        self, state: LoopState, stimuli: StimulusPlan, row: NDArray[np.float64], frames: Frames, is_stop: bool
     ) -> tuple[LoopState, Frames, Frames, bool]:
-        dropped = float(self._lost() - self._lost_before + self.frames_dropped + self.frames_stale)
-        counts = Bench(float(self.ticks_missed), dropped, 0.0, 0.0)
-        return self._tick(self.config, state, frames, stimuli, row, counts, is_silent, is_stop)
+        dropped = float(self._lost() - self._lost_before + self.frames_dropped)
+        return self._tick(self.config, state, frames, stimuli, row, dropped, is_stop)
 
     def _lost(self) -> int:
         """Return how many frames were dropped before the transport, or a peer, could read them."""
@@ -198,9 +164,9 @@ class Loop:
 
     def finish(self) -> None:
         """Send the last frames, which say that the motors are off."""
-        self._step(empty_frames(0), is_silent=False, is_stop=True)
+        self._step(empty_frames(0), is_stop=True)
 
-    def summary(self, clock: str, timing: Timing = NO_TIMING) -> Summary:
+    def summary(self, clock: str) -> Summary:
         """Return the figures so far."""
         seconds = self.time
         link = self.transport.counts()
@@ -208,8 +174,6 @@ class Loop:
             clock=clock,
             ticks=self.ticks,
             model_time_s=seconds,
-            overruns=self.ticks_missed,
-            timing=timing,
             bus_load_percent=self.load.percent(self.bitrate, seconds),
             frames_sent=self.frames_sent,
             command_timeouts=self.state.timeouts,
@@ -217,26 +181,11 @@ class Loop:
             link=link._replace(
                 dropped=self._lost() - self._lost_before + self.frames_dropped,
                 before_start=link.before_start + self.before_start,
-                stale_frames=link.stale_frames + self.frames_stale,
             ),
         )
 
 
-def run_clocked(
-    loop: Loop, clock: Clock, ticks: int | None, stopped: Callable[[], bool], is_real: bool = True
-) -> None:
-    """Run on a clock for `ticks` ticks (None: until stopped).
-
-    With `is_real`, on a clock that is tied to real time, frames can be stale.
-    """
-    while not stopped() and (ticks is None or loop.ticks < ticks):
-        steps = clock.wait(loop.ticks)
-        if ticks is not None:
-            steps = min(steps, ticks - loop.ticks)
-        frames = loop.transport.receive()
-        loop.advance(loop.without_stale(frames) if is_real else frames, steps)
-
-
 def run_free(loop: Loop, ticks: int | None, stopped: Callable[[], bool]) -> None:
-    """Run as fast as possible."""
-    run_clocked(loop, FreeClock(), ticks, stopped, is_real=False)
+    """Run as fast as possible for `ticks` ticks (None: until stopped)."""
+    while not stopped() and (ticks is None or loop.ticks < ticks):
+        loop.advance(loop.transport.receive())

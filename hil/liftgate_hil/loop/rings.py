@@ -182,13 +182,11 @@ def _mapped(descriptor: int, size: int, is_written: bool) -> Any:
 class RingSink:
     """A sink that writes what a Python loop has done into a memory while somebody looks at it.
 
-    The real-time loop does that by itself. `epoch_ns` is the wall clock at the run's start [ns since 1970]; 0:
-    none applies.
+    The real-time loop does that by itself.
     """
 
-    def __init__(self, memory: Memory, is_looked_at: Callable[[], bool], epoch_ns: int) -> None:
+    def __init__(self, memory: Memory, is_looked_at: Callable[[], bool]) -> None:
         self._shared, self._is_looked_at = memory.shared, is_looked_at
-        self._shared.control.epoch_ns = epoch_ns
         self._ticks = 0
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:

@@ -21,6 +21,7 @@ from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.expected import Expected, PreconditionEnd, expected_of
 from liftgate_hil.judging.stimulus_times import TimedFault
+from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.tick import LoopConfig
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.loop_start import loop_config_of
@@ -133,6 +134,9 @@ def planned(
     options = job.options
     if way is None and job.ecu == ON_A_BUS:
         raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
+    if options.clock == "realtime" and not POSSIBLE:
+        text = "64-bit little-endian Linux; free and lockstep run everywhere"
+        raise ConfigError(f"`clock` realtime: not possible on this platform; allowed: {text}")
     if options.clock == "free" and way is not None and not way.is_interface("virtual"):
         raise ConfigError("`clock` free: allowed without a bus, or on a virtual one")
     if job.ecu_elsewhere is not None:  # it gets requests by its own clock: no preconditions

@@ -1,20 +1,16 @@
-"""The driver of a run on a bus in the Python loop: in lockstep, on the free clock, without a real-time loop."""
+"""The driver of a run on a bus in the Python loop: in lockstep, or on the free clock."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from liftgate_hil.loop.begun import Begun
-from liftgate_hil.loop.clock import RealtimeClock
-from liftgate_hil.loop.histogram import distribution
 from liftgate_hil.loop.lockstep import Lockstep, run_lockstep
-from liftgate_hil.loop.python_loop import Loop, run_clocked, run_free
-from liftgate_hil.loop.statistics import Summary, Timing
-from liftgate_hil.running.options import NS
+from liftgate_hil.loop.python_loop import Loop, run_free
+from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.running.provenance import content_of
 from liftgate_hil.running.recordings import Recordings
 from liftgate_hil.transport.find import open_transport
@@ -34,7 +30,6 @@ class PythonDriver:
         self._run = run
         self._recordings: Recordings | None = None
         self._loop: Loop | None = None
-        self._clock = self._pace()
         self._before_start = 0  # frames that came before the first phase was ready
         self._summary = Summary(clock=run.plan.options.clock)
         self.begun: Begun | None = None
@@ -44,13 +39,11 @@ class PythonDriver:
 
         Raises ConfigError, TransportError, PreconditionError.
         """
-        run, plan, options = self._run, self._run.plan, self._run.plan.options
+        run, plan = self._run, self._run.plan
         transport = run.opened(open_transport, stack)
-        # Only wall time has an epoch; the other clocks' recordings are the same every time.
-        epoch_ns = time.time_ns() if options.clock == "realtime" else 0
         channel, say = run.channel(transport), run.listener.alarm
-        self._recordings = Recordings(plan, content_of(plan, channel, run.way.interface), say, stack, epoch_ns)
-        sinks = [*run.sinks, *self._recordings.sinks, *self._shown(channel, epoch_ns, stack)]
+        self._recordings = Recordings(plan, content_of(plan, channel, run.way.interface), say, stack)
+        sinks = [*run.sinks, *self._recordings.sinks, *self._shown(channel, stack)]
         has_run = run.prepare(functools.partial(self._phase_begun, transport))
         self._loop = loop = Loop(
             config=plan.config,
@@ -68,10 +61,9 @@ class PythonDriver:
         run.listener.starts(f"{plan.setup.vehicle_name} on {channel}")
         loop.begin(is_first=not has_run)
         run.listener.ready()
-        self._clock = self._pace()
         self.begun = Begun.at(plan.config, run.state, run.stimuli)
 
-    def _shown(self, channel: str, epoch_ns: int, stack: contextlib.ExitStack) -> list[Sink]:
+    def _shown(self, channel: str, stack: contextlib.ExitStack) -> list[Sink]:
         """Return the sink that fills the memory which attached clients read; none where no client may attach."""
         from liftgate_hil.loop.realtime_run import memory_for
         from liftgate_hil.loop.rings import RingSink
@@ -83,11 +75,7 @@ class PythonDriver:
         stack.callback(memory.close)
         assert self._recordings is not None
         further = run.let_in(channel, memory, self._recordings.mark, stack)
-        return [RingSink(memory, lambda: server.is_attended() or further.is_on, epoch_ns)]
-
-    def _pace(self) -> RealtimeClock:
-        plan = self._run.plan
-        return RealtimeClock(plan.config.step_ns, round(plan.options.overrun_limit * NS))
+        return [RingSink(memory, lambda: server.is_attended() or further.is_on)]
 
     def _phase_begun(self, transport: Transport, phase: Phase, is_first: bool) -> Going:
         """Begin a phase before time 0, and return the function that runs it from a state until it is stopped."""
@@ -104,17 +92,15 @@ class PythonDriver:
 
         def go(state: LoopState, stopped: Callable[[], bool]) -> LoopState:
             before.state = state
-            self._clocked(before, self._pace(), None, stopped)
+            self._clocked(before, None, stopped)
             return before.state
 
         return go
 
-    def _clocked(self, loop: Loop, clock: RealtimeClock, ticks: int | None, stopped: Callable[[], bool]) -> None:
+    def _clocked(self, loop: Loop, ticks: int | None, stopped: Callable[[], bool]) -> None:
         """Run the loop on the clock of the options until `ticks` are done (None: no limit) or it is stopped."""
         options, rig = self._run.plan.options, self._run.plan.rig
-        if options.clock == "realtime":
-            run_clocked(loop, clock, ticks, stopped)
-        elif options.clock == "free" or self._run.peers:
+        if options.clock == "free" or self._run.peers:
             # Peers in this process are in step by themselves, those that are silent, too.
             run_free(loop, ticks, stopped)
         else:
@@ -130,7 +116,7 @@ class PythonDriver:
         """Run until so many ticks are done (None: without limit), or the run is stopped."""
         assert self._loop is not None
         try:
-            self._clocked(self._loop, self._clock, ticks, stopped)
+            self._clocked(self._loop, ticks, stopped)
         finally:
             self._run.observers.end()
 
@@ -141,7 +127,7 @@ class PythonDriver:
         try:
             loop.finish()
         finally:  # a plant that has diverged does so again
-            summary = loop.summary(clock, Timing(distribution(self._clock.lateness)))
+            summary = loop.summary(clock)
             self._summary = self._run.execution.told(summary, self._run.state, self._run.stimuli)
 
     def summary(self) -> Summary:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.writer import Writer, truncated_to_us
+from liftgate_hil.formats.writer import Writer
 
 _ROWS = 100  # rows that are buffered before they are written
 
@@ -25,16 +25,17 @@ class Sieve(Protocol):
 
 
 class RecordingSink:
-    """Passes rows and frames to writers, small blocks together; with a sieve only those that it selects."""
+    """Passes rows and frames to writers, small blocks together; with a sieve only those that it selects.
 
-    def __init__(
-        self, writers: Sequence[Writer], content: Content, epoch_ns: int = 0, sieve: Sieve | None = None
-    ) -> None:
+    Times count from the start of the run: no wall clock applies.
+    """
+
+    def __init__(self, writers: Sequence[Writer], content: Content, sieve: Sieve | None = None) -> None:
         self._writers, self._content, self._sieve = writers, content, sieve
         self._rows: list[NDArray[np.float64]] = []
         self._frames: list[Any] = []
         for writer in writers:
-            writer.begin(truncated_to_us(epoch_ns))
+            writer.begin(0)
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
         """Buffer rows and frames, and write them once there are enough rows."""

@@ -20,17 +20,15 @@ if TYPE_CHECKING:
 class Recordings:
     """Files to which a run is recorded, open until the stack is left.
 
-    `sinks` write the run's rows and frames to them; there is none where nothing is recorded. `epoch_ns` is the
-    wall clock at the start of the run [ns since 1970]; 0: none applies.
+    `sinks` write the run's rows and frames to them; there is none where nothing is recorded. No wall
+    clock applies: the recordings are the same every time.
     """
 
-    def __init__(
-        self, plan: Plan, content: Content, say: Say, stack: contextlib.ExitStack, epoch_ns: int = 0
-    ) -> None:
+    def __init__(self, plan: Plan, content: Content, say: Say, stack: contextlib.ExitStack) -> None:
         options = plan.options
         self._writers = open_writers(options.record, content, options.limit(), say, stack)
         self._triggered = None if plan.trigger is None else Triggered(plan.trigger)
-        sink = RecordingSink(self._writers, content, epoch_ns, self._triggered)
+        sink = RecordingSink(self._writers, content, self._triggered)
         stack.callback(sink.flush)  # before the files are closed
         self.sinks: list[Sink] = [sink] if self._writers else []
 

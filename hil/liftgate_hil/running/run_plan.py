@@ -19,7 +19,6 @@ from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.trace_summary import TraceSummarizer
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, PASS, STOPPED
 from liftgate_hil.loop.closed_loop import Extremes, Trace
-from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.running.attachment.server import End
 from liftgate_hil.running.bus_run import BusRun, bus_run_of
@@ -190,7 +189,7 @@ class _Run:
         if self._plan.job.is_episode:
             return EpisodeDriver(self._execution)
         self._on_bus = bus_run_of(self._execution, stack)
-        if self._plan.options.clock == "realtime" and POSSIBLE:
+        if self._plan.options.clock == "realtime":
             from liftgate_hil.running.realtime_driver import RealtimeDriver
 
             return RealtimeDriver(self._on_bus)

@@ -18,6 +18,7 @@ import liftgate_hil
 import liftgate_hil as lh
 from liftgate_hil.cli.main import COMMANDS, main
 from liftgate_hil.errors import OverrunError
+from liftgate_hil.running import plan
 from liftgate_hil.running.realtime_driver import RealtimeDriver
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.version import version
@@ -91,6 +92,19 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
     assert len(lines) == 1
     assert said in lines[0]
     assert lines[0].startswith("liftgate-hil")
+
+
+def test_real_time_is_refused_where_its_loop_cannot_run(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plan, "POSSIBLE", False)
+    for command in (["--ecu", "reference"], ["demo", "--no-record"]):
+        assert complaint(capsys, *command, "--duration", "0.01") == [
+            "liftgate-hil: --clock realtime: not possible on this platform; allowed: 64-bit little-endian Linux; "
+            "free and lockstep run everywhere"
+        ]
+    for clock in ("free", "lockstep"):
+        assert call("--ecu", "reference", "--clock", clock, "--duration", "0.01", "--quiet") == 0
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep", "realtime"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -30,10 +29,8 @@ class Memory:
         self.batches = list(batches)
         self.sent: Rows = []
         self.closed = False
-        self.came_ns = np.zeros(1024, dtype=np.int64)
 
     def receive(self, timeout: float = 0.0) -> Frames:
-        self.came_ns[:] = time.monotonic_ns()
         return frames_of(self.batches.pop(0)) if self.batches else empty_frames(0)
 
     def send(self, frames: Frames) -> None:

@@ -1,4 +1,4 @@
-"""The loop around the tick: clocks, transports, recorders and peers."""
+"""The loop around the tick: transports, recorders and peers."""
 
 from __future__ import annotations
 
@@ -40,19 +40,17 @@ from hil_support import (
     start_of,
 )
 from loop_fakes import Memory, Notes, Rows, command, loop_of, never
-from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, REMOTE
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.ecu.peer import Peer
-from liftgate_hil.errors import OverrunError, PlantDivergedError
+from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_writer
-from liftgate_hil.loop.clock import RealtimeClock
 from liftgate_hil.loop.closed_loop import Trace
-from liftgate_hil.loop.python_loop import Loop, run_clocked, run_free
+from liftgate_hil.loop.python_loop import Loop, run_free
 from liftgate_hil.loop.tick import STOPPED, LoopState
 from liftgate_hil.running.recording_sink import RecordingSink
 from liftgate_hil.signals import columns_of
@@ -61,7 +59,7 @@ from liftgate_hil.stimuli.requests import Request, by_the_clock
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.can_bus import CanTransport
 
-# Clocked runs.
+# Free runs.
 
 
 @pytest.mark.parametrize("ticks", [1, 7, 100])
@@ -77,65 +75,6 @@ def test_a_run_ends_when_it_is_asked_to(rig: Rig):
     loop = loop_of(Memory(), loop_config(rig=rig))
     run_free(loop, None, lambda: loop.state.tick >= 42)
     assert loop.state.tick == 42
-
-
-def test_a_catch_up_does_not_run_past_the_end(rig: Rig):
-    class Late:
-        def __init__(self) -> None:
-            self.lateness = None
-
-        def wait(self, tick: int) -> int:
-            return 8
-
-    loop = loop_of(Memory(), loop_config(rig=rig))
-    run_clocked(loop, Late(), 20, never)
-    assert loop.state.tick == 20
-    assert loop.ticks_missed == 7 + 7 + 3
-
-
-def test_frames_of_a_skipped_time_are_received_and_nothing_is_sent_twice(rig: Rig):
-    now = [0]
-
-    def sleep(seconds: float) -> None:
-        now[0] += round(seconds * 1e9)
-
-    clock = RealtimeClock(1_000_000, 10**9, lambda: now[0], sleep)
-    transport = Memory([[command(rig, 1)]])
-
-    class Slow:
-        is_ours, dropped = False, 0
-
-        def poll(self, now_ns: int) -> None:
-            now[0] += 3_300_000
-
-    shown = Trace()
-    loop = loop_of(transport, loop_config(rig=rig), peers=[Slow()], sinks=[shown])
-    run_clocked(loop, clock, 100, never)
-    assert loop.state.tick == 100
-    # Each skipped tick is shown.
-    times = shown.columns()["time_s"]
-    assert times == pytest.approx([0.001 * (1 + number) for number in range(100)])
-    assert loop.state.counts.accepted == 1
-    assert loop.ticks_missed > 50
-    assert sum(row[0] == LEFT_DRIVE for row in transport.sent) <= 20
-    assert loop.state.tick * 1_000_000 <= now[0] <= loop.state.tick * 1_000_000 + 6_600_000
-
-
-def test_an_overrun_past_the_limit_ends_the_run(rig: Rig):
-    now = [0]
-
-    def sleep(seconds: float) -> None:
-        now[0] += round(seconds * 1e9)
-
-    clock = RealtimeClock(1_000_000, 5_000_000, lambda: now[0], sleep)
-
-    class Slow:
-        def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-            now[0] += 7_000_000
-
-    loop = loop_of(Memory(), loop_config(rig=rig), sinks=[Slow()])
-    with pytest.raises(OverrunError):
-        run_clocked(loop, clock, 100, never)
 
 
 def test_dropped_frames_are_in_the_rows_and_the_figures_those_before_the_start_are_not(rig: Rig):
@@ -380,7 +319,7 @@ def test_ten_thousand_bad_frames_on_a_real_bus_are_each_counted_once_and_survive
                         data=None if remote else payload,
                     )
                 )
-            loop.advance(transport.receive(), 1)
+            loop.advance(transport.receive())
         run_free(loop, 1000, never)
         loop.finish()
         while (message := other.recv(0)) is not None:

@@ -23,10 +23,12 @@ from hil_support import (
     OPEN,
     RIGHT_DRIVE,
     both,
+    catch_up,
     command_frame,
     decoded,
     frames_of,
     loop_config,
+    outside,
     rows_of,
     start_of,
     stimulus_plan,
@@ -44,8 +46,9 @@ from liftgate_hil.loop.python_loop import Loop
 from liftgate_hil.loop.realtime_loop import DIVERGED, ENDED, OVERRUN, RunParams, make_room, run_realtime
 from liftgate_hil.loop.realtime_run import RealtimeRun, feedback_identifiers
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
+from liftgate_hil.loop.row import write_row
 from liftgate_hil.loop.tick import STOPPED, LoopState
-from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, Timing
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ON_TIME, ROW_WIDTH, Timing
 from liftgate_hil.stimuli.command_queue import post_values
 from liftgate_hil.transport.base import LinkCounts
 
@@ -222,27 +225,22 @@ class Given:
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 10_000.0])
-def test_it_does_what_the_portable_loop_does_bit_for_bit(
-    rehearse: Callable[..., Rehearsal], rig: Rig, rate: float
-):
+def test_it_does_what_the_python_loop_does_bit_for_bit(rehearse: Callable[..., Rehearsal], rig: Rig, rate: float):
     play = rehearse(rate=rate)
     every = max(1, round(rate / 100))
     batches: dict[int, Rows] = {
-        n * every: [opening(rig, n), (0x55, b"x"), (0x777, b"12345678")] for n in range(30)
+        n * every: [opening(rig, n), (0x55, b"x"), (0x777, b"12345678")] for n in range(40)
     }
     batches[7 * every][0] = (COMMAND, b"spoilt!!")
     play.at = lambda waking: play.give(*batches.get(waking, []))
-    play.late = {every * 11: int(3.5 * 1e9 / rate), every * 17 + 1: int(1.0 * 1e9 / rate)}
     state, outcome = play.run(40 * every)
     assert outcome == ENDED
 
     transport, shown = Given(), Trace()
     loop = Loop(play.config, start_of(play.config), stimulus_plan(play.config), transport, sinks=[shown])
-    assert play.steps[:-1].count(1) == len(play.steps) - 3
-    assert sorted(play.steps)[-2:] == [2, 4]
     sent: list[Rows] = []
-    for waking, steps in enumerate(play.steps[:-1]):
-        loop.advance(frames_of(batches.get(waking, [])), steps)
+    for tick in range(40 * every):
+        loop.advance(frames_of(batches.get(tick, [])))
         sent.append(transport.taken())
     loop.finish()
     assert [*sent, transport.taken()] == play.sent
@@ -250,11 +248,44 @@ def test_it_does_what_the_portable_loop_does_bit_for_bit(
     assert len(shown.rows()) == 40 * every + 1
     assert flat(loop.state) == flat(state)
     assert state.tick == 40 * every + 1
-    assert loop.ticks_missed == play.shared.control[0].overruns == play.column("ticks_missed")[-1] == 3 + 1
-    assert state.counts.accepted == 29
+    assert state.counts.accepted == 39
     assert loop.frames_sent == play.shared.control[0].sent
     assert loop.load.bits == play.shared.control[0].bits
     assert play.arrived() == [row for rows in play.sent for row in rows]
+
+
+def test_missed_ticks_are_made_up_for_as_one_tick_after_the_other_bit_for_bit(
+    rehearse: Callable[..., Rehearsal], rig: Rig, fast_tick: Callable[..., Any]
+):
+    play = rehearse()
+    batches: dict[int, Rows] = {10 * n: [opening(rig, n), (0x55, b"x")] for n in range(30)}
+    play.at = lambda waking: play.give(*batches.get(waking, []))
+    play.late = {110: 3_500_000, 171: MS}
+    found, outcome = play.run(400)
+    assert outcome == ENDED
+    assert play.steps[:-1].count(1) == len(play.steps) - 3
+    assert sorted(play.steps)[-2:] == [2, 4]
+
+    state, missed = start_of(play.config), 0
+    sent: list[Rows] = []
+    rows: list[list[float]] = []
+    for waking, steps in enumerate(play.steps):
+        frames = frames_of(batches.get(waking, []))
+        if waking < len(play.steps) - 1:
+            ticked = catch_up(fast_tick, play.config, state, frames, steps, missed)
+        else:
+            ticked = [fast_tick(play.config, state, frames, outside(missed=missed, stop=True))]
+        for number, (_, _, truth, sensed) in enumerate(ticked, 1):
+            row = np.empty(ROW_WIDTH)
+            so_far = missed + min(number, steps - 1)
+            write_row(row, truth, sensed, ON_TIME._replace(ticks_missed=float(so_far)), 0.0)
+            rows.append(row.tolist())
+        state, missed = ticked[-1][0], missed + steps - 1
+        sent.append([row for _, replies, _, _ in ticked for row in rows_of(replies)])
+    assert sent == play.sent
+    assert rows == play.rows()
+    assert flat(state) == flat(found)
+    assert missed == play.shared.control[0].overruns == 3 + 1
 
 
 @pytest.mark.parametrize(

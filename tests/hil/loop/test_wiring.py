@@ -334,7 +334,7 @@ def test_every_column_of_the_python_loops_row_is_the_field_of_its_name(
 
     monkeypatch.setattr(advance, "tick", tick)
     loop._tick = scheduled_tick
-    loop.advance(empty_frames(0), 1)
+    loop.advance(empty_frames(0))
     assert len(watched.rows()) == len(notes.rows) == 1
     for row in (*watched.rows(), *notes.rows):
         check_row(row, rows.truth, rows.sensed)

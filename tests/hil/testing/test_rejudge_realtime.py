@@ -14,10 +14,11 @@ from liftgate_hil.codec.frames import LOGGED, no_logged
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_writer
+from liftgate_hil.formats.writer import truncated_to_us
 from liftgate_hil.judging.expected import expected_of
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.verdict import Verdict
-from liftgate_hil.running.recording_sink import RecordingSink
+from liftgate_hil.running.recording_sink import write_block
 from liftgate_hil.running.result import silence_of, tolerance_of
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH, columns_of
 
@@ -124,9 +125,9 @@ def late(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
     rows, frames = late_run(request.param)
     content = Content(columns_of(2))
     recorders = [open_writer(folder / name, content) for name in FILES]
-    sink = RecordingSink(recorders, content, EPOCH_NS)
-    sink.take(rows, frames[np.argsort(frames["time_ns"], kind="stable")])
-    sink.flush()
+    for each in recorders:
+        each.begin(truncated_to_us(EPOCH_NS))
+    write_block(recorders, content, rows, frames[np.argsort(frames["time_ns"], kind="stable")])
     for each in recorders:
         each.close()
     return folder, judged_live(folder / "s.toml", rows, frames)

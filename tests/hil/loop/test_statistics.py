@@ -1,4 +1,4 @@
-"""Clocks and figures; time comes from a fake."""
+"""Figures of a run: histograms of durations, load of the bus, the summary."""
 
 from __future__ import annotations
 
@@ -12,129 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.receive import NO_COUNTS
-from liftgate_hil.errors import LiftgateError, OverrunError
-from liftgate_hil.loop.clock import FreeClock, RealtimeClock
 from liftgate_hil.loop.histogram import BINS, NOTHING, bin_of, distribution, note, upper_end
 from liftgate_hil.loop.statistics import BusLoad, Summary, Timing, force_of
 from liftgate_hil.transport.base import LinkCounts
-
-MS = 1_000_000
-
-
-class FakeTime:
-    """A monotonic clock that only sleeping and working move; `oversleep` [ns] is added to each sleep."""
-
-    def __init__(self, oversleep: int = 0) -> None:
-        self.now = 12_345_678_901
-        self.oversleep = oversleep
-        self.slept = 0
-
-    def monotonic_ns(self) -> int:
-        return self.now
-
-    def sleep(self, seconds: float) -> None:
-        assert seconds > 0.0
-        self.slept += 1
-        self.now += max(1, round(seconds * 1e9)) + self.oversleep
-
-    def work(self, nanoseconds: int) -> None:
-        self.now += nanoseconds
-
-
-def clock_of(time: FakeTime, period: int = MS, limit: int = 1000 * MS) -> RealtimeClock:
-    return RealtimeClock(period, limit, time.monotonic_ns, time.sleep)
-
-
-def test_deadlines_are_absolute_so_that_small_delays_do_not_add_up():
-    time = FakeTime(oversleep=70_000)
-    clock = clock_of(time)
-    start = time.now
-    for tick in range(10_000):
-        assert clock.wait(tick) == 1
-        time.work(300_000)
-    assert time.now - start == 10_000 * MS + 70_000 + 300_000
-    assert distribution(clock.lateness).max_us == pytest.approx(70.0, rel=1 / 64)
-
-
-@pytest.mark.parametrize(
-    ("work", "steps"),
-    [(1_000_000, 1), (1_999_999, 1), (2_000_000, 2), (2_999_999, 2), (3_000_000, 3), (50_500_000, 50)],
-)
-def test_whole_periods_that_were_missed_are_made_up_at_once(work: int, steps: int):
-    time = FakeTime()
-    clock = clock_of(time)
-    assert clock.wait(0) == 1
-    time.work(work)
-    assert clock.wait(1) == steps
-
-
-@CALM
-@given(st.lists(st.integers(0, 20 * MS), max_size=200), st.integers(0, 300_000))
-def test_model_time_equals_wall_time_to_within_a_period(works: list[int], oversleep: int):
-    time = FakeTime(oversleep)
-    clock = clock_of(time)
-    start = time.now
-    tick = 0
-    for work in works:
-        steps = clock.wait(tick)
-        assert steps >= 1
-        tick += steps
-        assert 0 <= time.now - start - tick * MS < MS
-        time.work(work)
-
-
-def test_after_a_late_tick_the_next_deadline_is_on_the_old_raster():
-    time = FakeTime()
-    clock = clock_of(time)
-    start = time.now
-    clock.wait(0)
-    time.work(3_400_000)
-    assert clock.wait(1) == 3
-    assert time.now - start == 4_400_000
-    assert clock.wait(4) == 1
-    assert time.now - start == 5 * MS
-
-
-def test_a_loop_too_far_behind_ends_with_an_error_that_says_so():
-    time = FakeTime()
-    clock = clock_of(time, limit=20 * MS)
-    clock.wait(0)
-    time.work(21 * MS)
-    assert clock.wait(1) == 21
-    time.work(21 * MS + 1)
-    with pytest.raises(OverrunError, match=r"20\.0 ms behind.*`overrun_limit`.*`rate`") as caught:
-        clock.wait(22)
-    assert isinstance(caught.value, LiftgateError)
-
-
-def test_the_clock_starts_with_its_first_tick_whatever_its_number():
-    time = FakeTime()
-    clock = clock_of(time)
-    time.work(10_000 * MS)
-    assert clock.wait(500) == 1
-    assert distribution(clock.lateness).max_us == 0.0
-
-
-def test_a_sleep_that_returns_early_is_continued():
-    time = FakeTime()
-
-    def short(seconds: float) -> None:
-        time.sleep(max(seconds / 3.0, 1e-9))
-
-    clock = RealtimeClock(MS, 1000 * MS, time.monotonic_ns, short)
-    start = time.now
-    assert clock.wait(0) == 1
-    assert time.now - start >= MS
-    assert time.slept > 1
-
-
-def test_the_free_clock_makes_one_step_at_a_time():
-    clock = FreeClock()
-    assert [clock.wait(tick) for tick in range(5)] == [1] * 5
-    assert clock.lateness.sum() == 0
-
-
-# Figures.
 
 
 def histogram_of(nanoseconds: list[int]) -> NDArray[np.int64]:
