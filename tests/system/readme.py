@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import functools
 import importlib
 import os
 import re
@@ -36,27 +37,69 @@ _PROGRAMS = (
 _CACHE = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")  # with the compiled model
 
 
-# The pages that tests/system/test_manual_blocks.py goes through from top to bottom: files, commands and Python.
-IN_ORDER = (
-    "first-ci-test.md",
-    "vehicle-from-data-sheet.md",
-    "verdicts.md",
-    "solver.md",
-    "first-closed-loop.md",
-    "diagnostics.md",
-    "faults.md",
-    "own-ecu.md",
-    "own-dbc.md",
-    "ecu-in-python.md",
-    "reproducibility.md",
-    "thesis-manual.md",
-    "reports.md",
-    "pytest.md",
-    "python.md",
-    "containers.md",
-    "live-data.md",
-    "restbus.md",
-)
+# Pages that nobody can go through from top to bottom, with the reason; tests ask for their commands by `command`.
+NOT_IN_ORDER = {
+    "README.md": "its commands install, or are what CI runs",
+    "bench.md": "its commands run beside each other on a bus, in real time, until they are stopped",
+    "cluster.md": "scheduler, worker and campaign run beside each other",
+    "machine.md": "the exit code depends on the machine",
+    "operators-page.md": "curl commands a run with a page, beside it, in real time, until they are stopped",
+    "real-time.md": "its command runs in real time on a bus until it is stopped",
+    "real-time-kernel.md": "its commands need root, a CPU and a bus of this machine",
+    "serial-line.md": "its commands run beside each other on a serial line, in real time, until they are stopped",
+}
+# Commands that no test runs as they stand there, by how they begin, with the reason or the test of the like.
+ELSEWHERE = {
+    "make demo": "installs; the demo is tests/hil/cli/test_demo.py",
+    "make test": "is what CI runs",
+    "make test-vcan": "is what CI runs",
+    "liftgate-hil --bus slcan": "needs an adapter; tests/system/test_interfaces.py has one in software",
+    "candump can0": "runs until it is stopped; tests/vcan/test_commands.py",
+    "cantools monitor": "fills a terminal until it is stopped; tests/system/test_clients.py",
+    "python -m distributed.cli.dask_scheduler": "tests/hil/campaign/test_executors.py",
+    "python -m distributed.cli.dask_worker": "tests/hil/campaign/test_executors.py",
+    "liftgate-hil campaign docs/examples/trap.toml --vary angle=20:60:9": "tests/hil/campaign/test_executors.py",
+    "liftgate-hil campaign docs/examples/trap.toml --probability": "long; tests/hil/cli/test_campaign_command.py",
+    "liftgate-hil campaign pack:trap-matrix": "long; tests/hil/cli/test_campaign_command.py",
+}
+
+
+class Around(NamedTuple):
+    """What a page needs around its commands: those that its reader has run before, and what is shortened here."""
+
+    before: tuple[str, ...] = ()
+    places: Mapping[str, str] = {}
+
+
+_ONE = " --jobs 1"  # processes of a campaign take 2 s each to start
+_VARIANT = "import pyarrow.parquet as p; print(p.read_table('samples/results.parquet')['variant'][7].as_py()[:12])"
+AROUND = {
+    "campaigns.md": Around(
+        places={
+            "--samples 200": f"--samples 12{_ONE}",
+            "VARIANT": f'"$(python -c "{_VARIANT}")"',
+            "--evaluations 60": f"--evaluations 20{_ONE}",
+            "--against reference": f"--against reference{_ONE}",
+        }
+    ),
+    "measurements.md": Around(
+        (
+            "liftgate-hil simulate --voltage 10 --duration 3 --seed 1 --output opening.csv",
+            "liftgate-hil simulate --voltage -10 --duration 3 --seed 2 --initial open --output closing.csv",
+            "liftgate-hil simulate --voltage 9 --duration 3 --seed 3 --output other.csv",
+            "liftgate-hil demo --clock free --output out",
+        )
+    ),
+    "plant.md": Around((r"printf 'time_s,voltage_v\n0,0\n0.1,9\n1,9\n' > measured.csv",)),
+    "recordings.md": Around(
+        (
+            "liftgate-hil demo --clock free --no-record --record run.csv --record run.blf",
+            "liftgate-hil simulate --voltage 12 --duration 1 --output before.csv",
+            "liftgate-hil simulate --voltage 12 --duration 1 --output after.csv",
+        )
+    ),
+}
+_WRITTEN = re.compile(r"--(?:output|record|results|html|junit|save-vehicle|save-inputs) (\S+)")
 
 
 class Block(NamedTuple):
@@ -83,12 +126,11 @@ def text() -> str:
     return "\n".join(each.read_text(encoding="utf-8") for each in pages())
 
 
-def commands() -> list[str]:
-    """Every command of their indented blocks, each once, without the comments behind."""
-    joined = text().replace("\\\n", " ")
-    lines = (line[4:].strip() for line in joined.splitlines() if line.startswith("    "))
-    found = [re.split(r" {2,}#", line)[0].strip() for line in lines if line.startswith(_PROGRAMS)]
-    return list(dict.fromkeys(found))
+@functools.cache
+def commands() -> tuple[str, ...]:
+    """Every command of them, each once, without the comment behind."""
+    found = [block for page in pages() for block in blocks(page) if block.kind == "commands"]
+    return tuple(dict.fromkeys(line for block in found for line, _ in commands_in(block)))
 
 
 def command(start: str) -> str:
@@ -163,15 +205,48 @@ def _kind_of(text: str) -> str:
 def commands_in(block: Block) -> list[tuple[str, int]]:
     """The commands of a block, each with the exit code that the comment behind it tells."""
     found = []
-    for line in block.text.replace("\\\n", " ").splitlines():
+    for line in re.sub(r" *\\\n *", " ", block.text).splitlines():
         told = re.search(r" {2,}#.*exit code (\d)", line)
         found.append((re.split(r" {2,}#", line)[0].strip(), int(told[1]) if told else 0))
     return [each for each in found if each[0]]
 
 
-def is_run_elsewhere(line: str) -> bool:
-    """Whether a command needs a bus, a served page or root: tests/system/test_newcomer.py names its test."""
-    return "$TOKEN" in line or "socketcan:" in line or line.startswith("sudo ")
+def written_by(line: str) -> list[str]:
+    """The files and folders that a command says it writes."""
+    return [each for each in _WRITTEN.findall(line) if each != "-"]
+
+
+def in_order() -> list[str]:
+    """The pages that tests/system/test_manual_blocks.py goes through from top to bottom."""
+    kinds = {"commands", "python"}
+    found = [page.name for page in pages() if any(block.kind in kinds for block in blocks(page))]
+    return [name for name in found if name not in NOT_IN_ORDER]
+
+
+@functools.cache
+def asked_for() -> frozenset[str]:
+    """The commands that tests ask for by `command` with a text, and run in a way of their own."""
+    found = set()
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        source = path.read_text(encoding="utf-8")
+        if re.search(r"^(?:import|from) readme\b", source, re.MULTILINE):
+            found |= {command(each) for each in _texts_of_calls(ast.parse(source))}
+    return frozenset(found)
+
+
+def _texts_of_calls(tree: ast.AST) -> Iterator[str]:
+    """Each text that is the argument of a call of `command`."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in ("command", "readme.command"):
+            for each in node.args:
+                if isinstance(each, ast.Constant):
+                    yield each.value
+
+
+@functools.cache
+def run_elsewhere() -> frozenset[str]:
+    """The commands that are left out where a page is gone through."""
+    return asked_for() | {command(each) for each in ELSEWHERE}
 
 
 def fresh_folder(folder: Path) -> Path:
@@ -233,7 +308,7 @@ def outcome(
     line: str, folder: Path, places: Mapping[str, str] | None = None, more: str = ""
 ) -> tuple[int, str, str]:
     """The exit code of a command, what it prints, and its complaints."""
-    if is_called(line):
+    if is_called(with_places(line, places)):
         _, *arguments = shlex.split(f"{with_places(line, places)} {more}")
         return called(lambda: main(arguments), folder)
     process = start(line, folder, places, more)

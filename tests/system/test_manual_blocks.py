@@ -1,8 +1,8 @@
 """The blocks of the manual's pages as they stand there: Python runs, TOML loads, files serve the page's commands.
 
-A block whose first line is `# NAME.toml` (`.py`, `.c`) is that file. The pages of `readme.IN_ORDER` are gone
-through from top to bottom: each file is written, each command is run, and each line of the fenced block of text
-behind a command is in what it printed.
+A block whose first line is `# NAME.toml` (`.py`, `.c`) is that file. The pages of `readme.in_order` are gone
+through from top to bottom: each file is written, each command is run and writes what its flags say, and each line
+of the fenced block of text behind a command is in what it printed.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import re
 import shutil
 import signal
 import socket
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -80,15 +79,6 @@ def is_test(block: Block) -> bool:
     return re.search(r"^def test_", block.text, re.MULTILINE) is not None
 
 
-def scripts() -> dict[str, str]:
-    """The Python of each page that has some, one block after the other: no files, no tests."""
-    found: dict[str, str] = {}
-    for block in of_kind("python"):
-        if not block.file and not is_test(block):
-            found[block.page] = found.get(block.page, "") + block.text + "\n"
-    return found
-
-
 def work(folder: Path, page: str) -> Path:
     """A folder with what the page's commands take from a checkout, and with the page's files."""
     made = readme.fresh_folder(folder)
@@ -101,26 +91,6 @@ def work(folder: Path, page: str) -> Path:
 
 def words(text: str) -> str:
     return " ".join(text.split())
-
-
-@pytest.mark.parametrize("page", [page for page in scripts() if page not in readme.IN_ORDER])
-def test_the_python_of_a_page_runs(page: str, tmp_path: Path) -> None:
-    run_python(scripts()[page], work(tmp_path, page))
-
-
-def run_python(text: str, folder: Path) -> str:
-    (folder / "page.py").write_text(text, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "page.py"],
-        cwd=folder,
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=readme.PATIENCE,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert not done.stderr
-    return done.stdout
 
 
 def execute(text: str, names: dict[str, Any], folder: Path) -> str:
@@ -232,12 +202,17 @@ def test_every_file_of_a_page_is_used_on_it() -> None:
             assert not block.file or any(each in text for text in others for each in used), (name, block.file)
 
 
-@pytest.mark.parametrize("page", readme.IN_ORDER)
+@pytest.mark.parametrize("page", readme.in_order())
 def test_a_page_does_from_top_to_bottom_what_it_says(page: str, tmp_path: Path) -> None:
-    """Every command of the page: each run of an ECU in C or Python has its own process, and so has pytest."""
-    if shutil.which("cc") is None and any(block.text.startswith("cc ") for block in BLOCKS[page]):
+    """Every command of the page: each run of an ECU in C or Python has its own process, and so has pytest. Those
+    on campaigns, measurements and recordings need some 50 runs, four fits and five pictures.
+    """
+    if shutil.which("cc") is None and any(re.search(r"^(cc|make -C) ", each.text, re.M) for each in BLOCKS[page]):
         pytest.skip("no C compiler")
     folder = readme.fresh_folder(tmp_path)
+    before, places = readme.AROUND.get(page, readme.Around())
+    for line in before:
+        readme.run(line, folder)
     told = ""
     is_shown = False
     names: dict[str, Any] = {"__name__": "__main__"}
@@ -248,11 +223,12 @@ def test_a_page_does_from_top_to_bottom_what_it_says(page: str, tmp_path: Path) 
         elif block.kind == "commands":
             told = ""
             for line, code in readme.commands_in(block):
-                if readme.is_run_elsewhere(line):
+                if line in readme.run_elsewhere():
                     continue
-                found, out, complaints = readme.outcome(line, folder)
+                found, out, complaints = readme.outcome(line, folder, places)
                 assert found == code, (line, out, complaints)
                 assert "Traceback" not in complaints
+                assert [each for each in readme.written_by(line) if not (folder / each).exists()] == []
                 told += out + complaints
             is_shown = True
         elif block.kind == "python" and not is_test(block):
@@ -275,8 +251,8 @@ def test_the_lines_of_the_image_are_those_of_its_file() -> None:
 @pytest.mark.skipif(shutil.which("taskset") is None, reason="no taskset")
 def test_the_loop_is_bound_to_a_cpu_as_the_page_says(tmp_path: Path) -> None:
     """The doctor waits 5 s for drivers to answer."""
-    lines = [line for block in BLOCKS["real-time-kernel.md"] for line in block.text.splitlines()]
-    doctor, gate = (line for line in lines if line.startswith("taskset"))
+    doctor = readme.command("taskset -c 0-3 liftgate-hil doctor")
+    gate = readme.command("taskset -c 0-3 liftgate-hil --bus")
     cpu = max(os.sched_getaffinity(0))
     here = {"-c 0-3": f"-c {cpu}", "--cpu 3": f"--cpu {cpu}", "--duration 60": "--duration 0.2"}
     out = readme.run(doctor, tmp_path, here, codes=(0, 1))

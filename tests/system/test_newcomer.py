@@ -1,8 +1,7 @@
-"""A newcomer's path: every command of README.md, of docs and of what `init` prints, as it stands there, in a fresh
-folder.
+"""A newcomer's path: every command of README.md and docs is run, and what `init` prints, in a fresh folder.
 
-What is not here (a bus, an adapter, a serial port) is replaced by what is, in `places`; what would run for ever
-gets a --duration.
+Pages are gone through by test_manual_blocks.py. Here are the commands that need company: what is not here (a bus,
+a serial port) is replaced by what is, in `places`; what would run for ever gets a --duration.
 """
 
 from __future__ import annotations
@@ -18,96 +17,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import can
-import pyarrow.parquet as pq
 import pytest
 import readme
 from c_ecu import needs_compiler, serial_line
 from readme import command, run, start
 
 SHORT = "--overrun-limit 60 --duration 0.3"
-# The commands that are not run here: by how they begin, with the reason.
-ELSEWHERE = {
-    "sudo ip link add": "tests/vcan/test_set_up.py",
-    "sudo ip link set": "tests/vcan/test_set_up.py",
-    "sudo sysctl": "tests/vcan/test_set_up.py",
-    "taskset -c 0-3 liftgate-hil doctor": "tests/system/test_manual_blocks.py",
-    "taskset -c 0-3 liftgate-hil --bus": "tests/system/test_manual_blocks.py",
-    "make demo": "installs; the demo is tests/hil/cli/test_demo.py",
-    "make test": "is what CI runs",
-    "make test-vcan": "is what CI runs",
-    "liftgate-hil --bus slcan": "tests/system/test_interfaces.py",
-    "candump can0": "tests/vcan/test_commands.py",
-    "cantools monitor": "tests/system/test_clients.py",
-    "python live_udp.py": "tests/system/test_manual_blocks.py",
-    "python -m distributed.cli.dask_scheduler": "tests/hil/campaign/test_executors.py",
-    "python -m distributed.cli.dask_worker": "tests/hil/campaign/test_executors.py",
-    "liftgate-hil campaign docs/examples/trap.toml --vary angle=20:60:9": "tests/hil/campaign/test_executors.py",
-    "liftgate-hil campaign docs/examples/trap.toml --probability": "tests/hil/cli/test_campaign_command.py",
-    "liftgate-hil campaign pack:trap-matrix": "tests/hil/cli/test_campaign_command.py",
-}
-HERE = (
-    "uname -v",
-    "python -m pytest gate --liftgate-ecu",
-    "liftgate-hil init",
-    "mkdir -p",
-    "liftgate-hil completion",
-    "liftgate-hil --bus socketcan:can0",
-    "liftgate-hil --bus socketcan:can0 --vehicle compact",
-    "liftgate-hil --bus udp_multicast",
-    "liftgate-hil ecu --bus udp_multicast",
-    "python -m can.logger",
-    "liftgate-hil --bus socketcan:can0 --rate 2000",
-    "liftgate-hil doctor",
-    "liftgate-hil --rig tailgate.toml",
-    "liftgate-hil ecu --rig tailgate.toml",
-    "liftgate-hil --serial /dev/ttyUSB0",
-    "liftgate-hil --serial socket:",
-    "liftgate-hil demo --serial",
-    "make -C tools/ecu",
-    "tools/ecu/build/ecu-serial",
-    "liftgate-hil ecu --bus socketcan:can0",
-    "make -C tools/ecu build/liftgate-ecu.so",
-    "liftgate-hil convert run.blf run.mf4",
-    "liftgate-hil convert run.blf run.csv",
-    "liftgate-hil --bus socketcan:can0 --record trapped.mf4",
-    "liftgate-hil replay run.blf",
-    "liftgate-hil replay their.asc",
-    "liftgate-hil plot run.mf4",
-    "liftgate-hil plot before.csv",
-    "liftgate-hil plot out.csv",
-    "liftgate-hil plot run.csv --figure thesis",
-    "liftgate-hil plot run.csv --figure phase",
-    "liftgate-hil plot run.csv --figure pinch",
-    "liftgate-hil plot --figure forces",
-    "liftgate-hil plot --figure static",
-    "liftgate-hil compare before.csv",
-    "liftgate-hil test scenarios",
-    "liftgate-hil judge out/",
-    "liftgate-hil judge docs/",
-    "liftgate-hil campaign docs/examples/trap.toml --vary rod",
-    "liftgate-hil campaign docs/examples/trap.toml --samples",
-    "liftgate-hil campaign samples --replay",
-    "liftgate-hil campaign docs/examples/trap.toml --worst",
-    "liftgate-hil campaign docs/examples/trap.toml --ecu",
-    "liftgate-hil simulate --vehicle suv",
-    "liftgate-hil simulate --input",
-    "liftgate-hil simulate --voltage -12",
-    "liftgate-hil simulate --voltage 12 --duration 6 --set",
-    "liftgate-hil simulate --voltage 12 --duration 6 --edges",
-    "liftgate-hil simulate --voltage 12 --duration 6 --draw",
-    "liftgate-hil identify opening.csv",
-    "liftgate-hil identify out/demo.log",
-    "liftgate-hil validate other.csv --vehicle mine.toml",
-    "liftgate-hil identify --plan",
-    "liftgate-hil --bus socketcan:can0 --dashboard",
-    "liftgate-hil dashboard",
-    "liftgate-hil dashboard --recording",
-    "liftgate-hil dashboard --scenarios",
-    'curl "',
-    'curl -d \'{"fault"',
-    'curl -d \'{"signal"',
-    'curl -d \'{"clear"',
-)
 
 
 @pytest.fixture(scope="module")
@@ -167,62 +82,17 @@ def test_every_page_is_reached_from_the_readme_and_every_link_leads_somewhere() 
 
 
 def test_every_command_of_the_pages_is_run_or_is_said_to_be_run_elsewhere() -> None:
-    known = [command(each) for each in (*HERE, *ELSEWHERE)]
-    assert len(set(known)) == len(known)
-    # Pages that tests/system/test_manual_blocks.py goes through.
-    blocks = [block for name in readme.IN_ORDER for block in readme.blocks(readme.ROOT / "docs" / name)]
-    lines = [line for block in blocks if block.kind == "commands" for line, _ in readme.commands_in(block)]
-    in_order = {words(line) for line in lines if not readme.is_run_elsewhere(line)}
-    assert {*map(words, readme.commands())} == in_order | {*map(words, known)}
+    gone_through = [block for name in readme.in_order() for block in readme.blocks(readme.ROOT / "docs" / name)]
+    run_there = {line for each in gone_through if each.kind == "commands" for line, _ in readme.commands_in(each)}
+    assert {*readme.commands()} - run_there - readme.run_elsewhere() == set()
+    listed = [command(each) for each in readme.ELSEWHERE]
+    assert len({*listed}) == len(listed)
+    assert {*listed} & readme.asked_for() == set()
+    every_block = [each for page in readme.pages() for each in readme.blocks(page)]
+    assert {*readme.NOT_IN_ORDER} <= {each.page for each in every_block if each.kind == "commands"}
 
 
-def words(text: str) -> str:
-    return " ".join(text.split())
-
-
-# Scenarios as tests.
-
-
-def test_the_scenario_of_the_readme_passes_and_is_judged_again(folder: Path) -> None:
-    (folder / "scenarios").mkdir(exist_ok=True)
-    (folder / "scenarios" / "reverses.toml").write_text(readme.block("duration = 25.0"))
-    out = run(command("liftgate-hil test scenarios"), folder)
-    assert "reverses: pass" in out
-    assert (folder / "results.xml").is_file()
-    assert "</html>" in (folder / "results.html").read_text(encoding="utf-8")
-    again = run(command("liftgate-hil judge out/"), folder)
-    line = next(each.strip() for each in out.splitlines() if "reverses: pass" in each)
-    assert line in again
-
-
-def test_a_recording_of_somebody_elses_car_is_judged(folder: Path) -> None:
-    out = run(command("liftgate-hil judge docs/"), folder, codes=(3,))
-    assert readme.block("turns back on the box").strip() in out
-
-
-# Closed loop, and a folder to start from.
-
-
-def test_campaigns_run_and_their_rows_are_replayed(folder: Path) -> None:
-    """Four campaigns of the page, one of them with its processes: some 50 runs, and the search's own packages."""
-    campaign = "liftgate-hil campaign docs/examples/trap.toml"
-    assert "15 variants" in run(command(f"{campaign} --vary rod"), folder)
-    # One process for each of the others: those of a campaign take 2 s each to start.
-    few = {"--samples 200": "--samples 12"}
-    assert "12 variants" in run(command(f"{campaign} --samples"), folder, few, "--jobs 1")
-    variant = pq.read_table(folder / "samples" / "results.parquet")["variant"][7].as_py()
-    out = run(command("liftgate-hil campaign samples --replay"), folder, {"VARIANT": variant[:12]})
-    assert "bit-identical to" in out
-    assert (folder / "worst.mf4").is_file()
-    run(command(f"{campaign} --worst"), folder, {"--evaluations 60": "--evaluations 20"}, "--jobs 1")
-    assert (folder / "worst" / "worst.toml").is_file()
-
-
-@needs_compiler
-def test_two_ecus_go_through_the_same_variants(folder: Path) -> None:
-    run(command("make -C tools/ecu build/liftgate-ecu.so"), folder)
-    run(command("liftgate-hil campaign docs/examples/trap.toml --ecu"), folder, more="--jobs 1")
-    assert pq.read_table(folder / "two" / "differences.parquet").num_rows == 5
+# A folder to start from.
 
 
 def test_the_kernel_tells_its_preemption(folder: Path) -> None:
@@ -231,7 +101,7 @@ def test_the_kernel_tells_its_preemption(folder: Path) -> None:
 
 def test_what_init_prints_runs_as_it_stands(folder: Path) -> None:
     """All steps as programs: pytest twice, a build of the ECU in C, and two runs of it in a process of its own."""
-    out = run(command("liftgate-hil init"), folder)
+    out = run("liftgate-hil init gate", folder)
     steps = [re.split(r" {2,}#", line)[0].strip() for line in out.split("next:")[1].splitlines()]
     cd, check, demo, test, pytest_, make, *in_c, gate, ecu, port, serial = (
         step for step in steps if step and not step.startswith("#")
@@ -260,13 +130,6 @@ def test_what_init_prints_runs_as_it_stands(folder: Path) -> None:
     assert "2 failed, 4 passed" in out
 
 
-def test_completion_goes_where_bash_looks_for_it(folder: Path) -> None:
-    run(command("mkdir -p"), folder)
-    run(command("liftgate-hil completion"), folder)
-    script = folder / ".local/share/bash-completion/completions/liftgate-hil"
-    assert "complete" in script.read_text()
-
-
 def test_doctor_gives_a_verdict(folder: Path) -> None:
     """It waits 5 s for drivers to answer."""
     out = run(command("liftgate-hil doctor"), folder, more="--duration 0.2", codes=(0, 1))
@@ -278,10 +141,11 @@ def test_doctor_gives_a_verdict(folder: Path) -> None:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize(
-    "start_of", ["liftgate-hil --bus socketcan:can0", "liftgate-hil --bus socketcan:can0 --rate 2000"]
+    "line",
+    [command("liftgate-hil --bus socketcan:can0"), command("liftgate-hil --bus socketcan:can0 --rate 2000")],
 )
-def test_the_gate_on_a_bus_says_how_it_went(folder: Path, bus: dict[str, str], start_of: str) -> None:
-    assert run(command(start_of), folder, bus, SHORT).startswith("ticks ")
+def test_the_gate_on_a_bus_says_how_it_went(folder: Path, bus: dict[str, str], line: str) -> None:
+    assert run(line, folder, bus, SHORT).startswith("ticks ")
 
 
 @pytest.mark.realtime
@@ -312,40 +176,6 @@ def test_two_processes_and_a_logger_meet_on_a_bus(folder: Path, bus: dict[str, s
     decoded = run("cantools decode --single-line dbc/liftgate.dbc < run.log", folder)
     assert "DriveCommand(" in decoded
     assert "Unknown" not in decoded
-
-
-# Recordings afterwards.
-
-
-def test_a_recording_goes_into_other_formats(folder: Path) -> None:
-    run("liftgate-hil --bus virtual:any --clock free --duration 1 --record run.blf", folder)
-    assert run(command("liftgate-hil convert run.blf run.mf4"), folder).endswith(" frames\n")
-    assert run(command("liftgate-hil convert run.blf run.csv"), folder).endswith(" rows\n")
-    run(command("liftgate-hil plot run.mf4"), folder)
-    assert "Gate.Angle [deg]" in (folder / "run.svg").read_text(encoding="utf-8")
-
-
-def test_recordings_are_drawn_and_compared(folder: Path) -> None:
-    run("liftgate-hil simulate --voltage 12 --duration 1 --output before.csv", folder)
-    run("liftgate-hil simulate --voltage 12.5 --duration 1 --output after.csv", folder)
-    assert run(command("liftgate-hil plot before.csv"), folder).startswith("written: before.csv.png\n")
-    told = run(command("liftgate-hil compare before.csv"), folder, codes=(1,))
-    assert re.search(r"^left_voltage_v +0\.000000 s: 12 V and 12\.5 V +0\.5 V at 0\.000000 s ", told, re.MULTILINE)
-    assert (folder / "both.png").is_file()
-
-
-def test_figures_of_a_run_and_of_a_vehicle_are_drawn(folder: Path, demo: Path) -> None:
-    """Five figures of the page, each by matplotlib, from one run of the demo."""
-    shutil.copy(demo / "demo.csv", folder / "run.csv")
-    for start_of, written in (
-        ("liftgate-hil plot run.csv --figure thesis", "thesis.pdf"),
-        ("liftgate-hil plot run.csv --figure phase", "run.csv.phase.png"),
-        ("liftgate-hil plot run.csv --figure pinch", "run.csv.pinch.png"),
-        ("liftgate-hil plot --figure forces", "suv.forces.png"),
-        ("liftgate-hil plot --figure static", "static.svg"),
-    ):
-        assert run(command(start_of), folder) == f"written: {written}\n"
-        assert (folder / written).stat().st_size > 5000
 
 
 @pytest.mark.realtime
@@ -391,13 +221,12 @@ def test_scripts_command_a_run_by_its_page(
         places = {"http://127.0.0.1:8765": address, "$TOKEN": token, "curl": "curl -sS"}
         asked = command('curl "').replace("$TOKEN", token).replace("http://127.0.0.1:8765", address)
         assert '"gate_angle_deg":' in run(asked, folder)
-        for what, done in (
-            ("fault", "fault kind spring_lost, where left"),
-            ("signal", "signal Body.VehicleSpeed 5, Body.Ignition on"),
-            ("clear", "clear all"),
+        for asked, done in (
+            (command('curl -d \'{"fault"'), "fault kind spring_lost, where left"),
+            (command('curl -d \'{"signal"'), "signal Body.VehicleSpeed 5, Body.Ignition on"),
+            (command('curl -d \'{"clear"'), "clear all"),
         ):
-            said = run(command(f'curl -d \'{{"{what}"'), folder, places)
-            assert f'"done":"{done}"' in said
+            assert f'"done":"{done}"' in run(asked, folder, places)
         page = start(command("liftgate-hil dashboard"), folder, more="--listen 127.0.0.1:0")
         processes.append(page)
         assert page.stdout is not None
@@ -428,7 +257,8 @@ def test_a_recording_has_a_page(folder: Path) -> None:
 def test_scenarios_are_started_from_the_page(folder: Path) -> None:
     (folder / "scenarios").mkdir(exist_ok=True)
     (folder / "scenarios" / "reverses.toml").write_text(readme.block("duration = 25.0"))
-    page = start(command("liftgate-hil dashboard --scenarios"), folder, more="--listen 127.0.0.1:0")
+    here = {"FOLDER": "scenarios"}
+    page = start(command("liftgate-hil dashboard --scenarios"), folder, here, "--listen 127.0.0.1:0")
     try:
         assert page.stdout is not None
         address, token = page.stdout.readline().strip().split("/?token=")
@@ -505,51 +335,3 @@ def test_an_own_ecu_in_python_runs_on_a_bus(folder: Path, bus: dict[str, str]) -
     (module,) = (block for block in readme.blocks(page) if block.file == "my_ecu.py")
     (folder / module.file).write_text(module.text)
     run(command("liftgate-hil ecu --bus socketcan:can0"), folder, bus, "--duration 0.3")
-
-
-# The plant, and parameters from recordings.
-
-
-def test_the_plant_alone(folder: Path) -> None:
-    run(command("liftgate-hil simulate --vehicle suv"), folder)
-    run(command("liftgate-hil simulate --voltage 12 --duration 6 --set"), folder)
-    run(command("liftgate-hil simulate --voltage 12 --duration 6 --edges"), folder)
-    assert (folder / "edges.csv").stat().st_size > 10_000
-    plain = (folder / "out.csv").read_bytes()
-    run(command("liftgate-hil simulate --voltage 12 --duration 6 --draw"), folder)
-    assert (folder / "out.csv").read_bytes() != plain
-    assert len((folder / "out.csv").read_text().splitlines()) == 6002
-    assert run(command("liftgate-hil plot out.csv"), folder).startswith("written: out.png\n")
-    out = run(command("liftgate-hil simulate --voltage -12"), folder)
-    assert len(out.splitlines()) == 1602
-    (folder / "measured.csv").write_text("time_s,voltage_v\n0,0\n0.1,9\n1,9\n")
-    pytest.importorskip("asammdf")
-    run(command("liftgate-hil simulate --input"), folder)
-    assert (folder / "out.mf4").is_file()
-
-
-def test_parameters_from_recordings(folder: Path) -> None:
-    """An identification of three parameters from two files and a validation, each with its page of figures."""
-    noise = "--set sensors.current_noise=0.05 --set motor.resistance=0.8"
-    for name, volts, more in (
-        ("opening", 10, "--seed 1"),
-        ("closing", -10, "--seed 2 --initial open"),
-        ("other", 9, "--seed 3"),
-    ):
-        line = f"liftgate-hil simulate --voltage {volts} --duration 3 {noise} {more}"
-        run(f"{line} --output {name}.csv", folder)
-    run(command("liftgate-hil identify opening.csv"), folder)
-    told = re.search(r"^resistance = ([\d.]+)", (folder / "mine.toml").read_text(), re.MULTILINE)
-    assert told is not None
-    assert float(told[1]) == pytest.approx(0.8, rel=0.02)
-    assert "</html>" in (folder / "report.html").read_text(encoding="utf-8")
-    run(command("liftgate-hil validate other.csv --vehicle mine.toml"), folder)
-    assert "</html>" in (folder / "fit.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.usefixtures("demo")
-def test_parameters_from_the_demo_s_recording(folder: Path) -> None:
-    """An identification from 18 s of the demo, and a plan of experiments."""
-    out = run(command("liftgate-hil identify out/demo.log"), folder)
-    assert re.search(r"motor\.resistance\s+0\.70", out)
-    assert "spring.preload" in run(command("liftgate-hil identify --plan"), folder)

@@ -23,18 +23,19 @@ def before() -> Iterator[None]:
     link_back()
 
 
-def as_root(start: str) -> None:
-    """Run the command of the manual that begins so."""
-    program, _, line = readme.command(start).partition(" ")
+def as_root(command: str) -> None:
+    """Run a command of the manual."""
+    program, _, line = command.partition(" ")
     assert program == "sudo"
     run(*line.split())
 
 
 def test_a_vcan0_is_made_and_the_buffer_raised_as_the_manual_says(before: None) -> None:
     run("ip", "link", "del", "vcan0")
-    as_root("sudo ip link add")
-    as_root("sudo ip link set")
+    as_root(readme.command("sudo ip link add"))
+    as_root(readme.command("sudo ip link set"))
     shown = subprocess.run(["ip", "link", "show", "vcan0"], capture_output=True, text=True, check=True).stdout
     assert "UP" in shown
-    as_root("sudo sysctl")
-    assert BUFFER.read_text().strip() == readme.command("sudo sysctl").partition("=")[2]
+    raised = readme.command("sudo sysctl")
+    as_root(raised)
+    assert BUFFER.read_text().strip() == raised.partition("=")[2]
