@@ -105,6 +105,17 @@ class ConfigError(LiftgateError):
         return ConfigError, (self.issues,)
 
 
+class NotWrittenError(ConfigError):
+    """Raised for files of a result that could not be written; `result` is the result itself."""
+
+    def __init__(self, issues: Sequence[str], result: object) -> None:
+        super().__init__(issues)
+        self.result = result
+
+    def __reduce__(self) -> tuple[type[NotWrittenError], tuple[list[str], object]]:  # type: ignore[override]
+        return NotWrittenError, (self.issues, self.result)
+
+
 class PreconditionError(LiftgateError):
     """Raised when the precondition of a scenario is not reached, so that the scenario cannot be judged."""
 

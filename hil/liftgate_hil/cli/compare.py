@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     for note in [] if args.quiet else found.notes:
         print(printable(f"liftgate-hil compare: note: {note}"), file=sys.stderr)
     if args.json:
-        print(found.to_json())
+        print(found.to_json(indent=2))
     elif not args.quiet:
         written = [] if request.output is None else [f"written: {request.output}"]
         for line in [*_lines(found, (args.first, args.second)), *written]:

@@ -6,7 +6,6 @@ import argparse
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
-from liftgate_hil.cli.options import as_flags
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -26,6 +25,6 @@ def deliver(args: argparse.Namespace, result: Fit, text: Callable[[Fit], str], i
     if args.json:
         print(result.to_json(), flush=True)
     elif not args.quiet:
-        print(as_flags(text(result)), flush=True)
+        print(text(result), flush=True)
     if issues:
         raise ConfigError(list(issues))

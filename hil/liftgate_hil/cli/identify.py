@@ -11,7 +11,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli.fit_result import add_printed, deliver
-from liftgate_hil.cli.options import add_flags, given_in
+from liftgate_hil.cli.options import add_flags, as_flags, given_in
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.identification.request import IdentifyRequest, PlanRequest
 
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _identify(args: argparse.Namespace, teller: Teller) -> None:
-    from liftgate_hil.identification.commands import identified, write_identification
+    from liftgate_hil.identification.commands import identification_of, write_identification
     from liftgate_hil.identification.reporting.text import identification_text
     from liftgate_hil.report.numbers import significant
 
@@ -61,14 +61,14 @@ def _identify(args: argparse.Namespace, teller: Teller) -> None:
             numbers = f"loss {significant(loss, 6)}  step {significant(step, 3)}"
             progress.update(text=f"iteration {iteration}  {numbers}")
 
-        result = identified(request, tell, args.command_line)
+        result = identification_of(request, tell, args.command_line, as_flags)
     with teller.progress("report"):
         issues = write_identification(request, result, teller.say)
     deliver(args, result, identification_text, issues)
 
 
 def _plan(args: argparse.Namespace, teller: Teller) -> None:
-    from liftgate_hil.identification.commands import planned, write_plan
+    from liftgate_hil.identification.commands import experiments_for, write_plan
     from liftgate_hil.identification.reporting.plan import plan_text
 
     issues = ["`plan`: takes no FILE; allowed: one or the other"] if args.files else []
@@ -77,5 +77,5 @@ def _plan(args: argparse.Namespace, teller: Teller) -> None:
         raise ConfigError(issues)
     request = PlanRequest.of(**given_in(args, PlanRequest))
     with teller.progress("plan"):
-        result = planned(request, args.command_line)
+        result = experiments_for(request, args.command_line)
     deliver(args, result, plan_text, write_plan(request, result, teller.say))

@@ -33,6 +33,7 @@ _FLAGS = {
     "maps": "--map",
     "files": "FILE",
     "without": "--except",
+    "is_fd": "--fd",
 }
 
 

@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     stopped = StopSignals()
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.errors import LiftgateError
-    from liftgate_hil.playback.replay import player_for
+    from liftgate_hil.playback.replay import NotingRelay, player_for, summed_up
     from liftgate_hil.running.compilation import reporting_compilation
     from liftgate_plant.compiler import GivenUpError
 
@@ -48,7 +48,16 @@ def run(args: argparse.Namespace) -> int:
     def tell(seconds: float, end: float, sent: int) -> None:
         shown.update(seconds, end, f"{seconds:.1f} s  {sent} frames sent")
 
-    player = player_for(request, teller, stopped, tell, args.command_line)
+    noted = NotingRelay(teller)
+    player = player_for(request, noted, stopped, tell)
+
+    def tell_all() -> None:
+        if args.json:
+            player.played.stop_reason = stopped.name or "end"
+            print(summed_up(request, player.played, args.command_line, noted.notes).to_json())
+        else:
+            _tell(args, player.played, stopped)
+
     try:
         with shown, reporting_compilation(teller, stopped):
             player.run()
@@ -56,17 +65,13 @@ def run(args: argparse.Namespace) -> int:
         return stopped.exit_code
     except LiftgateError:
         if player.played.frames_due:
-            _tell(args, player.played, stopped)
+            tell_all()
         raise
-    _tell(args, player.played, stopped)
+    tell_all()
     return _exit_code(args, player.played, stopped)
 
 
 def _tell(args: argparse.Namespace, played: Played, stopped: StopSignals) -> None:
-    if args.json:
-        played.stop_reason = stopped.name or "end"
-        print(played.to_json())
-        return
     if not played.is_complete and stopped() and not args.loop:
         text = f"{stopped.name} after {played.played_s:.3f} s and {played.frames_sent} frames"
         print(f"liftgate-hil replay: {text}", file=sys.stderr)

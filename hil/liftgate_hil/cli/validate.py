@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 
 from liftgate_hil.cli.fit_result import add_printed, deliver
-from liftgate_hil.cli.options import add_flags, given_in
+from liftgate_hil.cli.options import add_flags, as_flags, given_in
 from liftgate_hil.identification.request import ValidateRequest
 
 REQUEST = ValidateRequest
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.identification.commands import compared, write_validation
+    from liftgate_hil.identification.commands import validation_of, write_validation
     from liftgate_hil.identification.reporting.text import validation_text
     from liftgate_hil.running.compilation import reporting_compilation
 
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     teller = Teller(args.quiet)
     with reporting_compilation(teller):
         with teller.progress("validate"):
-            result = compared(request, args.command_line)
+            result = validation_of(request, args.command_line, as_flags)
         with teller.progress("report"):
             issues = write_validation(request, result, teller.say)
     deliver(args, result, validation_text, issues)

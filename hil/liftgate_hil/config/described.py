@@ -29,10 +29,11 @@ from typing import (
 )
 
 from liftgate_hil.config.kinds import Kind
-from liftgate_hil.config.toml import Table, known_keys, show
+from liftgate_hil.config.toml import Table, known_keys, shortened, show
 from liftgate_hil.errors import ConfigError, ConfigIssues
 
 REQUIRED = object()
+_LONG = 500  # characters of a value's text
 P = ParamSpec("P")  # the arguments of a command
 Request_contra = TypeVar("Request_contra", contravariant=True)
 Result_co = TypeVar("Result_co", covariant=True)
@@ -89,8 +90,8 @@ class Record:
 
     _takes_names_only = True
 
-    def __init__(self, **values: Any) -> None:
-        self.__dict__.update(values)
+    def __init__(self, *placed: Any, **values: Any) -> None:
+        self.__dict__.update(signature_of(type(self)).bind(*placed, **values).arguments)
 
     def __init_subclass__(cls, *, kw_only: bool = True) -> None:
         """Note whether the constructor takes the subclass's own fields by their names only."""
@@ -140,11 +141,14 @@ class Record:
         return hash((type(self), *self.to_dict().values()))
 
     def __repr__(self) -> str:
-        """Return the class and the values that are not the defaults."""
-        fields = [each for each in fields_of(type(self)) if each.is_given(getattr(self, each.name))]
-        return (
-            f"{type(self).__name__}({', '.join(f'{each.name}={getattr(self, each.name)!r}' for each in fields)})"
-        )
+        """Return the class and the values that are not the defaults; of a long one its class only."""
+        fields = {each.name: each for each in fields_of(type(self))}
+        given = {name: getattr(self, name) for name in signature_of(type(self)).parameters}
+        texts = {name: repr(value) for name, value in given.items() if fields[name].is_given(value)}
+        shown = [
+            f"{name}={text if len(text) <= _LONG else type(given[name]).__name__}" for name, text in texts.items()
+        ]
+        return f"{type(self).__name__}({', '.join(shown)})"
 
 
 Read = TypeVar("Read", bound=Record)
@@ -168,18 +172,24 @@ def fields_of(record: type) -> tuple[Field, ...]:
     return _FIELDS[record]
 
 
+_SIGNATURES: dict[type, inspect.Signature] = {}  # of records that have been asked for
+
+
 def signature_of(record: type) -> inspect.Signature:
     """Return the signature of a function whose arguments are a record's fields.
 
     First those that are taken by their place, too; of either, first those that are required.
     """
-    empty = inspect.Parameter.empty
-    parameters = [
-        inspect.Parameter(each.name, kind, default=empty if each.default is REQUIRED else each.default)
-        for each in fields_of(record)
-        for kind in [_parameter_kind(record, each.name)]
-    ]
-    return inspect.Signature(sorted(parameters, key=lambda each: (each.kind, each.default is not empty)))
+    if record not in _SIGNATURES:
+        empty = inspect.Parameter.empty
+        parameters = [
+            inspect.Parameter(each.name, kind, default=empty if each.default is REQUIRED else each.default)
+            for each in fields_of(record)
+            for kind in [_parameter_kind(record, each.name)]
+        ]
+        parameters.sort(key=lambda each: (each.kind, each.default is not empty))
+        _SIGNATURES[record] = inspect.Signature(parameters)
+    return _SIGNATURES[record]
 
 
 def _parameter_kind(record: type, name: str) -> inspect._ParameterKind:
@@ -231,9 +241,11 @@ def command(
 def _arguments_text(record: type) -> str:
     """Return the fields of a record as a list for a docstring."""
     lines = []
-    for each in fields_of(record):
+    fields = {each.name: each for each in fields_of(record)}
+    for each in map(fields.__getitem__, signature_of(record).parameters):
         default = f"; default: {each.default_text}" if each.default_text and each.default is not REQUIRED else ""
-        lines.append(f"- `{each.name}`: {each.meaning}; allowed: {each.kind.allowed}{default}")
+        meaning = each.meaning.removesuffix(" (repeatable)")
+        lines.append(f"- `{each.name}`: {meaning}; allowed: {each.kind.allowed}{default}")
     return "\n".join(lines)
 
 
@@ -245,7 +257,8 @@ def value_of(name: str, value: object, kind: Kind) -> Any:
     issues = ConfigIssues("")
     found = kind.read(issues, name, list(given) if isinstance(given, tuple) else given)
     if issues.count:
-        text = ", ".join(map(str, value)) if isinstance(value, list | tuple) else show(value)
+        is_plain = type(value) in (list, tuple)  # records of the plant are tuples, too
+        text = ", ".join(map(str, cast(list[object], value))) if is_plain else shortened(show(value))
         raise ConfigError(f"`{name}` {text}: allowed: {kind.allowed}")
     return found
 

@@ -44,9 +44,9 @@ class Result:
         """Return what is shown as plain values by their keys; a number that is not finite is None."""
         return _object_of(self)
 
-    def to_json(self) -> str:
-        """Return what `--json` prints."""
-        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+    def to_json(self, indent: int | None = None) -> str:
+        """Return what `--json` prints: on one line, or with an indent."""
+        return json.dumps(self.to_dict(), indent=indent, allow_nan=False)
 
 
 _SHOWN: dict[type, dict[str, tuple[Any, Shown]]] = {}  # of classes that have been asked for

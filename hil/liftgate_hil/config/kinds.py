@@ -237,11 +237,11 @@ class Texts(NamedTuple):
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
         """Return the texts; an empty tuple and an issue if they are invalid."""
-        given = [value] if isinstance(value, str) else value
-        if not isinstance(given, list) or not all(isinstance(each, str) and each for each in given):
+        given = [value] if isinstance(value, str | os.PathLike) else value
+        if not isinstance(given, list) or not all(isinstance(each, str | os.PathLike) and each for each in given):
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return self.invalid
-        return tuple(given)
+        return tuple(map(os.fspath, given))
 
 
 class Names:
@@ -282,9 +282,27 @@ class Paths:
         """Return the paths; an empty tuple and an issue if they are invalid."""
         given = value if isinstance(value, list) else [value]
         if not given or not all(isinstance(each, str | os.PathLike) and os.fspath(each) for each in given):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            issues.add(key, f"{show(value) if given else 'none'}; allowed: {self.allowed}")
             return self.invalid
         return tuple(map(Path, given))
+
+
+class NumberOr(NamedTuple):
+    """Kind of value: a number, or a word; `allowed` is what messages call it."""
+
+    allowed: str
+
+    @property
+    def invalid(self) -> None:
+        """None."""
+        return None
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str | None:
+        """Return the value; None and an issue if it is neither."""
+        if isinstance(value, str | int | float) and not isinstance(value, bool):
+            return value
+        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return self.invalid
 
 
 class Raw(NamedTuple):

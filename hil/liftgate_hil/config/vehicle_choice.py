@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from liftgate_hil.config.described import Field, Record
-from liftgate_hil.config.kinds import SEED, File, Flag, Raw, Texts
+from liftgate_hil.config.kinds import SEED, File, Flag, NumberOr, Texts
 
 
 # fmt: off
@@ -34,7 +34,7 @@ class SetupChoice(VehicleSettings):
     scenario: Annotated[str | Path | None, Field(File(), "what happens over time", metavar="NAME|FILE")] = None
     vehicle: Annotated[str | Path | None, Field(File(), "the vehicle: a shipped name, or a file", "the "
         "scenario's, else suv", "NAME|FILE")] = None
-    initial: Annotated[float | str | None, Field(Raw("closed, open, or degrees"), "where the gate starts",
+    initial: Annotated[float | str | None, Field(NumberOr("closed, open, or degrees"), "where the gate starts",
         "the scenario's, else closed", "closed|open|ANGLE_deg")] = None
     seed: Annotated[int | None, Field(SEED, "seed of noise and other random values", "the scenario's, else "
         "0")] = None

@@ -169,7 +169,7 @@ class Window(NamedTuple):
     def check(self) -> None:
         """Raise ConfigError if nothing can be in the window."""
         if not self.begin <= self.end:
-            raise ConfigError(f"`from` {self.begin:g}: after `to` {self.end:g}; allowed: before it")
+            raise ConfigError(f"`from_s` {self.begin:g}: after `to_s` {self.end:g}; allowed: before it")
 
     def of(self, blocks: Iterator[Floats]) -> Iterator[Floats]:
         """Yield the rows in the window; the time is in the first column."""

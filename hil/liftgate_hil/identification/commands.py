@@ -1,4 +1,4 @@
-"""The commands of identification as functions: `identify`, its plan of experiments, and `validate`."""
+"""The commands `identify` and `validate` as functions, and the plan of experiments."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from liftgate_hil.config.described import command
 from liftgate_hil.config.described_result import Result
 from liftgate_hil.config.parameters import find_parameter, with_value
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, NotWrittenError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.target import check_no_input
 from liftgate_hil.identification.assembly import problem_of
@@ -56,11 +56,12 @@ def identify(request: IdentifyRequest) -> Identification:
 
         identify("measured.csv", estimate="motor.resistance", bounds={"motor.resistance": (0.3, 2.0)})
 
-    Raises ConfigError, also where the data say nothing of the parameters.
+    Raises ConfigError, also where the data say nothing of the parameters, and NotWrittenError, which holds the
+    result, where one of the files that the request names cannot be written.
     """
-    result = identified(request)
+    result = identification_of(request)
     if issues := write_identification(request, result):
-        raise ConfigError(issues)
+        raise NotWrittenError(issues, result)
     return result
 
 
@@ -72,21 +73,27 @@ def validate(request: ValidateRequest) -> Validation:
 
         validate("other.csv", vehicle="my-car.toml").fit_percent
 
-    Raises ConfigError.
+    Raises ConfigError, and NotWrittenError, which holds the result, where one of the files that the request names
+    cannot be written.
     """
-    result = compared(request)
+    result = validation_of(request)
     if issues := write_validation(request, result):
-        raise ConfigError(issues)
+        raise NotWrittenError(issues, result)
     return result
 
 
-def identified(request: IdentifyRequest, report: Report | None = None, command_line: str = "") -> Identification:
+def identification_of(
+    request: IdentifyRequest,
+    report: Report | None = None,
+    command_line: str = "",
+    worded: Callable[[str], str] = str,
+) -> Identification:
     """Return the result of an identification; `report` gets its iterations, no file is written.
 
-    Raises ConfigError.
+    `worded` puts names of arguments in notes and warnings into the words of who asked. Raises ConfigError.
     """
     check_targets(_targets_of(request), inputs_of(request).values())
-    origin = provenance_for(request, command_line)
+    origin = provenance_for(request, command_line or repr(request))
     vehicle, model, sought, outputs = _wanted(request)
     names = [each.parameter.name for each in sought]
     unknown = [each for each in request.profile if each not in names]
@@ -105,10 +112,15 @@ def identified(request: IdentifyRequest, report: Report | None = None, command_l
     )
 
 
-def compared(request: ValidateRequest, command_line: str = "") -> Validation:
-    """Return the comparison of a model with measurements; no file is written. Raises ConfigError."""
+def validation_of(
+    request: ValidateRequest, command_line: str = "", worded: Callable[[str], str] = str
+) -> Validation:
+    """Return the comparison of a model with measurements; no file is written.
+
+    `worded` puts names of arguments in notes and warnings into the words of who asked. Raises ConfigError.
+    """
     check_targets(_targets_of(request), inputs_of(request).values())
-    origin = provenance_for(request, command_line)
+    origin = provenance_for(request, command_line or repr(request))
     vehicle = _vehicle_of(request)
     if request.parameters is not None:
         vehicle = _with_result(vehicle, request.parameters)
@@ -117,11 +129,11 @@ def compared(request: ValidateRequest, command_line: str = "") -> Validation:
     return dataclasses.replace(with_warnings(found), vehicle=str(request.vehicle), notes=notes, provenance=origin)
 
 
-def planned(request: PlanRequest, command_line: str = "") -> ExperimentPlan:
+def experiments_for(request: PlanRequest, command_line: str = "") -> ExperimentPlan:
     """Return experiments by the information that they would give; no file is written. Raises ConfigError."""
     inputs = inputs_of(request).values()
     check_targets({"result": _text(request.result)}, inputs)
-    origin = provenance_for(request, command_line)
+    origin = provenance_for(request, command_line or repr(request))
     vehicle, model, sought, outputs = _wanted(request)
     kinds = list(dict.fromkeys(outputs or ("current", "position")))
     unknown = [each for each in kinds if each not in OUTPUT_KINDS]
@@ -172,7 +184,7 @@ def _fit_writers(
 
 
 def _json_writer(path: str | Path, result: Result, say: Say) -> Callable[[], None]:
-    return lambda: write_report(str(path), "result", f"{result.to_json()}\n", say)
+    return lambda: write_report(str(path), "result", f"{result.to_json(indent=2)}\n", say)
 
 
 def _written(writers: Sequence[Callable[[], None]]) -> list[str]:

@@ -276,7 +276,7 @@ def _midway(
     plant = plant_of(vehicle)
     if not moves and _is_stalled(vehicle, data):
         raise ValueError(
-            "begins with drives stalled under voltage, so that their friction force is unknown; allowed: `from` "
+            "begins with drives stalled under voltage, so that their friction force is unknown; allowed: `from_s` "
             "before they stop, or after the voltage is off; `initial` where it begins at rest at a known angle; a "
             "resistance nearer to the motor's"
         )

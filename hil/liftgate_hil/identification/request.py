@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from liftgate_hil.config.described import Field
+from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.described_result import Result
 from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Paths, Texts, Whole
 from liftgate_hil.config.toml import show
@@ -63,6 +64,10 @@ PRESETS = {
 NO_PRESET = Preset((), "full", ())
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
 class ByName(NamedTuple):
     """Kind of value: numbers by names, as texts of the form `allowed`, or as a mapping."""
 
@@ -73,8 +78,9 @@ class ByName(NamedTuple):
         """Return them as texts, NAME=NUMBER or NAME=NUMBER:NUMBER; an issue where they are neither."""
         if not isinstance(value, Mapping):
             return Texts(self.allowed).read(issues, key, value)
-        numbers = {name: each if isinstance(each, Sequence) else [each] for name, each in value.items()}
-        if not all(isinstance(one, Real) for each in numbers.values() for one in each):
+        plain = {name: each.tolist() if hasattr(each, "tolist") else each for name, each in value.items()}
+        numbers = {name: each if isinstance(each, list | tuple) else [each] for name, each in plain.items()}
+        if not all(_is_number(one) for each in numbers.values() for one in each):
             issues.add(key, f"{show(dict(value))}; allowed: {self.allowed}")
             return self.invalid
         return tuple(f"{name}={':'.join(repr(float(one)) for one in each)}" for name, each in numbers.items())
@@ -89,7 +95,7 @@ class Words(NamedTuple):
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
         """Return the text; an issue where it is none."""
         parts = value if isinstance(value, list) else [value]
-        if not parts or not all(isinstance(each, str | Real) and not isinstance(each, bool) for each in parts):
+        if not parts or not all(isinstance(each, str) or _is_number(each) for each in parts):
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return self.invalid
         return ",".join(map(str, parts))
@@ -103,10 +109,10 @@ class Angles:
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[float, float]:
         """Return both angles; NaN and an issue where they are none."""
         parts = value.split(":") if isinstance(value, str) else value
-        try:
-            low, high = map(float, parts)
-        except (TypeError, ValueError):
-            low, high = self.invalid
+        low, high = self.invalid
+        if isinstance(value, str) or (isinstance(value, list | tuple) and all(map(_is_number, value))):
+            with contextlib.suppress(ValueError):
+                low, high = map(float, parts)
         if not -360.0 <= low < high <= 360.0:
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
         return low, high
@@ -130,16 +136,21 @@ class ModelChoice(VehicleChoice):
     """Base of the requests that concern a model of a vehicle."""
 
     model: Annotated[str | None, Field(Choice(MODEL_NAMES), "full: the whole plant; third-order: the thesis's "
-        "model (4.1-4.13); second-order: that without inductance", "full, or the preset's")] = None
+        "model (4.1-4.13); second-order: that without inductance", "full")] = None
     outputs: Annotated[tuple[str, ...], Field(Names(), f"outputs to compare: {', '.join(OUTPUT_KINDS)} "
         "(repeatable)", "all that were measured", "LIST")] = ()
 
 
-class MeasuredRequest(ModelChoice, kw_only=False):
-    """Base of the requests that compare a model with measurements."""
+class MeasuredFiles(Record, kw_only=False):
+    """Base of the requests that read measurements."""
 
     files: Annotated[str | Path | Sequence[str | Path], Field(Paths(), f"measurements: "
         f"{', '.join(WITH_ROWS)}, or a bus log {' '.join(WITH_FRAMES)}", metavar="FILE")]
+
+
+class MeasuredRequest(MeasuredFiles, ModelChoice):
+    """Base of the requests that compare a model with measurements."""
+
     maps: Maps = ()
     rig: Annotated[str | Path, Field(File(), "the rig that decodes bus logs", metavar="NAME|FILE")] = "liftgate"
     recording_channel: RecordingChannel = None

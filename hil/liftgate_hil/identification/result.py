@@ -115,8 +115,8 @@ class Experiment(Result):
         return {each.output: each.fit_percent for each in self.series}
 
     @property
-    def fit_percent_initial(self) -> Annotated[Mapping[str, float], Shown("the same with the initial values; of a "
-            "validation null", names=("COLUMN",), meanings=("fit [%]; null: not defined",))]:
+    def fit_percent_initial(self) -> Annotated[Mapping[str, float], Shown("the same with the initial values; of "
+            "a validation each is null", names=("COLUMN",), meanings=("fit [%]; null: not defined",))]:
         """NRMSE fit of the initial model by output [%]; NaN in a validation."""
         return {each.output: each.fit_before for each in self.series}
 

@@ -53,7 +53,7 @@ def check_length(measurement: Measurement) -> list[str]:
     times = measurement.times
     gaps = np.diff(times)
     row = int(np.argmax(gaps)) if len(gaps) else 0
-    cut = "`from` and `to` select rows"
+    cut = "`from_s` and `to_s` select rows"
     if len(gaps) and not gaps[row] <= _LONGEST_GAP:
         return [
             f"{measurement.source}: time_s: {gaps[row]:.6g} s from row {row + 1} ({times[row]:.9g} s) to the "

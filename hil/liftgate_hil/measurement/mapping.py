@@ -1,4 +1,4 @@
-"""`map`: which column of a foreign file is which of ours, and in what unit."""
+"""`maps`: which column of a foreign file is which of ours, and in what unit."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Theirs:
         if factors is None:
             return (
                 f"unit {show(unit)}; allowed: {allowed_units(ours, known)}; "
-                f"or `map` '{ours}={marked_unit(name)[0]}[unit]'"
+                f"or `maps` '{ours}={marked_unit(name)[0]}[unit]'"
             )
         if (self.scale, self.offset, *factors) == (1.0, 0.0, 1.0, 0.0):
             return values
@@ -71,7 +71,7 @@ class Theirs:
     def issue_with_dates(self) -> str:
         """Return why a column of dates cannot be taken so; "": it can."""
         is_plain = self.unit in (None, "s") and (self.scale, self.offset) == (1.0, 0.0)
-        return "" if is_plain else "dates, which are in s; allowed: in `map` without unit, scale and offset"
+        return "" if is_plain else "dates, which are in s; allowed: in `maps` without unit, scale and offset"
 
 
 ColumnMap = dict[str, Theirs]
@@ -106,7 +106,7 @@ class ColumnTable(Record):
 
 
 def parse_maps(given: Sequence[str], known: Mapping[str, Signal] = KNOWN) -> ColumnMap:
-    """Return the map that all `map` values make up; `known` are our columns that may be mapped.
+    """Return the map that all `maps` values make up; `known` are our columns that may be mapped.
 
     What is mapped directly overrides what a file maps. Raises ConfigError with all issues.
     """
@@ -114,7 +114,7 @@ def parse_maps(given: Sequence[str], known: Mapping[str, Signal] = KNOWN) -> Col
     lines: list[str] = []
     for value in given:
         is_file = value.endswith(".toml") and ("=" not in value or is_there(Path(value)))
-        issues = ConfigIssues(value if is_file else f"`map` {value}")
+        issues = ConfigIssues(value if is_file else f"`maps` {value}")
         try:
             read = _from_file if is_file else _from_text
             found = read(value, issues, known)
@@ -150,7 +150,7 @@ def _from_text(value: str, issues: ConfigIssues, known: Mapping[str, Signal]) ->
 
 def _from_file(name: str, issues: ConfigIssues, known: Mapping[str, Signal]) -> ColumnMap:
     path = Path(name)
-    check_file(path, f"`map` {path}")
+    check_file(path, f"`maps` {path}")
     columns = read_record(issues, "", read_toml(path), MapTable).columns or {}
     result: ColumnMap = {}
     for ours, value in columns.items():

@@ -105,18 +105,18 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> R
     if "time_s" in mapping and not by_rows:
         issues.append(f"{path}: time_s: mapped; allowed: not mapped, MF4 channels have their own times")
     if "time_s" not in (*names, *mapping) and by_rows:
-        issues.append(f"{path}: time_s: missing; allowed: a column of seconds, or `map` time_s=...")
+        issues.append(f"{path}: time_s: missing; allowed: a column of seconds, or `maps` time_s=...")
     for what, columns in kinds:
         if not any(column in (*names, *mapping) for column in columns):
             issues.append(
-                f"{path}: no {what} column; allowed: {', '.join(columns)}, others by `map`; the file has "
+                f"{path}: no {what} column; allowed: {', '.join(columns)}, others by `maps`; the file has "
                 f"{', '.join(there[:_SHOWN])}{', …' if len(there) > _SHOWN else ''}"
             )
     named = {*names, *mapping}
     if kinds is _KINDS and named.isdisjoint(DRIVES) and not named.isdisjoint(INPUTS):
         issues.append(
             f"{path}: no column drives the motors; allowed: {', '.join(DRIVES)} (0 where they are off), "
-            "others by `map`"
+            "others by `maps`"
         )
     issues += _clashes(path, names)
     return Reading(path, file, names, recorded, issues)
@@ -155,7 +155,7 @@ def _other_units(file: Recording, names: dict[str, str], path: Path, known: tupl
             continue
         ours, unit = meant
         if ours != "time_s" or file.sample == "row":
-            issues.append(f"{path}: {name}: unexpected unit; allowed: `map` '{ours}={name}[{unit}]'")
+            issues.append(f"{path}: {name}: unexpected unit; allowed: `maps` '{ours}={name}[{unit}]'")
             names[ours] = name
     return issues
 
@@ -167,7 +167,7 @@ def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
         given = [name for name in _driving(side) if name in names]
         if len(given) > 1:
             issues.append(
-                f"{path}: {' and '.join(given)}: allowed: one of them, chosen by `map` "
+                f"{path}: {' and '.join(given)}: allowed: one of them, chosen by `maps` "
                 f"{given[-1]}={names[given[-1]]}"
             )
     return issues
@@ -202,7 +202,7 @@ def _check_range(reading: Reading, ours: str, series: Series) -> None:
         factor = (conversion(ours, rather or "") or (1.0, 0.0))[0]
         is_ours = conversion(ours, unit_of(ours, theirs, series.unit, None)) == SAME
         if rather and is_ours and low <= factor * np.nanmin(values) and factor * np.nanmax(values) <= high:
-            hint = f"; is it {rather}? `map` '{ours}={theirs}[{rather}]'"
+            hint = f"; is it {rather}? `maps` '{ours}={theirs}[{rather}]'"
         reading.issues.append(
             f"{reading.path}: {called}: {float(values[bad[0]]):.9g} in {word} {bad[0] + 1}{more}; "
             f"allowed: {low:g} to {high:g}{hint}"
@@ -268,7 +268,7 @@ def _unread_slope(reading: Reading) -> list[str]:
     known = np.zeros(0) if series is None else series.values[np.isfinite(series.values)]
     if not len(known) or not abs(mean := float(known.mean())) > _LEVEL_DEG:
         return []
-    return [f"{_SLOPE} is that of the vehicle, {name} {mean:.3g} on average: `map` {_SLOPE}={name} reads it"]
+    return [f"{_SLOPE} is that of the vehicle, {name} {mean:.3g} on average: `maps` {_SLOPE}={name} reads it"]
 
 
 def _measurement(

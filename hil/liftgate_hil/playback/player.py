@@ -81,6 +81,7 @@ class Played(Result):
         prefix="lateness")] = NOTHING
     link: Annotated[LinkCounts, Shown("errors of the link, see Link")] = field(default_factory=LinkCounts)
     link_error: Annotated[str, Shown("the operating system's text for the link's last error; empty: none")] = ""
+    notes: Annotated[tuple[str, ...], Shown("what was noticed while reading and playing, as texts")] = ()
     stop_reason: Annotated[str, Shown("`end`: the recording was played, else what stopped it: `SIGINT`, "
         "`SIGTERM`")] = "end"
     provenance: Annotated[Provenance | None, Shown("see Provenance")] = None

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from liftgate_hil.config.described import command
 from liftgate_hil.config.sources import sources_of
 from liftgate_hil.formats.recording import read_options
-from liftgate_hil.loop.listener import Listener
+from liftgate_hil.loop.listener import Listener, Relay
 from liftgate_hil.playback.player import Played, Player, Replay
 from liftgate_hil.playback.request import ReplayRequest
 from liftgate_hil.playback.selection import Selection, identifiers_of
@@ -32,11 +32,35 @@ def replay(request: ReplayRequest) -> Played:
 
         replay("run.blf", bus="socketcan:vcan0", to_s=10.0).frames_sent
 
-    Raises ConfigError, TransportError.
+    A `loop` ends with an interrupt (Ctrl-C). Raises ConfigError, TransportError.
     """
-    player = player_for(request)
-    player.run()
-    return player.played
+    noted = NotingRelay(Listener())
+    player = player_for(request, noted)
+    try:
+        player.run()
+    except KeyboardInterrupt:
+        if not request.loop:
+            raise
+        player.played.stop_reason = "SIGINT"
+    return summed_up(request, player.played, repr(request), noted.notes)
+
+
+class NotingRelay(Relay):
+    """Listener that notes what a replay says, and passes it on."""
+
+    def __init__(self, listener: Listener) -> None:
+        super().__init__(listener)
+        self.notes: list[str] = []
+
+    def say(self, text: str) -> None:
+        """Note a text, and pass it on."""
+        self.notes.append(text)
+        super().say(text)
+
+    def alarm(self, text: str) -> None:
+        """Note an alarm, and pass it on."""
+        self.notes.append(text)
+        super().alarm(text)
 
 
 def player_for(
@@ -44,7 +68,6 @@ def player_for(
     listener: Listener | None = None,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[float, float, int], None] = _nobody,
-    command_line: str = "",
 ) -> Player:
     """Return the player of a request, which opens its recording. Raises ConfigError."""
     rig = rig_of(request.rig)
@@ -64,7 +87,11 @@ def player_for(
         realtime=request.realtime,
         cpu=request.cpu,
     )
-    player = Player(chosen, find_way(request, rig), listener or Listener(), stopped, progress)
-    sources = sources_of({"recording": Path(request.recording)})
-    player.played.provenance = provenance_of(command_line, sources)
-    return player
+    return Player(chosen, find_way(request, rig), listener or Listener(), stopped, progress)
+
+
+def summed_up(request: ReplayRequest, played: Played, command_line: str, notes: Sequence[str] = ()) -> Played:
+    """Return the summary of a replay with its notes and its provenance, for which the recording is hashed."""
+    played.notes = tuple(notes)
+    played.provenance = provenance_of(command_line, sources_of({"recording": Path(request.recording)}))
+    return played

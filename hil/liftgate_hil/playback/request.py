@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from liftgate_hil.config.described import Field
-from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Text, Whole
+from liftgate_hil.config.described import Field, Record
+from liftgate_hil.config.kinds import Choice, File, Flag, Number, Whole
+from liftgate_hil.config.toml import show
 from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import WITH_FRAMES
 
 DIRECTIONS = ("sent", "received", "both")
@@ -17,21 +18,46 @@ _TIME = Number(-1e9, 1e9, "s")
 _IDENTIFIERS = "0x120, 0x200-0x2FF, or a message of the rig (repeatable)"
 
 
+class Identifiers:
+    """Kind of value: identifiers of frames, as numbers, or as texts in a list or separated by commas."""
+
+    allowed, invalid = "0x120, 0x200-0x2FF, or a message of the rig", ()
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
+        """Return the identifiers as texts; an empty tuple and an issue if they are invalid."""
+        given = value if isinstance(value, list) else [value]
+        if given and all(isinstance(each, str | int) and not isinstance(each, bool) for each in given):
+            texts = [each if isinstance(each, str) else f"0x{each:X}" for each in given]
+            found = tuple(name.strip() for each in texts for name in each.split(",") if name.strip())
+            if found:
+                return found
+        if given:
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return self.invalid
+
+
 # fmt: off
-class ReplayRequest(WireChoice, kw_only=False):
-    """Request to play a recording's frames onto a bus or a serial line."""
+class ReplayedFile(Record, kw_only=False):
+    """Base of the request, with what it takes by its place."""
 
     recording: Annotated[str | Path, Field(File(), "a recording with frames, or a bus log: "
         + " ".join(WITH_FRAMES), metavar="FILE")]
-    rig: Annotated[str | Path | None, Field(Text("a rig's name, or a file"), "the rig: mapping of bus signals",
+
+
+class ReplayRequest(ReplayedFile, WireChoice):
+    """Request to play a recording's frames onto a bus or a serial line."""
+
+    rig: Annotated[str | Path | None, Field(File(), "the rig: mapping of bus signals",
         "liftgate", "NAME|FILE")] = None
     recording_channel: RecordingChannel = None
     timezone: TimeZone = None
     direction: Annotated[str | None, Field(Choice(DIRECTIONS), "which frames to play: sent or received by the "
         "gate",
         "sent, both if none is marked as sent")] = None
-    only: Annotated[tuple[str, ...], Field(Names(), f"only these frames: {_IDENTIFIERS}", metavar="ID,…")] = ()
-    without: Annotated[tuple[str, ...], Field(Names(), f"all but these frames: {_IDENTIFIERS}", metavar="ID,…",
+    only: Annotated[tuple[str, ...], Field(Identifiers(), f"only these frames: "
+        f"{_IDENTIFIERS}", metavar="ID,…")] = ()
+    without: Annotated[tuple[str, ...], Field(Identifiers(), f"all but these frames: "
+        f"{_IDENTIFIERS}", metavar="ID,…",
         flag="except")] = ()
     from_s: Annotated[float | None, Field(_TIME, "begin at this time of the recording", "with its first "
         "frame", "S",

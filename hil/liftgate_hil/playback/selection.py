@@ -140,7 +140,7 @@ class Course:
         if math.isfinite(self.end) and self._origin is not None:
             ended = max(ended, self._round + round((self.end * 1e9 - self._origin) / self.speed))
         if ended <= self._round:
-            raise ConfigError("all frames have the same time; allowed: one round, or with `to`")
+            raise ConfigError("all frames have the same time; allowed: one round, or with `to_s`")
         self._round = self._due = ended
         self._origin = None
 
@@ -153,7 +153,7 @@ def playable(frames: NDArray[np.void], is_fd: bool) -> tuple[NDArray[np.void], i
     fd = frames["identifier"] & FD != 0
     if fd.any() and not is_fd:
         at = frames["time_ns"][int(np.argmax(fd))] * 1e-9
-        raise ConfigError(f"the frame at {at:.6f} s is CAN FD; allowed: with `fd`")
+        raise ConfigError(f"the frame at {at:.6f} s is CAN FD; allowed: with `is_fd`")
     errors = frames["identifier"] & ERROR != 0
     left_out = int(np.count_nonzero(errors))
     return (frames[~errors] if left_out else frames), left_out

@@ -26,7 +26,7 @@ _EPOCH = "SOURCE_DATE_EPOCH"
 class Provenance(Result):
     """Provenance of one result: command line, date, versions, files and computer."""
 
-    command_line: Annotated[str, Shown("the command with its arguments; empty: none, a program asked for it")]
+    command_line: Annotated[str, Shown("the command with its arguments, or the request of a program")]
     date: Annotated[str, Shown("when the result was made: ISO 8601, UTC")]
     sources: Annotated[Mapping[str, Source], Shown("files that were read, by purpose: `scenario`, `vehicle`, "
         "`rig`, `dbc`, …; of `test` and `judge` empty here, see `scenarios[].sources`", names=("PURPOSE",),

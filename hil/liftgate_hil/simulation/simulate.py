@@ -48,7 +48,7 @@ def _nobody(time_s: float, duration_s: float) -> None:
 
 
 # fmt: off
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays have no truth value
 class Simulation(Result):
     """The result of a simulation of the plant alone."""
 
@@ -101,6 +101,10 @@ def simulated(
     found += _undriven(request, samples, setup.vehicle.drives)
     for each in found:
         note(each)
+    if output is None and sink is None and duration / request.step / request.every > _MOST_ROWS:
+        raise ConfigError(
+            f"`duration` {duration:g}: allowed: up to {_MOST_ROWS:g} rows in memory, more with `output`"
+        )
     offline = offline_of(setup, request.step)
     state, steps = initial_state(offline.constants.plant, setup.start_angle), round(duration / request.step)
     course = _Course(steps * request.step, report)
@@ -178,7 +182,8 @@ class _Collected:
 
     def __call__(self, content: Content, rows: Iterable[Floats]) -> None:
         """Take the rows as columns by name."""
-        table = np.concatenate([np.zeros((0, len(content.row))), *rows])[:, content.places]
+        parts = [block[:, content.places] for block in rows]
+        table = np.concatenate(parts) if parts else np.zeros((0, len(content.places)))
         self.columns = dict(zip(content.columns, table.T, strict=True))
 
 

@@ -118,7 +118,7 @@ def _places(files: Sequence[RunFile], asked: Asked, issues: list[str]) -> Places
         for name in file.names:
             if not file.is_ours and (meant := near_miss(name, missing)) is not None:
                 ours, unit = meant
-                issues.append(f"{file.path}: {name}: unexpected unit; allowed: `map` '{ours}={name}[{unit}]'")
+                issues.append(f"{file.path}: {name}: unexpected unit; allowed: `maps` '{ours}={name}[{unit}]'")
     return found
 
 

@@ -106,7 +106,7 @@ class RunFile:
             theirs = mapping.get("time_s", Theirs("time_s"))
             name = theirs.found_in(file.names)
             if name is None:
-                text = "missing; allowed: a column of seconds, or `map` time_s=..."
+                text = "missing; allowed: a column of seconds, or `maps` time_s=..."
                 issues.append(f"{self.path}: time_s: {text}")
                 return
             series = file.read(list(dict.fromkeys([name, *names])), issues)
@@ -158,6 +158,6 @@ def _far_issue(times: Floats, word: str) -> str:
     far = np.flatnonzero(np.abs(times) > _FARTHEST_S)
     if len(far):
         unit = next((unit for unit, factor in _PARTS if _IN_USE[0] < factor * times[far[0]] < _IN_USE[1]), "")
-        hint = f"; is it {unit}? `map` 'time_s=...[{unit}]'" if unit else ""
+        hint = f"; is it {unit}? `maps` 'time_s=...[{unit}]'" if unit else ""
         return f"{times[far[0]]:.9g} s in {word} {far[0] + 1}; allowed: within {_FARTHEST_S:g} s{hint}"
     return ""

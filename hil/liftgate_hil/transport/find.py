@@ -73,7 +73,7 @@ def find_way(choice: WireChoice, rig: Rig) -> Way:
     if choice.serial is None:
         return Way(bus_arguments(choice, rig), None, rig.is_fd or choice.is_fd)
     if any((choice.bus, choice.interface, choice.channel, choice.bitrate, choice.is_fd)):
-        raise ConfigError("`serial` and `bus`/-i/-c/-b/`fd`: allowed: one or the other")
+        raise ConfigError("`serial` and `bus`/`interface`/`channel`/`bitrate`/`is_fd`: allowed: one or the other")
     check_serial(rig)
     return Way(None, parse_serial(choice.serial), rig.is_fd)
 

@@ -12,7 +12,7 @@ import pytest
 from fitting_files import KEPT, call, driven, noisy, settings, simulated, write_columns
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.identification.commands import identified
+from liftgate_hil.identification.commands import identification_of
 from liftgate_hil.identification.request import IdentifyRequest
 from liftgate_hil.identification.saved_vehicle import vehicle_text_of
 from liftgate_hil.running.setup import vehicle_from
@@ -63,7 +63,7 @@ def test_what_was_found_is_not_saved_beside_an_initial_value_that_does_not_go_wi
     names = "motor.torque_constant,motor.speed_constant"
     target = str(tmp_path / "saved.toml")
     request = IdentifyRequest.of(files=str(weak), estimate=names, save_vehicle=target)
-    result = identified(request)
+    result = identification_of(request)
     torque, speed = result.parameters
     found = (dataclasses.replace(torque, identifiable=False), dataclasses.replace(speed, value=0.0755))
     with pytest.raises(ConfigError) as caught:

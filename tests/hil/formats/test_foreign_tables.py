@@ -186,7 +186,7 @@ def test_dates_have_no_other_unit(tmp_path: Path, column: str) -> None:
         lambda: lh.judge([path], tmp_path / "s.toml", maps=maps),
         lambda: read_table(path, open_file(path), parse_maps(maps)),
     ):
-        with pytest.raises(ConfigError, match=r"time_s \(t\): dates, which are in s; allowed: in `map` without"):
+        with pytest.raises(ConfigError, match=r"time_s \(t\): dates, which are in s; allowed: in `maps` without"):
             read()
 
 

@@ -339,7 +339,7 @@ def test_a_stall_under_voltage_is_refused_and_an_inrush_is_none() -> None:
     volts = np.where(times < 7.0, 12.0, -10.0)
     noise = {**POSITION, "left_current_a": 0.05}
     whole = measured(suv(), "full", noise, 1, 0.0, (times, volts))
-    with pytest.raises(ValueError, match=r"stalled under voltage.*allowed: `from` before they stop"):
+    with pytest.raises(ValueError, match=r"stalled under voltage.*allowed: `from_s` before they stop"):
         beginning_of(suv(), later(whole, 6.5), 0, None, True)
     opened = measured(suv(), "full", noise, 1, 70.0, (times, -volts))
     shifted = dataclasses.replace(opened, times=opened.times + 1.0)

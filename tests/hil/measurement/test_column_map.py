@@ -178,10 +178,10 @@ def test_all_faults_of_all_maps_come_at_once(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_maps(["nothing", "left_speed_rps=n[mm]", "current=I", "time_s=t[s]*0", str(path)])
     assert caught.value.issues == [
-        "`map` nothing: allowed: OURS=THEIRS, OURS=THEIRS[unit], either with *scale, or FILE.toml",
-        "`map` left_speed_rps=n[mm]: left_speed_rps: unit 'mm'; allowed: rev/s, rpm, rad/s, deg/s, mdeg/s",
-        f"`map` current=I: current: unknown column; allowed: {allowed_names('current', KNOWN)}",
-        "`map` time_s=t[s]*0: time_s: scale '0'; allowed: -1e+09 to 1e+09, not 0",
+        "`maps` nothing: allowed: OURS=THEIRS, OURS=THEIRS[unit], either with *scale, or FILE.toml",
+        "`maps` left_speed_rps=n[mm]: left_speed_rps: unit 'mm'; allowed: rev/s, rpm, rad/s, deg/s, mdeg/s",
+        f"`maps` current=I: current: unknown column; allowed: {allowed_names('current', KNOWN)}",
+        "`maps` time_s=t[s]*0: time_s: scale '0'; allowed: -1e+09 to 1e+09, not 0",
         f"{path}: columns.left_current_a.skale: 1: unknown key; allowed: name, unit, scale, offset",
         f"{path}: left_current_a: unit 'V'; allowed: A, mA, µA, kA",
     ]

@@ -165,39 +165,39 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
             HEAD + "0,1,20000\n0,-2000,2\n",
             [
                 "left_voltage_v: -2000 in row 2; allowed: -1000 to 1000; is it mV? "
-                "`map` 'left_voltage_v=left_voltage_v[mV]'",
+                "`maps` 'left_voltage_v=left_voltage_v[mV]'",
                 "left_current_a: 20000 in row 1; allowed: -10000 to 10000; is it mA? "
-                "`map` 'left_current_a=left_current_a[mA]'",
+                "`maps` 'left_current_a=left_current_a[mA]'",
                 "time_s: row 2; allowed: finite and rising (0 s after 0 s)",
             ],
         ),
         (
             "time_s,left_duty,left_current_a\n0,50,2\n1,100,2\n",
-            ["left_duty: 50 in row 1 (2 such rows); allowed: -1 to 1; is it %? `map` 'left_duty=left_duty[%]'"],
+            ["left_duty: 50 in row 1 (2 such rows); allowed: -1 to 1; is it %? `maps` 'left_duty=left_duty[%]'"],
         ),
         (
             "time_s,left_voltage_v,left_current_ma\n0,1,2\n",
-            ["left_current_ma: unexpected unit; allowed: `map` 'left_current_a=left_current_ma[mA]'"],
+            ["left_current_ma: unexpected unit; allowed: `maps` 'left_current_a=left_current_ma[mA]'"],
         ),
         (
             "time_ms,left_voltage_v,left_current_a\n0,1,2\n",
-            ["time_ms: unexpected unit; allowed: `map` 'time_s=time_ms[ms]'"],
+            ["time_ms: unexpected unit; allowed: `maps` 'time_s=time_ms[ms]'"],
         ),
         (
             "time_s,left_voltage_v,voltage_v,left_duty,left_current_a\n0,1,1,0,2\n",
             [
                 "voltage_v and left_voltage_v and left_duty: allowed: one of them, "
-                "chosen by `map` left_duty=left_duty"
+                "chosen by `maps` left_duty=left_duty"
             ],
         ),
         (
             "t,left_voltage_v,left_current_a\n0,1,2\n",
-            ["time_s: missing; allowed: a column of seconds, or `map` time_s=..."],
+            ["time_s: missing; allowed: a column of seconds, or `maps` time_s=..."],
         ),
         (
             "time_s,left_current_a\n0,2\n",
             [
-                f"no input column; allowed: voltage_v, {', '.join(INPUTS)}, others by `map`; "
+                f"no input column; allowed: voltage_v, {', '.join(INPUTS)}, others by `maps`; "
                 "the file has time_s, left_current_a"
             ],
         ),

@@ -171,7 +171,7 @@ def test_a_map_names_columns_and_units_and_leaves_outputs_alone(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("time_s,voltage_v,left_duty\n0,1,1\n", "chosen by `map` left_duty=left_duty"),
+        ("time_s,voltage_v,left_duty\n0,1,1\n", "chosen by `maps` left_duty=left_duty"),
         ("time_s,voltage_v\n0,1\n1,\n", "voltage_v: empty cell in row 2"),
         ("time_s,left_voltage_mv\n0,1\n", "unexpected unit"),
     ],

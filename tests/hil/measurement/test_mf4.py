@@ -93,7 +93,7 @@ def test_a_channels_own_unit_is_converted(tmp_path: Path) -> None:
 def test_a_unit_of_another_dimension_is_a_fault(tmp_path: Path) -> None:
     path = write(tmp_path / "m.mf4", [("left_current_a", FINE, FINE, "V"), ("left_voltage_v", FINE, FINE, "V")])
     assert faults_of(path) == [
-        "left_current_a: unit 'V'; allowed: A, mA, µA, kA; or `map` 'left_current_a=left_current_a[unit]'"
+        "left_current_a: unit 'V'; allowed: A, mA, µA, kA; or `maps` 'left_current_a=left_current_a[unit]'"
     ]
     m = read(path, "left_current_a=left_current_a[A]*2")
     assert np.allclose(m.columns["left_current_a"], 2.0 * FINE)
@@ -129,7 +129,7 @@ def test_what_is_no_number_is_a_fault_with_its_sample(tmp_path: Path) -> None:
         "left_current_a: inf in sample 5 (2 such samples); allowed: a finite number",
         "left_speed_rps: not numeric; allowed: one number per sample",
         "left_voltage_v: 5000 in sample 8; allowed: -1000 to 1000; is it mV? "
-        "`map` 'left_voltage_v=left_voltage_v[mV]'",
+        "`maps` 'left_voltage_v=left_voltage_v[mV]'",
     ]
 
 

@@ -108,6 +108,6 @@ def test_error_frames_are_left_out_and_can_fd_needs_such_a_bus() -> None:
     kept, left_out = playable(frames, False)
     assert (kept["identifier"].tolist(), left_out) == ([0x100], 1)
     fd = recorded([0.0, 1.0], [0x100, 0x100 | FD])
-    with pytest.raises(ConfigError, match=r"the frame at 1\.000000 s is CAN FD; allowed: with `fd`"):
+    with pytest.raises(ConfigError, match=r"the frame at 1\.000000 s is CAN FD; allowed: with `is_fd`"):
         playable(fd, False)
     assert len(playable(fd, True)[0]) == 2

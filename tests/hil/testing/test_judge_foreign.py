@@ -263,7 +263,7 @@ def test_another_unit_in_place_of_ours_is_refused(tmp_path: Path, head: str) -> 
     own = scenario(tmp_path, 'name = "i"\nalways = "left_current_a < 1"')
     unit = head[-2:].replace("ma", "mA")
     with pytest.raises(
-        ConfigError, match=rf"{head}: unexpected unit; allowed: `map` 'left_current_a={head}\[{unit}\]'"
+        ConfigError, match=rf"{head}: unexpected unit; allowed: `maps` 'left_current_a={head}\[{unit}\]'"
     ):
         lh.judge([path], own)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -35,10 +35,10 @@ _TURNED = (
 _STRONG = 0.9  # correlation of two parameters from which on it is reported
 
 
-def with_warnings(result: Warned) -> Warned:
-    """Return a result with its warnings."""
+def with_warnings(result: Warned, worded: Callable[[str], str] = str) -> Warned:
+    """Return a result with its warnings, each as `worded`."""
     found = warnings_of(result) if isinstance(result, Identification) else validation_warnings(result)
-    return replace(result, warnings=tuple(found))
+    return replace(result, warnings=tuple(map(worded, found)))
 
 
 def warnings_of(result: Identification) -> list[str]:
