@@ -118,7 +118,7 @@ def test_without_the_switch_a_value_is_the_same_one() -> None:
 def test_only_tests_of_plant_reference_and_identification_are_parts() -> None:
     tests = ROOT / "tests"
     assert last_bits.is_part(tests / "reference" / "test_statics.py")
-    assert last_bits.is_part(tests / "hil" / "identify" / "test_search.py")
+    assert last_bits.is_part(tests / "hil" / "identification" / "test_search.py")
     assert not last_bits.is_part(tests / "hil" / "identification.py")
     assert not last_bits.is_part(tests / "hil" / "config" / "test_vehicle.py")
     assert not last_bits.is_part(ROOT / "tools" / "x.py")

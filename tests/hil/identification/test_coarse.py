@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from liftgate_hil.identification import identification
+from liftgate_hil.identification import fit
 from liftgate_hil.identification.coarse import coarse_of
 from liftgate_hil.identification.data import Data
 from liftgate_hil.identification.fit import fitted
@@ -33,7 +33,7 @@ def problem(data: Data, model: str = "third-order") -> Problem:
 def test_the_estimates_are_those_of_a_search_over_all_rows(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     data = run(model, 0.1)
     found = fitted(problem(data, model))
-    monkeypatch.setattr(identification, "coarse_of", lambda _: None)
+    monkeypatch.setattr(fit, "coarse_of", lambda _: None)
     slow = fitted(problem(data, model))
     for quick, other in zip(found.parameters, slow.parameters, strict=True):
         assert abs(quick.value - other.value) < 0.01 * other.std
