@@ -65,7 +65,7 @@ ELSEWHERE = {
 
 
 class Around(NamedTuple):
-    """What a page needs around its commands: those that its reader has run before, and what is shortened here."""
+    """Surroundings of a page's commands: those that its reader has run before, and what is shortened in tests."""
 
     before: tuple[str, ...] = ()
     places: Mapping[str, str] = {}

@@ -18,7 +18,6 @@ from liftgate_hil.identification.request import IdentifyRequest, PlanRequest
 if TYPE_CHECKING:
     from liftgate_hil.cli.teller import Teller
 
-REQUEST = IdentifyRequest
 _NOT_PLANNED = ("html", "save_vehicle", "profile")
 
 

@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from liftgate_hil.playback.player import Played
 
 
-REQUEST = ReplayRequest
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     add_flags(parser, ReplayRequest)

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from liftgate_hil.formats.content import Content
 
-REQUEST = SimulateRequest
 _STDOUT = "-"  # as `output`
 
 
@@ -63,8 +62,7 @@ def run(args: argparse.Namespace) -> int:
                 teller.say(f"written: {request.output}, {found.rows} rows to {found.time_s:.3f} s")
             return 0
         names = " and ".join(str(name) for name in (args.output or _STDOUT, args.edges) if name)
-        when = f"incomplete, stopped at {found.time_s:.3f} s of {found.duration_s:g} s"
-        print(f"liftgate-hil simulate: {names} {when}", file=sys.stderr)
+        print(f"liftgate-hil simulate: {names} {found.remark}", file=sys.stderr)
     return stopped.exit_code
 
 

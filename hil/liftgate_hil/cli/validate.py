@@ -11,8 +11,6 @@ from liftgate_hil.cli.fit_result import add_printed, deliver
 from liftgate_hil.cli.options import add_flags, as_flags, given_in
 from liftgate_hil.identification.request import ValidateRequest
 
-REQUEST = ValidateRequest
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""

@@ -103,9 +103,12 @@ class Record:
 
         Raises ConfigError, and TypeError for arguments that do not fit the fields.
         """
-        fields = {each.name: each for each in fields_of(cls)}
-        bound = signature_of(cls).bind(*placed, **given).arguments
-        found = cls(**{name: fields[name].checked(value) for name, value in bound.items()})
+        return cls(*placed, **given).validated()
+
+    def validated(self) -> Self:
+        """Return the record with its values as their kinds read them. Raises ConfigError."""
+        fields = {each.name: each for each in fields_of(type(self))}
+        found = type(self)(**{name: fields[name].checked(value) for name, value in vars(self).items()})
         found.check()
         return found
 
@@ -222,16 +225,15 @@ def command(
     def decorated(function: Callable[[Request_contra], Result_co]) -> Command[P, Request_contra, Result_co]:
         def call(*placed: Any, **given: Any) -> Result_co:
             if len(placed) == 1 and not given and isinstance(placed[0], record):
-                return function(record.of(**placed[0].to_dict()))
+                return function(placed[0].validated())
             try:
-                values = signature.bind(*placed, **given).arguments
+                asked = record(*placed, **given)
             except TypeError as error:
                 raise TypeError(f"{function.__name__}() {error}") from None
-            return function(record.of(**values))
+            return function(asked.validated())
 
-        signature = signature_of(record)
         functools.update_wrapper(call, function)
-        vars(call)["__signature__"] = signature
+        vars(call)["__signature__"] = signature_of(record)
         call.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\n{_arguments_text(record)}"
         return cast(Command[P, Request_contra, Result_co], call)
 

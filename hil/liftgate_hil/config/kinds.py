@@ -244,10 +244,15 @@ class Texts(NamedTuple):
         return tuple(map(os.fspath, given))
 
 
-class Names:
-    """Kind of value: names, in a list or separated by commas."""
+class Names(NamedTuple):
+    """Kind of value: names, in a list or separated by commas; `allowed` is what messages call them."""
 
-    allowed, invalid = "names, in a list or separated by commas", ()
+    allowed: str = "names, in a list or separated by commas"
+
+    @property
+    def invalid(self) -> tuple[str, ...]:
+        """An empty tuple."""
+        return ()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
         """Return the names; an empty tuple and an issue if they are invalid."""

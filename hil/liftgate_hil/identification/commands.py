@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from liftgate_hil.config.described import command
 from liftgate_hil.config.described_result import Result
 from liftgate_hil.config.parameters import find_parameter, with_value
+from liftgate_hil.config.sources import sources_of
 from liftgate_hil.errors import ConfigError, NotWrittenError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.target import check_no_input
@@ -38,8 +39,9 @@ from liftgate_hil.identification.request import (
 from liftgate_hil.identification.result import Identification, Validation
 from liftgate_hil.identification.saved_vehicle import vehicle_text_of
 from liftgate_hil.identification.sought import sought_of
-from liftgate_hil.identification.sources import inputs_of, provenance_for
+from liftgate_hil.identification.sources import inputs_of
 from liftgate_hil.report.files import check_targets, put_report, write_report
+from liftgate_hil.report.provenance import provenance_of
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle
 
@@ -92,8 +94,9 @@ def identification_of(
 
     `worded` puts names of arguments in notes and warnings into the words of who asked. Raises ConfigError.
     """
-    check_targets(_targets_of(request), inputs_of(request).values())
-    origin = provenance_for(request, command_line or repr(request))
+    inputs = inputs_of(request)
+    check_targets(_targets_of(request), inputs.values())
+    origin = provenance_of(command_line or repr(request), sources_of(inputs))
     vehicle, model, sought, outputs = _wanted(request)
     names = [each.parameter.name for each in sought]
     unknown = [each for each in request.profile if each not in names]
@@ -108,7 +111,10 @@ def identification_of(
             f"{error}"
         ) from error
     return dataclasses.replace(
-        with_warnings(found), vehicle=str(request.vehicle), notes=(*notes, *notes_of(found)), provenance=origin
+        with_warnings(found, worded),
+        vehicle=str(request.vehicle),
+        notes=tuple(map(worded, (*notes, *notes_of(found)))),
+        provenance=origin,
     )
 
 
@@ -119,21 +125,27 @@ def validation_of(
 
     `worded` puts names of arguments in notes and warnings into the words of who asked. Raises ConfigError.
     """
-    check_targets(_targets_of(request), inputs_of(request).values())
-    origin = provenance_for(request, command_line or repr(request))
+    inputs = inputs_of(request)
+    check_targets(_targets_of(request), inputs.values())
+    origin = provenance_of(command_line or repr(request), sources_of(inputs))
     vehicle = _vehicle_of(request)
     if request.parameters is not None:
         vehicle = _with_result(vehicle, request.parameters)
     problem, notes = problem_of(request, vehicle, request.model or NO_PRESET.model, [], request.outputs)
     found = validated(problem)
-    return dataclasses.replace(with_warnings(found), vehicle=str(request.vehicle), notes=notes, provenance=origin)
+    return dataclasses.replace(
+        with_warnings(found, worded),
+        vehicle=str(request.vehicle),
+        notes=tuple(map(worded, notes)),
+        provenance=origin,
+    )
 
 
 def experiments_for(request: PlanRequest, command_line: str = "") -> ExperimentPlan:
     """Return experiments by the information that they would give; no file is written. Raises ConfigError."""
-    inputs = inputs_of(request).values()
-    check_targets({"result": _text(request.result)}, inputs)
-    origin = provenance_for(request, command_line or repr(request))
+    inputs = inputs_of(request)
+    check_targets({"result": request.result}, inputs.values())
+    origin = provenance_of(command_line or repr(request), sources_of(inputs))
     vehicle, model, sought, outputs = _wanted(request)
     kinds = list(dict.fromkeys(outputs or ("current", "position")))
     unknown = [each for each in kinds if each not in OUTPUT_KINDS]
@@ -157,9 +169,8 @@ def write_identification(request: IdentifyRequest, result: Identification, say: 
                 "this vehicle is not quite the one that was fitted; liftgate-hil validate shows its fit"
             )
 
-    page = identification_html
     more = [vehicle] if request.save_vehicle else []
-    return _written([*_fit_writers(request, result, lambda: page(result), say), *more])
+    return _written([*_fit_writers(request, result, lambda: identification_html(result), say), *more])
 
 
 def write_validation(request: ValidateRequest, result: Validation, say: Say = silent) -> list[str]:
@@ -179,8 +190,8 @@ def _fit_writers(
     request: MeasuredRequest, result: Result, page: Callable[[], str], say: Say
 ) -> list[Callable[[], None]]:
     writers = [_json_writer(request.result, result, say)] if request.result else []
-    html = _text(request.html)
-    return [*writers, lambda: write_report(html, "html", page(), say)] if html else writers
+    html = [lambda: write_report(str(request.html), "html", page(), say)] if request.html else []
+    return [*writers, *html]
 
 
 def _json_writer(path: str | Path, result: Result, say: Say) -> Callable[[], None]:
@@ -219,14 +230,10 @@ def _write_inputs(request: PlanRequest, result: ExperimentPlan, say: Say) -> Non
         raise ConfigError(f"`save_inputs` {folder}: {error.strerror}; allowed: a folder") from error
 
 
-def _targets_of(request: MeasuredRequest) -> dict[str, str | None]:
+def _targets_of(request: MeasuredRequest) -> dict[str, str | Path | None]:
     """Return the files that a request has written, by their arguments."""
     own = request.save_vehicle if isinstance(request, IdentifyRequest) else None
-    return {"result": _text(request.result), "save_vehicle": _text(own), "html": _text(request.html)}
-
-
-def _text(path: str | Path | None) -> str | None:
-    return None if path is None else str(path)
+    return {"result": request.result, "save_vehicle": own, "html": request.html}
 
 
 def _vehicle_of(request: SoughtChoice | ValidateRequest) -> Vehicle:

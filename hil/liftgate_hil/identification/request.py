@@ -17,7 +17,7 @@ from liftgate_hil.config.vehicle_choice import VehicleChoice
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import WITH_FRAMES, WITH_ROWS
-from liftgate_hil.measurement.request import Maps
+from liftgate_hil.measurement.request import MapRequest
 
 MODEL_NAMES = ("full", "third-order", "second-order")
 # Kinds of outputs, and their columns.
@@ -148,10 +148,9 @@ class MeasuredFiles(Record, kw_only=False):
         f"{', '.join(WITH_ROWS)}, or a bus log {' '.join(WITH_FRAMES)}", metavar="FILE")]
 
 
-class MeasuredRequest(MeasuredFiles, ModelChoice):
+class MeasuredRequest(MeasuredFiles, MapRequest, ModelChoice):
     """Base of the requests that compare a model with measurements."""
 
-    maps: Maps = ()
     rig: Annotated[str | Path, Field(File(), "the rig that decodes bus logs", metavar="NAME|FILE")] = "liftgate"
     recording_channel: RecordingChannel = None
     timezone: TimeZone = None

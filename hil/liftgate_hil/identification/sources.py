@@ -1,4 +1,4 @@
-"""Files that a request names, and the provenance of its result."""
+"""Files that a request names."""
 
 from __future__ import annotations
 
@@ -6,18 +6,11 @@ import contextlib
 from pathlib import Path
 
 from liftgate_hil.config.shipped import find_config
-from liftgate_hil.config.sources import sources_of
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.identification.measurements import files_of
 from liftgate_hil.identification.request import MeasuredRequest, ModelChoice, ValidateRequest
 from liftgate_hil.measurement.read import needs_rig
-from liftgate_hil.report.provenance import Provenance, provenance_of
 from liftgate_hil.running.setup import rig_from
-
-
-def provenance_for(request: ModelChoice, command_line: str = "") -> Provenance:
-    """Return the provenance of the result of a request, with the present contents of the files."""
-    return provenance_of(command_line, sources_of(inputs_of(request)))
 
 
 def inputs_of(request: ModelChoice) -> dict[str, Path]:

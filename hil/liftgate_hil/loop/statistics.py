@@ -141,7 +141,7 @@ class Summary(Result):
 
     @property
     def lateness(self) -> Annotated[Distribution, Shown("how late ticks began", prefix="lateness")]:
-        """How late ticks began."""
+        """Lateness with which ticks began."""
         return self.timing.lateness
 
     @property

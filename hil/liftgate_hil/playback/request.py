@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from liftgate_hil.config.described import Field, Record
-from liftgate_hil.config.kinds import Choice, File, Flag, Number, Whole
-from liftgate_hil.config.toml import show
+from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Whole
 from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import WITH_FRAMES
+from liftgate_hil.running.options import AskForRealtime
 
 DIRECTIONS = ("sent", "received", "both")
 _TIME = Number(-1e9, 1e9, "s")
@@ -21,19 +21,14 @@ _IDENTIFIERS = "0x120, 0x200-0x2FF, or a message of the rig (repeatable)"
 class Identifiers:
     """Kind of value: identifiers of frames, as numbers, or as texts in a list or separated by commas."""
 
-    allowed, invalid = "0x120, 0x200-0x2FF, or a message of the rig", ()
+    allowed: str = "0x120, 0x200-0x2FF, or a message of the rig"
+    invalid: tuple[str, ...] = ()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
         """Return the identifiers as texts; an empty tuple and an issue if they are invalid."""
         given = value if isinstance(value, list) else [value]
-        if given and all(isinstance(each, str | int) and not isinstance(each, bool) for each in given):
-            texts = [each if isinstance(each, str) else f"0x{each:X}" for each in given]
-            found = tuple(name.strip() for each in texts for name in each.split(",") if name.strip())
-            if found:
-                return found
-        if given:
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        return self.invalid
+        texts = [f"0x{each:X}" if type(each) is int else each for each in given]
+        return Names(self.allowed).read(issues, key, texts)
 
 
 # fmt: off
@@ -68,9 +63,7 @@ class ReplayRequest(ReplayedFile, WireChoice):
     times: Annotated[int, Field(Whole(1, 10**9), "play it N times, each right after the last frame, or --to",
         metavar="N")] = 1
     loop: Annotated[bool, Field(Flag(), "repeat until stopped")] = False
-    realtime: Annotated[bool | None, Field(Flag(), "request FIFO scheduling, locked memory, a CPU of its own and "
-        "no deep sleep, and report what is refused; --no-realtime: request nothing; default: FIFO scheduling and "
-        "locked memory, where granted")] = None
+    realtime: AskForRealtime = None
     cpu: Annotated[int | None, Field(Whole(0, 1023), "the CPU of the loop in real time",
         "an isolated one, else the last", "N")] = None
 

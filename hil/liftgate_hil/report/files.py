@@ -35,7 +35,7 @@ def is_of_another_kind(path: Path, kind: str) -> bool:
     return path.suffix.lower() not in _KINDS[kind]
 
 
-def check_targets(targets: Mapping[str, str | None], sources: Iterable[str | Path]) -> None:
+def check_targets(targets: Mapping[str, str | Path | None], sources: Iterable[str | Path]) -> None:
     """Raise ConfigError with all issues of the files that arguments name, where they are given.
 
     No file may be written twice, and none may be one that is read (`sources`). What killed processes have left
@@ -43,9 +43,10 @@ def check_targets(targets: Mapping[str, str | None], sources: Iterable[str | Pat
     """
     issues: list[str] = []
     taken, inputs = dict[str, str](), [Path(each) for each in sources]
-    for name, path in targets.items():
-        if path is None:
+    for name, target in targets.items():
+        if target is None:
             continue
+        path = str(target)
         try:
             check_target(path, name)
         except ConfigError as error:

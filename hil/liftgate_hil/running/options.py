@@ -54,6 +54,11 @@ _AROUND_S = Number(0.0, 600.0, "s")
 # A field with its description is a row of a table.
 
 
+AskForRealtime = Annotated[bool | None, Field(Flag(), "request FIFO scheduling, locked memory, a CPU of its own "
+        "and no deep sleep, and report what is refused; --no-realtime: request nothing; default: FIFO scheduling "
+        "and locked memory, where granted")]
+
+
 class RunOptions(Record):
     """Options of a run, the same for every kind of run."""
 
@@ -80,9 +85,7 @@ class RunOptions(Record):
         "S", "record_when")] = None
     record_after: Annotated[float | None, Field(_AROUND_S, "also record this long after that", f"{AROUND:g}", "S",
         "record_when")] = None
-    realtime: Annotated[bool | None, Field(Flag(), "request FIFO scheduling, locked memory, a CPU of its own and "
-        "no deep sleep, and report what is refused; --no-realtime: request nothing; default: FIFO scheduling and "
-        "locked memory, where granted")] = False  # None: where it is granted
+    realtime: AskForRealtime = False  # None: where it is granted
     cpu: Annotated[int | None, Field(Whole(0, 1023), "the CPU of the loop in real time",
         "an isolated one, else the last", "N", "realtime")] = None
 

@@ -58,6 +58,7 @@ class Simulation(Result):
     duration_s: Annotated[float, Shown("model time that was asked for [s]")]
     is_complete: Annotated[bool, Shown("whether it came to its end")]
     notes: Annotated[tuple[str, ...], Shown("sentences: what is unusual in vehicle and inputs")]
+    remark: str  # on an incomplete table; empty where it is complete
 
 
 # fmt: on
@@ -127,7 +128,13 @@ def simulated(
         blocks = course.over(blocks_of(offline, state, samples, steps, request.every), stopped)
         take(content, map(content.whole, _rows_of(blocks, edge_file)))
     return Simulation(
-        collected.columns, course.rows, course.time, course.duration, course.is_complete, tuple(found)
+        collected.columns,
+        course.rows,
+        course.time,
+        course.duration,
+        course.is_complete,
+        tuple(found),
+        course.remark(),
     )
 
 
@@ -147,7 +154,7 @@ def _about(request: SimulateRequest, setup: Setup, output: Path | None, duration
 
 
 class _Course:
-    """How far a simulation is, and whether it came to its end."""
+    """Progress of a simulation: the time reached, and whether it came to its end."""
 
     def __init__(self, duration: float, report: Callable[[float, float], None]) -> None:
         self.duration, self._report = duration, report

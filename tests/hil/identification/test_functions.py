@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import liftgate_hil as lh
+from liftgate_hil.cli.main import main
 from liftgate_hil.errors import ConfigError, NotWrittenError
 from liftgate_hil.identification.request import IdentifyRequest, ValidateRequest
 from liftgate_hil.identification.result import Validation
@@ -107,3 +109,16 @@ def test_only_the_files_are_taken_by_their_place(opening: Path) -> None:
 def test_a_request_is_taken_in_place_of_arguments(opening: Path) -> None:
     request = pickle.loads(pickle.dumps(ValidateRequest(opening, ideal=True)))
     assert lh.validate(request).fit_percent == lh.validate(opening, ideal=True).fit_percent
+
+
+def test_notes_name_arguments_in_python_and_flags_on_the_command_line(
+    opening: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paused = lh.validate(opening, ideal=True, initial="pause")
+    assert any("`initial` gives the angle" in note for note in paused.notes)
+    flags = ["validate", str(opening), "--ideal", "--initial", "pause"]
+    assert main([*flags, "--json", "--quiet"]) == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert notes == [note.replace("`initial`", "--initial") for note in paused.notes]
+    assert main(flags) == 0
+    assert "--initial gives the angle" in " ".join(capsys.readouterr().out.split())
