@@ -11,9 +11,14 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def busy_processes(count: int) -> Iterator[None]:
-    """Keep `count` processes busy within a `with`; they end with it, or with this process, however that ends."""
-    loop = f"import os\nwhile os.getppid() == {os.getpid()}:\n    sum(range(10**6))"
-    processes = [subprocess.Popen([sys.executable, "-c", loop]) for _ in range(count)]
+    """Keep `count` processes busy within a `with`; they end with it, or with this process, however that ends.
+
+    They are programs as others are: where this process has a negative nice value, theirs is 0.
+    """
+    own = max(0, os.getpriority(os.PRIO_PROCESS, 0))
+    busy = f"while os.getppid() == {os.getpid()}:\n    sum(range(10**6))"
+    program = f"import os\nos.setpriority(os.PRIO_PROCESS, 0, {own})\n{busy}"
+    processes = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(count)]
     try:
         yield
     finally:

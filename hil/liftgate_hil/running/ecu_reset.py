@@ -14,6 +14,7 @@ from typing import Any
 
 from liftgate_hil.config.driver import Reset
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.running.processes.children import keep_nice_value
 from liftgate_hil.stimuli.requests import RESET, is_due, note_made
 from liftgate_hil.stimuli.stimulus_plan import PROGRAMS, StimulusPlan
 
@@ -74,6 +75,7 @@ class Program:
             except (OSError, ValueError) as error:
                 self.failure = f"cannot be run: {error}"
                 return
+            keep_nice_value(self._process)
             if self._is_stopped:
                 _kill(self._process)
             try:

@@ -22,7 +22,7 @@ from liftgate_hil.errors import EcuError
 from liftgate_hil.loop.closed_loop import FRAMES
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.processes.answers import PLACE, AnswerChannel, BadAnswerError
-from liftgate_hil.running.processes.children import end_in_words, foreign_output, in_memory
+from liftgate_hil.running.processes.children import end_in_words, foreign_output, in_memory, keep_nice_value
 from liftgate_hil.running.processes.stillness import Stillness
 
 HANG_S = 10.0  # s that the ECU may take for a tick, to be created, or to end
@@ -72,6 +72,7 @@ def run_isolated(
         finally:
             os.close(given)
             os.close(status_fd)
+        keep_nice_value(child)
         try:
             patience = HANG_S if hang_s is None else hang_s
             watch = _Watch(child, ended, channel, memory, step, stopped, patience)

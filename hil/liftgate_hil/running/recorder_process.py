@@ -36,7 +36,7 @@ from liftgate_hil.formats.guarded import GuardedWriter, Say, failures_of, silent
 from liftgate_hil.formats.limit import Limit
 from liftgate_hil.formats.open import open_writer
 from liftgate_hil.loop.rings import Memory
-from liftgate_hil.running.processes.children import in_memory
+from liftgate_hil.running.processes.children import in_memory, keep_nice_value
 from liftgate_hil.running.recording_trigger import Trigger, Triggered
 from liftgate_hil.running.ring_recorder import Place, RingRecorder, place_in
 
@@ -89,6 +89,7 @@ class RecorderProcess:
             raise
         finally:
             os.close(reply_fd)
+        keep_nice_value(self._process)
         assert self._process.stdin is not None
         os.set_blocking(self._process.stdin.fileno(), False)
         self._reader = threading.Thread(target=self._read, args=(heard,), name="recorder's answers", daemon=True)

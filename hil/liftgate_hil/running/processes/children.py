@@ -21,6 +21,16 @@ def in_memory(content: bytes) -> int:
     return descriptor
 
 
+def keep_nice_value(child: subprocess.Popen[Any]) -> None:
+    """Give a child this process's nice value.
+
+    A thread with FIFO scheduling does not hand down a negative one (reset-on-fork, sched(7)): under `nice -n -10`
+    what it starts would wait for everything beside it that has the same value.
+    """
+    with contextlib.suppress(OSError):  # it has ended, or this process may not raise it
+        os.setpriority(os.PRIO_PROCESS, child.pid, os.getpriority(os.PRIO_PROCESS, os.getpid()))
+
+
 def foreign_output() -> int:
     """Return where foreign code's stdout goes: to stderr, as a program may parse the output of this one."""
     try:
