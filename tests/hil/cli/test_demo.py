@@ -112,14 +112,19 @@ def columns_with(**changed: Any) -> dict[str, Any]:
 RATES = shown().trace["gate_rate_degps"]
 
 
-def faults(result: Result, tells: bool = True) -> list[str]:
-    return failures(result, pinch_event(result.trace), tells)
+def faults(result: Result, is_ours: bool = True) -> list[str]:
+    return failures(result, pinch_event(result.trace), is_ours)
 
 
 def test_a_good_demo_has_no_failures() -> None:
     assert faults(shown()) == []
-    # An ECU that is not ours tells nothing.
-    assert faults(shown(events=[]), tells=False) == []
+    # An ECU that is not ours is_ours nothing.
+    assert faults(shown(events=[]), is_ours=False) == []
+
+
+def timed_out(count: int, clock: str = "realtime") -> Summary:
+    """The summary of a run in which commands timed out."""
+    return Summary(clock=clock, ticks=42_001, command_timeouts=count)
 
 
 @pytest.mark.parametrize(
@@ -141,8 +146,8 @@ def test_a_good_demo_has_no_failures() -> None:
             {"trace": columns_with(latched=np.zeros(4200))},
             "the gate did not close and latch at the end (it stands at 0.0 deg)",
         ),
-        ({"summary": Summary(ticks=42_001, command_timeouts=3)}, "3 command time-outs: the ECU was too late"),
-        ({"summary": Summary(ticks=42_001, command_timeouts=1)}, "1 command time-out: the ECU was too late"),
+        ({"summary": timed_out(3, "free")}, "3 command time-outs: the ECU was too late"),
+        ({"summary": timed_out(1, "free")}, "1 command time-out: the ECU was too late"),
         (
             {"verdict": "fail", "reason": "closes and latches: false at the end"},
             "closes and latches: false at the end",
@@ -167,12 +172,18 @@ FAILED: dict[str, Any] = {"force": 0.0}
         ({"late": LATE, **FAILED}, "212 ticks were missed at about 13.200 s"),
         ({"late": LATE, "expectations": DOUBTFUL}, "212 ticks were missed at about 13.200 s"),
         ({"expectations": DOUBTFUL}, "reverses: not known"),
-        ({"summary": Summary(command_timeouts=4)}, "4 command time-outs"),
+        ({"summary": timed_out(4)}, ""),
         ({"late": LATE, "summary": Summary(clock="free"), **FAILED}, ""),
     ],
 )
 def test_a_machine_that_was_too_busy_is_no_failure_of_the_loop(changes: dict[str, Any], said: str) -> None:
     assert busy_with(shown(**changes), is_ours=True) == said
+
+
+def test_commands_that_time_out_in_real_time_count_for_an_ecu_that_is_not_ours() -> None:
+    late = shown(summary=timed_out(2))
+    assert faults(late) == []
+    assert faults(late, is_ours=False) == ["2 command time-outs: the ECU was too late"]
 
 
 def test_an_ecu_that_is_not_ours_is_judged_where_its_verdicts_are_known() -> None:
@@ -250,7 +261,7 @@ def test_all_failures_are_reported_at_once() -> None:
 def test_a_gate_that_never_moved_names_the_cause_first(received: dict[str, int], cause: str) -> None:
     still = columns_with(gate_angle_deg=np.zeros(4200), pinch_force_n=np.zeros(4200))
     summary = Summary(ticks=42_001, received=NO_COUNTS._replace(**received))
-    found = faults(shown(trace=still, summary=summary), tells=False)
+    found = faults(shown(trace=still, summary=summary), is_ours=False)
     assert found == [cause, "the gate never met the obstacle"]
 
 
