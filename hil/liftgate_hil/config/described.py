@@ -34,6 +34,7 @@ from liftgate_hil.errors import ConfigError, ConfigIssues
 
 REQUIRED = object()
 _LONG = 500  # characters of a value's text
+_PLAIN = (bool, int, float, str, list, tuple, dict, type(None))  # of a number `Real` asks all of numpy's classes
 P = ParamSpec("P")  # the arguments of a command
 Request_contra = TypeVar("Request_contra", contravariant=True)
 Result_co = TypeVar("Result_co", covariant=True)
@@ -254,7 +255,7 @@ def _arguments_text(record: type) -> str:
 def value_of(name: str, value: object, kind: Kind) -> Any:
     """Return the value of an argument as its kind reads it. Raises ConfigError."""
     given = value
-    if isinstance(value, Real) and not isinstance(value, bool):
+    if type(value) not in _PLAIN and isinstance(value, Real):
         given = int(value) if isinstance(value, Integral) else float(value)
     issues = ConfigIssues("")
     found = kind.read(issues, name, list(given) if isinstance(given, tuple) else given)
