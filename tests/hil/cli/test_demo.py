@@ -118,7 +118,7 @@ def faults(result: Result, is_ours: bool = True) -> list[str]:
 
 def test_a_good_demo_has_no_failures() -> None:
     assert faults(shown()) == []
-    # An ECU that is not ours is_ours nothing.
+    # An ECU that is not ours reports no events.
     assert faults(shown(events=[]), is_ours=False) == []
 
 
