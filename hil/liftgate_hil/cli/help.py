@@ -10,7 +10,7 @@ _SUBJECTS: Mapping[str, tuple[str, ...]] = {
     "bus": ("bus", "serial", "interface", "channel", "bitrate", "is_fd", "rig", "ecu_serial"),
     "ECU": ("ecu", "against", "mutants", "mutation_threshold", "request", "no_requests", "drives", "coding"),
     "vehicle": ("vehicle", "settings", "draw", "ideal"),
-    "scenario": ("scenario", "scenarios", "initial", "seed", "set_parameter", "voltage", "input", "one_run"),
+    "scenario": ("scenario", "scenarios", "initial", "seed", "set-parameter", "voltage", "input", "one_run"),
     "variants": ("vary", "samples", "method", "sampling_seed", "worst", "evaluations", "probability", "replay"),
     "clock": ("clock", "rate", "duration", "step", "realtime", "cpu", "overrun_limit", "wall_timeout"),
     "what is run": ("jobs", "retry_inconclusive", "scheduler", "store", "resume"),
@@ -50,7 +50,8 @@ def arrange(parser: argparse.ArgumentParser, examples: Sequence[str], more: str 
     flags = parser._optionals
     needs = parser._positionals
     for action in list(flags._group_actions):
-        subject = _SUBJECT_OF.get(action.dest)
+        flag = action.option_strings[-1].lstrip("-") if action.option_strings else ""
+        subject = _SUBJECT_OF.get(flag) or _SUBJECT_OF.get(action.dest)
         group = needs if action.required else _group(parser, subject) if subject else flags
         if group is not flags:
             flags._group_actions.remove(action)

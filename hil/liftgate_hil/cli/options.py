@@ -25,20 +25,11 @@ MACHINE = ("realtime", "cpu")  # options about what the program requests of the 
 LISTEN = "127.0.0.1:8765"
 _PARSERS: Mapping[type, Callable[[str], Any]] = {Number: float, Whole: int}
 _ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
-# Flags that are not called as their argument.
-_FLAGS = {
-    "settings": "--set",
-    "from_s": "--from",
-    "to_s": "--to",
-    "maps": "--map",
-    "files": "FILE",
-    "without": "--except",
-    "is_fd": "--fd",
-}
+_FLAGS: dict[str, str] = {}  # of the command whose flags were added last, by the names of their arguments
 
 
 def as_flags(text: str) -> str:
-    """Return a message of the API with its arguments, `so_named`, replaced by the flags: --so-named."""
+    """Return a message of the API with its arguments, `so_named`, replaced by the command's flags: --so-named."""
     return _ARGUMENT.sub(lambda match: _FLAGS.get(match[1], "--" + match[1].replace("_", "-")), text)
 
 
@@ -78,7 +69,8 @@ def add_flags(
 ) -> None:
     """Add a flag, or where it is required an argument, for fields of a record; `defaults` replace theirs.
 
-    Without names all fields get theirs. The field `placed` is an argument, too, which may be left out.
+    Without names all fields get theirs. The field `placed` is an argument, too, which may be left out. What is
+    required and says how its flag is called is a flag nevertheless.
     """
     fields = {each.name: each for each in fields_of(record)}
     for name in names or signature_of(record).parameters:
@@ -86,10 +78,18 @@ def add_flags(
         own, meta = "--" + (field.flag or name.replace("_", "-")), field.metavar
         letters = [each for each in field.also if not each.startswith("--")]
         flags = [*letters, own, *(each for each in field.also if each not in letters)]
-        text = f"{field.meaning}; default: {words}" if (words := field.default_text) else field.meaning
+        is_required = field.default is REQUIRED
+        words = "" if is_required else field.default_text
+        text = f"{field.meaning}; default: {words}" if words else field.meaning
+        is_placed = name == placed or (is_required and not field.flag)
+        _FLAGS[name] = (meta or name.upper()) if is_placed else own
         if isinstance(field.kind, Paths):
             parser.add_argument(name, nargs="*" if name == placed else "+", metavar=meta, help=field.meaning)
-        elif field.default is REQUIRED:
+        elif is_required and field.flag:
+            parser.add_argument(
+                *flags, dest=name, required=True, metavar=meta, type=of_kind(field.kind), help=text
+            )
+        elif is_required:
             parser.add_argument(name, metavar=meta, type=of_kind(field.kind), help=field.meaning)
         elif name == placed:
             parser.add_argument(name, nargs="?", metavar=meta, type=of_kind(field.kind), help=field.meaning)

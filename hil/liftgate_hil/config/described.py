@@ -258,9 +258,10 @@ def value_of(name: str, value: object, kind: Kind) -> Any:
     if type(value) not in _PLAIN and isinstance(value, Real):
         given = int(value) if isinstance(value, Integral) else float(value)
     issues = ConfigIssues("")
-    found = kind.read(issues, name, list(given) if isinstance(given, tuple) else given)
+    # Records of the plant are tuples, too.
+    found = kind.read(issues, name, list(given) if type(given) is tuple else given)
     if issues.count:
-        is_plain = type(value) in (list, tuple)  # records of the plant are tuples, too
+        is_plain = type(value) in (list, tuple)
         text = ", ".join(map(str, cast(list[object], value))) if is_plain else shortened(show(value))
         raise ConfigError(f"`{name}` {text}: allowed: {kind.allowed}")
     return found

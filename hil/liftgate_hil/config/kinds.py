@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -290,6 +291,57 @@ class Paths:
             issues.add(key, f"{show(value) if given else 'none'}; allowed: {self.allowed}")
             return self.invalid
         return tuple(map(Path, given))
+
+
+class Loaded(NamedTuple):
+    """Kind of value: a shipped name, a file, or an object that was loaded from one."""
+
+    classes: tuple[str, ...]  # their names, the public one first: not every command loads them
+    invalid: str = ""
+
+    @property
+    def allowed(self) -> str:
+        """Name, file and public class in words."""
+        return f"a shipped name, a file, a {self.classes[0]}"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
+        """Return the value as it is; an issue if it is none of these."""
+        is_named = isinstance(value, str | os.PathLike) and bool(os.fspath(value))
+        if is_named or type(value).__name__ in self.classes:
+            return value
+        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return self.invalid
+
+
+class NumbersByName(NamedTuple):
+    """Kind of value: numbers by their names, as a mapping or as texts NAME=VALUE."""
+
+    allowed: str = "NAME=VALUE with a finite number, each name once"
+
+    @property
+    def invalid(self) -> dict[str, float]:
+        """No numbers."""
+        return {}
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> dict[str, float]:
+        """Return the numbers by their names; an issue if the texts state none, or a name twice.
+
+        Those of a mapping are validated where they are used, which states their ranges.
+        """
+        if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
+            return dict(value)
+        found: dict[str, float] = {}
+        for each in value if isinstance(value, list) else [value]:
+            name, _, text = (
+                (part.strip() for part in each.partition("=")) if isinstance(each, str) else ("", "", "")
+            )
+            with contextlib.suppress(ValueError):
+                if name and name not in found and math.isfinite(amount := float(text.replace("_", ""))):
+                    found[name] = amount
+                    continue
+            issues.add(key, f"{show(each)}; allowed: {self.allowed}")
+            break
+        return found
 
 
 class NumberOr(NamedTuple):

@@ -1,12 +1,29 @@
-"""Choice of a vehicle, and of what happens to it, as commands take them."""
+"""Choice of a vehicle, of a rig, and of what happens to them, as commands take them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from liftgate_hil.config.described import Field, Record
-from liftgate_hil.config.kinds import SEED, File, Flag, NumberOr, Texts
+from liftgate_hil.config.kinds import SEED, File, Flag, Loaded, NumberOr, NumbersByName, Texts
+
+if TYPE_CHECKING:
+    from liftgate_hil.config.rig import Rig
+    from liftgate_hil.config.scenario import Scenario, ScenarioFile
+    from liftgate_hil.config.vehicle import VehicleFile
+    from liftgate_plant.vehicle import Vehicle
+else:  # not every command loads them; their kinds know their names
+    Rig = Scenario = ScenarioFile = VehicleFile = Vehicle = object
+
+# What stands for a scenario, a vehicle or a rig: a shipped name, a file, or the object.
+AnyScenario = str | Path | ScenarioFile | Scenario
+AnyVehicle = str | Path | VehicleFile | Vehicle
+AnyRig = str | Path | Rig
+SCENARIO = Loaded(("Scenario", "ScenarioFile"))
+VEHICLE = Loaded(("Vehicle", "VehicleFile"))
+RIG = Loaded(("Rig",))
 
 
 # fmt: off
@@ -28,13 +45,22 @@ class VehicleChoice(VehicleSettings):
         "file", metavar="NAME|FILE")] = "suv"
 
 
+OwnVehicle = Annotated[AnyVehicle | None, Field(VEHICLE, "the vehicle: a shipped name, or "
+    "a file", "the scenario's, else suv", "NAME|FILE")]
+OwnRig = Annotated[AnyRig | None, Field(RIG, "the rig: mapping of bus signals",
+    "the scenario's, else liftgate", "NAME|FILE")]
+OwnSeed = Annotated[int | None, Field(SEED, "seed of noise and other random values", "the scenario's, else "
+    "0", "SEED")]
+Parameters = Annotated[Mapping[str, float] | Sequence[str] | None, Field(NumbersByName(), "replace a parameter of "
+    "the scenario (repeatable)", metavar="NAME=VALUE", flag="set-parameter")]
+
+
 class SetupChoice(VehicleSettings):
     """Base of the requests that concern a vehicle in a scenario."""
 
-    scenario: Annotated[str | Path | None, Field(File(), "what happens over time", metavar="NAME|FILE")] = None
-    vehicle: Annotated[str | Path | None, Field(File(), "the vehicle: a shipped name, or a file", "the "
-        "scenario's, else suv", "NAME|FILE")] = None
+    scenario: Annotated[AnyScenario | None, Field(SCENARIO, "what happens over time", metavar="NAME|FILE")] = None
+    parameters: Parameters = ()
+    vehicle: OwnVehicle = None
     initial: Annotated[float | str | None, Field(NumberOr("closed, open, or degrees"), "where the gate starts",
         "the scenario's, else closed", "closed|open|ANGLE_deg")] = None
-    seed: Annotated[int | None, Field(SEED, "seed of noise and other random values", "the scenario's, else "
-        "0")] = None
+    seed: OwnSeed = None

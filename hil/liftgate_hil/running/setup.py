@@ -10,7 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from liftgate_hil.config.arguments import numbers_of, seed_of
+from liftgate_hil.config.arguments import seed_of
+from liftgate_hil.config.described import value_of
+from liftgate_hil.config.kinds import NumbersByName
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.scenario import Scenario, ScenarioFile, load_scenario, no_scenario
 from liftgate_hil.config.settings import settings_of
@@ -46,15 +48,22 @@ def rig_from(name: str | Path) -> Rig:
     return load_rig(find_config("rigs", str(name)))
 
 
-def scenario_from(name: str | Path | None, parameters: Mapping[str, float] | None = None) -> Scenario:
+def scenario_from(
+    name: str | Path | None, parameters: Mapping[str, float] | Sequence[str] | None = None
+) -> Scenario:
     """Load a scenario by a shipped name or a path, its parameters replaced; None: an empty one.
 
     Raises ConfigError.
     """
     if name is None:
         return no_scenario()
-    given = numbers_of("parameters", parameters)
-    return load_scenario(find_config("scenarios", str(name)), given)
+    return load_scenario(find_config("scenarios", str(name)), _numbers(parameters))
+
+
+def _numbers(parameters: Mapping[str, float] | Sequence[str] | None) -> dict[str, float]:
+    """Return the parameters that replace a scenario's, by their names. Raises ConfigError."""
+    found: dict[str, float] = value_of("parameters", parameters or (), NumbersByName())
+    return found
 
 
 def vehicle_of(
@@ -93,20 +102,23 @@ def rig_of(rig: str | Path | Rig | None, scenario: Scenario | None = None) -> Ri
 
 
 def scenario_of(
-    scenario: str | Path | ScenarioFile | Scenario | None, parameters: Mapping[str, float] | None = None
+    scenario: str | Path | ScenarioFile | Scenario | None,
+    parameters: Mapping[str, float] | Sequence[str] | None = None,
 ) -> Scenario:
     """Return a scenario: loaded by name or path, its parameters replaced, or the object given; None: an empty one.
 
     Raises ConfigError.
     """
     if isinstance(scenario, ScenarioFile):
-        return scenario.scenario(parameters)
+        return scenario.scenario(_numbers(parameters))
     if isinstance(scenario, str | Path):
         return scenario_from(str(scenario), parameters)
     if scenario is not None and not isinstance(scenario, Scenario):
         raise ConfigError(f"`scenario` {show(scenario)}: allowed: a shipped name, a file, a Scenario, or None")
     if parameters:
-        raise ConfigError(f"`parameters` {', '.join(parameters)}: allowed with a scenario by its name or file")
+        raise ConfigError(
+            f"`parameters` {', '.join(_numbers(parameters))}: allowed with a scenario by its name or file"
+        )
     return no_scenario() if scenario is None else scenario
 
 
@@ -179,6 +191,7 @@ def setup_for(choice: SetupChoice) -> Setup:
     """Return the setup for a choice. Raises ConfigError."""
     return setup_of(
         choice.scenario,
+        parameters=choice.parameters,
         vehicle=choice.vehicle,
         settings=choice.settings,
         initial=choice.initial,
@@ -190,7 +203,7 @@ def setup_for(choice: SetupChoice) -> Setup:
 def setup_of(
     scenario: str | Path | ScenarioFile | Scenario | None = None,
     *,
-    parameters: Mapping[str, float] | None = None,
+    parameters: Mapping[str, float] | Sequence[str] | None = None,
     vehicle: str | Path | VehicleFile | Vehicle | None = None,
     settings: Sequence[str] = (),
     initial: float | str | None = None,

@@ -23,17 +23,16 @@ from liftgate_hil.testing.suite import Case, Outcome, not_run
 _CLOCK = "recorded"
 
 
-def runs_of(names: Sequence[str], is_one: bool = False) -> list[tuple[Path, ...]]:
+def runs_of(files: Sequence[Path], is_one: bool = False) -> list[tuple[Path, ...]]:
     """Return the files of each run, tables first: those of one name but for the suffix, or all (`is_one`).
 
     Raises ConfigError where a file is given twice.
     """
     found: dict[Path, list[Path]] = {}
     seen: set[str] = set()
-    for name in names:
-        path = Path(name)
+    for path in files:
         if (real := os.path.realpath(path)) in seen:
-            raise ConfigError(f"{name}: given twice; allowed: each file once")
+            raise ConfigError(f"{path}: given twice; allowed: each file once")
         seen.add(real)
         found.setdefault(Path() if is_one else path.with_suffix(""), []).append(path)
     groups = [
@@ -66,7 +65,7 @@ def _subject_of(paths: tuple[Path, ...], about: Expectations, is_reported: bool)
     files = about.setup.files | {"rig": Path(about.rig.source), "dbc": about.rig.database}
     files.pop("vehicle", None)  # the recording may be of another one
     files |= {f"recording {k}": path for k, path in enumerate(paths, 1)}
-    options = RunOptions(rate=about.rate, clock=_CLOCK, duration=about.duration)
+    options = RunOptions(rate=about.request.rate, clock=_CLOCK, duration=about.request.duration)
     job = Job(scenario=about.setup.scenario, ecu="", rig=about.rig, options=options)
     return Subject(job, about.setup, about.rig, sources_of(files) if is_reported else {})
 

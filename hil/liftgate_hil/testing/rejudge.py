@@ -6,19 +6,20 @@ import contextlib
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 from liftgate_hil.conditions.condition import COLUMN
 from liftgate_hil.config.database import database_file, is_database, load_messages
+from liftgate_hil.config.described import command, value_of
+from liftgate_hil.config.kinds import NumbersByName
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.diagnostics.reset_watch import ResetWatch
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.open import holds_nothing, open_file
-from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, read_options
+from liftgate_hil.formats.recording import ReadOptions, read_options
 from liftgate_hil.judging.expected import Expected
 from liftgate_hil.judging.judge import Gap, Judge
 from liftgate_hil.judging.stepped_again import SteppedAgain
@@ -36,58 +37,31 @@ from liftgate_hil.running.stimulation import planned_stimuli, reset_failure
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.testing.read_run import Asked, read_run
 from liftgate_hil.testing.recorded_run import RecordedRun, rounded_to_us
-from liftgate_plant.vehicle import Vehicle
+from liftgate_hil.testing.request import JudgeRequest
 
 _BITRATE = 500_000.0  # bit/s; it does not matter for a database alone
 
 
-def judge(
-    recordings: Sequence[str | Path],
-    scenario: str | Path | Scenario,
-    *,
-    parameters: Mapping[str, float] | None = None,
-    vehicle: str | Path | Vehicle | None = None,
-    rig: str | Path | Rig | None = None,
-    duration: float | None = None,
-    maps: Sequence[str] = (),
-    rate: float = 1000.0,
-    longest_gap: float | None = None,
-    recording_channel: str | None = None,
-    timezone: str | None = None,
-    origin: float | None = None,
-) -> dict[str, Verdict]:
+@command(JudgeRequest)
+def judge(request: JudgeRequest) -> dict[str, Verdict]:
     """Return the verdicts of a scenario's expectations, by their names, from the recordings of one run.
 
-    The recordings are tables, bus logs, or both. What was not recorded makes a verdict inconclusive. `duration`
-    [s] is the run's end where it was not the scenario's. Timestamps count from the run's start; those of a wall
-    clock from when a recording of ours says that the run began. Recordings of other tools begin with their first
-    sample, or at `origin` [s] by their own times.
-
-    Of recordings that are not ours, `rig` (a rig's file, or a database) defines what frames mean; its outputs
-    stand for the columns that no table has. `maps` are texts as of `--map`: OURS=THEIRS[unit], a column, or a
-    Message.Signal. Such recordings are judged in ticks of `rate` [Hz], each column by its last sample; where two
-    are further apart than `longest_gap` [s] (None: three times what is usual), windows are inconclusive.
-    `recording_channel` is the bus where a file has several; `timezone` is that of local times in headers.
+    The recordings are tables, bus logs, or both. What was not recorded makes a verdict inconclusive. Timestamps
+    count from the run's start; those of a wall clock from when a recording of ours says that the run began. What
+    our recordings state of vehicle, rig and parameters comes before the scenario's, and after what is given.
 
         judge(["drive.log"], "close.toml", rig="their.dbc", maps=["gate_angle_deg=Tailgate.Position"])
 
     Raises ConfigError.
     """
-    about = expectations_of(scenario, parameters=parameters, vehicle=vehicle, rig=rig)
-    about = replace(about, duration=duration, mapping=parse_maps(maps, COLUMNS))
-    how = read_options(recording_channel, timezone)
-    about = replace(about, rate=rate, longest_gap=longest_gap, how=how, origin=origin)
-    paths = [Path(each) for each in recordings]
-    return judged(paths, *as_recorded(paths, about)).verdicts
+    paths = paths_of(request)
+    return judged(paths, *as_recorded(paths, expectations_of(request))).verdicts
 
 
-class Request(NamedTuple):
-    """Arguments of `expectations_of` as they were given; None: what the recording says, else the scenario."""
-
-    scenario: str | Path | Scenario
-    parameters: Mapping[str, float] | None = None
-    vehicle: str | Path | Vehicle | None = None
-    rig: str | Path | Rig | None = None
+def paths_of(request: JudgeRequest) -> list[Path]:
+    """Return the paths of the recordings."""
+    given = request.recordings
+    return [Path(given)] if isinstance(given, str | Path) else [Path(each) for each in given]
 
 
 class StoppedJudgingError(Exception):
@@ -98,16 +72,12 @@ class StoppedJudgingError(Exception):
 class Expectations:
     """Expectations that recordings are judged by, and how these are read."""
 
-    request: Request
+    request: JudgeRequest
     setup: Setup
     rig: Rig
     expected: Expected
-    duration: float | None = None  # s; None: the scenario's
-    mapping: ColumnMap = field(default_factory=dict)
-    rate: float = 1000.0
-    longest_gap: float | None = None
-    how: ReadOptions = AS_IT_IS  # to read the files
-    origin: float | None = None  # s, time 0 of the run by the files' own times; None: their first sample
+    mapping: ColumnMap
+    how: ReadOptions  # to read the files
 
     @property
     def asked(self) -> Asked:
@@ -116,13 +86,15 @@ class Expectations:
         if self.expected.precondition_end is not None:
             columns.add("gate_angle_deg")  # shows whether the precondition was completed
         signals = self.expected.signals
-        found = frozenset(columns), signals, self.rig, self.mapping
+        found, request = (frozenset(columns), signals, self.rig, self.mapping), self.request
         is_off = any(each.kind == "bus_off" for each in self.setup.scenario.faults)
         own = self.expected.diagnostics
         others = [own.response] if own is not None else []
         if self.resets is not None:
             others += [self.resets.request, self.resets.response]
-        return Asked(*found, self.rate, self.longest_gap, frozenset(others), is_off, self.how, self.origin)
+        return Asked(
+            *found, request.rate, request.longest_gap, frozenset(others), is_off, self.how, request.origin
+        )
 
     @property
     def resets(self) -> Diagnostics | None:
@@ -143,17 +115,17 @@ class Judged:
     fault_notes: tuple[str, ...] = ()
 
 
-def expectations_of(
-    scenario: str | Path | Scenario,
-    *,
-    parameters: Mapping[str, float] | None = None,
-    vehicle: str | Path | Vehicle | None = None,
-    rig: str | Path | Rig | None = None,
-) -> Expectations:
-    """Return what a scenario expects, see `judge`. Raises ConfigError."""
-    setup = setup_of(scenario, parameters=parameters, vehicle=vehicle)
-    chosen = _rig_of(rig, setup.scenario)
-    return Expectations(Request(scenario, parameters, vehicle, rig), setup, chosen, _expected_in(setup, chosen))
+def expectations_of(request: JudgeRequest) -> Expectations:
+    """Return what a request's scenario expects, and how its recordings are read. Raises ConfigError."""
+    mapping = parse_maps(request.maps, COLUMNS)
+    how = read_options(request.recording_channel, request.timezone)
+    setup = _setup_of(request, request.parameters)
+    rig = _rig_of(request.rig, setup.scenario)
+    return Expectations(request, setup, rig, _expected_in(setup, rig), mapping, how)
+
+
+def _setup_of(request: JudgeRequest, parameters: Mapping[str, float] | Sequence[str] | None) -> Setup:
+    return setup_of(request.scenario, parameters=parameters, vehicle=request.vehicle)
 
 
 def _expected_in(setup: Setup, rig: Rig) -> Expected:
@@ -170,6 +142,7 @@ def as_recorded(paths: Sequence[Path], about: Expectations) -> tuple[Expectation
     scenario's. Raises ConfigError.
     """
     found, given, notes = recorded_setup(paths), about.request, list[str]()
+    replaced: Mapping[str, float] = value_of("parameters", given.parameters or (), NumbersByName())
 
     def noted(what: str, recorded: object, other: object, is_given: bool) -> None:
         used, unused = (other, f"{recorded} as recorded") if is_given else (recorded, other)
@@ -180,11 +153,10 @@ def as_recorded(paths: Sequence[Path], about: Expectations) -> tuple[Expectation
     for name, value in own.items():
         other = about.setup.scenario.parameters[name]
         if value != other:
-            noted(name, value, other, name in (given.parameters or {}))
+            noted(name, value, other, name in replaced)
     setup = about.setup
     if any(setup.scenario.parameters[name] != value for name, value in own.items()):
-        chosen = {**own, **(given.parameters or {})}
-        setup = setup_of(given.scenario, parameters=chosen, vehicle=given.vehicle)
+        setup = _setup_of(given, {**own, **replaced})
     rig = about.rig
     if found.rig is not None and found.rig.source != rig.source:
         noted("rig", Path(found.rig.source).stem, Path(rig.source).stem, given.rig is not None)
@@ -226,7 +198,7 @@ def judged(
     run = read_run(paths, about.asked)
     run.notes[:0] = differences
     scenario = about.setup.scenario
-    end = scenario.duration if about.duration is None else about.duration
+    end = scenario.duration if about.request.duration is None else about.request.duration
     last = float(run.times[-1])
     tolerance = silence = math.inf
     if about.rig.inputs:

@@ -96,7 +96,7 @@ def test_a_scenario_of_another_name_makes_one_run_of_all_files_where_asked(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["a.csv", "./a.csv"], "./a.csv: given twice; allowed: each file once"),
+        (["a.csv", "./a.csv"], "a.csv: given twice; allowed: each file once"),
         (["a.csv", "b.csv", "--one-run"], "b.csv: a second table of a run"),
         (["nobody.csv"], "nobody.csv"),
         (["a.csv", "--map", "left_current_a"], "--map left_current_a: allowed: OURS=THEIRS"),

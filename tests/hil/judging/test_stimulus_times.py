@@ -12,6 +12,7 @@ from liftgate_hil.running.options import RunOptions
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.rejudge import expectations_of, judged
 from liftgate_hil.testing.reports import as_json
+from liftgate_hil.testing.request import JudgeRequest
 from liftgate_hil.testing.words import happenings
 
 HEAD = """
@@ -51,7 +52,7 @@ def test_a_fault_that_was_in_force_for_too_short_is_reported(tmp_path: Path, fau
     if note is not None:
         assert result.notes[0].startswith("fault[0] (")
         assert note in result.notes[0]
-    assert judged(log, expectations_of(path)).fault_notes == result.notes
+    assert judged(log, expectations_of(JudgeRequest(recordings=log, scenario=path))).fault_notes == result.notes
 
 
 def test_the_note_is_among_those_of_the_outcome(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.testing.judged_suite import cases_of, judge_suite
 from liftgate_hil.testing.recorded_run import Track
 from liftgate_hil.testing.rejudge import expectations_of
+from liftgate_hil.testing.request import JudgeRequest
 
 CAR = Path(__file__).parents[3] / "docs/examples/their_car"
 ANGLE = "gate_angle_deg=HK_Status.HK_Winkel"
@@ -299,7 +300,7 @@ def test_a_label_without_a_counterpart_takes_no_other_signal_with_it(tmp_path: P
     own = scenario(tmp_path, 'name = "stop"\nnever = "sensed.gate_angle_deg > 90"', *more)
     found = lh.judge([log], own, rig=tmp_path / "rig.toml")
     assert (found["stop"].verdict, found["stop"].margin) == ("fail", pytest.approx(-5.0))
-    about = expectations_of(own, rig=tmp_path / "rig.toml")
+    about = expectations_of(JudgeRequest((), own, rig=tmp_path / "rig.toml"))
     (outcome, notes), *_ = judge_suite(cases_of([(log,)], about), is_summarized=False)
     said = "Lage.Schloss: 3 (SNA) at 3.000 s is no value of latch_state; left out in 2 frames"
     assert [note for note in notes if "Lage" in note] == ([said] if also else [])
@@ -340,7 +341,7 @@ def test_a_log_without_frames_says_what_it_holds(tmp_path: Path) -> None:
     )
     own = scenario(tmp_path, 'name = "a"\nalways = "gate_angle_deg < 90"')
     (outcome, notes), *_ = judge_suite(
-        cases_of([(tmp_path / "m.log",)], expectations_of(own)), is_summarized=False
+        cases_of([(tmp_path / "m.log",)], expectations_of(JudgeRequest((), own))), is_summarized=False
     )
     assert outcome.verdict == "inconclusive"
     assert any("3 lines left out (not understood)" in note for note in notes)

@@ -10,6 +10,7 @@ import pytest
 import liftgate_hil as lh
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.testing.rejudge import expectations_of, judged
+from liftgate_hil.testing.request import JudgeRequest
 
 LEARNED = 'precondition = ["open", "close"]\n'
 OPENS = '[[request]]\ntime = 0.5\naction = "open"\n'
@@ -154,7 +155,7 @@ def test_without_the_gate_angle_it_is_open_whether_the_precondition_was_complete
     angle = rows[0].index("gate_angle_deg")
     kept = [[cell for place, cell in enumerate(row) if place != angle] for row in rows]
     (tmp_path / "part.csv").write_text("\n".join(map(",".join, kept)) + "\n")
-    about = expectations_of(file)
+    about = expectations_of(JudgeRequest((), file))
     assert judged([tmp_path / "run.csv"], about).fault_notes == ()
     part = judged([tmp_path / "part.csv"], about)
     assert part.verdicts["soft"].verdict == "pass"

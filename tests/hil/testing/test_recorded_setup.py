@@ -13,6 +13,7 @@ from liftgate_hil.formats.mcap_layout import ABOUT_PARQUET
 from liftgate_hil.running.recorded_setup import RecordedSetup, recorded_setup
 from liftgate_hil.running.setup import vehicle_from
 from liftgate_hil.testing.rejudge import as_recorded, expectations_of
+from liftgate_hil.testing.request import JudgeRequest
 
 SCENARIO = """description = "opens"
 duration = 0.2
@@ -41,7 +42,7 @@ def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 
 def test_the_recording_comes_before_the_scenario(recording: Path) -> None:
-    about, notes = as_recorded([recording], expectations_of(recording.parent / "s.toml"))
+    about, notes = as_recorded([recording], expectations_of(JudgeRequest(recording, recording.parent / "s.toml")))
     assert about.setup.vehicle == vehicle_from("compact", ["motor.resistance=0.9"])
     assert about.setup.scenario.parameters == {"limit": 70.0}
     assert Path(about.rig.source) == recording.parent / "own.toml"
@@ -53,8 +54,10 @@ def test_the_recording_comes_before_the_scenario(recording: Path) -> None:
 
 
 def test_what_is_given_comes_before_the_recording(recording: Path) -> None:
-    given = expectations_of(recording.parent / "s.toml", vehicle="suv", rig="liftgate", parameters={"limit": 60.0})
-    about, notes = as_recorded([recording], given)
+    request = JudgeRequest(
+        recording, recording.parent / "s.toml", vehicle="suv", rig="liftgate", parameters={"limit": 60.0}
+    )
+    about, notes = as_recorded([recording], expectations_of(request))
     assert about is given or about.setup.vehicle == given.setup.vehicle
     assert about.setup.scenario.parameters == {"limit": 60.0}
     assert [note.removeprefix(f"{recording}: ") for note in notes] == [
@@ -77,7 +80,9 @@ def test_a_rig_that_has_changed_since_is_not_taken(recording: Path) -> None:
     before = own.read_text()
     own.write_text(before + "\n# changed\n")
     try:
-        about, notes = as_recorded([recording], expectations_of(recording.parent / "s.toml"))
+        about, notes = as_recorded(
+            [recording], expectations_of(JudgeRequest(recording, recording.parent / "s.toml"))
+        )
     finally:
         own.write_text(before)
     assert Path(about.rig.source).name == "liftgate.toml"
