@@ -16,8 +16,8 @@ from liftgate_hil.config.settings import settings_of
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.loop.closed_loop import Episode
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.running.run_plan import run_plan
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
@@ -116,9 +116,8 @@ def releasing(seed: int = 1) -> Scenario:
 def run_kept(scenario: Scenario, ecu: Any = "reference", **more: Any) -> tuple[lh.Result, Keeper]:
     """A run, and all that it gave."""
     keeper = Keeper()
-    options = RunOptions(clock="free", record=more.pop("records", ()))
-    job = Job(scenario=scenario, ecu=ecu, options=options, **more)
-    return run_plan(plan_of(job), sinks=[keeper]), keeper
+    request = RunRequest(scenario, ecu, record=more.pop("records", ()), **more)
+    return run_plan(plan_of(Job(request)), sinks=[keeper]), keeper
 
 
 def episode_of(sinks: Sequence[Any], adapter: Adapter, **more: Any) -> Episode:

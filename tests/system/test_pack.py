@@ -14,8 +14,8 @@ import liftgate_hil as lh
 from liftgate_hil.config.shipped import shipped_folder
 from liftgate_hil.ecu.mutants import MUTANTS
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import Plan
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.suite import Case
 
@@ -60,7 +60,7 @@ KILLERS = {
 @cache
 def pack() -> dict[str, Case]:
     files = suite.scenario_files(["pack"])
-    job = Job(scenario=None, ecu="reference", options=RunOptions(clock="free"))
+    job = Job(RunRequest())
     return {path.stem: case for path, case in zip(files, suite.cases_of(files, job), strict=True)}
 
 

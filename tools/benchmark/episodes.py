@@ -28,7 +28,7 @@ from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode, Sink, Trace
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.tick import LoopConfig, constants_in
 from liftgate_hil.running.loop_start import loop_config_of, start_of
-from liftgate_hil.running.options import ticks_of
+from liftgate_hil.running.request import ticks_of
 from liftgate_hil.running.setup import rig_from, scenario_from, vehicle_from
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, armed
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, stimulus_plan_of

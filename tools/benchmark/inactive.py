@@ -21,8 +21,8 @@ from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode, Extremes
 from liftgate_hil.loop.observers import Sink
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.loop_start import loop_config_of, start_of
-from liftgate_hil.running.options import ticks_of
 from liftgate_hil.running.plan import expected_in
+from liftgate_hil.running.request import ticks_of
 from liftgate_hil.running.setup import rig_of, setup_of
 from liftgate_hil.running.stimulation import planned_stimuli
 

@@ -18,7 +18,7 @@ from liftgate_hil.doctor.check import ROOT, Check
 from liftgate_hil.doctor.examination import Examination
 from liftgate_hil.doctor.timing import steal, stolen_percent
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.mutation import mutate
 from tools.busy import busy_processes
@@ -77,8 +77,7 @@ def _examined() -> list[Check]:
 
 
 def _job(clock: str) -> Job:
-    options = RunOptions(clock=clock, realtime=clock == "realtime")
-    return Job(scenario=None, ecu="reference", options=options)
+    return Job(RunRequest(clock=clock, realtime=clock == "realtime"))
 
 
 def _on(files: Sequence[Path], clock: str) -> list[suite.Outcome]:

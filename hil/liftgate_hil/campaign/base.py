@@ -8,14 +8,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from liftgate_hil.campaign.distributions import Floats
 from liftgate_hil.campaign.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, Target
-from liftgate_hil.config.variant import Variant
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.plan import Plan
 from liftgate_hil.version import versions
@@ -42,16 +41,16 @@ class Base:
 
     def job_of(self, values: Sequence[float]) -> Job:
         """Return the job of a variant with these values, one for each target."""
-        job = self.job
+        own = self.job.request
         given = list(zip(self.targets, map(float, values), strict=True))
         parameters = {each.name: value for each, value in given if each.kind == PARAMETER}
         seeds = {each.kind: int(value) for each, value in given if each.kind in (SEED_OF_RUN, DRAW)}
-        return replace(
-            job,
-            parameters={**job.parameters, **parameters},
-            settings=(*job.settings, *settings_of(given)),
-            seed=seeds.get(SEED_OF_RUN, job.seed),
-            variant=Variant(seeds[DRAW]) if DRAW in seeds else job.variant,
+        return self.job.asking(
+            parameters={**own.parameter_values, **parameters},
+            settings=(*own.settings, *settings_of(given)),
+            seed=seeds.get(SEED_OF_RUN, own.seed),
+            draw=seeds.get(DRAW, own.draw),
+            ideal=own.ideal and DRAW not in seeds,
         )
 
 
@@ -80,13 +79,13 @@ def base_of(plan: Plan, targets: Sequence[Target]) -> Base:
         "files": {purpose: each.sha256 for purpose, each in sorted(plan.sources.items())},
         "ecu": ecu_of(plan),
         "profiles": repr(setup.scenario.stimuli.profiles),  # also those of CSV files
-        "rate": job.options.rate,
+        "rate": job.request.rate,
         "duration": plan.duration,
         "parameters": dict(setup.scenario.parameters),
-        "settings": list(job.settings),
+        "settings": list(job.request.settings),
         "initial_rad": setup.start_angle,
         "seed": setup.seed,
-        "variant": list(job.variant),
+        "variant": [job.request.draw, job.request.ideal],
         "varied": [[each.name, each.kind] for each in targets],
     }
     text = json.dumps(known, sort_keys=True, default=str)

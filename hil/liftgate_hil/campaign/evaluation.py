@@ -32,7 +32,7 @@ from liftgate_hil.loop.tick import LoopState
 from liftgate_hil.running.execution import Execution
 from liftgate_hil.running.plan import Plan, plan_of
 from liftgate_hil.running.run_plan import adapter_of, judge_of
-from liftgate_hil.running.setup import scenario_of
+from liftgate_hil.running.setup import scenario_of, variant_of
 from liftgate_hil.running.shared_starts import SharedStarts, reference_copied
 from liftgate_hil.running.signs_of_life import foreign_code
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
@@ -92,12 +92,14 @@ class Evaluator:
         self.memory = memory or Memory(ROWS, FRAMES, others_write=True)
         self._plan = plan_of(base.job)
         if ecu_of(self._plan) != base.ecu:
-            raise ConfigError(f"`ecu` {base.job.ecu}: not the campaign's file here; allowed: the same content")
+            raise ConfigError(
+                f"`ecu` {base.job.request.ecu}: not the campaign's file here; allowed: the same content"
+            )
         self._starts = SharedStarts()
         self._work = work_for(BLOCK)  # of the judges, which judge one after the other
-        assert isinstance(base.job.vehicle, VehicleFile)
-        self._vehicles = Vehicles(base.job.vehicle, base.targets)
-        self._settings = settings_of(base.job.settings)
+        assert isinstance(base.job.request.vehicle, VehicleFile)
+        self._vehicles = Vehicles(base.job.request.vehicle, base.targets)
+        self._settings = settings_of(base.job.request.settings)
         self._figures = FigureSink()
         self._ecu: _Ecu | None = None
 
@@ -134,10 +136,11 @@ class Evaluator:
     def plan(self, values: Sequence[float]) -> Plan:
         """Return the plan of the variant with these values. Raises ConfigError."""
         job = self.base.job_of(values)
-        scenario = scenario_of(job.scenario, job.parameters)
-        fixed = [*scenario.settings, *self._settings]
-        vehicle = self._vehicles.vehicle(fixed, settings_of(job.settings[len(self._settings) :]), job.variant)
-        setup = self._plan.setup.varied(scenario, vehicle, initial=job.initial, seed=job.seed)
+        request = job.request
+        scenario = scenario_of(request.scenario, request.parameters)
+        fixed, own = [*scenario.settings, *self._settings], settings_of(request.settings[len(self._settings) :])
+        vehicle = self._vehicles.vehicle(fixed, own, variant_of(request.draw, request.ideal))
+        setup = self._plan.setup.varied(scenario, vehicle, initial=request.initial, seed=request.seed)
         self._plan = self._plan.varied(job, setup)
         return self._plan
 

@@ -53,8 +53,7 @@ def replayed(
     for target in record:
         if is_one_of(target, [path / name for name in OWN]):
             raise ConfigError(f"`record` {target}: belongs to the campaign; allowed: another file")
-    options = job.options.replaced(record=tuple(record))
-    result = execute(plan_of(replace(job, trace=1, options=options, listener=listener)))
+    result = execute(plan_of(replace(job.asking(record=tuple(record)), trace=1, listener=listener)))
     seen = _columns_of(result, found.base.expectations)
     wrong = [
         f"{name}: {_shown(each)}, the campaign saw {_shown(row.get(name))}"

@@ -15,16 +15,16 @@ from liftgate_hil.config.parameter_units import parameter_units
 from liftgate_hil.config.scenario import ScenarioFile, read_scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.toml import show
-from liftgate_hil.config.vehicle import read_vehicle
+from liftgate_hil.config.vehicle import VehicleFile, read_vehicle
 from liftgate_hil.ecu.find import check_ecu
 from liftgate_hil.ecu.mutants import ecu_and_mutant
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import Plan, plan_of
-from liftgate_hil.running.setup import rig_of, scenario_of, variant_of
+from liftgate_hil.running.request import RunRequest
+from liftgate_hil.running.setup import rig_of, scenario_of
 
 LEAST_OF_A_PROBABILITY = 1200  # evaluations: with fewer, the levels of a small probability are chance
 DESIGN, WORST, PROBABILITY = "design", "worst", "probability"  # kinds of campaigns
@@ -45,7 +45,7 @@ class Request:
     seed: int | None = None
     draw: int | None = None
     ideal: bool = False
-    rate: float = RunOptions.rate
+    rate: float = RunRequest.rate
     duration: float | None = None
     kind: str = DESIGN
     expectation: str = ""  # of WORST and PROBABILITY
@@ -117,7 +117,8 @@ def prepared(request: Request) -> Prepared:
     plan = plan_of(job)
     if plan.ticks is None:
         raise ConfigError(f"{request.scenario}: duration: missing; allowed: in the scenario, or `duration`")
-    content = job.vehicle.raw if job.vehicle is not None else {}  # type: ignore[union-attr]
+    assert isinstance(job.request.vehicle, VehicleFile)  # see _job_of
+    content = job.request.vehicle.raw
     space = space_of(request.vary, _parameters_of(job, plan), plan.setup.vehicle, content)
     _check_once(request, space)
     if request.ideal and any(each.kind == DRAW for each in space.targets):
@@ -135,8 +136,8 @@ def prepared(request: Request) -> Prepared:
 
 def _parameters_of(job: Job, plan: Plan) -> dict[str, str]:
     """Return the parameters of the scenario with their units; "": unknown."""
-    assert isinstance(job.scenario, ScenarioFile)  # see _job_of
-    units = parameter_units(part.raw for part in job.scenario.parts)
+    assert isinstance(job.request.scenario, ScenarioFile)  # see _job_of
+    units = parameter_units(part.raw for part in job.request.scenario.parts)
     return {name: units.get(name, "") for name in plan.setup.scenario.parameters}
 
 
@@ -178,7 +179,7 @@ def check_expectation(request: Request, base: Base, expectations: Mapping[str, E
 def _against(request: Request, base: Base) -> Base:
     """Return the base of the other ECU, for the same values. Raises ConfigError."""
     ecu, mutant = ecu_of(request.against, "against")
-    return base_of(plan_of(replace(base.job, ecu=ecu, mutant=mutant)), base.targets)
+    return base_of(plan_of(replace(base.job.asking(ecu=ecu), mutant=mutant)), base.targets)
 
 
 def _job_of(request: Request) -> Job:
@@ -188,18 +189,20 @@ def _job_of(request: Request) -> Job:
     scenario = scenario_of(file, request.parameters)
     called = f"{scenario.source}: vehicle" if scenario.vehicle and request.vehicle is None else ""
     name = request.vehicle or scenario.vehicle or "suv"
-    return Job(
+    run = RunRequest(
         scenario=file,
         ecu=ecu,
-        mutant=mutant,
         parameters=dict(request.parameters),
         vehicle=read_vehicle(find_config("vehicles", name, called), name),
         rig=rig_of(request.rig, scenario),
         settings=tuple(request.settings),
         seed=request.seed,
-        variant=variant_of(request.draw, request.ideal),
-        options=RunOptions(clock="free", rate=request.rate, duration=request.duration),
+        draw=request.draw,
+        ideal=request.ideal,
+        rate=request.rate,
+        duration=request.duration,
     )
+    return Job(run, mutant=mutant)
 
 
 def ecu_of(name: str, called: str) -> tuple[str, str]:

@@ -14,6 +14,7 @@ from liftgate_hil.config.scenario import ScenarioFile
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.variant import AS_FILED, settings_for
 from liftgate_hil.config.vehicle import VehicleFile
+from liftgate_hil.running.setup import variant_of
 
 
 def scenario_text(prepared: Prepared, values: Sequence[float], comment: str, folder: Path) -> str:
@@ -21,19 +22,21 @@ def scenario_text(prepared: Prepared, values: Sequence[float], comment: str, fol
 
     It names other files relative to the folder, so that both can be moved together.
     """
-    base, job = prepared.base, prepared.base.job_of(values)
-    file, vehicle = job.scenario, job.vehicle
+    base, request = prepared.base, prepared.base.job_of(values).request
+    file, vehicle = request.scenario, request.vehicle
     assert isinstance(file, ScenarioFile)
     assert isinstance(vehicle, VehicleFile)
     lines = [f"# {line}" for line in comment.splitlines()]
     lines += [f"include = {json.dumps([_relative(file.path, folder)])}"]
-    lines += [f"{name} = {_toml(value)}" for name, value in _heads(prepared, base, job.seed, folder).items()]
-    if job.parameters:
-        lines += ["", "[parameters]", *(f"{name} = {value!r}" for name, value in job.parameters.items())]
-    settings = settings_of(job.settings)
-    if job.variant != AS_FILED:
-        settings = [*file.scenario(job.parameters).settings, *settings]
-        settings = settings_for(vehicle.raw, job.variant, settings, str(vehicle.path))
+    lines += [f"{name} = {_toml(value)}" for name, value in _heads(prepared, base, request.seed, folder).items()]
+    parameters = request.parameter_values
+    if parameters:
+        lines += ["", "[parameters]", *(f"{name} = {value!r}" for name, value in parameters.items())]
+    variant = variant_of(request.draw, request.ideal)
+    settings = settings_of(request.settings)
+    if variant != AS_FILED:
+        settings = [*file.scenario(parameters).settings, *settings]
+        settings = settings_for(vehicle.raw, variant, settings, str(vehicle.path))
     if settings:
         own = {each.key: each.value for each in settings}
         lines += ["", "[set]", *(f"{json.dumps(key)} = {_toml(value)}" for key, value in own.items())]
@@ -42,7 +45,7 @@ def scenario_text(prepared: Prepared, values: Sequence[float], comment: str, fol
 
 def _heads(prepared: Prepared, base: Base, seed: int | None, folder: Path) -> dict[str, Any]:
     """Return the keys at the top of the file, where they are not those of the included one."""
-    request, vehicle, found = prepared.request, base.job.vehicle, dict[str, Any]()
+    request, vehicle, found = prepared.request, base.job.request.vehicle, dict[str, Any]()
     assert isinstance(vehicle, VehicleFile)
     if request.vehicle is not None:
         found["vehicle"] = _name(vehicle.name, folder)

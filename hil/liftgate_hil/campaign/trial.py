@@ -25,7 +25,7 @@ def tried(found: Prepared) -> float:
     evaluator = Evaluator(found.base)
     try:
         middle = _check(evaluator, found.space)
-        if is_foreign(found.base.job.ecu):
+        if is_foreign(found.base.job.request.ecu):
             return _FOREIGN_S
         evaluator.row(middle)  # loads the machine code
         return max(evaluator.row(middle).wall_s, 1e-4)

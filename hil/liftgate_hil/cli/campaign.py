@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.test import add_set_parameter, naming_the_flag, parameters_of
-from liftgate_hil.config.kinds import SEED
+from liftgate_hil.config.described import value_of
+from liftgate_hil.config.kinds import SEED, NumbersByName
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError, LiftgateError, number_of, printable, with_unit
 from liftgate_hil.judging.verdict import ERROR
+from liftgate_hil.running.request import RunRequest
 
 if TYPE_CHECKING:
     from liftgate_hil.campaign.campaign import Progress as State
@@ -76,8 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=options.of_kind(SEED), help="seed of random values; default: the scenario's"
     )
-    add_set_parameter(parser, "replace a parameter of the scenario (repeatable)")
-    options.add_options(parser, "rate", "duration")
+    options.add_flags(parser, RunRequest, "parameters", "rate", "duration")
     parser.add_argument(
         "--jobs", type=options.whole(1, 1024), metavar="N", help="processes on this machine; default: one per CPU"
     )
@@ -95,7 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--resume", action="store_true", help="go on with the campaign in --output")
     parser.add_argument("--replay", metavar="VARIANT", help="run a variant again and compare it bit by bit")
-    options.add_options(parser, "record")
+    options.add_flags(parser, RunRequest, "record")
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 
 
@@ -149,8 +149,7 @@ def _ended_in_order(stop: StopSignals) -> Iterator[None]:
     from liftgate_hil.campaign.store import KEPT, StoreError
 
     try:
-        with naming_the_flag():
-            yield
+        yield
     except ConfigError as error:  # SCENARIO is no flag here
         raise ConfigError([line.replace("`scenario` ", "SCENARIO ") for line in error.issues]) from None
     except StoreError as error:
@@ -189,7 +188,7 @@ def _request(args: argparse.Namespace) -> Request:
         vehicle=args.vehicle,
         rig=args.rig,
         settings=tuple(args.settings),
-        parameters=parameters_of(args.set_parameter),
+        parameters=value_of("parameters", args.parameters, NumbersByName()),
         seed=args.seed,
         draw=args.draw,
         ideal=args.ideal,
@@ -279,7 +278,7 @@ def _replay(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.suite_line import QuietListener
     from liftgate_hil.cli.teller import Teller
 
-    record, teller = options.run_options(args).record, Teller(args.quiet)
+    record, teller = options.run_request(args).recordings, Teller(args.quiet)
     with teller.progress("replay"):
         found = replayed(Path(args.scenario), args.replay, record, QuietListener(teller))
     for line in found.lines:

@@ -107,8 +107,8 @@ class _Compiling(Listener):
 def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
     """Compile the loops of a run: each clock, with an ECU in the process, a judge and a triggered recording."""
     from liftgate_hil.running.job import Job
-    from liftgate_hil.running.options import CLOCKS, RunOptions
     from liftgate_hil.running.plan import plan_of
+    from liftgate_hil.running.request import CLOCKS, RunRequest
     from liftgate_hil.running.run import execute
 
     with tempfile.TemporaryDirectory() as folder:
@@ -116,9 +116,8 @@ def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
         scenario.write_text(_SCENARIO, encoding="utf-8")
         for clock in CLOCKS:
             records, when = (Path(folder) / f"{clock}.csv",), ("time_s > 0",)
-            options = RunOptions(clock=clock, duration=0.001, record=records, record_when=when)
-            job = Job(scenario=str(scenario), ecu="reference", options=options, listener=teller)
-            result = execute(plan_of(job), stopped)
+            request = RunRequest(scenario, clock=clock, duration=0.001, record=records, record_when=when)
+            result = execute(plan_of(Job(request, listener=teller)), stopped)
             if result.verdict == ERROR:
                 raise LiftgateError(result.reason)
 

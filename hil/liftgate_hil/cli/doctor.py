@@ -11,6 +11,7 @@ import json
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.running.request import RunRequest
 
 if TYPE_CHECKING:
     from liftgate_hil.doctor.check import Check
@@ -25,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="duration of each lateness measurement; default: 2; an hour shows rare delays",
     )
-    options.add_options(parser, "rate", *options.MACHINE)
+    options.add_flags(parser, RunRequest, "rate", *options.MACHINE)
     parser.add_argument("--quiet", action="store_true", help="print only checks that are not ok")
     parser.add_argument("--json", action="store_true", help="print checks and figures as JSON")
 

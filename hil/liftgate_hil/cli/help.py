@@ -50,8 +50,7 @@ def arrange(parser: argparse.ArgumentParser, examples: Sequence[str], more: str 
     flags = parser._optionals
     needs = parser._positionals
     for action in list(flags._group_actions):
-        flag = action.option_strings[-1].lstrip("-") if action.option_strings else ""
-        subject = _SUBJECT_OF.get(flag) or _SUBJECT_OF.get(action.dest)
+        subject = subject_of(action)
         group = needs if action.required else _group(parser, subject) if subject else flags
         if group is not flags:
             flags._group_actions.remove(action)
@@ -62,6 +61,12 @@ def arrange(parser: argparse.ArgumentParser, examples: Sequence[str], more: str 
     shown = "\n".join(f"  {each}" for each in examples)
     parser.epilog = "\n\n".join(filter(None, (more, f"examples:\n{shown}" if examples else "")))
     parser.usage = " ".join([parser.prog, *map(_needed, needs._group_actions), "[FLAGS]"])
+
+
+def subject_of(action: argparse.Action) -> str:
+    """Return the subject of a flag; "": it has none."""
+    flag = action.option_strings[-1].lstrip("-") if action.option_strings else ""
+    return _SUBJECT_OF.get(flag) or _SUBJECT_OF.get(action.dest, "")
 
 
 def _group(parser: argparse.ArgumentParser, title: str) -> argparse._ArgumentGroup:

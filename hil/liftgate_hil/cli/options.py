@@ -15,7 +15,7 @@ from liftgate_hil.config.kinds import Choice, Flag, Kind, Number, Paths, Whole
 from liftgate_hil.config.vehicle_choice import SetupChoice, VehicleSettings
 from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.errors import ConfigIssues
-from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.request import RunRequest
 
 if TYPE_CHECKING:
     from liftgate_hil.running.setup import Setup
@@ -57,11 +57,6 @@ def bounded(low: float, high: float, unit: str) -> Callable[[str], float]:
 def whole(low: int, high: int) -> Callable[[str], int]:
     """Return an argparse type: a whole number within [low, high]."""
     return of_kind(Whole(low, high))
-
-
-def add_options(parser: argparse.ArgumentParser, *names: str, **defaults: Any) -> None:
-    """Add the flags of run options; `defaults` replace those of RunOptions."""
-    add_flags(parser, RunOptions, *names, **defaults)
 
 
 def add_flags(
@@ -120,9 +115,12 @@ def wire_choice(args: argparse.Namespace) -> WireChoice:
     return WireChoice.of(**given_in(args, WireChoice))
 
 
-def run_options(args: argparse.Namespace) -> RunOptions:
-    """Return the options from the flags of `add_options`. Raises ConfigError."""
-    return RunOptions.of(**given_in(args, RunOptions))
+def run_request(args: argparse.Namespace) -> RunRequest:
+    """Return the request of a run, as far as the command has its flags. Raises ConfigError.
+
+    A module of an ECU may also be in the working directory.
+    """
+    return RunRequest.of(**{**given_in(args, RunRequest), "ecu": ecu_of(args)})
 
 
 def given_in(args: argparse.Namespace, record: type[Record]) -> dict[str, Any]:
@@ -157,7 +155,8 @@ def vehicle_of(args: argparse.Namespace) -> Vehicle:
 
 def add_loop(parser: argparse.ArgumentParser) -> None:
     """Add the flags for the loop."""
-    add_options(parser, "rate", "clock", "duration", "overrun_limit", "wall_timeout", *MACHINE)
+    names = ("rate", "clock", "duration", "overrun_limit", "wall_timeout", *MACHINE)
+    add_flags(parser, RunRequest, *names, clock="realtime")
 
 
 def add_ecu(
@@ -217,6 +216,6 @@ def address_of(text: str) -> tuple[str, int]:
 
 def add_output(parser: argparse.ArgumentParser) -> None:
     """Add the flags for recordings and printed output."""
-    add_options(parser, *(each.name for each in fields_of(RunOptions) if each.name.startswith("record")))
+    add_flags(parser, RunRequest, *(each.name for each in fields_of(RunRequest) if each.name.startswith("record")))
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.cli import options
 from liftgate_hil.config.files import is_there
 from liftgate_hil.errors import ConfigError, printable
+from liftgate_hil.running.request import RunRequest
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
@@ -36,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     check.add_argument("file", metavar="FILE", help="a rig, or the name of a shipped one")
     options.add_vehicle(check)
-    options.add_options(check, "rate")
+    options.add_flags(check, RunRequest, "rate")
     check.add_argument("--json", action="store_true", help="print the table as JSON")
     draft = actions.add_parser(
         "draft",

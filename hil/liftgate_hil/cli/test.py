@@ -7,12 +7,10 @@ fail, inconclusive, pass.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import itertools
-import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,6 +32,7 @@ from liftgate_hil.config.kinds import SEED
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, printable
 from liftgate_hil.judging.verdict import PASS, worst
+from liftgate_hil.running.request import RunRequest
 
 if TYPE_CHECKING:
     from liftgate_hil.cli.teller import Teller
@@ -52,13 +51,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="scenario files, or folders of them; shipped: pack, pack/crank_dip",
     )
     options.add_ecu(parser, REFERENCE, has_mutants=True)
-    options.add_options(parser, "clock", *options.MACHINE, "rate", "wall_timeout", clock="free")
+    options.add_flags(parser, RunRequest, "clock", *options.MACHINE, "rate", "wall_timeout", clock="free")
     options.add_bus(parser)
     options.add_vehicle(parser, None, "default: each scenario's, else suv")
     parser.add_argument(
         "--seed", type=options.of_kind(SEED), help="seed of random values; default: each scenario's"
     )
-    add_set_parameter(parser, "replace a parameter of the scenarios that have it (repeatable)")
+    options.add_flags(parser, RunRequest, "parameters")
     parser.add_argument(
         "--jobs", type=options.whole(1, 1024), metavar="N", help="run N scenarios at a time; default: one per CPU"
     )
@@ -159,8 +158,7 @@ def _cases_of(args: argparse.Namespace, template: Job, targets: Mapping[str, lis
 
     refuse_inputs(targets, [each for each in (*args.paths, args.vehicle, args.rig, args.ecu) if each])
     files = suite.scenario_files(args.paths)
-    with naming_the_flag():
-        cases = suite.cases_of(files, template)
+    cases = suite.cases_of(files, template)
     inputs = [*files, *(path for case in cases for path in case.plan.inputs)]
     refuse_inputs(targets, inputs)
     if args.results and args.recordings != "none":
@@ -187,7 +185,7 @@ def _fit_of(case: Case) -> list[str]:
     from liftgate_hil.config.rig_fit import notes_on_fit
 
     plan = case.plan
-    return notes_on_fit(plan.rig, plan.setup.vehicle, plan.options.rate)
+    return notes_on_fit(plan.rig, plan.setup.vehicle, plan.request.rate)
 
 
 def _mutated(
@@ -209,7 +207,6 @@ def _template(args: argparse.Namespace, listener: Listener) -> Job:
     """Return the job from which that of each scenario is made. Raises ConfigError."""
     from liftgate_hil.ecu.mutants import ecu_and_mutant
     from liftgate_hil.running.job import Job
-    from liftgate_hil.running.setup import variant_of
 
     wire = options.wire_choice(args)
     if wire.is_given and args.ecu != ON_A_BUS:
@@ -221,55 +218,14 @@ def _template(args: argparse.Namespace, listener: Listener) -> Job:
     if args.mutants and (args.ecu != REFERENCE or args.clock != "free"):
         raise ConfigError("`mutants`: allowed with --ecu reference and --clock free")
     ecu, mutant = ecu_and_mutant(options.ecu_of(args))
+    request = options.run_request(args).replaced(ecu=ecu)
     return Job(
-        scenario=None,
-        ecu=ecu,
+        request,
+        wire if wire.is_given else None,
         mutant=mutant,
-        parameters=parameters_of(args.set_parameter),
-        vehicle=args.vehicle,
-        rig=args.rig,
-        settings=tuple(args.settings),
-        seed=args.seed,
-        variant=variant_of(args.draw, args.ideal),
-        wire=wire if wire.is_given else None,
         is_summarized=bool(args.html or args.results),
         listener=listener,
-        options=options.run_options(args),
     )
-
-
-def add_set_parameter(parser: argparse.ArgumentParser, purpose: str) -> None:
-    """Add the flag that replaces parameters; see `parameters_of`."""
-    parser.add_argument("--set-parameter", action="append", default=[], metavar="NAME=VALUE", help=purpose)
-
-
-@contextlib.contextmanager
-def naming_the_flag() -> Iterator[None]:
-    """Context that names the flag instead of the API's `parameters` in a ConfigError."""
-    try:
-        yield
-    except ConfigError as error:
-        raise ConfigError([line.replace("`parameters` ", "`set_parameter` ") for line in error.issues]) from None
-
-
-def parameters_of(given: Sequence[str]) -> dict[str, float]:
-    """Parse NAME=VALUE texts. Raises ConfigError."""
-    found: dict[str, float] = {}
-    issues = []
-    for text in given:
-        name, equals, value = text.partition("=")
-        try:
-            number = float(value.replace("_", ""))
-        except ValueError:
-            number = float("nan")
-        if name.strip() in found:
-            issues.append(f"`set_parameter` {text}: {name.strip()} is given twice; allowed: once")
-        if not equals or not name.strip() or not math.isfinite(number):
-            issues.append(f"`set_parameter` {text}: allowed: NAME=VALUE with a finite number")
-        found[name.strip()] = number
-    if issues:
-        raise ConfigError(issues)
-    return found
 
 
 def _recorded(cases: Sequence[Case], folder: Path, attempts: int, inputs: Sequence[Path]) -> list[Case]:
@@ -300,7 +256,7 @@ def _recorded(cases: Sequence[Case], folder: Path, attempts: int, inputs: Sequen
             for each in targets
             if is_one_of(each, inputs)
         ]
-        job = replace(case.job, options=case.job.options.replaced(record=records))
+        job = case.job.asking(record=records)
         assert isinstance(case.plan, Plan)
         kept.append(replace(case, plan=case.plan.varied(job)))
     if issues:

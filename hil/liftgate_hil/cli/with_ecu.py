@@ -85,7 +85,7 @@ def run_loop(
         teller.clear()
     # Who shortens a run with --duration knows that it ends before the rest of its scenario.
     known = [] if args.duration is None else stimuli_after(plan.setup.scenario, args.duration)
-    known += notes_on_fit(plan.rig, plan.setup.vehicle, plan.options.rate)  # said before the run
+    known += notes_on_fit(plan.rig, plan.setup.vehicle, plan.request.rate)  # said before the run
     for note in result.notes:
         if note not in known:
             teller.say(f"note: {note}")
@@ -109,7 +109,8 @@ def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) ->
         machine_code(Adapter(plan.rig, plan.setup.vehicle.drives))
 
     relay = Relay(plan.job.listener)  # so that attached clients get the events of the ECU's process, too
-    job = replace(plan.job, ecu=ON_A_BUS, ecu_elsewhere=plan.job.ecu, is_isolated=False, listener=relay)
+    job = plan.job.asking(ecu=ON_A_BUS)
+    job = replace(job, ecu_elsewhere=plan.job.request.ecu, is_isolated=False, listener=relay)
     plan = plan.varied(job)
     with _ecu_process(args, plan.setup.vehicle, job.listener) as child:
         result = execute(plan, lambda: stopped() or child.has_ended())
@@ -131,19 +132,10 @@ def _job_of(
 ) -> Job:
     from liftgate_hil.ecu.find import is_foreign
     from liftgate_hil.running.job import Job
-    from liftgate_hil.running.setup import variant_of
 
     return Job(
-        scenario=args.scenario,
-        ecu=options.ecu_of(args),
-        vehicle=args.vehicle,
-        rig=args.rig,
-        settings=tuple(args.settings),
-        initial=args.initial,
-        seed=args.seed,
-        variant=variant_of(args.draw, args.ideal),
-        wire=wire,
-        options=options.run_options(args),
+        options.run_request(args),
+        wire,
         trace=trace,
         gives_up_late=gives_up_late,
         is_isolated=is_foreign(args.ecu),

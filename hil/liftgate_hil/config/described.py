@@ -191,15 +191,25 @@ def signature_of(record: type) -> inspect.Signature:
             for each in fields_of(record)
             for kind in [_parameter_kind(record, each.name)]
         ]
-        parameters.sort(key=lambda each: (each.kind, each.default is not empty))
+        parameters.sort(key=lambda each: (each.kind, each.default is not empty, _place_of(record, each)))
         _SIGNATURES[record] = inspect.Signature(parameters)
     return _SIGNATURES[record]
 
 
+def _place_of(record: type, parameter: inspect.Parameter) -> int:
+    """Return the place of what is taken by its place, in the class that states it; of others 0."""
+    is_placed = parameter.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD
+    return list(_owner_of(record, parameter.name).__annotations__).index(parameter.name) if is_placed else 0
+
+
+def _owner_of(record: type, name: str) -> type:
+    """Return the class that states a field."""
+    return next(each for each in record.__mro__ if name in vars(each).get("__annotations__", {}))
+
+
 def _parameter_kind(record: type, name: str) -> inspect._ParameterKind:
     """Return how a function takes a field: as the class that states it says."""
-    owner = next(each for each in record.__mro__ if name in vars(each).get("__annotations__", {}))
-    names_only = vars(owner)["_takes_names_only"]
+    names_only = vars(_owner_of(record, name))["_takes_names_only"]
     return inspect.Parameter.KEYWORD_ONLY if names_only else inspect.Parameter.POSITIONAL_OR_KEYWORD
 
 

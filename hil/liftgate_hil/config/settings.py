@@ -7,7 +7,8 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-from liftgate_hil.config.arguments import texts_of
+from liftgate_hil.config.described import value_of
+from liftgate_hil.config.kinds import Texts
 from liftgate_hil.config.toml import Table, shortened
 from liftgate_hil.errors import ConfigError
 
@@ -30,7 +31,7 @@ class Setting(NamedTuple):
 def settings_of(texts: object) -> list[Setting]:
     """Return the settings of KEY=VALUE texts; the values are TOML. Raises ConfigError with all issues."""
     result, issues = [], []
-    for text in texts_of("settings", texts):
+    for text in value_of("settings", texts, Texts("a list of KEY=VALUE")):
         try:
             result.append(_setting_of(text))
         except ConfigError as error:

@@ -30,7 +30,7 @@ RIG = Loaded(("Rig",))
 class VehicleSettings(Record):
     """Base of the requests that replace values of a vehicle."""
 
-    settings: Annotated[tuple[str, ...], Field(Texts("a list of KEY=VALUE"), "replace a value of the vehicle "
+    settings: Annotated[Sequence[str], Field(Texts("a list of KEY=VALUE"), "replace a value of the vehicle "
         "file, e.g. environment.road_slope_deg=8 (repeatable)", metavar="KEY=VALUE", flag="set")] = ()
     draw: Annotated[int | None, Field(SEED, "draw one car from the vehicle file's [spread]",
         "the file's own values", "SEED")] = None

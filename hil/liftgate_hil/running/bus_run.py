@@ -21,9 +21,9 @@ from liftgate_hil.running.execution import Execution
 from liftgate_hil.running.further_recording import FurtherRecording
 from liftgate_hil.running.job import PRIVATE_BUS
 from liftgate_hil.running.observers import Observers, observers_of
-from liftgate_hil.running.options import NS
 from liftgate_hil.running.plan import Plan
 from liftgate_hil.running.precondition import phases_of
+from liftgate_hil.running.request import NS
 from liftgate_hil.running.signs_of_life import Progress, foreign_code
 from liftgate_hil.running.stepping import CommandLog
 from liftgate_hil.running.stimulation import off_not_made, reset_not_made
@@ -101,7 +101,7 @@ class BusRun:
         plan, way = self.plan, self.way
         further = FurtherRecording(plan, channel, way.interface, memory, self.listener, own_mark)
         stack.callback(further.close)
-        about = Description(plan.setup, plan.rig, plan.options, channel, way.bitrate(plan.rig), bool(self.peers))
+        about = Description(plan.setup, plan.rig, plan.request, channel, way.bitrate(plan.rig), bool(self.peers))
         self.observers.let_in(about, memory, further)
         return further
 
@@ -168,7 +168,7 @@ def bus_run_of(execution: Execution, stack: contextlib.ExitStack) -> BusRun:
     The stack closes what is opened here. Raises ConfigError, TransportError, and what `Execution.start` raises.
     """
     plan, memory, stopped = execution.plan, execution.memory, execution.stopped
-    job, options, rig = plan.job, plan.options, plan.rig
+    job, request, rig = plan.job, plan.request, plan.rig
     server = None
     if job.attachable_as is not None:
         judge = next((each for each in execution.sinks if isinstance(each, Judge)), None)
@@ -178,16 +178,16 @@ def bus_run_of(execution: Execution, stack: contextlib.ExitStack) -> BusRun:
     way = plan.way or find_way(WireChoice(bus=f"virtual:run-{id(plan):x}"), rig)
     stimuli, state = execution.start()
     peers = []
-    if job.ecu != ON_A_BUS:
+    if job.request.ecu != ON_A_BUS:
         wire = open_transport(way)
         stack.callback(wire.close)
         requests, guard = (stimuli.requests, stimuli.moments), partial(foreign_code, memory)
-        before_ns = int(stimuli.origin[0]) * round(NS / options.rate)
+        before_ns = int(stimuli.origin[0]) * round(NS / request.rate)
         peers = [Peer(execution.adapter, wire, requests, guard, before_ns)]
     is_real = not way.is_interface("virtual")
     if is_real and any(each.kind == "bus_off" for each in plan.setup.scenario.faults):
         stimuli.not_made[OFF_A_REAL_BUS] = 1
-    waits = options.clock != "realtime"
+    waits = request.clock != "realtime"
     restarts = None if peers else restarts_of(rig, stimuli, listener.say, waits, stopped)
     if restarts is not None:
         stack.callback(restarts.stop)

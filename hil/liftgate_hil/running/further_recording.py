@@ -42,7 +42,7 @@ class FurtherRecording:
     ) -> None:
         self._plan, self._channel, self._interface = plan, channel, interface
         self._memory, self._listener, self._own_mark = memory, listener, own_mark
-        own = plan.options.record
+        own = plan.request.recordings
         self._folder = own[0].parent if own else Path.cwd()
         self._own_holds_marks = any(each.suffix in WITH_MARKS for each in own)
         self._stop = threading.Event()
@@ -151,7 +151,7 @@ class FurtherRecording:
             return 0.0
         rows = self._memory.shared.rows
         before = float(rows[(place.rows - 1) % len(rows), COLUMN_PLACE["time_s"]])
-        return before + 1.0 / self._plan.options.rate
+        return before + 1.0 / self._plan.request.rate
 
     def _path_of(self, name: object) -> Path:
         allowed = f"allowed: a file name, without a folder, with one of {', '.join(RECORDED)}"

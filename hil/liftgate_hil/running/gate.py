@@ -38,7 +38,7 @@ from liftgate_hil.running.commands.loop_target import LoopTarget
 from liftgate_hil.running.commands.orders import Orders
 from liftgate_hil.running.cyclic_command import CyclicCommand
 from liftgate_hil.running.loop_start import loop_config_of, start_of
-from liftgate_hil.running.options import RATE
+from liftgate_hil.running.request import RATE
 from liftgate_hil.running.setup import rig_of, setup_of, variant_of
 from liftgate_hil.running.stimulation import opening_of, planned_stimuli
 from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX, ColumnValues, columns_of

@@ -1,40 +1,25 @@
-"""Job: a run as it is requested, in plain values, with the objects that it names."""
+"""Job: a run as it is requested, and what surrounds it in this process."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from liftgate_hil.config.rig import Rig
-from liftgate_hil.config.scenario import Scenario, ScenarioFile
-from liftgate_hil.config.variant import AS_FILED, Variant
-from liftgate_hil.config.vehicle import VehicleFile
 from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.loop.listener import Listener
-from liftgate_hil.running.options import RunOptions
-from liftgate_plant.vehicle import Vehicle
+from liftgate_hil.running.request import RunRequest
 
 PRIVATE_BUS = "virtual"  # name in recordings of a bus that is in this process alone
 
 
 @dataclass(frozen=True)
 class Job:
-    """Complete request of a run, in plain values where possible, so that another process can be given it."""
+    """A run as it is requested, in plain values where possible, so that another process can be given it."""
 
-    scenario: str | Path | ScenarioFile | Scenario | None
-    ecu: Any
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    vehicle: str | Path | VehicleFile | Vehicle | None = None
-    rig: str | Path | Rig | None = None
-    settings: tuple[str, ...] = ()
-    initial: float | str | None = None
-    seed: int | None = None
-    variant: Variant = AS_FILED  # of the vehicle
+    request: RunRequest
     wire: WireChoice | None = None  # None: the ECU is in this process, and so is the bus
-    options: RunOptions = field(default_factory=RunOptions)
     trace: int = 0  # keep every n-th row; 0: none
     ecu_elsewhere: Any = None  # the ECU on the bus, if this program runs it in another process
     mutant: str = ""  # name of a mutant of the reference ECU, see ecu/mutants.py
@@ -48,4 +33,8 @@ class Job:
     @property
     def is_episode(self) -> bool:
         """Whether it runs in machine code, with the ECU in this process and waiting for nobody."""
-        return self.options.clock == "free" and self.ecu != ON_A_BUS
+        return self.request.clock == "free" and self.request.ecu != ON_A_BUS
+
+    def asking(self, **values: Any) -> Job:
+        """Return the job with other values in its request."""
+        return replace(self, request=self.request.replaced(**values))

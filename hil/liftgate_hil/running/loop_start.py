@@ -7,7 +7,7 @@ from liftgate_hil.codec.transmit import message_of
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import check_fit
 from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop
-from liftgate_hil.running.options import NS
+from liftgate_hil.running.request import NS
 from liftgate_hil.signals import OUT
 from liftgate_plant.faults import SOUND
 from liftgate_plant.friction_profile import friction_profile

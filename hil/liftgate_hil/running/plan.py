@@ -25,9 +25,9 @@ from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.tick import LoopConfig
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.loop_start import loop_config_of
-from liftgate_hil.running.options import RunOptions, ticks_of
 from liftgate_hil.running.recording_trigger import Trigger, trigger_of
-from liftgate_hil.running.setup import Setup, rig_of, setup_of
+from liftgate_hil.running.request import RunRequest, ticks_of
+from liftgate_hil.running.setup import Setup, rig_of, setup_for
 from liftgate_hil.running.stimulation import opening_of, planned_stimuli
 from liftgate_hil.stimuli.command_queue import CLOSED, Opening
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
@@ -44,14 +44,14 @@ class Subject:
     sources: Mapping[str, Source]  # the files that these were made from
 
     @property
-    def options(self) -> RunOptions:
-        """Options of the job."""
-        return self.job.options
+    def request(self) -> RunRequest:
+        """Request of the job."""
+        return self.job.request
 
     @property
     def duration(self) -> float | None:
         """Model time of the run [s], the job's or else the scenario's; None: it runs until it is stopped."""
-        given = self.options.duration
+        given = self.request.duration
         return self.setup.scenario.duration if given is None else given
 
     @property
@@ -79,7 +79,7 @@ class Plan(Subject):
     @property
     def ticks(self) -> int | None:
         """Number of ticks of the run; None: it runs until it is stopped."""
-        return ticks_of(self.duration, self.options.rate)
+        return ticks_of(self.duration, self.request.rate)
 
     def varied(self, job: Job | None = None, setup: Setup | None = None) -> Plan:
         """Return the plan of another job or setup of the same files, none of which is read again.
@@ -91,16 +91,16 @@ class Plan(Subject):
             return replace(self, job=job)
         return planned(job, setup or self.setup, self.rig, self.way, self.sources, self)
 
-    def _has_constants_of(self, setup: Setup, options: RunOptions) -> bool:
+    def _has_constants_of(self, setup: Setup, rate: float) -> bool:
         """Whether the loop's constants are those of another setup."""
         own = self.setup
-        return (own.vehicle, own.seed, self.options.rate) == (setup.vehicle, setup.seed, options.rate)
+        return (own.vehicle, own.seed, self.request.rate) == (setup.vehicle, setup.seed, rate)
 
 
 def _is_prepared_alike(job: Job, other: Job) -> bool:
     """Whether two jobs of the same files differ in nothing that their plans are made from."""
-    same = job.options.replaced(record=other.options.record) == other.options
-    return same and (job.ecu, job.attachable_as) == (other.ecu, other.attachable_as)
+    own, others = (each.request.replaced(record=()) for each in (job, other))
+    return job.attachable_as == other.attachable_as and own == others
 
 
 def plan_of(job: Job) -> Plan:
@@ -108,18 +108,10 @@ def plan_of(job: Job) -> Plan:
 
     Raises ConfigError with all issues.
     """
-    check_ecu(job.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere)
-    setup = setup_of(
-        job.scenario,
-        parameters=job.parameters,
-        vehicle=job.vehicle,
-        settings=job.settings,
-        initial=job.initial,
-        seed=job.seed,
-        variant=job.variant,
-    )
-    job.options.check()
-    rig = rig_of(job.rig, setup.scenario)
+    check_ecu(job.request.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere)
+    setup = setup_for(job.request)
+    job.request.check()
+    rig = rig_of(job.request.rig, setup.scenario)
     way = None if job.wire is None else find_way(job.wire, rig)
     return planned(job, setup, rig, way, sources_of(_files_of(job, setup, rig)))
 
@@ -131,17 +123,17 @@ def planned(
 
     Raises ConfigError with all issues.
     """
-    options = job.options
-    if way is None and job.ecu == ON_A_BUS:
+    request = job.request
+    if way is None and job.request.ecu == ON_A_BUS:
         raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
-    if options.clock == "realtime" and not POSSIBLE:
+    if request.clock == "realtime" and not POSSIBLE:
         text = "64-bit little-endian Linux; free and lockstep run everywhere"
         raise ConfigError(f"`clock` realtime: not possible on this platform; allowed: {text}")
-    if options.clock == "free" and way is not None and not way.is_interface("virtual"):
+    if request.clock == "free" and way is not None and not way.is_interface("virtual"):
         raise ConfigError("`clock` free: allowed without a bus, or on a virtual one")
     if job.ecu_elsewhere is not None:  # it gets requests by its own clock: no preconditions
         setup = replace(setup, scenario=replace(setup.scenario, precondition=()))
-    issues = _periods(setup.scenario, options.rate)
+    issues = _periods(setup.scenario, request.rate)
 
     def fitted(make: Callable[[], Any]) -> Any:
         try:
@@ -150,16 +142,16 @@ def planned(
             issues.extend(line for line in error.issues if line not in issues)
             return None
 
-    is_on_bus, opening = job.ecu == ON_A_BUS, _opening_of(job, rig)
+    is_on_bus, opening = job.request.ecu == ON_A_BUS, _opening_of(job, rig)
     stimuli = fitted(lambda: planned_stimuli(setup, rig, is_on_bus, opening=opening))
     expected = fitted(lambda: expected_in(setup, rig))
-    trigger = fitted(lambda: trigger_in(setup, rig, options))
+    trigger = fitted(lambda: trigger_in(setup, rig, request))
     if issues:
         raise ConfigError(issues)
-    if other is not None and other._has_constants_of(setup, options):
+    if other is not None and other._has_constants_of(setup, request.rate):
         config = other.config
     else:
-        config = loop_config_of(setup.vehicle, rig, options.rate, setup.seed)
+        config = loop_config_of(setup.vehicle, rig, request.rate, setup.seed)
     return Plan(job, setup, rig, sources, way, config, opening, stimuli, expected, trigger)
 
 
@@ -182,7 +174,7 @@ def _periods(scenario: Scenario, rate: float) -> list[str]:
 
 
 def _identity_of(job: Job, setup: Setup) -> Mapping[str, Any]:
-    ecu = job.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere
+    ecu = job.request.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere
     return identity_of(ecu, setup.vehicle.coding, job.mutant)
 
 
@@ -241,17 +233,17 @@ def _timed_faults(faults: Sequence[Fault], rig: Rig) -> list[TimedFault]:
     return found
 
 
-def trigger_in(setup: Setup, rig: Rig, options: RunOptions) -> Trigger | None:
+def trigger_in(setup: Setup, rig: Rig, request: RunRequest) -> Trigger | None:
     """Return the trigger of the run's recording; None: all of it is recorded.
 
     Raises ConfigError with all that does not fit.
     """
-    if not options.record_when:
+    if not request.record_when:
         return None
     return trigger_of(
-        options.record_when,
-        *options.around(),
-        options.rate,
+        request.conditions,
+        *request.around(),
+        request.rate,
         setup.scenario.parameters,
         rig.messages,
         setup.vehicle.drives,

@@ -34,7 +34,7 @@ def content_of(plan: Plan, channel: str, bus: str = "") -> Content:
 
     It has no provenance where nothing is recorded.
     """
-    if not plan.options.record:
+    if not plan.request.recordings:
         return _bare_content_of(plan, channel)
     return whole_content_of(plan, channel, bus)
 
@@ -47,7 +47,7 @@ def whole_content_of(plan: Plan, channel: str, bus: str) -> Content:
 def _bare_content_of(plan: Plan, channel: str) -> Content:
     content = Content(columns_of(plan.setup.vehicle.drives), channel, inputs=plan.inputs)
     # On the clocks free and lockstep it has the same columns on a bus, where faults may be injected, as without.
-    is_open = plan.opening.slots > 0 and plan.options.clock == "realtime"
+    is_open = plan.opening.slots > 0 and plan.request.clock == "realtime"
     return content.with_faults(fault_columns_of(plan.setup.scenario.faults, is_open))
 
 
@@ -58,15 +58,15 @@ def origin_of(plan: Plan, bus: str = "") -> str:
     content and SHA-256, the vehicle as it was used, in SI units, the ECU (`ecu.identity`), the interface of a bus,
     and the recording trigger, where not all was recorded.
     """
-    options = plan.options
+    request = plan.request
     more: dict[str, Any] = {"ecu": _plain(plan.ecu_identity)}
     if bus:
         more["bus"] = bus
-    if options.record_when:
-        before, after = options.around()
-        more["recorded"] = {"when": list(options.record_when), "before_s": before, "after_s": after}
+    if request.record_when:
+        before, after = request.around()
+        more["recorded"] = {"when": list(request.conditions), "before_s": before, "after_s": after}
     files = {name: each for name, each in plan.sources.items() if name != "ecu"}
-    return _origin(plan.setup, options.clock, options.rate, plan.duration, files, more)
+    return _origin(plan.setup, request.clock, request.rate, plan.duration, files, more)
 
 
 def origin_offline(setup: Setup, step: float, duration: float, files: Mapping[str, Path]) -> str:

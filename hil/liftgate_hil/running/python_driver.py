@@ -31,7 +31,7 @@ class PythonDriver:
         self._recordings: Recordings | None = None
         self._loop: Loop | None = None
         self._before_start = 0  # frames that came before the first phase was ready
-        self._summary = Summary(clock=run.plan.options.clock)
+        self._summary = Summary(clock=run.plan.request.clock)
         self.begun: Begun | None = None
 
     def begin(self, stack: contextlib.ExitStack) -> None:
@@ -71,7 +71,7 @@ class PythonDriver:
         run, server = self._run, self._run.observers.server
         if server is None:
             return []
-        memory = memory_for(run.plan.options.rate)
+        memory = memory_for(run.plan.request.rate)
         stack.callback(memory.close)
         assert self._recordings is not None
         further = run.let_in(channel, memory, self._recordings.mark, stack)
@@ -98,16 +98,16 @@ class PythonDriver:
         return go
 
     def _clocked(self, loop: Loop, ticks: int | None, stopped: Callable[[], bool]) -> None:
-        """Run the loop on the clock of the options until `ticks` are done (None: no limit) or it is stopped."""
-        options, rig = self._run.plan.options, self._run.plan.rig
-        if options.clock == "free" or self._run.peers:
+        """Run the loop on the clock of the request until `ticks` are done (None: no limit) or it is stopped."""
+        request, rig = self._run.plan.request, self._run.plan.rig
+        if request.clock == "free" or self._run.peers:
             # Peers in this process are in step by themselves, those that are silent, too.
             run_free(loop, ticks, stopped)
         else:
             lockstep = Lockstep(
                 command=rig.command_identifier(),
-                ticks_per_command=max(1, round(rig.command_cycle_ms() * 1e-3 * options.rate)),
-                wall_timeout=options.wall_timeout,
+                ticks_per_command=max(1, round(rig.command_cycle_ms() * 1e-3 * request.rate)),
+                wall_timeout=request.wall_timeout,
                 say=self._run.listener.say,
             )
             run_lockstep(loop, lockstep, ticks, stopped)
@@ -122,7 +122,7 @@ class PythonDriver:
 
     def finish(self) -> None:
         """Run one more tick with the motors off, and take the figures of the run."""
-        loop, clock = self._loop, self._run.plan.options.clock
+        loop, clock = self._loop, self._run.plan.request.clock
         assert loop is not None
         try:
             loop.finish()

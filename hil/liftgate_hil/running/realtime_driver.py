@@ -11,9 +11,9 @@ from liftgate_hil.loop.begun import Begun
 from liftgate_hil.loop.priority import Realtime
 from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.running.options import NS
 from liftgate_hil.running.provenance import content_of
 from liftgate_hil.running.recorder_process import RecorderProcess
+from liftgate_hil.running.request import NS
 from liftgate_hil.transport.find import open_line
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ class RealtimeDriver:
 
     def __init__(self, run: BusRun) -> None:
         self._run = run
-        options = run.plan.options
-        self._realtime = None if options.realtime is False else Realtime(options.cpu, bool(options.realtime))
+        request = run.plan.request
+        self._realtime = None if request.realtime is False else Realtime(request.cpu, bool(request.realtime))
         self._loop: RealtimeRun | None = None
         self._recorder: RecorderProcess | None = None
         self.begun: Begun | None = None
@@ -44,13 +44,13 @@ class RealtimeDriver:
         self._loop = loop = made(run.stimuli)
         loop.peers, loop.sinks, loop.observers = run.peers, run.sinks, run.observers.in_order()
         run.let_in(channel, loop.memory, self._mark, stack)
-        if plan.options.record:
-            self._recorder = RecorderProcess(loop.memory, list(map(str, plan.options.record)))
+        if plan.request.recordings:
+            self._recorder = RecorderProcess(loop.memory, list(map(str, plan.request.recordings)))
             stack.callback(self._recorder.close)
             self._recorder.order(
-                plan.options.record,
+                plan.request.recordings,
                 content_of(plan, channel, run.way.interface),
-                plan.options.limit(),
+                plan.request.limit(),
                 run.listener.alarm,
                 plan.trigger,
             )
@@ -76,7 +76,7 @@ class RealtimeDriver:
     def _made(self, line: Line, stack: contextlib.ExitStack, stimuli: StimulusPlan) -> RealtimeRun:
         """A run on the line with these stimuli, with a memory of its own until the stack is left."""
         run, plan = self._run, self._run.plan
-        memory = memory_for(plan.options.rate)
+        memory = memory_for(plan.request.rate)
         stack.callback(memory.close)
         return RealtimeRun(
             config=plan.config,
@@ -86,7 +86,7 @@ class RealtimeDriver:
             memory=memory,
             rig=plan.rig,
             bitrate=run.way.bitrate(plan.rig),
-            limit_ns=round(plan.options.overrun_limit * NS),
+            limit_ns=round(plan.request.overrun_limit * NS),
             say=run.listener.say,
             alarm=run.listener.alarm,
             realtime=self._realtime,

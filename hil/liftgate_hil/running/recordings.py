@@ -25,8 +25,8 @@ class Recordings:
     """
 
     def __init__(self, plan: Plan, content: Content, say: Say, stack: contextlib.ExitStack) -> None:
-        options = plan.options
-        self._writers = open_writers(options.record, content, options.limit(), say, stack)
+        request = plan.request
+        self._writers = open_writers(request.recordings, content, request.limit(), say, stack)
         self._triggered = None if plan.trigger is None else Triggered(plan.trigger)
         sink = RecordingSink(self._writers, content, self._triggered)
         stack.callback(sink.flush)  # before the files are closed

@@ -129,8 +129,8 @@ def nothing_of(job: Job, reason: str, ticks: int) -> Result:
         maxima=nothing,
         minima=nothing,
         events=(),
-        summary=Summary(clock=job.options.clock, ticks=ticks, model_time_s=ticks / job.options.rate),
-        recording=job.options.record,
+        summary=Summary(clock=job.request.clock, ticks=ticks, model_time_s=ticks / job.request.rate),
+        recording=job.request.recordings,
         trace=Trace(job.trace).columns() if job.trace else {},
     )
 

@@ -71,7 +71,7 @@ def _sinks_of(plan: Plan, others: Sequence[Sink]) -> list[Sink]:
     if judge is not None:
         found.append(judge)
         if plan.job.is_summarized:
-            found.append(TraceSummarizer(judge, plan.options.rate))
+            found.append(TraceSummarizer(judge, plan.request.rate))
     if plan.job.trace:
         found.append(Trace(plan.job.trace))
     return found
@@ -82,26 +82,26 @@ def judge_of(plan: Plan, work: Work | None = None) -> Judge | None:
 
     Judges that judge one after the other may share their `work` memory.
     """
-    scenario, options = plan.setup.scenario, plan.options
+    scenario, request = plan.setup.scenario, plan.request
     if not scenario.expectations and plan.expected.precondition_end is None:
         return None
     end = math.inf if plan.duration is None else plan.duration
-    if options.clock == "free":
-        return Judge(plan.expected, options.rate, end, work=work)
+    if request.clock == "free":
+        return Judge(plan.expected, request.rate, end, work=work)
     tolerance, silence = tolerance_of(scenario, plan.rig), silence_of(scenario, plan.rig)
-    return Judge(plan.expected, options.rate, end, tolerance, silence, work)
+    return Judge(plan.expected, request.rate, end, tolerance, silence, work)
 
 
 def adapter_of(plan: Plan, memory: Memory | None, stack: contextlib.ExitStack) -> Adapter:
     """Return the adapter of the ECU in this process, closed with the stack; an empty one for an ECU on a bus."""
     job, rig, car = plan.job, plan.rig, plan.setup.vehicle
-    if job.ecu == ON_A_BUS:
+    if job.request.ecu == ON_A_BUS:
         return Adapter(rig, car.drives)
     with foreign_code(memory):
         if job.mutant:
             adapter = mutant_ecu(job.mutant, rig, car.drives, car.coding)
         else:
-            adapter = adapter_for(job.ecu, rig, car.drives, coding=car.coding)
+            adapter = adapter_for(job.request.ecu, rig, car.drives, coding=car.coding)
     stack.callback(_close, adapter, memory)
     return adapter
 
@@ -161,7 +161,7 @@ class _Run:
             given_up = str(error)
         except LiftgateError as error:
             reason = "; ".join(causes(error))
-            if isinstance(error, OverrunError) and self._plan.options.clock == "realtime":
+            if isinstance(error, OverrunError) and self._plan.request.clock == "realtime":
                 reason, given_up = "", reason
         summary = self._summary()
         if given_up:
@@ -179,7 +179,7 @@ class _Run:
         notes = [*notes_on(setup, adapter), *too_rare(self._plan.rig, adapter)]
         notes += on_the_bus(self._plan, result.summary)
         notes += without_motion(setup, result)
-        whole, step = setup.scenario.duration, 1.0 / self._plan.options.rate
+        whole, step = setup.scenario.duration, 1.0 / self._plan.request.rate
         if whole is None or result.summary.model_time_s > whole - 1.5 * step:  # not of a part
             notes += without_contact(setup, result)
         return replace(result, notes=(*notes, *result.notes)) if notes else result
@@ -189,7 +189,7 @@ class _Run:
         if self._plan.job.is_episode:
             return EpisodeDriver(self._execution)
         self._on_bus = bus_run_of(self._execution, stack)
-        if self._plan.options.clock == "realtime":
+        if self._plan.request.clock == "realtime":
             from liftgate_hil.running.realtime_driver import RealtimeDriver
 
             return RealtimeDriver(self._on_bus)
@@ -199,7 +199,7 @@ class _Run:
 
     def _summary(self) -> Summary:
         if self._driver is None:
-            return Summary(clock=self._plan.options.clock)
+            return Summary(clock=self._plan.request.clock)
         summary = self._driver.summary()
         if self._on_bus is not None:
             self._on_bus.observers.note(summary)
@@ -225,7 +225,7 @@ class _Run:
             rig=plan.rig,
             drives=plan.setup.vehicle.drives,
             expected=judge.expected,
-            rate=plan.options.rate,
+            rate=plan.request.rate,
             end=judge.end,
             angles=log.angles(),
             stopped=self._execution.stopped,

@@ -90,7 +90,7 @@ def _result_of(pickled: bytes, memory: Memory) -> object:
     rate = 1.0
     try:
         plan: Plan = unpickled(pickled)
-        rate = plan.options.rate
+        rate = plan.request.rate
         return run_plan(plan, (), stopped, memory)
     except LiftgateError as error:
         return error

@@ -133,7 +133,7 @@ def _summary(outcomes: Sequence[Outcome]) -> str:
         ("vehicle", _each(Path(each.vehicle_name).name for each in setups)),
         ("rig", _each(Path(each.case.plan.rig.source).name for each in outcomes)),
         ("seed", _each(str(each.seed) for each in setups)),
-        ("clock", _each(outcome.case.job.options.clock for outcome in outcomes)),
+        ("clock", _each(outcome.case.job.request.clock for outcome in outcomes)),
         ("timing", _timing(outcomes)),
     ]
     if what == "recording":
@@ -153,7 +153,7 @@ def _summary(outcomes: Sequence[Outcome]) -> str:
 
 def _ecu_name(outcome: Outcome) -> str:
     job = outcome.case.job
-    name = str(job.ecu) if isinstance(job.ecu, str | Path) else type(job.ecu).__name__
+    name = str(job.request.ecu) if isinstance(job.request.ecu, str | Path) else type(job.request.ecu).__name__
     return f"{name}, mutant {job.mutant}" if job.mutant else name
 
 

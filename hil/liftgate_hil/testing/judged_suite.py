@@ -14,8 +14,8 @@ from liftgate_hil.formats.suffixes import BUS_LOGS
 from liftgate_hil.judging.verdict import worst
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import Subject
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.running.result import Result, reason_of
 from liftgate_hil.testing.rejudge import Expectations, StoppedJudgingError, as_recorded, judged
 from liftgate_hil.testing.suite import Case, Outcome, not_run
@@ -65,8 +65,8 @@ def _subject_of(paths: tuple[Path, ...], about: Expectations, is_reported: bool)
     files = about.setup.files | {"rig": Path(about.rig.source), "dbc": about.rig.database}
     files.pop("vehicle", None)  # the recording may be of another one
     files |= {f"recording {k}": path for k, path in enumerate(paths, 1)}
-    options = RunOptions(rate=about.request.rate, clock=_CLOCK, duration=about.request.duration)
-    job = Job(scenario=about.setup.scenario, ecu="", rig=about.rig, options=options)
+    asked, clock = about.request, _CLOCK
+    job = Job(RunRequest(about.setup.scenario, "", clock, rig=about.rig, rate=asked.rate, duration=asked.duration))
     return Subject(job, about.setup, about.rig, sources_of(files) if is_reported else {})
 
 

@@ -259,8 +259,7 @@ def _unasked(case: Case) -> Case:
 
 def _bare(case: Case) -> Case:
     """Return a copy of a case without recordings and trace summaries: its run yields verdicts only."""
-    options = case.job.options.replaced(record=())
-    return _varied(case, replace(case.job, is_summarized=False, options=options))
+    return _varied(case, replace(case.job.asking(record=()), is_summarized=False))
 
 
 def _varied(case: Case, job: Job, setup: Setup | None = None) -> Case:

@@ -205,20 +205,20 @@ def _allow_imports_from_root(config: pytest.Config) -> None:
 
 def _template(config: pytest.Config) -> Job:
     """Return the job that the options define for scenarios. Raises ConfigError."""
-    from liftgate_hil.config.wire_choice import WireChoice
     from liftgate_hil.running.job import Job
-    from liftgate_hil.running.options import RunOptions
+    from liftgate_hil.running.request import RunRequest
 
     bus = config.getoption("liftgate_bus")
     ecu = config.getoption("liftgate_ecu") or (ON_A_BUS if bus else REFERENCE)
-    return Job(
-        scenario=None,
+    request = RunRequest(
         ecu=ecu,
+        clock="realtime" if bus else "free",
         vehicle=config.getoption("liftgate_vehicle"),
         rig=config.getoption("liftgate_rig"),
-        wire=WireChoice(bus=bus) if bus else None,
-        options=RunOptions(clock="realtime" if bus else "free", realtime=None),
+        bus=bus,
+        realtime=None,
     )
+    return Job(request, request if bus else None)
 
 
 class Liftgate:
@@ -293,10 +293,11 @@ def _end_before_our_frames(error: BaseException) -> None:
 
     What it was raised from is shown only where the test's or the ECU's own code was part of that.
     """
+    from liftgate_hil.config import described
     from liftgate_hil.errors import LiftgateError
 
     frames = _frames_of(error)
-    is_of_our_call = bool(frames) and frames[-1].tb_frame.f_code.co_filename == __file__
+    is_of_our_call = bool(frames) and frames[-1].tb_frame.f_code.co_filename in (__file__, described.__file__)
     if not isinstance(error, LiftgateError) and not (isinstance(error, TypeError) and is_of_our_call):
         return
     cause = error.__cause__ or (None if error.__suppress_context__ else error.__context__)

@@ -39,7 +39,7 @@ def _scenario(outcome: Outcome) -> dict[str, Any]:
         "ecu": None if outcome.case.recordings else _ecu(outcome),
         "seed": setup.seed,
         "parameters": dict(setup.scenario.parameters),
-        "clock": outcome.case.job.options.clock,
+        "clock": outcome.case.job.request.clock,
         "wall_s": outcome.wall_s,
         "expectations": [expectation_json(each) for each in outcome.expectations],
         "attempts": [

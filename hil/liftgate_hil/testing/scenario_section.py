@@ -90,7 +90,7 @@ def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, s
 
 def _facts(outcome: Outcome) -> Sequence[tuple[str, str]]:
     setup, result, job = outcome.case.plan.setup, outcome.result, outcome.case.job
-    scenario, options = setup.scenario, outcome.case.plan.options
+    scenario, request = setup.scenario, outcome.case.plan.request
     parameters = ", ".join(f"{name} = {value:g}" for name, value in scenario.parameters.items())
     settings = ", ".join(f"{each.key} = {each.value}" for each in scenario.settings)
     source = outcome.case.plan.sources.get("scenario")
@@ -104,10 +104,10 @@ def _facts(outcome: Outcome) -> Sequence[tuple[str, str]]:
         rows.append(("judged by", scenario.source))
     else:
         rows[2:2] = [
-            ("set", ", ".join(filter(None, (settings, ", ".join(job.settings))))),
+            ("set", ", ".join(filter(None, (settings, ", ".join(job.request.settings))))),
             ("vehicle", f"{Path(setup.vehicle_name).name}, starts {_start(outcome)}, seed {setup.seed}"),
         ]
-        rows.append(("clock", f"{options.clock}, {options.rate:g} Hz"))
+        rows.append(("clock", f"{request.clock}, {request.rate:g} Hz"))
     if result is not None and is_recorded:
         summary = result.summary
         rows.append(("rows", f"{summary.ticks}, up to {summary.model_time_s:.6g} s"))
@@ -122,7 +122,7 @@ def _facts(outcome: Outcome) -> Sequence[tuple[str, str]]:
 
 
 def _start(outcome: Outcome) -> str:
-    initial = outcome.case.job.initial
+    initial = outcome.case.job.request.initial
     initial = outcome.case.plan.setup.scenario.initial if initial is None else initial
     return initial if isinstance(initial, str) else f"at {initial:g} deg"
 

@@ -229,15 +229,15 @@ def cases_of(files: Iterable[Path], template: Job) -> list[Case]:
     """
     cases: list[Case] = []
     files = list(files)
-    own, issues = _parameters_of(files, template.parameters)
+    own, issues = _parameters_of(files, template.request.parameter_values)
     for path, parameters in zip(files, own, strict=True):
-        job = replace(template, scenario=path, parameters=parameters)
+        job = template.asking(scenario=path, parameters=parameters)
         try:
             plan = plan_of(job)
             scenario = plan.setup.scenario
             if not scenario.expectations:
                 issues.append(f"{path}: expect: missing; allowed: [[expect]] tables")
-            elif scenario.duration is None and job.options.duration is None:
+            elif scenario.duration is None and job.request.duration is None:
                 issues.append(f"{path}: duration: missing; allowed: 0 to 1e+06 s")
             else:
                 cases.append(Case(_label(path), plan))
@@ -277,7 +277,7 @@ def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome
     began = time.monotonic()
     plan, job = case.plan, case.job
     assert isinstance(plan, Plan)
-    if is_foreign(job.ecu):
+    if is_foreign(job.request.ecu):
         plan = plan.varied(replace(job, is_isolated=True))
     result, reason = None, ""
     try:
@@ -287,7 +287,7 @@ def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome
         reason = "; ".join(causes(error))
     scenario = case.plan.setup.scenario
     if not reason and result is not None and stopped():
-        end = job.options.duration or scenario.duration or 0.0
+        end = job.request.duration or scenario.duration or 0.0
         if result.summary.model_time_s < end:
             time_s = result.summary.model_time_s
             reason = f"stopped at {time_s:.3f} s" if result.summary.ticks else "stopped before it began"
@@ -366,7 +366,7 @@ def run_suite(
         began(case)
         return run_until_decided(case, retries, stopped)
 
-    if jobs == 1 or any(case.job.options.clock != "free" for case in cases):
+    if jobs == 1 or any(case.job.request.clock != "free" for case in cases):
         yield from map(turn, cases)
         return
     with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
@@ -399,4 +399,4 @@ def counts_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 def is_alone(template: Job) -> bool:
     """Whether a template's scenarios cannot run beside each other: on one bus, or not on the free clock."""
-    return template.ecu == ON_A_BUS or template.wire is not None or template.options.clock != "free"
+    return template.request.ecu == ON_A_BUS or template.wire is not None or template.request.clock != "free"

@@ -90,19 +90,19 @@ def test_values_go_where_their_names_stand_for(short: str) -> None:
         short, "rod=1,2", "seed=5,6", "draw=7,8", "supply.voltage=9,12", "gate.gravity_point[0]=0.4,0.5"
     )
     job = base.job_of([2.0, 6.0, 8.0, 9.5, 0.45])
-    assert job.parameters == {"rod": 2.0}
-    assert job.seed == 6
-    assert job.variant.draw == 8
-    assert job.settings[0] == "supply.voltage=9.5"
-    assert job.settings[1].startswith("gate.gravity_point=[0.45, ")
+    assert job.request.parameters == {"rod": 2.0}
+    assert job.request.seed == 6
+    assert job.request.draw == 8
+    assert job.request.settings[0] == "supply.voltage=9.5"
+    assert job.request.settings[1].startswith("gate.gravity_point=[0.45, ")
 
 
 def test_what_the_request_fixes_stays_beside_what_varies(short: str) -> None:
     more = {"parameters": {"angle": 60.0}, "settings": ("gate.mass=31",), "seed": 9}
     job = base_with(short, "rod=1,2", **more).job_of([2.0])
-    assert job.parameters == {"angle": 60.0, "rod": 2.0}
-    assert job.settings == ("gate.mass=31",)
-    assert job.seed == 9
+    assert job.request.parameters == {"angle": 60.0, "rod": 2.0}
+    assert job.request.settings == ("gate.mass=31",)
+    assert job.request.seed == 9
 
 
 def test_a_coordinate_moves_only_itself(short: str) -> None:
@@ -166,7 +166,7 @@ def test_the_identity_depends_on_an_included_file(tmp_path: Path) -> None:
     path.write_text('include = ["part.toml"]\n')
     first = base_with(str(path), "rod=1,2").identity
     part.write_text(SHORT.replace('always = "left_current_a < 50"', 'always = "left_current_a < 49"'))
-    assert isinstance(base_with(str(path), "rod=1,2").job.vehicle, VehicleFile)
+    assert isinstance(base_with(str(path), "rod=1,2").job.request.vehicle, VehicleFile)
     assert base_with(str(path), "rod=1,2").identity != first
 
 

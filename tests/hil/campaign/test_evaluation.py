@@ -48,13 +48,13 @@ def alone(base: Base, values: list[float]) -> Result:
     """Return the result of a variant by the public way of running a scenario."""
     job = base.job_of(values)
     return run(
-        str(job.scenario.path),  # type: ignore[union-attr]
-        parameters=job.parameters,
-        settings=job.settings,
-        vehicle=job.vehicle.name,  # type: ignore[union-attr]
-        seed=job.seed,
-        draw=job.variant.draw,
-        duration=job.options.duration,
+        str(job.request.scenario.path),  # type: ignore[union-attr]
+        parameters=job.request.parameters,
+        settings=job.request.settings,
+        vehicle=job.request.vehicle.name,  # type: ignore[union-attr]
+        seed=job.request.seed,
+        draw=job.request.draw,
+        duration=job.request.duration,
         trace=True,
     )
 

@@ -16,8 +16,8 @@ from liftgate_hil.errors import LiftgateError
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.running.compilation import ENTRY_POINTS, reporting_compilation
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.running.run import execute
 from liftgate_plant import compiler
 
@@ -60,7 +60,7 @@ def test_a_run_that_is_stopped_while_it_compiles_ends_before_its_first_tick(
     # Entry points keep what they have: fresh ones, and an empty disk.
     monkeypatch.setattr(compiler, "_entry", compiler.Entry)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    job = Job("demo", "reference", options=RunOptions(clock=clock, duration=1.0), trace=1)
+    job = Job(RunRequest("demo", clock=clock, duration=1.0), trace=1)
     result = execute(plan_of(job), stopped=lambda: True)
     assert (result.verdict, result.reason, result.summary.ticks) == ("pass", "", 0)
     assert np.isnan(result.maxima["pinch_force_n"])

@@ -8,7 +8,7 @@ import shlex
 import pytest
 
 from liftgate_hil.cli.examples import EXAMPLES
-from liftgate_hil.cli.help import _SUBJECT_OF
+from liftgate_hil.cli.help import subject_of
 from liftgate_hil.cli.main import COMMANDS, main, whole_parser
 
 
@@ -41,8 +41,8 @@ def test_every_flag_has_a_subject() -> None:
     found = next(each for each in whole_parser()._actions if isinstance(each, argparse._SubParsersAction))
     for name, parser in found.choices.items():
         shown = [each for each in parser._actions if each.help != argparse.SUPPRESS]
-        flags = {each.dest for each in shown if each.option_strings and not each.required}
-        assert flags - {"help", "version"} <= set(_SUBJECT_OF), name
+        flags = {each.dest: subject_of(each) for each in shown if each.option_strings and not each.required}
+        assert {each for each, subject in flags.items() if not subject} <= {"help", "version"}, name
 
 
 @pytest.mark.parametrize("example", [each for examples in EXAMPLES.values() for each in examples])

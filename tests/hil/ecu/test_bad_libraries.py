@@ -22,8 +22,8 @@ from liftgate_hil.ecu.find import is_library
 from liftgate_hil.errors import ConfigError, EcuError
 from liftgate_hil.running.isolation import run_isolated
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.running.run_plan import run_plan
 from liftgate_hil.running.setup import rig_from, vehicle_from
 from liftgate_hil.signals import COLUMNS
@@ -64,9 +64,7 @@ def library(folder: Path, **bodies: str) -> Path:
 
 def run_here(scenario: Scenario, path: Path, clock: str = "free") -> lh.Result:
     """Run as the process of a library's run does. Raises what is answered there, such as EcuError."""
-    return run_plan(
-        plan_of(Job(scenario=scenario, ecu=str(path), options=RunOptions(clock=clock))), (), lambda: False
-    )
+    return run_plan(plan_of(Job(RunRequest(scenario, str(path), clock))), (), lambda: False)
 
 
 def check_that_the_caller_lives_on() -> None:
@@ -168,8 +166,7 @@ def test_one_that_cannot_be_made_is_an_error_of_the_run(tmp_path: Path) -> None:
     ],
 )
 def test_one_that_hangs_is_given_up(tmp_path: Path, bodies: dict[str, str], time_s: float) -> None:
-    options = RunOptions(clock="free")
-    job = Job(scenario=SCENARIO, ecu=str(library(tmp_path, **bodies)), options=options)
+    job = Job(RunRequest(SCENARIO, str(library(tmp_path, **bodies))))
     with pytest.raises(EcuError) as caught:
         run_isolated("liftgate_hil.running.worker", pickle.dumps(plan_of(job)), 0.001, hang_s=1.0)
     assert str(caught.value) == f"the ECU at {time_s:.3f} s: no response for 1 s"
@@ -266,11 +263,10 @@ def test_after_a_crash_the_recording_and_the_summary_tell_how_far_it_came(tmp_pa
 
 
 def test_a_slow_library_is_stopped_at_its_next_tick(tmp_path: Path) -> None:
-    options = RunOptions(clock="free")
     scenario = dataclasses.replace(SCENARIO, duration=1000.0)
     touch = f'close(creat("{tmp_path / "flag"}", 0600));'
     path = library(tmp_path, step=f"usleep(20000); if (now_ns == 20000000) {touch}")
-    job = Job(scenario=scenario, ecu=str(path), options=options)
+    job = Job(RunRequest(scenario, str(path)))
     stopped = (tmp_path / "flag").exists
     answer = run_isolated("liftgate_hil.running.worker", pickle.dumps(plan_of(job)), 0.001, stopped)
     result = pickle.loads(answer.payload)

@@ -10,6 +10,7 @@ from liftgate_hil.ecu.find import adapter_for, check_ecu
 from liftgate_hil.errors import ConfigError, printable
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.running.setup import rig_from
 
 
@@ -72,7 +73,7 @@ def test_a_name_that_names_no_ecu_is_told_with_what_it_may_have_meant(
     (issue,) = failure.value.issues
     assert issue.startswith(f"`ecu` {printable(name)}: {told}")
     with pytest.raises(ConfigError) as failure:  # before anything runs
-        plan_of(Job(scenario="anti_trap", ecu=name))
+        plan_of(Job(RunRequest("anti_trap", name)))
     assert failure.value.issues == [issue]
 
 

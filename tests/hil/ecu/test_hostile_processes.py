@@ -20,8 +20,8 @@ import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.running.run import execute
 from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 
@@ -110,8 +110,7 @@ def be_patient(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
 
 
 def of_python(name: str, clock: str = "free") -> lh.Result:
-    options = RunOptions(clock=clock)
-    return execute(plan_of(Job(SCENARIO, f"hostile:{name}", options=options, is_isolated=True)))
+    return execute(plan_of(Job(RunRequest(SCENARIO, f"hostile:{name}", clock), is_isolated=True)))
 
 
 def on(clocks: Sequence[str], *case: Any) -> list[Any]:
@@ -183,8 +182,8 @@ def test_a_recording_of_a_hostile_ecu_is_completed_or_its_loss_is_reported(
     clock: str, name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     record = tmp_path / "run.csv"
-    options = RunOptions(clock=clock, record=(record,))
-    result = execute(plan_of(Job(SCENARIO, f"hostile:{name}", options=options, is_isolated=True)))
+    request = RunRequest(SCENARIO, f"hostile:{name}", clock, record=record)
+    result = execute(plan_of(Job(request, is_isolated=True)))
     rows = record.read_text(errors="replace").count("\n") if record.is_file() else 0
     assert rows > 100 or result.reason
     assert "Traceback" not in capfd.readouterr().err
@@ -270,7 +269,7 @@ def test_a_library_whose_destructor_hangs_has_been_judged(tmp_path: Path, monkey
 
 def test_a_stop_is_heeded_while_a_process_does_not_exit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("liftgate_hil.running.isolation.EXIT_S", 600.0)
-    job = Job(SCENARIO, "hostile:Thread", options=RunOptions(clock="free"), is_isolated=True)
+    job = Job(RunRequest(SCENARIO, "hostile:Thread"), is_isolated=True)
     asked = []
 
     def stopped() -> bool:

@@ -14,7 +14,7 @@ from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.rotation import Limit
 from liftgate_hil.formats.suffixes import FORMATS
 from liftgate_hil.formats.target import aside_of
-from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.request import RunRequest
 
 LIMIT = 300_000
 BUS = [suffix for suffix, each in FORMATS.items() if each.has_frames]
@@ -165,4 +165,4 @@ def test_two_cannot_record_to_one_row_of_files(tmp_path: Path) -> None:
 )
 def test_a_limit_that_cannot_be_is_reported(more: dict[str, int], told: str) -> None:
     with pytest.raises(ConfigError, match=told):
-        RunOptions(**more).check()
+        RunRequest(**more).check()

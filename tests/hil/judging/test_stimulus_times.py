@@ -8,7 +8,7 @@ import pytest
 
 import liftgate_hil as lh
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.rejudge import expectations_of, judged
 from liftgate_hil.testing.reports import as_json
@@ -58,7 +58,7 @@ def test_a_fault_that_was_in_force_for_too_short_is_reported(tmp_path: Path, fau
 def test_the_note_is_among_those_of_the_outcome(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_text(f"{HEAD}[[fault]]\n{FAULTS[0][0]}")
-    (case,) = suite.cases_of([path], Job(scenario=None, ecu="reference", options=RunOptions(clock="free")))
+    (case,) = suite.cases_of([path], Job(RunRequest()))
     assert FAULTS[0][1] is not None
     assert [each for each in suite.run_case(case).notes if FAULTS[0][1] in each]
 
@@ -93,7 +93,7 @@ def test_a_result_and_its_report_say_when_a_condition_came_true(tmp_path: Path) 
         for start in ("time_s >= 1", "gate_angle_deg > 79")
     )
     path.write_text(HEAD + faults)
-    (case,) = suite.cases_of([path], Job(scenario=None, ecu="reference", options=RunOptions(clock="free")))
+    (case,) = suite.cases_of([path], Job(RunRequest()))
     outcome = suite.run_case(case)
     assert outcome.result is not None
     assert outcome.result.condition_times == {"time_s >= 1": 1.0}

@@ -39,8 +39,8 @@ BOTH = [
     ({"vehicle": 5}, "`vehicle` 5: allowed: a shipped name, a file, a Vehicle"),
     ({"rig": 5}, "`rig` 5: allowed: a shipped name, a file, a Rig"),
     ({"vehicle": "missing.toml"}, "missing.toml: no such file"),
-    ({"initial": True}, "`initial` True: allowed: closed, open, or 0 to 80"),
-    ({"initial": [1]}, "allowed: closed, open, or 0 to 80"),
+    ({"initial": True}, "`initial` True: allowed: closed, open, or "),
+    ({"initial": [1]}, "allowed: closed, open, or "),
     ({"initial": 10**400}, "`initial` 1000.*: allowed: closed, open, or 0 to 80"),
     ({"initial": np.array([1.0, 2.0])}, "`initial` array.*: allowed: closed, open"),
     ({"vehicle": np.array(["suv", "compact"])}, "`vehicle` array.*: allowed: a shipped name"),
@@ -52,8 +52,8 @@ BOTH = [
     ({"rate": 0}, "`rate` 0: allowed: 200 to 10000 Hz"),
     ({"rate": "1000"}, "`rate` '1000': allowed: 200 to 10000 Hz"),
     ({"rate": float("nan")}, "`rate` nan: allowed: 200 to 10000 Hz"),
-    ({"settings": "supply.voltage=11"}, "`settings` 'supply.voltage=11': allowed: a list of texts"),
-    ({"settings": [5]}, "`settings` .*: allowed: a list of texts"),
+    ({"settings": [5]}, "`settings` .*: allowed: a list of KEY=VALUE"),
+    ({"settings": "supply.voltages=11"}, "`settings` supply.voltages: "),
 ]
 
 
@@ -85,7 +85,7 @@ def test_settings_are_not_lost_on_a_vehicle_that_there_is_already(entry: str) ->
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"scenario": 5}, "`scenario` 5: allowed: a shipped name, a file, a Scenario, or None"),
+        ({"scenario": 5}, "`scenario` 5: allowed: a shipped name, a file, a Scenario"),
         ({"parameters": {"rod": 1.0}}, "`parameters` rod: allowed with a scenario by its name or file"),
         ({"scenario": None, "parameters": {"rod": 1.0}}, "`parameters` rod: allowed with a scenario"),
         ({"duration": 0}, "`duration` 0: allowed: 0.001 to"),

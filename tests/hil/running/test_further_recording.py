@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 from recording_support import rows_from, table_in
 
-from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.open import holds_nothing
@@ -20,8 +19,8 @@ from liftgate_hil.loop.listener import Listener
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.further_recording import RECORDING, STARTING, FurtherRecording
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import Plan, plan_of
+from liftgate_hil.running.request import RunRequest
 
 EPOCH_NS = 1_700_000_000_000_000_000
 
@@ -35,8 +34,9 @@ def memory() -> Iterator[Memory]:
 
 
 def plan(folder: Path, *record: str) -> Plan:
-    options = RunOptions(clock="realtime", record=tuple(folder / each for each in record))
-    return plan_of(Job("demo", ON_A_BUS, wire=WireChoice(bus="virtual:further"), options=options))
+    files = [folder / each for each in record]
+    request = RunRequest("demo", ON_A_BUS, "realtime", record=files, bus="virtual:further")
+    return plan_of(Job(request, request))
 
 
 def put(memory: Memory, first: int, count: int) -> None:

@@ -13,8 +13,8 @@ from liftgate_hil.loop.listener import Listener
 from liftgate_hil.loop.python_loop import Loop
 from liftgate_hil.running import run
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.running.run import execute
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
 
@@ -125,8 +125,8 @@ def test_recordings_are_written(scenario: Path, tmp_path: Path) -> None:
         ({"ecu": "nix"}, "`ecu` nix: allowed: reference"),
         ({"ecu": "bus"}, "`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU"),
         ({"record": 3}, "`record` 3: allowed: a path, or a list of them"),
-        ({"parameters": [1]}, r"`parameters` \[1\]: allowed: a mapping of names to numbers"),
-        ({"bus": 3, "clock": "lockstep"}, "`bus` 3: allowed: a text"),
+        ({"parameters": [1]}, "`parameters` 1: allowed: NAME=VALUE"),
+        ({"bus": 3, "clock": "lockstep"}, r"`bus` 3: allowed: INTERFACE:CHANNEL"),
         ({"vehicle": "nix"}, "nix: neither a file"),
         ({"record": ["x.foo"]}, "`record` x.foo: format"),
         ({"initial": 95.0}, "`initial` 95.0"),
@@ -206,8 +206,7 @@ def test_what_a_rig_and_the_rate_do_not_fit_in_is_reported_before_the_run(scenar
             self.lines.append(text)
 
     heard = Heard()
-    options = RunOptions(rate=700.0, clock="free", duration=0.1)
-    execute(plan_of(Job(scenario=scenario, ecu="reference", options=options, listener=heard)))
+    execute(plan_of(Job(RunRequest(scenario, rate=700.0, duration=0.1), listener=heard)))
     assert any(
         line.startswith("note: ") and "LeftDrive.cycle_ms: 5 is not a whole number of ticks" in line
         for line in heard.lines

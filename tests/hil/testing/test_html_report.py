@@ -13,7 +13,7 @@ from html_page import Page
 
 from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.testing import html_report
 from liftgate_hil.testing.html_report import SuiteReport
 from liftgate_hil.testing.suite import Outcome, cases_of, not_run, run_case
@@ -67,7 +67,7 @@ ORIGIN = Provenance("liftgate-hil test <x>", "2026-01-01T00:00:00+00:00", {}, {"
 def outcomes_of(folder: Path, **files: str) -> list[Outcome]:
     for name, content in files.items():
         (folder / f"{name}.toml").write_text(content)
-    template = Job(scenario=None, ecu="reference", options=RunOptions(clock="free"), is_summarized=True)
+    template = Job(RunRequest(), is_summarized=True)
     paths = [folder / f"{name}.toml" for name in files]
     return [run_case(case) for case in cases_of(paths, template)]
 

@@ -20,7 +20,7 @@ from liftgate_hil.cli.main import main
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.junit import as_junit, class_names, issues_as_junit
 from liftgate_hil.testing.mutation import MutationResult
@@ -43,7 +43,7 @@ def cases_in(folder: Path) -> list[suite.Case]:
     fails = EXPECT.format(name="y", condition="time_s < 0.05")
     (folder / "sub" / "b.x.toml").write_text(HEAD + brief + fails + late)
     files = [folder / "a.toml", folder / "sub" / "b.x.toml"]
-    return suite.cases_of(files, Job(scenario=None, ecu="reference", options=RunOptions(clock="free")))
+    return suite.cases_of(files, Job(RunRequest()))
 
 
 def test_the_xml_is_valid_whatever_the_verdict(

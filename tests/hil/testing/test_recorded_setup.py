@@ -57,7 +57,8 @@ def test_what_is_given_comes_before_the_recording(recording: Path) -> None:
     request = JudgeRequest(
         recording, recording.parent / "s.toml", vehicle="suv", rig="liftgate", parameters={"limit": 60.0}
     )
-    about, notes = as_recorded([recording], expectations_of(request))
+    given = expectations_of(request)
+    about, notes = as_recorded([recording], given)
     assert about is given or about.setup.vehicle == given.setup.vehicle
     assert about.setup.scenario.parameters == {"limit": 60.0}
     assert [note.removeprefix(f"{recording}: ") for note in notes] == [

@@ -92,4 +92,4 @@ class Processes:
 
 def local_executor(base: Base, jobs: int) -> Serial | Processes:
     """Return the executor for a number of jobs: with one, and an ECU of ours, there are no other processes."""
-    return Serial(base) if jobs == 1 and not is_foreign(base.job.ecu) else Processes(base, jobs)
+    return Serial(base) if jobs == 1 and not is_foreign(base.job.request.ecu) else Processes(base, jobs)

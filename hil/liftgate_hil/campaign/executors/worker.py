@@ -163,7 +163,7 @@ class _Forked:
 
         evaluator = self.evaluator
         evaluator.reset()
-        control, step = evaluator.memory.shared.control[0], 1.0 / evaluator.base.job.options.rate
+        control, step = evaluator.memory.shared.control[0], 1.0 / evaluator.base.job.request.rate
         payload, cause = answer_of(lambda: pickle.dumps(evaluator.row(values)), control)
         if payload is None:
             who = "the ECU" if int(control.foreign) % 2 else "the run"
@@ -180,7 +180,7 @@ def _runner_of(base: Base) -> _Direct | _Forked:
     from liftgate_hil.ecu.find import is_foreign
 
     evaluator = Evaluator(base)
-    return _Forked(evaluator) if is_foreign(base.job.ecu) else _Direct(evaluator)
+    return _Forked(evaluator) if is_foreign(base.job.request.ecu) else _Direct(evaluator)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from liftgate_hil.loop.rings import Memory
 from liftgate_hil.running.attachment.geometry import geometry_of
 from liftgate_hil.running.commands.by_hand import usual_obstacle
 from liftgate_hil.running.force_limits import force_limits_of
-from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.running.setup import Setup
 from liftgate_hil.signals import OBSTACLE, PROFILES, columns_of
 from liftgate_hil.stimuli.moments import NEVER, START, Instant
@@ -38,7 +38,7 @@ class Description:
 
     setup: Setup
     rig: Rig
-    options: RunOptions
+    request: RunRequest
     channel: str
     bitrate: float
     has_ecu: bool = False  # in the run's own process
@@ -57,11 +57,11 @@ class Description:
             "stimuli": stimuli_of(setup.scenario),
             "expectations": expectations_of(setup.scenario),
             "force_limits": limits_of(setup.scenario, setup.vehicle, self.rig),
-            "duration_s": setup.scenario.duration if self.options.duration is None else self.options.duration,
+            "duration_s": setup.scenario.duration if self.request.duration is None else self.request.duration,
             "rig": _whole(self.rig.source),
             "database": _whole(str(self.rig.database)),
-            "clock": self.options.clock,
-            "rate_hz": self.options.rate,
+            "clock": self.request.clock,
+            "rate_hz": self.request.rate,
             "channel": self.channel,
             "bitrate": self.bitrate,
             "commands": commands_of(setup, self.rig, self.has_ecu),

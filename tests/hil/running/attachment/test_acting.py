@@ -13,6 +13,7 @@ from liftgate_hil.running.commands.by_hand import held_obstacle, obstacle_in
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.loop_start import start_of
 from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.stimuli.faults import look
 from liftgate_hil.stimuli.held_values import NAMES
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
@@ -37,7 +38,7 @@ start = 1.0
 def acting(tmp_path: Path) -> Acting:
     path = tmp_path / "s.toml"
     path.write_text(TEXT, encoding="utf-8")
-    plan = plan_of(Job(scenario=path, ecu="reference"))
+    plan = plan_of(Job(RunRequest(path, clock="realtime")))
     return Acting(plan.setup.vehicle, plan.config, copied(plan.stimuli), start_of(plan.config).reception)
 
 

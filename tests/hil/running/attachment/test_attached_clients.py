@@ -26,7 +26,7 @@ from liftgate_hil.running.attachment.client import Client
 from liftgate_hil.running.attachment.description import Description
 from liftgate_hil.running.attachment.server import Server
 from liftgate_hil.running.commands.operator import Operator
-from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.running.setup import setup_of
 
 RIG = shipped_rig()
@@ -69,7 +69,7 @@ def server(folder: Path) -> Iterator[tuple[Server, Memory]]:
     memory = Memory(64, 64)
     found = Server(Heard(), os.getpid())
     operator = Operator(RIG, Nobody(), 1.0, lambda values: True)
-    about = Description(setup_of(None), RIG, RunOptions(), "virtual", 5e5)
+    about = Description(setup_of(None), RIG, RunRequest(clock="realtime"), "virtual", 5e5)
     found.open(about, memory, operator)
     yield found, memory
     found.close()
@@ -243,7 +243,9 @@ def test_when_the_run_ends_it_is_reported_and_nothing_is_left(folder: Path) -> N
     before = len(list(Path("/proc/self/fd").iterdir()))
     found = Server(Heard(), os.getpid())
     found.open(
-        Description(setup_of(None), RIG, RunOptions(), "virtual", 5e5), memory, Operator(RIG, Nobody(), 1.0)
+        Description(setup_of(None), RIG, RunRequest(clock="realtime"), "virtual", 5e5),
+        memory,
+        Operator(RIG, Nobody(), 1.0),
     )
     client = Client(os.getpid())
     assert endpoint.runs() == [os.getpid()]
@@ -345,7 +347,7 @@ def test_a_folder_that_is_not_ours_is_named_with_what_to_do_and_the_run_goes_on(
     belonging_to_another(monkeypatch, *([nowhere] if is_foreign else []))
     heard, memory = Heard(), Memory(64, 64)
     found = Server(heard, os.getpid())
-    about: Any = Description(setup_of(None), RIG, RunOptions(), "virtual", 5e5)
+    about: Any = Description(setup_of(None), RIG, RunRequest(clock="realtime"), "virtual", 5e5)
     found.open(about, memory, Operator(RIG, Nobody(), 1.0))
     found.close()
     memory.close()

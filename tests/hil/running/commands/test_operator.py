@@ -16,8 +16,8 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.running.attachment.client import Client
 from liftgate_hil.running.commands import operator
 from liftgate_hil.running.job import Job
-from liftgate_hil.running.options import RunOptions
 from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.request import RunRequest
 from liftgate_hil.running.run_plan import run_plan
 
 RIG = shipped_rig()
@@ -71,8 +71,7 @@ def ran(
     path, log = folder / "s.toml", folder / "s.log"
     path.write_text(f"duration = {duration}\ninitial = 30\nseed = 5\n{text}", encoding="utf-8")
     ecu = ecu or Attached(commands)
-    options = RunOptions(clock="lockstep", record=(log,))
-    job = Job(scenario=path, ecu=ecu, options=options, trace=1, attachable_as=os.getpid())
+    job = Job(RunRequest(path, ecu, "lockstep", record=log), trace=1, attachable_as=os.getpid())
     result = run_plan(plan_of(job))
     assert not result.reason
     lines = [line.split()[:3:2] for line in log.read_text(encoding="utf-8").splitlines()]
@@ -359,8 +358,7 @@ def test_faults_of_test_bench_and_operator_hold_side_by_side(tmp_path: Path) -> 
     path.write_text(text, encoding="utf-8")
     offset = {"kind": "current_offset", "where": "right", "value": 2}
     ecu = Both({0.2: [{"fault": offset}], 0.4: [{"clear": "faults"}]})
-    options = RunOptions(clock="lockstep")
-    job = Job(scenario=path, ecu=ecu, options=options, trace=1, attachable_as=os.getpid())
+    job = Job(RunRequest(path, ecu, "lockstep"), trace=1, attachable_as=os.getpid())
     theirs = run_plan(plan_of(job))
     both = (
         '[[fault]]\nkind = "spring_weak"\nwhere = "left"\nfactor = 0.5\nstart = 0.101\n'

@@ -1,0 +1,155 @@
+"""Request of a run: allowed values, meaning and default of each argument stand here once.
+
+Flags of the command line with their help, arguments of `liftgate_hil.run`, and their validation derive from it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from liftgate_hil.config.described import Field, Record, value_of
+from liftgate_hil.config.kinds import Choice, Flag, Number, NumbersByName, Raw, Size, Texts, Whole
+from liftgate_hil.config.toml import show
+from liftgate_hil.config.vehicle_choice import SCENARIO, AnyScenario, OwnRig, Parameters, SetupChoice
+from liftgate_hil.config.wire_choice import WireChoice
+from liftgate_hil.ecu.names import REFERENCE
+from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.formats.limit import Limit
+from liftgate_hil.formats.suffixes import BUS_LOGS, ROWS_AND_FRAMES, ROWS_ONLY
+
+NS = 1_000_000_000
+RATE = Number(200.0, 10_000.0, "Hz")
+CLOCKS = ("realtime", "free", "lockstep")
+
+
+def ticks_of(duration: float | None, rate: float) -> int | None:
+    """Return the number of ticks of a duration [s], at least one; None: until stopped."""
+    return None if duration is None else max(1, math.ceil(duration * rate - 1e-9))
+
+
+class Files:
+    """Kind of value: files of recordings, whose suffixes pick the formats."""
+
+    allowed = "a path, or a list of them"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[Path, ...]:
+        """Return the paths; issues where they are none, or have an unknown suffix. Raises ConfigError."""
+        from liftgate_hil.formats.open import check_file
+
+        given = [value] if isinstance(value, str | Path) else value
+        is_list = isinstance(given, Sequence) and all(isinstance(each, str | Path) for each in given)
+        if not is_list:
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return ()
+        return tuple(check_file(key, str(each)) for each in given)
+
+
+_SECONDS = Number(1e-3, 1e9, "s")
+AROUND = 1.0  # s recorded before and after a condition by default
+_AROUND_S = Number(0.0, 600.0, "s")
+
+
+# fmt: off
+# A field with its description is a row of a table.
+
+
+Rate = Annotated[float, Field(RATE, "ticks per second", metavar="HZ")]
+Clock = Annotated[str, Field(Choice(CLOCKS), "realtime: wall time; free: as fast as possible; lockstep: the gate "
+    "waits for each command of the ECU, then advances by one command period")]
+Duration = Annotated[float | None, Field(_SECONDS, "model time", "the scenario's, else until stopped", "S")]
+WallTimeout = Annotated[float | None, Field(_SECONDS, "end with an error when lockstep has waited this long for a "
+    "command", "no limit", "S")]
+AskForRealtime = Annotated[bool | None, Field(Flag(), "request FIFO scheduling, locked memory, a CPU of its own "
+    "and no deep sleep, and report what is refused; --no-realtime: request nothing; default: FIFO scheduling "
+    "and locked memory, where granted")]
+Cpu = Annotated[int | None, Field(Whole(0, 1023), "the CPU of the loop in real time", "an isolated one, else the "
+    "last", "N", "realtime")]
+
+
+class RunSubject(Record, kw_only=False):
+    """Base of the request of a run: what is run."""
+
+    scenario: Annotated[AnyScenario | None, Field(SCENARIO, "what happens over time", metavar="NAME|FILE")] = None
+    ecu: Annotated[Any, Field(Raw("reference, the path of a shared library, MODULE:CLASS, bus, or an object"),
+        "what closes the loop: the reference ECU, a C library, a Python class, an ECU on the bus",
+        metavar="reference|LIBRARY|MODULE:CLASS|bus")] = REFERENCE
+    clock: Clock = "free"
+    parameters: Parameters = ()
+
+
+class RunRequest(RunSubject, SetupChoice, WireChoice):
+    """Request of a run of a scenario against an ECU."""
+
+    rig: OwnRig = None
+    rate: Rate = 1000.0
+    duration: Duration = None
+    overrun_limit: Annotated[float, Field(Number(1e-3, 3600.0, "s"), "end with an error when the loop falls this "
+        "far behind", metavar="S")] = 1.0
+    wall_timeout: WallTimeout = None
+    record: Annotated[str | Path | Sequence[str | Path], Field(Files(), "write a recording; the suffix picks the "
+        f"format: {' '.join(ROWS_ONLY)} for the plant, {' '.join(BUS_LOGS)} for the bus, "
+        f"{' '.join(ROWS_AND_FRAMES)} for both (repeatable)", metavar="FILE")] = ()
+    record_limit: Annotated[int | str | None, Field(Size(1_000_000), "begin a new file at this size, e.g. 500MB: "
+        "run.0001.csv, run.0002.csv, …", metavar="SIZE", needs="record")] = None
+    record_keep: Annotated[int | None, Field(Whole(2, 10**9), "keep only the last N of these files", "all", "N",
+        "record_limit")] = None
+    record_when: Annotated[str | Sequence[str], Field(Texts("a list of texts"), 'record only around ticks in '
+        'which this condition (as in scenarios) is true, e.g. "pinch_force_n > 5" (repeatable: any of them)',
+        metavar="CONDITION", needs="record")] = ()
+    record_before: Annotated[float | None, Field(_AROUND_S, "also record this long before that", f"{AROUND:g}",
+        "S", "record_when")] = None
+    record_after: Annotated[float | None, Field(_AROUND_S, "also record this long after that", f"{AROUND:g}", "S",
+        "record_when")] = None
+    realtime: AskForRealtime = False  # None: where it is granted
+    cpu: Cpu = None
+    trace: Annotated[bool, Field(Flag(), "keep every row in the result, as arrays of columns")] = False
+
+    # fmt: on
+    @property
+    def parameter_values(self) -> dict[str, float]:
+        """Values that replace parameters of the scenario, by their names. Raises ConfigError."""
+        found: dict[str, float] = value_of("parameters", self.parameters or (), NumbersByName())
+        return found
+
+    @property
+    def recordings(self) -> tuple[Path, ...]:
+        """Files of the recording."""
+        given = self.record
+        return (Path(given),) if isinstance(given, str | Path) else tuple(map(Path, given))
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Conditions of which one is true where the run is recorded; empty: all of it is."""
+        given = self.record_when
+        return (given,) if isinstance(given, str) else tuple(given)
+
+    def limit(self) -> Limit | None:
+        """Return the size limit of a recording's files; None: no limit."""
+        size = self.record_limit
+        return None if size is None else Limit(value_of("record_limit", size, Size(1)), self.record_keep)
+
+    def around(self) -> tuple[float, float]:
+        """Return the times [s] recorded before and after the trigger condition is met; default: AROUND."""
+        before, after = self.record_before, self.record_after
+        return AROUND if before is None else before, AROUND if after is None else after
+
+    def check(self) -> None:
+        """Validate the arguments, each and together. Raises ConfigError."""
+        super().check()
+        if len({os.path.realpath(path) for path in self.recordings}) < len(self.recordings):
+            names = ", ".join(str(path) for path in self.recordings)
+            raise ConfigError(f"`record` {names}: allowed: each file once")
+        check_cpu(self.cpu)
+
+
+def check_cpu(cpu: int | None) -> None:
+    """Raise ConfigError where a CPU is not one of those that this process may use."""
+    if cpu is None or not hasattr(os, "sched_getaffinity") or cpu in os.sched_getaffinity(0):
+        return
+    from liftgate_hil.loop.priority import allowed_cpus
+
+    raise ConfigError(f"`cpu` {cpu}: allowed here: {allowed_cpus()}")
