@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from liftgate_hil.running.setup import vehicle_from as load_vehicle
     from liftgate_hil.simulation.simulate import simulate
     from liftgate_hil.testing.rejudge import judge
+    from liftgate_hil.testing.tested import test
     from liftgate_plant.vehicle import Vehicle
 
     __version__: str
@@ -53,6 +54,7 @@ _HOMES = {
     "replay": ("liftgate_hil.playback.replay", "replay"),
     "run": ("liftgate_hil.running.run", "run"),
     "simulate": ("liftgate_hil.simulation.simulate", "simulate"),
+    "test": ("liftgate_hil.testing.tested", "test"),
     "validate": ("liftgate_hil.identification.commands", "validate"),
 }
 
@@ -75,6 +77,7 @@ __all__ = [
     "replay",
     "run",
     "simulate",
+    "test",
     "validate",
 ]
 

@@ -16,8 +16,8 @@ from liftgate_hil.ecu.mutants import MUTANTS
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.plan import Plan
 from liftgate_hil.running.request import RunRequest
-from liftgate_hil.testing import suite
-from liftgate_hil.testing.suite import Case
+from liftgate_hil.testing import scenario_files, suite
+from liftgate_hil.testing.outcome import Case
 
 # For each mutant a scenario that is quick to find it; `make pack` runs all with all.
 KILLERS = {
@@ -59,7 +59,7 @@ KILLERS = {
 
 @cache
 def pack() -> dict[str, Case]:
-    files = suite.scenario_files(["pack"])
+    files = scenario_files.scenario_files(["pack"])
     job = Job(RunRequest())
     return {path.stem: case for path, case in zip(files, suite.cases_of(files, job), strict=True)}
 

@@ -231,12 +231,12 @@ def test_the_pack_in_real_time_runs_to_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The pack is one scenario of 1 s here."""
-    from liftgate_hil.testing import suite
+    from liftgate_hil.testing import scenario_files
     from tools.pack.__main__ import main
 
     path = tmp_path / "rests.toml"
     path.write_text('duration = 1.0\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n')
-    monkeypatch.setattr(suite, "scenario_files", lambda _: [path])
+    monkeypatch.setattr(scenario_files, "scenario_files", lambda _: [path])
     assert main(["--realtime", "rests"]) == 0
     told = capsys.readouterr().out
     assert told.count("realtime: ") == 2
@@ -245,14 +245,14 @@ def test_the_pack_in_real_time_runs_to_its_end(
 
 def test_the_pack_s_page_is_made_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of one scenario and two of the mutants."""
-    from liftgate_hil.testing import mutation, suite
+    from liftgate_hil.testing import mutation, scenario_files
     from tools.pack import page
     from tools.pack.__main__ import main
 
-    files = suite.scenario_files(["pack"])
+    files = scenario_files.scenario_files(["pack"])
     chosen = [each for each in files if each.stem == "motor_short"]
     few = dict(list(mutation.MUTANTS.items())[:2])
-    monkeypatch.setattr(suite, "scenario_files", lambda _: chosen)
+    monkeypatch.setattr(scenario_files, "scenario_files", lambda _: chosen)
     for module in (mutation, page):
         monkeypatch.setattr(module, "MUTANTS", few)
     assert main(["--output", str(tmp_path)]) == 0

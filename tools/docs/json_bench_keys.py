@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from liftgate_hil.config.described_result import keys_of
+from liftgate_hil.described_result import keys_of
 from liftgate_hil.loop.histogram import Distribution
 from tools.docs.json_keys import PROVENANCE, Document
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from liftgate_hil.config.described_result import keys_of
+from liftgate_hil.described_result import keys_of
 from liftgate_hil.identification.design import ExperimentPlan
 from liftgate_hil.identification.result import Experiment, Identification, Validation
 from liftgate_hil.report.provenance import Provenance

@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from liftgate_hil.config.described_result import keys_of
 from liftgate_hil.conversion.compare import Comparison
+from liftgate_hil.described_result import keys_of
+from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.playback.player import Played
 from liftgate_hil.report.provenance import Provenance
+from liftgate_hil.testing.suite_result import SuiteResult
 from liftgate_hil.transport.base import LinkCounts
 
 
@@ -49,25 +51,7 @@ LINK = Shared(
     keys_of(LinkCounts),
 )
 EXPECTATION = Shared(
-    "Expectation",
-    "The verdict on one `[[expect]]`, see [verdicts](verdicts.md).",
-    {
-        "name": "name of the expectation",
-        "verdict": "`pass`, `inconclusive`, `fail` or `error`",
-        "margin": "distance to the limit, in `margin_unit`; negative: failed; 0: see `verdict`; null: undecided",
-        "margin_unit": "unit of `margin`; empty: it has none",
-        "time_s": "when it was decided: model time [s]; null: never",
-        "reason": "why, in words; may be empty",
-        "uncertainty": "how far the bench's lateness may have moved the margin, in `margin_unit`; null: not at "
-        "all, or unknown",
-        "method": "`direct`: from the run as it was; `replay`: the bench was late, and the gate was stepped "
-        "again; null: undecided",
-        "window_s": "when it was judged, as far as the run went: [from, to], model time [s]; null: the window "
-        "never opened",
-        "margin_time_s": "when the margin was reached: model time [s]; null: unknown",
-        "decided_by": "comparison of the condition that the margin is of, with numbers for parameters",
-        "formula": "what was expected, with numbers for parameters; empty: there is no verdict on it",
-    },
+    "Expectation", "The verdict on one `[[expect]]`, see [verdicts](verdicts.md).", keys_of(Verdict)
 )
 
 WITHOUT_FILES = Shared(
@@ -116,67 +100,7 @@ RUN = Document(
 VERDICTS = Document(
     "`test --json FILE`, `judge --json FILE`, `verdicts.json`",
     "The verdicts of a suite; `--results FOLDER` writes them as `verdicts.json`.",
-    {
-        "verdict": "the worst of all scenarios and of `mutation`: `pass`, `inconclusive`, `fail` or `error`",
-        "expectations": "how many expectations have which verdict",
-        "expectations.pass": "number of expectations that passed",
-        "expectations.inconclusive": "number of those undecided",
-        "expectations.fail": "number of those that failed",
-        "expectations.error": "number of those that could not be judged",
-        "expectations.inconclusive_share": "share of undecided expectations, 0 to 1",
-        "scenarios": "scenarios in the order given; of `judge` recordings",
-        "scenarios[].file": "the scenario, or the recordings that were judged",
-        "scenarios[].verdict": "the worst of its expectations; `error`: it did not reach its end",
-        "scenarios[].reason": "why it did not reach its end; else empty",
-        "scenarios[].notes": "texts that may explain the verdict",
-        "scenarios[].condition_times": "when each condition with which a stimulus begins came true; "
-        "those that never did are missing",
-        "scenarios[].condition_times.CONDITION": "model time [s]",
-        "scenarios[].description": "`description` of the scenario",
-        "scenarios[].requirement": "list: `requirement` of the scenario",
-        "scenarios[].vehicle": "name of the vehicle",
-        "scenarios[].ecu": "the ECU under test; null: judged from recordings",
-        "scenarios[].ecu.kind": "`reference`, `library`, `python` or `bus`",
-        "scenarios[].ecu.name": "path of a library, MODULE:CLASS, or the version of the reference ECU",
-        "scenarios[].ecu.sha256": "SHA-256 of the file of a library or a class, in hexadecimal digits; else null",
-        "scenarios[].ecu.mutant": "name of the reference ECU's defect, with `--ecu mutant:NAME`; else null",
-        "scenarios[].seed": "seed of noise and scatter",
-        "scenarios[].parameters": "parameters of the scenario, with `--set-parameter`",
-        "scenarios[].parameters.NAME": "value, in the unit in which the scenario uses it",
-        "scenarios[].clock": "clock of the run: `realtime`, `lockstep` or `free`; of `judge`: `recorded`",
-        "scenarios[].wall_s": "elapsed time of the run [s]",
-        "scenarios[].expectations": "its expectations, see Expectation",
-        "scenarios[].attempts": "earlier, inconclusive attempts, with `--retry-inconclusive`",
-        "scenarios[].attempts[].verdict": "verdict of the attempt",
-        "scenarios[].attempts[].expectations": "its expectations, see Expectation",
-        "scenarios[].attempts[].recordings": "files that the attempt wrote",
-        "scenarios[].recordings": "files that the run wrote",
-        "scenarios[].sources": "files that were read, by purpose",
-        "scenarios[].sources.PURPOSE": "a file",
-        "scenarios[].sources.PURPOSE.path": "path of the file",
-        "scenarios[].sources.PURPOSE.sha256": "SHA-256 of its content, in hexadecimal digits",
-        "provenance": "see Provenance",
-        "mutation": "`test --mutants` only: which defects of the reference ECU the scenarios find",
-        "mutation.verdict": "`pass`; `fail`: fewer are killed than --mutation-threshold says; `error`: stopped",
-        "mutation.reason": "why, in words; empty where no share is required",
-        "mutation.threshold": "share of --mutation-threshold, 0 to 1; null: none was given",
-        "mutation.score": "share of the mutants that are killed, 0 to 1; null: stopped before its end",
-        "mutation.mutants": "all mutants",
-        "mutation.mutants[].name": "name of the mutant",
-        "mutation.mutants[].meaning": "its defect",
-        "mutation.mutants[].is_reached": "whether the defect makes a difference to the ECU in any control cycle",
-        "mutation.mutants[].reached_in": "list: scenarios in which it does",
-        "mutation.mutants[].propagated_in": "list: those in which it also changes a command, and so the gate",
-        "mutation.mutants[].killed_by": "expectations that pass with the sound ECU and fail with the mutant",
-        "mutation.mutants[].killed_by[].file": "scenario",
-        "mutation.mutants[].killed_by[].expectation": "name of its expectation",
-        "mutation.prove_nothing": "expectations that pass with every mutant, and without an ECU",
-        "mutation.prove_nothing[].file": "scenario",
-        "mutation.prove_nothing[].expectation": "name of its expectation",
-        "mutation.not_counted": "expectations that the sound ECU itself does not pass: they can kill no mutant",
-        "mutation.not_counted[].file": "scenario",
-        "mutation.not_counted[].expectation": "name of its expectation",
-    },
+    keys_of(SuiteResult, [Verdict, Provenance]),
     {
         "scenarios[].expectations[]": EXPECTATION,
         "scenarios[].attempts[].expectations[]": EXPECTATION,

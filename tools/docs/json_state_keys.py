@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from liftgate_hil.config.described_result import keys_of
 from liftgate_hil.dashboard.source import STATE
+from liftgate_hil.described_result import keys_of
 from liftgate_hil.loop.histogram import Distribution
 from liftgate_hil.signals import COLUMNS, Bench
 from tools.docs.json_keys import EXPECTATION

@@ -19,8 +19,9 @@ from liftgate_hil.doctor.examination import Examination
 from liftgate_hil.doctor.timing import steal, stolen_percent
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.request import RunRequest
-from liftgate_hil.testing import suite
+from liftgate_hil.testing import scenario_files, suite
 from liftgate_hil.testing.mutation import mutate
+from liftgate_hil.testing.outcome import Outcome
 from tools.busy import busy_processes
 from tools.pack import page
 
@@ -40,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--output", type=Path, default=Path("docs"))
     parser.add_argument("--realtime", nargs="*", metavar="NAME", help="default: all")
     args = parser.parse_args(arguments)
-    files = suite.scenario_files(["pack"])
+    files = scenario_files.scenario_files(["pack"])
     if args.realtime is not None:
         chosen = [each for each in files if not args.realtime or each.stem in args.realtime]
         checks = [] if args.realtime else _examined()
@@ -80,7 +81,7 @@ def _job(clock: str) -> Job:
     return Job(RunRequest(clock=clock, realtime=clock == "realtime"))
 
 
-def _on(files: Sequence[Path], clock: str) -> list[suite.Outcome]:
+def _on(files: Sequence[Path], clock: str) -> list[Outcome]:
     found = []
     for case in suite.cases_of(files, _job(clock)):
         found.append(suite.run_case(case))

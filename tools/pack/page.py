@@ -16,7 +16,7 @@ from liftgate_hil.doctor.check import Check
 from liftgate_hil.ecu.mutants import MUTANTS
 from liftgate_hil.judging.verdict import DIRECT, INCONCLUSIVE, REPLAY, Verdict
 from liftgate_hil.testing.mutation import Matrix
-from liftgate_hil.testing.suite import Outcome
+from liftgate_hil.testing.outcome import Outcome
 from tools.docs.markdown import MADE, code, page, table
 
 _INTRO = """\

@@ -275,7 +275,7 @@ def _summarise(outcome: Outcome, args: argparse.Namespace) -> None:
 def _replay(args: argparse.Namespace) -> int:
     """Run a variant of a campaign again; exit code 0: it is as the campaign saw it, to the bit."""
     from liftgate_hil.campaign.replay import replayed
-    from liftgate_hil.cli.suite_line import QuietListener
+    from liftgate_hil.cli.suite_teller import QuietListener
     from liftgate_hil.cli.teller import Teller
 
     record, teller = options.run_request(args).recordings, Teller(args.quiet)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
-    from liftgate_hil.config.described_result import Result
+    from liftgate_hil.described_result import Result
 
     Fit = TypeVar("Fit", bound=Result)
 

@@ -17,30 +17,21 @@ from typing import TYPE_CHECKING
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_reports import (
-    Output,
-    add_reports,
-    clear_the_way,
-    refuse_inputs,
-    reporting_issues,
-    summary_of,
-    targets_of,
-    write_all,
-)
+from liftgate_hil.cli.suite_reports import Output, put_whole, say, summary_of
 from liftgate_hil.errors import printable
-from liftgate_hil.testing.request import JudgeRequest
+from liftgate_hil.testing.request import JudgeRequest, ReportsChoice
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from liftgate_hil.testing.suite import Outcome
+    from liftgate_hil.testing.outcome import Outcome
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     options.add_flags(parser, JudgeRequest)
     parser.add_argument("--one-run", action="store_true", help="all files belong to one run, whatever their names")
-    add_reports(parser, "; the recordings stay where they are")
+    options.add_flags(parser, ReportsChoice)
     parser.add_argument("--quiet", action="store_true", help="print only what does not pass")
 
 
@@ -49,16 +40,21 @@ def run(args: argparse.Namespace) -> int:
     stop = StopSignals()
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.report.provenance import provenance_of
-    from liftgate_hil.testing import judged_suite, suite
+    from liftgate_hil.testing import judged_suite
     from liftgate_hil.testing.html_report import SuiteReport
-    from liftgate_hil.testing.junit import as_junit
     from liftgate_hil.testing.rejudge import expectations_of, paths_of
-    from liftgate_hil.testing.reports import as_json, as_text
+    from liftgate_hil.testing.report_files import clear_the_way, refuse_inputs, reporting_issues, targets_of
+    from liftgate_hil.testing.suite_result import SuiteResult
+    from liftgate_hil.testing.tested import write_reports
 
-    targets, out = targets_of(args), Output()
+    is_silent = str(args.json) == "-"
+    targets, out = (
+        targets_of(ReportsChoice(**options.given_in(args, ReportsChoice)), options.as_flags, say),
+        Output(),
+    )
     report, outcomes = SuiteReport(), []
-    teller = Teller(args.quiet, args.json == "-")
-    with reporting_issues(targets):
+    teller = Teller(args.quiet, is_silent)
+    with reporting_issues(targets, options.as_flags, say):
         read = (*args.recordings, *args.maps, args.scenario, args.vehicle, args.rig)
         refuse_inputs(targets, [each for each in read if each])
         request = JudgeRequest.of(**options.given_in(args, JudgeRequest))
@@ -71,22 +67,14 @@ def run(args: argparse.Namespace) -> int:
                 outcomes.append(report.take(outcome))
                 with teller.aside():
                     _tell(notes)
-                    out.put(_lines_of(outcome, len(runs) > 1, args))
+                    out.put([] if is_silent else _lines_of(outcome, len(runs) > 1, args.quiet))
                 progress.update(len(outcomes), text=f"{len(outcomes)}/{len(cases)} runs" if len(cases) > 1 else "")
-    provenance = provenance_of(args.command_line, {})
-    content = as_json(outcomes, provenance.to_dict())
+    found = SuiteResult(tuple(outcomes), provenance_of(args.command_line, {}))
     with teller.progress("report"):
-        write_all(
-            targets,
-            {
-                "json": lambda: as_text(content).encode(),
-                "junit": lambda: as_junit(outcomes),
-                "html": lambda: report.html(outcomes, provenance).encode(),
-            },
-        )
-    out.put(summary_of(outcomes, args, "recording" if len(runs) == 1 else "recordings"))
+        write_reports(targets, found, report, put_whole, say)
+    out.put([] if is_silent else summary_of(outcomes, "recording" if len(runs) == 1 else "recordings"))
     out.raise_if_lost()
-    return stop.exit_code if stop.received else EXIT_CODES[suite.verdict_of(outcomes)]
+    return stop.exit_code if stop.received else EXIT_CODES[found.verdict]
 
 
 def _tell(notes: Sequence[str]) -> None:
@@ -95,19 +83,17 @@ def _tell(notes: Sequence[str]) -> None:
         print(printable(f"liftgate-hil judge: note: {note}"), file=sys.stderr)
 
 
-def _lines_of(outcome: Outcome, is_named: bool, args: argparse.Namespace) -> list[str]:
+def _lines_of(outcome: Outcome, is_named: bool, is_quiet: bool) -> list[str]:
     """Return what is printed of the verdicts of a run."""
     from liftgate_hil.judging.shown_verdict import line_of
 
-    if args.json == "-":
-        return []
     indent, lines = "    " if is_named else "", list[str]()
-    if is_named and not (args.quiet and outcome.verdict == "pass"):
+    if is_named and not (is_quiet and outcome.verdict == "pass"):
         lines.append(printable(f"{outcome.verdict:<12} {', '.join(map(str, outcome.case.recordings))}"))
     if outcome.reason:
         return [*lines, f"{indent}{printable(options.as_flags(outcome.reason))}"]
     return lines + [
         f"{indent}{printable(each.name)}: {line_of(replace(each, reason=options.as_flags(each.reason)))}"
         for each in outcome.expectations
-        if not (args.quiet and each.verdict == "pass")
+        if not (is_quiet and each.verdict == "pass")
     ]

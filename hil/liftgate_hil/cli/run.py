@@ -86,7 +86,6 @@ def _verdicts(result: Result) -> list[str]:
 
 def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> dict[str, Any]:
     """Return the summary for JSON; its keys are public, and an unknown number is None."""
-    from liftgate_hil.judging.shown_verdict import expectation_json
     from liftgate_hil.report.provenance import provenance_of
 
     return {
@@ -95,7 +94,7 @@ def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> 
         "maxima": _known(result.maxima),
         "minima": _known(result.minima),
         "verdict": result.verdict if result.expectations else None,
-        "expectations": [expectation_json(each) for each in result.expectations.values()],
+        "expectations": [each.to_dict() for each in result.expectations.values()],
         "notes": list(result.notes),
         "provenance": provenance_of(args.command_line, result.sources).to_dict(),
     }

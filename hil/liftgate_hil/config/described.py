@@ -132,6 +132,11 @@ class Record:
         """Return the record with other values."""
         return type(self)(**{**self.__dict__, **values})
 
+    def shared_with(self, other: type[Record]) -> dict[str, Any]:
+        """Return the values of the fields that another class of records has, too."""
+        own = {each.name for each in fields_of(type(self))}
+        return {each.name: getattr(self, each.name) for each in fields_of(other) if each.name in own}
+
     def to_dict(self) -> dict[str, Any]:
         """Return the values of all fields, by their names."""
         return {each.name: getattr(self, each.name) for each in fields_of(type(self))}

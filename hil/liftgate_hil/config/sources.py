@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
-from liftgate_hil.config.described_result import Shown
+from liftgate_hil.described_result import Shown
 
 
 class Source(NamedTuple):

@@ -8,12 +8,12 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from liftgate_hil.config.described_result import Result, Shown
 from liftgate_hil.conversion.compare_frames import FramesCompared
 from liftgate_hil.conversion.held_values import Compared, HeldValues
 from liftgate_hil.conversion.partners import partners
 from liftgate_hil.conversion.table import Window, chosen
 from liftgate_hil.conversion.time_offset import TIME_TOLERANCE_S
+from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording
 

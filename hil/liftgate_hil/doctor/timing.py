@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from liftgate_hil.config.described_result import json_of
+from liftgate_hil.described_result import json_of
 from liftgate_hil.doctor.check import Check, Level, number, read
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.config.described import command
-from liftgate_hil.config.described_result import Result
 from liftgate_hil.config.parameters import find_parameter, with_value
 from liftgate_hil.config.sources import sources_of
+from liftgate_hil.described_result import Result
 from liftgate_hil.errors import ConfigError, NotWrittenError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.target import check_no_input

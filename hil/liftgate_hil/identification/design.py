@@ -15,7 +15,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.config.described_result import Result, Shown
+from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.identification import statistics
 from liftgate_hil.identification.data import Data, rows_of
 from liftgate_hil.identification.problem import Problem, Sought

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from liftgate_hil.config.described import Field, Record
-from liftgate_hil.config.described_result import Result
 from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Paths, Texts, Whole
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle_choice import VehicleChoice
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
+from liftgate_hil.described_result import Result
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import WITH_FRAMES, WITH_ROWS
 from liftgate_hil.measurement.request import MapRequest

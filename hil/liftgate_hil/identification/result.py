@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.config.described_result import Result, Shown
+from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.report.numbers import relative_error
 from liftgate_hil.report.provenance import Provenance
 

@@ -1,33 +1,10 @@
-"""A verdict on an expectation as it is shown: on one line of text, and for JSON."""
+"""A verdict on an expectation as it is shown, on one line of text."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from liftgate_hil.judging.verdict import FAIL, Verdict
-
-
-def expectation_json(verdict: Verdict) -> dict[str, Any]:
-    """Return a verdict for JSON; what is not a finite number is null."""
-
-    def known(value: float | None) -> float | None:
-        return value if value is not None and math.isfinite(value) else None
-
-    return {
-        "name": verdict.name,
-        "verdict": verdict.verdict,
-        "margin": known(verdict.margin),
-        "margin_unit": verdict.margin_unit,
-        "time_s": known(verdict.time_s),
-        "reason": verdict.reason,
-        "uncertainty": known(verdict.uncertainty),
-        "method": verdict.method or None,
-        "window_s": list(verdict.window_s) if verdict.window_s is not None else None,
-        "margin_time_s": known(verdict.margin_time_s),
-        "decided_by": verdict.decided_by,
-        "formula": verdict.formula,
-    }
 
 
 def line_of(verdict: Verdict) -> str:

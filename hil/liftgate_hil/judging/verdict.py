@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Annotated
 
+from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.errors import Entries
 
 PASS, INCONCLUSIVE, FAIL, ERROR = "pass", "inconclusive", "fail", "error"
@@ -15,8 +17,9 @@ DIRECT, REPLAY = "direct", "replay"  # methods of reaching a verdict
 VERDICTS = (PASS, INCONCLUSIVE, FAIL, ERROR)  # the worst last
 
 
+# fmt: off
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Result):
     """The verdict on an expectation.
 
     `margin` is how much was left, negative for what failed, in `margin_unit`; None: undecided. `time_s` is when it
@@ -31,19 +34,27 @@ class Verdict:
     again.
     """
 
-    name: str
-    verdict: str
-    margin: float | None = None
-    margin_unit: str = ""
-    time_s: float | None = None
-    reason: str = ""
-    window_s: tuple[float, float] | None = None
-    margin_time_s: float | None = None
-    decided_by: str = ""
-    uncertainty: float | None = None
-    method: str = ""
-    formula: str = ""  # of a verdict that was reached: what was expected, with numbers for parameters
+    name: Annotated[str, Shown("name of the expectation")]
+    verdict: Annotated[str, Shown("`pass`, `inconclusive`, `fail` or `error`")]
+    margin: Annotated[float | None, Shown("distance to the limit, in `margin_unit`; negative: failed; 0: see "
+        "`verdict`; null: undecided")] = None
+    margin_unit: Annotated[str, Shown("unit of `margin`; empty: it has none")] = ""
+    time_s: Annotated[float | None, Shown("when it was decided: model time [s]; null: never")] = None
+    reason: Annotated[str, Shown("why, in words; may be empty")] = ""
+    window_s: Annotated[tuple[float, float] | None, Shown("when it was judged, as far as the run went: [from, "
+        "to], model time [s]; null: the window never opened")] = None
+    margin_time_s: Annotated[float | None, Shown("when the margin was reached: model time [s]; null: "
+        "unknown")] = None
+    decided_by: Annotated[str, Shown("comparison of the condition that the margin is of, with numbers for "
+        "parameters")] = ""
+    uncertainty: Annotated[float | None, Shown("how far the bench's lateness may have moved the margin, in "
+        "`margin_unit`; null: not at all, or unknown")] = None
+    method: Annotated[str | None, Shown("`direct`: from the run as it was; `replay`: the bench was late, and the "
+        "gate was stepped again; null: undecided")] = None
+    formula: Annotated[str, Shown("what was expected, with numbers for parameters; empty: there is no verdict on "
+        "it")] = ""
 
+    # fmt: on
     @property
     def has_margin(self) -> bool:
         """Whether there is a margin to show: a state that is as it is compared (==) is at no distance from it."""

@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.config.described_result import Shown
+from liftgate_hil.described_result import Shown
 from liftgate_plant.compiler import compilable
 
 _FINE = 64

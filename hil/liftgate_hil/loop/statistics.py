@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 from liftgate_hil import signals
 from liftgate_hil.codec.frames import Frames, bits_of
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, rejected
-from liftgate_hil.config.described_result import Result, Shown
+from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.errors import number_of
 from liftgate_hil.loop.histogram import NOTHING, Distribution
 from liftgate_hil.transport.base import LinkCounts

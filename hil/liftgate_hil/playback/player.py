@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames
-from liftgate_hil.config.described_result import Result, Shown
+from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.errors import ConfigError, LiftgateError
 from liftgate_hil.formats.open import open_recording
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording

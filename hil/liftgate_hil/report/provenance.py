@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Annotated
 
-from liftgate_hil.config.described_result import Result, Shown
 from liftgate_hil.config.sources import Source
+from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.version import versions
 from liftgate_plant import compiler
 

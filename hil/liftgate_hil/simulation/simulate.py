@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.config.described import command
-from liftgate_hil.config.described_result import Result, Shown
 from liftgate_hil.config.plausibility import notes_on_vehicle
+from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.edges import EdgeFile

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from liftgate_hil.report.page import section, table, text
 from liftgate_hil.report.pinch import BORROWED, ORIGINS, OWN_LIMIT
 from liftgate_hil.running.force_limits import force_limits_of
-from liftgate_hil.testing.suite import Outcome
+from liftgate_hil.testing.outcome import Outcome
 
 _MOST_USERS = 4  # expectations that are named
 

@@ -20,9 +20,9 @@ from liftgate_hil.report.trace_plot import STYLE as TRACE_STYLE
 from liftgate_hil.testing.force_limits import limits_section
 from liftgate_hil.testing.mutants_section import mutants_section
 from liftgate_hil.testing.mutation import MutationResult
+from liftgate_hil.testing.outcome import Outcome, counts_of, subject_of, verdict_of
 from liftgate_hil.testing.picture import expectation_svgs, left_out
 from liftgate_hil.testing.scenario_section import badge, figures_of, scenario_section, value_names
-from liftgate_hil.testing.suite import Outcome, counts_of, subject_of, verdict_of
 
 MOST_PASSED, MOST_OTHERS = 8_000_000, 16_000_000  # bytes of pictures
 NO_REQUIREMENT = "none"
@@ -120,8 +120,7 @@ class SuiteReport:
 
 def _summary(outcomes: Sequence[Outcome]) -> str:
     counts = counts_of(outcomes)
-    total = sum(counts[name] for name in (PASS, FAIL, INCONCLUSIVE, ERROR))
-    counted = ", ".join(f"{counts[name]} {name}" for name in (PASS, FAIL, INCONCLUSIVE, ERROR))
+    total, counted = counts.total, ", ".join(f"{number} {name}" for name, number in counts.by_verdict().items())
     scenarios = [each.verdict for each in outcomes]
     by_scenario = ", ".join(
         f"{scenarios.count(name)} {name}" for name in (PASS, FAIL, INCONCLUSIVE, ERROR) if name in scenarios
@@ -141,7 +140,7 @@ def _summary(outcomes: Sequence[Outcome]) -> str:
     rows = [
         ("verdict", badge(verdict_of(outcomes))),
         ("expectations", f"{total}, of which {counted}"),
-        ("inconclusive", f"{100.0 * counts['inconclusive_share']:.1f} % of the expectations"),
+        ("inconclusive", f"{100.0 * counts.inconclusive_share:.1f} % of the expectations"),
         (f"{what}s", f"{len(outcomes)}: {by_scenario}"),
         ("folder", str(_folder(outcomes))),
         *run,

@@ -17,8 +17,8 @@ from liftgate_hil.running.job import Job
 from liftgate_hil.running.plan import Subject
 from liftgate_hil.running.request import RunRequest
 from liftgate_hil.running.result import Result, reason_of
+from liftgate_hil.testing.outcome import Case, Outcome, not_run
 from liftgate_hil.testing.rejudge import Expectations, StoppedJudgingError, as_recorded, judged
-from liftgate_hil.testing.suite import Case, Outcome, not_run
 
 _CLOCK = "recorded"
 

@@ -20,7 +20,7 @@ from liftgate_hil.judging.shown_verdict import line_of
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
 from liftgate_hil.report.ours import JUNIT
 from liftgate_hil.testing.mutation import MutationResult
-from liftgate_hil.testing.suite import Outcome
+from liftgate_hil.testing.outcome import Outcome
 
 _NOT_IN_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _NOT_IN_A_CLASS = re.compile(r"[\s.]+")

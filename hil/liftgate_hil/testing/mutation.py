@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated
 
+from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.ecu.mutants import MUTANTS, NO_ECU
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS
 from liftgate_hil.running.job import Job
 from liftgate_hil.running.plan import Plan
 from liftgate_hil.running.setup import Setup
-from liftgate_hil.testing.suite import Case, Outcome, run_suite
+from liftgate_hil.testing.outcome import Case, Outcome
+from liftgate_hil.testing.suite import run_suite
 
 REACHED, NEVER_REACHED = "reached and tolerated", "never reached"  # why a mutant survives
 # What is said of a mutant that is reached, if gate and motors do the same.
@@ -19,6 +21,37 @@ INSIDE = "which changed the ECU's state, but no command"
 SOUND = ""  # in place of a mutant's name: the reference ECU itself
 
 
+# fmt: off
+# A field with its description is a row of a table.
+
+
+@dataclass(frozen=True)
+class NamedExpectation(Result):
+    """An expectation of a scenario, by name."""
+
+    file: Annotated[str, Shown("scenario")]
+    expectation: Annotated[str, Shown("name of its expectation")]
+
+
+@dataclass(frozen=True)
+class FoundMutant(Result):
+    """A mutant, where its defect shows, and what kills it."""
+
+    name: Annotated[str, Shown("name of the mutant")]
+    meaning: Annotated[str, Shown("its defect")]
+    is_reached: Annotated[bool, Shown("whether the defect makes a difference to the ECU in any control cycle")]
+    reached_in: Annotated[tuple[str, ...], Shown("list: scenarios in which it does")]
+    propagated_in: Annotated[tuple[str, ...], Shown("list: those in which it also changes a command, and so the "
+        "gate")]
+    killed_by: Annotated[tuple[NamedExpectation, ...], Shown("expectations that pass with the sound ECU and fail "
+        "with the mutant")]
+
+
+def _named(expectations: Sequence[tuple[str, str]]) -> tuple[NamedExpectation, ...]:
+    return tuple(NamedExpectation(file, name) for file, name in expectations)
+
+
+# fmt: on
 @dataclass
 class Matrix:
     """Matrix of scenarios and mutants: which scenario kills which mutant.
@@ -130,24 +163,20 @@ class Matrix:
             if self.verdicts.get((SOUND, case.file, each.name)) != PASS
         ]
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the matrix for JSON."""
-        return {
-            "score": self.score,
-            "mutants": [
-                {
-                    "name": each.name,
-                    "meaning": each.meaning,
-                    "is_reached": self.is_reached(each.name),
-                    "reached_in": self.reached_in(each.name),
-                    "propagated_in": self.propagated_in(each.name),
-                    "killed_by": _as_dicts(self.kills(each.name)),
-                }
-                for each in MUTANTS.values()
-            ],
-            "prove_nothing": _as_dicts(self.prove_nothing),
-            "not_counted": _as_dicts(self.not_counted),
-        }
+    @property
+    def mutants(self) -> tuple[FoundMutant, ...]:
+        """All mutants, and where each was found."""
+        return tuple(
+            FoundMutant(
+                each.name,
+                each.meaning,
+                self.is_reached(each.name),
+                tuple(self.reached_in(each.name)),
+                tuple(self.propagated_in(each.name)),
+                _named(self.kills(each.name)),
+            )
+            for each in MUTANTS.values()
+        )
 
     def summary(self) -> str:
         """Return how many mutants are killed, and how the others survive, in words."""
@@ -178,23 +207,21 @@ class Matrix:
             yield f"can kill no mutant: {file}: {name} (does not pass even without a defect)"
 
 
-def _as_dicts(expectations: Sequence[tuple[str, str]]) -> list[dict[str, str]]:
-    return [{"file": file, "expectation": name} for file, name in expectations]
-
-
+# fmt: off
 @dataclass(frozen=True)
-class MutationResult:
-    """Result of mutation testing; `matrix` is None where it was stopped before its end."""
+class MutationResult(Result):
+    """Result of mutation testing."""
 
-    matrix: Matrix | None
-    threshold: float | None = None  # % of the mutants that must be killed; None: any share will do
+    matrix: Matrix | None  # None: it was stopped before its end
+    percent_required: float | None = None  # % of the mutants that must be killed; None: any share will do
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Annotated[str, Shown("`pass`; `fail`: fewer are killed than --mutation-threshold says; "
+        "`error`: stopped")]:
         """Verdict on the scenarios as tests: error if it was stopped, fail below the threshold, else pass."""
         if self.matrix is None:
             return ERROR
-        is_missed = self.threshold is not None and self._percent < self.threshold
+        is_missed = self.percent_required is not None and self._percent < self.percent_required
         return FAIL if is_missed else PASS
 
     @property
@@ -203,23 +230,46 @@ class MutationResult:
         return 0.0 if self.matrix is None else round(100.0 * self.matrix.score, 1)
 
     @property
-    def reason(self) -> str:
+    def reason(self) -> Annotated[str, Shown("why, in words; empty where no share is required")]:
         """Reason of the verdict; "": no share was required."""
         if self.matrix is None:
             return "the runs with mutants were stopped before their end: no score is known"
-        if self.threshold is None:
+        if self.percent_required is None:
             return ""
-        required = f"required by --mutation-threshold: {self.threshold:g} %"
+        required = f"required by --mutation-threshold: {self.percent_required:g} %"
         return f"{self._percent:.1f} % of the mutants are killed; {required}"
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the result for JSON."""
-        threshold = None if self.threshold is None else self.threshold / 100.0
-        unknown: dict[str, Any] = {"score": None, "mutants": [], "prove_nothing": [], "not_counted": []}
-        known = unknown if self.matrix is None else self.matrix.as_json()
-        return {"verdict": self.verdict, "reason": self.reason, "threshold": threshold, **known}
+    @property
+    def threshold(self) -> Annotated[float | None, Shown("share of --mutation-threshold, 0 to 1; null: none was "
+        "given")]:
+        """Share of the mutants that must be killed."""
+        return None if self.percent_required is None else self.percent_required / 100.0
+
+    @property
+    def score(self) -> Annotated[float | None, Shown("share of the mutants that are killed, 0 to 1; null: stopped "
+        "before its end")]:
+        """Share of the mutants that are killed."""
+        return None if self.matrix is None else self.matrix.score
+
+    @property
+    def mutants(self) -> Annotated[tuple[FoundMutant, ...], Shown("all mutants")]:
+        """All mutants."""
+        return () if self.matrix is None else self.matrix.mutants
+
+    @property
+    def prove_nothing(self) -> Annotated[tuple[NamedExpectation, ...], Shown("expectations that pass with every "
+        "mutant, and without an ECU")]:
+        """Expectations that prove nothing."""
+        return () if self.matrix is None else _named(self.matrix.prove_nothing)
+
+    @property
+    def not_counted(self) -> Annotated[tuple[NamedExpectation, ...], Shown("expectations that the sound ECU "
+        "itself does not pass: they can kill no mutant")]:
+        """Expectations that the sound ECU does not pass."""
+        return () if self.matrix is None else _named(self.matrix.not_counted)
 
 
+# fmt: on
 def mutate(
     sound: Sequence[Outcome],
     jobs: int = 1,

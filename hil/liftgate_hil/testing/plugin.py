@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from liftgate_hil.running.gate import Gate
     from liftgate_hil.running.job import Job
     from liftgate_hil.running.result import Result
-    from liftgate_hil.testing.suite import Case, Outcome
+    from liftgate_hil.testing.outcome import Case, Outcome
 
 _PACKAGE = Path(__file__).parents[1]
 _GROUP = "liftgate-bus"
@@ -78,7 +78,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
     """Collect a scenario file whose name begins with test_; other tools' TOML files are left out."""
     if file_path.suffix != ".toml" or not file_path.name.startswith("test_"):
         return None
-    from liftgate_hil.testing.suite import may_be_scenario
+    from liftgate_hil.testing.scenario_files import may_be_scenario
 
     return ScenarioFile.from_parent(parent, path=file_path) if may_be_scenario(file_path, is_test=True) else None
 

@@ -7,11 +7,25 @@ from pathlib import Path
 from typing import Annotated
 
 from liftgate_hil.config.described import Field, Record
-from liftgate_hil.config.kinds import Number, Paths
-from liftgate_hil.config.vehicle_choice import RIG, SCENARIO, AnyRig, AnyScenario, OwnVehicle, Parameters
+from liftgate_hil.config.kinds import Choice, File, Flag, Number, Paths, Raw, Whole
+from liftgate_hil.config.vehicle_choice import (
+    RIG,
+    SCENARIO,
+    AnyRig,
+    AnyScenario,
+    OwnRig,
+    OwnSeed,
+    OwnVehicle,
+    Parameters,
+    VehicleSettings,
+)
+from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
+from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.suffixes import WITH_FRAMES, WITH_ROWS
 from liftgate_hil.measurement.request import MapRequest
+from liftgate_hil.running.request import AskForRealtime, Clock, Cpu, Rate, WallTimeout, check_cpu
 
 
 # fmt: off
@@ -42,3 +56,59 @@ class JudgeRequest(JudgedFiles, MapRequest):
         "usual interval", "S")] = None
     origin: Annotated[float | None, Field(Number(-1e10, 1e10, "s"), "where the run begins in recordings of other "
         "tools, by their times", "with their first sample", "S")] = None
+
+
+class ReportsChoice(Record):
+    """Base of the requests that report verdicts: the files of the reports."""
+
+    json: Annotated[str | Path | None, Field(File(), "write the verdicts as JSON; -: to stdout",
+        metavar="FILE")] = None
+    junit: Annotated[str | Path | None, Field(File(), "write the verdicts as JUnit XML", metavar="FILE")] = None
+    html: Annotated[str | Path | None, Field(File(), "write a report with pictures: one file for any browser",
+        metavar="FILE")] = None
+    results: Annotated[str | Path | None, Field(File(), "write all three into this folder, beside the recordings "
+        "of `test`", metavar="FOLDER")] = None
+
+
+class SuiteFiles(Record, kw_only=False):
+    """Base of the request to test: what is run, and against what."""
+
+    paths: Annotated[str | Path | Sequence[str | Path], Field(Paths(), "scenario files, or folders of them; "
+        "shipped: pack, pack/crank_dip", metavar="PATH")]
+    ecu: Annotated[str | Path, Field(Raw("reference, the path of a shared library, MODULE:CLASS, mutant:NAME, "
+        "bus"), "what closes the loop: the reference ECU, a C library, a Python class, a mutant of the reference "
+        "ECU, an ECU on the bus", metavar="reference|LIBRARY|MODULE:CLASS|mutant:NAME|bus")] = REFERENCE
+
+
+class SuiteRequest(SuiteFiles, ReportsChoice, VehicleSettings, WireChoice):
+    """Request to run scenarios as tests."""
+
+    clock: Clock = "free"
+    rate: Rate = 1000.0
+    wall_timeout: WallTimeout = None
+    realtime: AskForRealtime = None
+    cpu: Cpu = None
+    rig: OwnRig = None
+    vehicle: OwnVehicle = None
+    seed: OwnSeed = None
+    parameters: Parameters = ()
+    jobs: Annotated[int | None, Field(Whole(1, 1024), "run N scenarios at a time", "one per CPU", "N")] = None
+    retry_inconclusive: Annotated[int, Field(Whole(0, 100), "run a scenario that is inconclusive again, up to "
+        "N times: every attempt is reported, and a fail in any of them counts", metavar="N")] = 0
+    recordings: Annotated[str | None, Field(Choice(("all", "failed", "none")), "scenarios whose recordings stay "
+        "in the folder of --results; failed: those that do not pass", "all, some 50 MB a minute of each",
+        needs="results")] = None
+    mutants: Annotated[bool, Field(Flag(), "also run all scenarios with mutants of the reference ECU; report "
+        "which scenario finds which defect, and which expectations prove nothing")] = False
+    mutation_threshold: Annotated[float | None, Field(Number(0.0, 100.0, "%"), "with --mutants: fail, with exit "
+        "code 1, if fewer of the mutants are killed", "report only", "PERCENT", "mutants")] = None
+
+    # fmt: on
+    def check(self) -> None:
+        """Validate the values, each and together. Raises ConfigError."""
+        super().check()
+        if self.is_given and self.ecu != ON_A_BUS:
+            raise ConfigError("`bus`: allowed together with `ecu` bus; other ECUs run without a bus")
+        if self.mutants and (self.ecu != REFERENCE or self.clock != "free"):
+            raise ConfigError("`mutants`: allowed with `ecu` reference and `clock` free")
+        check_cpu(self.cpu)

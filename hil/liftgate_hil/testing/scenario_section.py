@@ -12,8 +12,8 @@ from liftgate_hil.judging.trace_summary import TraceSummary
 from liftgate_hil.judging.verdict import PASS, REPLAY, Verdict
 from liftgate_hil.report.page import Markup, alert, bullets, figure, pairs, text
 from liftgate_hil.signals import COLUMNS
+from liftgate_hil.testing.outcome import Outcome
 from liftgate_hil.testing.picture import Names, decided
-from liftgate_hil.testing.suite import Outcome
 from liftgate_hil.testing.words import happenings, window_words
 
 _MOST_HAPPENINGS = 60

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import FD_FLAGS, Frames
-from liftgate_hil.config.described_result import Shown
+from liftgate_hil.described_result import Shown
 
 
 class LinkCounts(NamedTuple):

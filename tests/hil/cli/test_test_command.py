@@ -159,7 +159,7 @@ def test_earlier_reports_are_gone_before_the_first_scenario_runs(monkeypatch: py
     def killed(*_: object) -> None:
         raise RuntimeError("killed")
 
-    monkeypatch.setattr("liftgate_hil.testing.suite.run_suite", killed)
+    monkeypatch.setattr("liftgate_hil.testing.tested.run_suite", killed)
     with pytest.raises(RuntimeError, match="killed"):
         main(["test", *flags])
     assert not Path("one.json").exists()
@@ -545,7 +545,7 @@ def test_all_mistakes_of_all_files_come_at_once(capsys: pytest.CaptureFixture[st
         (["s.toml", "--html", "-"], "--html -: allowed: a file"),
         (["s.toml", "--junit", "empty"], "--junit empty: is a folder"),
         (["s.toml", "--results", "s.toml"], "--results s.toml"),
-        (["s.toml", "--mutation-threshold", "90"], "--mutation-threshold: allowed with --mutants"),
+        (["s.toml", "--mutation-threshold", "90"], "--mutation-threshold 90: allowed: together with --mutants"),
         (["s.toml", "--ecu", "bus"], "--bus: missing"),
     ],
 )

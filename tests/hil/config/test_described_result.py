@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.config.described_result import Result, Shown, json_of, keys_of
+from liftgate_hil.described_result import Result, Shown, json_of, keys_of
 
 
 class Errors(NamedTuple):

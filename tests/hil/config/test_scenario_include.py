@@ -11,7 +11,7 @@ import liftgate_hil as lh
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.toml import read_toml
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.testing.suite import is_scenario
+from liftgate_hil.testing.scenario_files import is_scenario
 
 
 def test_tables_merge_arrays_append_expectations_replace(tmp_path: Path) -> None:

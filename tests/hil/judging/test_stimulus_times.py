@@ -11,7 +11,6 @@ from liftgate_hil.running.job import Job
 from liftgate_hil.running.request import RunRequest
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.rejudge import expectations_of, judged
-from liftgate_hil.testing.reports import as_json
 from liftgate_hil.testing.request import JudgeRequest
 from liftgate_hil.testing.words import happenings
 
@@ -100,4 +99,4 @@ def test_a_result_and_its_report_say_when_a_condition_came_true(tmp_path: Path) 
     told = happenings(case.plan.setup.scenario, outcome.result.condition_times, 2.001)
     came = [each.rpartition(" (the condition ")[2] for each in told[-2:]]
     assert came == ["came true at 1.000 s)", "had not come true when the run ended, at 2.001 s)"]
-    assert as_json([outcome], {})["scenarios"][0]["condition_times"] == {"time_s >= 1": 1.0}
+    assert outcome.to_dict()["condition_times"] == {"time_s >= 1": 1.0}

@@ -33,7 +33,6 @@ from run_support import Keeper, ScriptedEcu, episode_of, message, releasing, rev
 import liftgate_hil as lh
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
-from liftgate_hil.config.variant import Variant
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.loop.rings import Memory
@@ -135,8 +134,7 @@ def test_twice_it_gives_the_same_bits_and_with_another_seed_others(log: tuple[Pa
 
 def test_without_noise_the_seed_changes_nothing(log: tuple[Path, ...]) -> None:
     scenario = Scenario(NO_STIMULI, (Request(Instant(0.05), "open"),), 1.0)
-    ideal = Variant(is_ideal=True)
-    (_, first), (_, second) = (run_kept(scenario, records=log, seed=seed, variant=ideal) for seed in (1, 2))
+    (_, first), (_, second) = (run_kept(scenario, records=log, seed=seed, ideal=True) for seed in (1, 2))
     assert first.bits() == second.bits()
 
 

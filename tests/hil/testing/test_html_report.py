@@ -16,7 +16,8 @@ from liftgate_hil.running.job import Job
 from liftgate_hil.running.request import RunRequest
 from liftgate_hil.testing import html_report
 from liftgate_hil.testing.html_report import SuiteReport
-from liftgate_hil.testing.suite import Outcome, cases_of, not_run, run_case
+from liftgate_hil.testing.outcome import Outcome, not_run
+from liftgate_hil.testing.suite import cases_of, run_case
 
 CLOSING = """
 description = "closing onto a rod"

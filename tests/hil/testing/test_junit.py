@@ -24,6 +24,7 @@ from liftgate_hil.running.request import RunRequest
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.junit import as_junit, class_names, issues_as_junit
 from liftgate_hil.testing.mutation import MutationResult
+from liftgate_hil.testing.outcome import Case
 
 HEAD = "duration = 0.1\ninitial = 30\n"
 EXPECT = '[[expect]]\nname = "{name}"\nalways = "{condition}"\n'
@@ -34,7 +35,7 @@ def schema() -> XMLSchema10:
     return XMLSchema10(Path(__file__).parent / "vendor" / "JUnit.xsd")
 
 
-def cases_in(folder: Path) -> list[suite.Case]:
+def cases_in(folder: Path) -> list[Case]:
     """A scenario that passes, and one that fails, is inconclusive and has a note."""
     (folder / "sub").mkdir()
     (folder / "a.toml").write_text(HEAD + EXPECT.format(name="x", condition="time_s > 0"))

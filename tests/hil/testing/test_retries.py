@@ -11,6 +11,7 @@ import pytest
 from liftgate_hil.cli.main import main
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.testing import suite
+from liftgate_hil.testing.outcome import Case, Outcome
 
 SCENARIO = 'duration = 0.1\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n'
 
@@ -23,7 +24,7 @@ def attempts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     verdicts: list[str] = []
     ours = suite.run_case
 
-    def run_case(case: suite.Case, stopped: object = None) -> suite.Outcome:
+    def run_case(case: Case, stopped: object = None) -> Outcome:
         outcome, verdict = ours(case), verdicts.pop(0)
         found = Verdict("rests", verdict, reason=f"it was {verdict}")
         return suite.replace(outcome, verdict=verdict, expectations=(found,))

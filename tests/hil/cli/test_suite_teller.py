@@ -11,8 +11,10 @@ from typing import Any
 import pytest
 from pseudo_terminal import as_stderr, at_once
 
+import liftgate_hil as lh
 from liftgate_hil.cli.main import main
-from liftgate_hil.cli.suite_line import QuietListener, SuiteLine
+from liftgate_hil.cli.stopping import StopSignals
+from liftgate_hil.cli.suite_teller import QuietListener, SuiteTeller
 from liftgate_hil.cli.teller import Teller
 
 PASSES = 'duration = 0.05\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n'
@@ -79,11 +81,12 @@ def test_what_begins_while_something_is_printed_waits(monkeypatch: pytest.Monkey
     at_once(monkeypatch)
     with as_stderr(monkeypatch) as terminal:
         teller = Teller(is_quiet=False)
-        line = SuiteLine(teller.progress("scenarios"), 2)
+        heard = SuiteTeller(teller, StopSignals(), is_quiet=False, is_silent=False)
+        heard.phase("scenarios")
         case: Any = SimpleNamespace(file="a.toml")
-        line.began(case)
+        heard.began(case)
         with teller.aside():
-            other = threading.Thread(target=line.began, args=(case,))
+            other = threading.Thread(target=heard.began, args=(case,))
             other.start()
             other.join(0.05)
             assert terminal.lines() == []  # the progress is away
@@ -107,13 +110,20 @@ def test_who_waits_for_machine_code_is_reported() -> None:
 
 
 def test_the_line_counts_what_does_not_pass_and_names_what_runs() -> None:
-    line = SuiteLine(Teller(is_quiet=True).progress("scenarios"), 5)
+    rig, vehicle = lh.load_rig("liftgate"), lh.load_vehicle("suv")
+    heard = SuiteTeller(Teller(is_quiet=True), StopSignals(), is_quiet=True, is_silent=True)
 
     def case(name: str) -> Any:
-        return SimpleNamespace(file=f"suite/{name}.toml")
+        request = SimpleNamespace(clock="free")
+        plan = SimpleNamespace(
+            rig=rig, setup=SimpleNamespace(vehicle=vehicle), request=SimpleNamespace(rate=1000.0)
+        )
+        return SimpleNamespace(file=f"suite/{name}.toml", plan=plan, job=SimpleNamespace(request=request))
+
+    heard.prepared([case(name) for name in "abcde"])
 
     for name in ("a", "b", "c"):
-        line.began(case(name))
+        heard.began(case(name))
     for name, verdict in (("a", "inconclusive"), ("c", "error")):
-        line.ended(SimpleNamespace(case=case(name), verdict=verdict))  # type: ignore[arg-type]
-    assert line.line() == "2/5 done  1 with errors  1 inconclusive  1 running: b.toml"
+        heard.ended(SimpleNamespace(case=case(name), verdict=verdict))  # type: ignore[arg-type]
+    assert heard.line() == "2/5 done  1 with errors  1 inconclusive  1 running: b.toml"

@@ -131,7 +131,8 @@ def _is_list(hint: Any) -> bool:
 def _result_in(hint: Any) -> type | None:
     """Return the class of results that a type consists of; None: it has none."""
     if isinstance(hint, type) and get_origin(hint) is None:
-        return hint if shown_in(hint) else None
+        is_ours = issubclass(hint, Result) or hasattr(hint, "_fields")
+        return hint if is_ours and shown_in(hint) else None
     if get_origin(hint) in (Annotated, UnionType) or get_args(hint):
         return next(filter(None, map(_result_in, get_args(hint))), None)
     return None

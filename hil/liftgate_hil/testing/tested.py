@@ -1,0 +1,222 @@
+"""Suite of scenario files as tests: run, judged and reported."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from liftgate_hil.config.described import command
+from liftgate_hil.ecu.mutants import ecu_and_mutant
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.target import is_one_of
+from liftgate_hil.judging.verdict import PASS
+from liftgate_hil.loop.listener import Listener
+from liftgate_hil.report.provenance import provenance_of
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.plan import Plan
+from liftgate_hil.running.request import RunRequest
+from liftgate_hil.testing.html_report import SuiteReport
+from liftgate_hil.testing.junit import as_junit
+from liftgate_hil.testing.mutation import MutationResult, mutate
+from liftgate_hil.testing.outcome import Case, Outcome
+from liftgate_hil.testing.report_files import (
+    Targets,
+    clear_the_way,
+    refuse_inputs,
+    reporting_issues,
+    targets_of,
+    write_all,
+)
+from liftgate_hil.testing.request import SuiteRequest
+from liftgate_hil.testing.scenario_files import scenario_files, unreadable_files
+from liftgate_hil.testing.suite import attempt_stem, cases_of, is_alone, run_suite
+from liftgate_hil.testing.suite_result import SuiteResult
+
+
+class SuiteListener:
+    """Listener of a suite: it hears of each scenario, and may stop the suite. This one ignores all of it."""
+
+    runs = Listener()  # of each run
+
+    def say(self, text: str) -> None:
+        """Called with what becomes of files, and which are left out."""
+
+    def words(self, text: str) -> str:
+        """Return an issue with the arguments that it names as their reader knows them."""
+        return text
+
+    def stopped(self) -> bool:
+        """Whether to end early."""
+        return False
+
+    def prepared(self, cases: Sequence[Case]) -> None:
+        """Called with the cases, before the first one begins."""
+
+    def began(self, case: Case) -> None:
+        """Called with each case that begins, from several threads."""
+
+    def ended(self, outcome: Outcome) -> None:
+        """Called with each outcome."""
+
+    def mutated(self, done: int, count: int) -> None:
+        """Called with how many runs with mutants are done."""
+
+    def phase(self, name: str) -> contextlib.AbstractContextManager[object]:
+        """Return the context of a phase: "scenarios", "mutants", "report"."""
+        return contextlib.nullcontext()
+
+    def put(self, text: str) -> None:
+        """Print a report whose target is stdout."""
+        print(text)
+
+
+@command(SuiteRequest)
+def test(request: SuiteRequest) -> SuiteResult:
+    """Run scenario files as tests, judge each by its expectations, and write the reports that are asked for.
+
+        test("pack", ecu="build/ecu.so", junit="junit.xml").verdict
+
+    `to_dict` and `to_json` of the result give what `liftgate-hil test --json` writes. Raises ConfigError.
+    """
+    return report_on(request)
+
+
+def report_on(request: SuiteRequest, listener: SuiteListener | None = None, command_line: str = "") -> SuiteResult:
+    """Return the result of a suite, which the listener hears of; its reports are written.
+
+    What is wrong with the request is written into the JUnit files, too. Raises ConfigError.
+    """
+    heard = SuiteListener() if listener is None else listener
+    targets = targets_of(request, heard.words, heard.say)
+    with reporting_issues(targets, heard.words, heard.say):
+        request = request.validated()
+        template = _template_of(request, heard.runs)
+        cases = _cases_of(request, template, targets)
+    for why in unreadable_files(_names_in(request)):
+        heard.say(f"note: left out: {why}")
+    clear_the_way(targets, heard.say)
+    heard.prepared(cases)
+    jobs = 1 if is_alone(template) else request.jobs or len(os.sched_getaffinity(0))
+    report, outcomes = SuiteReport(), dict[str, Outcome]()
+    with heard.phase("scenarios"):
+        for outcome in run_suite(cases, jobs, heard.stopped, heard.began, request.retry_inconclusive):
+            kept = without_recordings(outcome) if request.recordings == "failed" else outcome
+            outcomes[kept.case.file] = report.take(kept)
+            heard.ended(outcomes[kept.case.file])
+    ordered = tuple(outcomes[case.file] for case in cases)
+    mutation = _mutated(request, ordered, jobs, heard) if request.mutants else None
+    provenance = provenance_of(command_line or repr(request), {})
+    result = SuiteResult(ordered, provenance, mutation)
+    with heard.phase("report"):
+        write_reports(targets, result, report, heard.put, heard.say)
+    return result
+
+
+def write_reports(
+    targets: Targets,
+    result: SuiteResult,
+    report: SuiteReport,
+    put: Callable[[str], None],
+    say: Callable[[str], None],
+) -> None:
+    """Write the reports on a suite, see `write_all`. Raises ConfigError."""
+    outcomes, mutation = result.scenarios, result.mutation
+    contents: dict[str, Callable[[], bytes]] = {
+        "json": lambda: result.to_json().encode(),
+        "junit": lambda: as_junit(outcomes, mutation),
+        "html": lambda: report.html(outcomes, result.provenance, mutation).encode(),
+    }
+    write_all(targets, contents, put, say)
+
+
+def _names_in(request: SuiteRequest) -> list[str]:
+    """Return the paths of a request as texts."""
+    given = request.paths
+    return [str(given)] if isinstance(given, str | Path) else list(map(str, given))
+
+
+def _template_of(request: SuiteRequest, listener: Listener) -> Job:
+    """Return the job from which that of each scenario is made. Raises ConfigError."""
+    ecu, mutant = ecu_and_mutant(str(request.ecu))
+    return Job(
+        RunRequest(**{**request.shared_with(RunRequest), "ecu": ecu}),
+        request if request.is_given else None,
+        mutant=mutant,
+        is_summarized=bool(request.html or request.results),
+        listener=listener,
+    )
+
+
+def _cases_of(request: SuiteRequest, template: Job, targets: Targets) -> list[Case]:
+    """Return the cases of a request, with recordings. Raises ConfigError, also for a target that is read."""
+    names = _names_in(request)
+    files = (request.vehicle, request.rig, request.ecu)
+    refuse_inputs(targets, [*names, *(each for each in files if isinstance(each, str | Path))])
+    found = scenario_files(names)
+    cases = cases_of(found, template)
+    inputs = [*found, *(path for case in cases for path in case.plan.inputs)]
+    refuse_inputs(targets, inputs)
+    if request.results and request.recordings != "none":
+        return _recorded(cases, Path(request.results), request.retry_inconclusive, inputs)
+    return cases
+
+
+def _mutated(
+    request: SuiteRequest, sound: Sequence[Outcome], jobs: int, listener: SuiteListener
+) -> MutationResult:
+    """Run the scenarios against mutants."""
+    with listener.phase("mutants"):
+        matrix = mutate(sound, jobs, listener.stopped, listener.mutated)
+    return MutationResult(None if listener.stopped() else matrix, request.mutation_threshold)
+
+
+def _recorded(cases: Sequence[Case], folder: Path, attempts: int, inputs: Sequence[Path]) -> list[Case]:
+    """Return the cases with recordings of each in a folder: frames, and one row per tick.
+
+    No two have a name in common, those of up to `attempts` earlier attempts included. Raises ConfigError where one
+    is among the `inputs`.
+    """
+    kept: list[Case] = []
+    names: set[str] = set()
+    issues: list[str] = []
+    for case in cases:
+        stem = Path(case.file).stem
+        for count in itertools.count(1):
+            name = stem if count == 1 else f"{stem}-{count}"
+            own = {name, *(attempt_stem(name, number + 1) for number in range(attempts))}
+            if names.isdisjoint(own):
+                break
+        names |= own
+        records = (folder / f"{name}.log", folder / f"{name}.csv")
+        targets = [folder / f"{each}{path.suffix}" for each in sorted(own) for path in records]
+        issues += [
+            f"`results` {each}: is an input file; allowed: another folder"
+            for each in targets
+            if is_one_of(each, inputs)
+        ]
+        job = case.job.asking(record=records)
+        assert isinstance(case.plan, Plan)
+        kept.append(replace(case, plan=case.plan.varied(job)))
+    if issues:
+        raise ConfigError(issues)
+    return kept
+
+
+def without_recordings(outcome: Outcome) -> Outcome:
+    """Return an outcome whose recordings are deleted if it passes."""
+    if outcome.verdict != PASS:
+        return outcome
+    return replace(_deleted(outcome), attempts=tuple(map(_deleted, outcome.attempts)))
+
+
+def _deleted(outcome: Outcome) -> Outcome:
+    if outcome.result is None:
+        return outcome
+    for path in outcome.result.recording:
+        path.unlink(missing_ok=True)
+    summary = replace(outcome.result.summary, recordings=[])
+    return replace(outcome, result=replace(outcome.result, recording=(), summary=summary))
