@@ -14,6 +14,7 @@ from importlib import import_module
 TYPE_CHECKING = False  # as in `typing`, without its import
 if TYPE_CHECKING:
     from liftgate_hil import errors
+    from liftgate_hil.campaigns.command import campaign
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.scenario import Scenario
     from liftgate_hil.conversion.compare_recordings import compare
@@ -43,6 +44,7 @@ _HOMES = {
     "Scenario": ("liftgate_hil.config.scenario", "Scenario"),
     "Vehicle": ("liftgate_plant.vehicle", "Vehicle"),
     "Verdict": ("liftgate_hil.judging.verdict", "Verdict"),
+    "campaign": ("liftgate_hil.campaigns.command", "campaign"),
     "compare": ("liftgate_hil.conversion.compare_recordings", "compare"),
     "convert": ("liftgate_hil.conversion.convert", "convert"),
     "identify": ("liftgate_hil.identification.commands", "identify"),
@@ -65,6 +67,7 @@ __all__ = [
     "Scenario",
     "Vehicle",
     "Verdict",
+    "campaign",
     "compare",
     "convert",
     "errors",

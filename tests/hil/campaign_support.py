@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from liftgate_hil.campaign.base import Base
-from liftgate_hil.campaign.campaign import Campaign, Progress, batches_of
-from liftgate_hil.campaign.distributions import Floats
-from liftgate_hil.campaign.executors.executor import Batch, Executor
-from liftgate_hil.campaign.request import Request, prepared
-from liftgate_hil.campaign.store import Store
+from liftgate_hil.campaigns.base import Base
+from liftgate_hil.campaigns.campaign import Campaign, Progress, batches_of
+from liftgate_hil.campaigns.distributions import Floats
+from liftgate_hil.campaigns.executors.executor import Batch, Executor
+from liftgate_hil.campaigns.prepared import prepared
+from liftgate_hil.campaigns.request import CampaignRequest
+from liftgate_hil.campaigns.store import Store
 
 VALUES = np.column_stack([np.linspace(60.0, 80.0, 24), np.linspace(9.5, 15.0, 24)])  # of `base_in`
 
@@ -65,7 +66,7 @@ def base_in(folder: Path, ecu: str = "reference") -> Base:
     """Return the base of the scenario of one second, whose file is made in a folder."""
     path = folder / "short.toml"
     path.write_text(SHORT)
-    return prepared(Request(str(path), ("angle=60,80", "supply.voltage=9.5,15"), ecu=ecu)).base
+    return prepared(CampaignRequest(str(path), ("angle=60,80", "supply.voltage=9.5,15"), ecu=ecu)).base
 
 
 def campaign_in(

@@ -105,15 +105,15 @@ def _serve(library: ctypes.CDLL, folder: Path) -> None:
 
 def _load(folder: Path) -> None:
     """Load what a campaign needs, machine code included."""
-    from liftgate_hil.campaign import campaign
-    from liftgate_hil.campaign.request import Request
-    from liftgate_hil.campaign.run import Places, run_campaign
+    from liftgate_hil.campaigns import campaign
+    from liftgate_hil.campaigns.request import CampaignRequest
+    from liftgate_hil.campaigns.run import Places, run_campaign
     from liftgate_hil.report.provenance import provenance_of
 
     campaign.PASSING_S = 0.0  # a batch for each variant, however long they take
     path = folder / "loaded.toml"
     path.write_text("duration = 0.1")
-    request = Request(str(path), ("supply.voltage=12,13",))
+    request = CampaignRequest(str(path), ("supply.voltage=12,13",))
     run_campaign(request, Places(folder / "loaded", jobs=1), provenance_of("", {}))
 
 

@@ -56,9 +56,9 @@ ELSEWHERE = {
     "liftgate-hil --bus slcan": "needs an adapter; tests/system/test_interfaces.py has one in software",
     "candump can0": "runs until it is stopped; tests/vcan/test_commands.py",
     "cantools monitor": "fills a terminal until it is stopped; tests/system/test_clients.py",
-    "python -m distributed.cli.dask_scheduler": "tests/hil/campaign/test_executors.py",
-    "python -m distributed.cli.dask_worker": "tests/hil/campaign/test_executors.py",
-    "liftgate-hil campaign docs/examples/trap.toml --vary angle=20:60:9": "tests/hil/campaign/test_executors.py",
+    "python -m distributed.cli.dask_scheduler": "tests/hil/campaigns/test_executors.py",
+    "python -m distributed.cli.dask_worker": "tests/hil/campaigns/test_executors.py",
+    "liftgate-hil campaign docs/examples/trap.toml --vary angle=20:60:9": "tests/hil/campaigns/test_executors.py",
     "liftgate-hil campaign docs/examples/trap.toml --probability": "long; tests/hil/cli/test_campaign_command.py",
     "liftgate-hil campaign pack:trap-matrix": "long; tests/hil/cli/test_campaign_command.py",
 }

@@ -7,7 +7,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from liftgate_hil.campaign.results import JUDGED, MARGIN, VARIANT, VERDICT
+from liftgate_hil.campaigns.results import JUDGED, MARGIN, VARIANT, VERDICT
 
 DATA = Path(__file__).parents[2] / "docs" / "trap-matrix"
 

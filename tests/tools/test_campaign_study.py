@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from liftgate_hil.campaign.probability.subset_simulation import Estimate
+from liftgate_hil.campaigns.probability.subset_simulation import Estimate
 from tools.campaign_study.__main__ import main
 from tools.campaign_study.algorithms import ALGORITHMS, driven, to_the_end, until_failure
 from tools.campaign_study.estimates import FAILURES, P

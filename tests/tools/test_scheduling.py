@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 
-from liftgate_hil.campaign.campaign import batch_size
+from liftgate_hil.campaigns.campaign import batch_size
 from tools.scheduling import remedy
 from tools.scheduling.check import Run, work_of
 from tools.scheduling.figures import CODE, Figures, Rules, rows_of

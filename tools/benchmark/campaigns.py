@@ -23,8 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from liftgate_hil.campaign.evaluation import GROUP, Evaluator
-from liftgate_hil.campaign.request import Prepared, Request, prepared
+from liftgate_hil.campaigns.evaluation import GROUP, Evaluator
+from liftgate_hil.campaigns.prepared import Prepared, prepared
+from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.loop.closed_loop import Episode
 from liftgate_hil.running.execution import Execution
 from liftgate_hil.running.shared_starts import SharedStarts
@@ -71,7 +72,7 @@ def scenario() -> Iterator[Path]:
 
 def cost(path: Path, rounds: int = ROUNDS) -> Cost:
     """Return what a variant costs beside its bare episode, in rounds of GROUP variants."""
-    found = prepared(Request(str(path), VARIED, samples=GROUP))
+    found = prepared(CampaignRequest(str(path), VARIED, samples=GROUP))
     evaluator = Evaluator(found.base)
     bare, whole, ratios = [], [], []
     ticks = 1
@@ -152,7 +153,7 @@ def _share(output: Path, variants: int) -> float:
     """Return the share of the batches that are in the store."""
     try:
         manifest = json.loads((output / "campaign.json").read_text(encoding="utf-8"))
-        from liftgate_hil.campaign.campaign import batch_size
+        from liftgate_hil.campaigns.campaign import batch_size
 
         size = batch_size(variants, int(manifest["workers"]), float(manifest["seconds_each"]))
         return len(list((output / "batches").glob("*.parquet"))) * size / variants

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.campaign.search.worst_search import worst_search
+from liftgate_hil.campaigns.search.worst_search import worst_search
 
 Floats = NDArray[np.float64]
 Steps = Generator[Floats, Floats, object]

@@ -15,9 +15,9 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from scipy import integrate, optimize, stats
 
-from liftgate_hil.campaign.adaptive import REACH, SEARCH_SHARE, pockets_of
-from liftgate_hil.campaign.probability.subset_simulation import Estimate, subset_simulation
-from liftgate_hil.campaign.search.worst_search import worst_search
+from liftgate_hil.campaigns.adaptive import REACH, SEARCH_SHARE, pockets_of
+from liftgate_hil.campaigns.probability.subset_simulation import Estimate, subset_simulation
+from liftgate_hil.campaigns.search.worst_search import worst_search
 from tools.campaign_study.algorithms import Floats
 
 P = 1e-4

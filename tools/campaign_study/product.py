@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from liftgate_hil.campaign.adaptive import Evaluations, Probability, drive, estimate_probability
-from liftgate_hil.campaign.campaign import Campaign, Progress
-from liftgate_hil.campaign.design import shares_of
-from liftgate_hil.campaign.executors.local import Serial
-from liftgate_hil.campaign.request import WORST, Prepared, Request, prepared
-from liftgate_hil.campaign.store import Store
+from liftgate_hil.campaigns.adaptive import Evaluations, Probability, drive, estimate_probability
+from liftgate_hil.campaigns.campaign import Campaign, Progress
+from liftgate_hil.campaigns.design import shares_of
+from liftgate_hil.campaigns.executors.local import Serial
+from liftgate_hil.campaigns.prepared import Prepared, prepared
+from liftgate_hil.campaigns.request import CampaignRequest
+from liftgate_hil.campaigns.store import Store
 from liftgate_hil.ecu.names import REFERENCE
 from tools.campaign_study.algorithms import ALGORITHMS, Floats, until_failure
 
@@ -69,7 +70,7 @@ class Counts(NamedTuple):
 def _kept(case: Case) -> tuple[Prepared, Serial]:
     """Return a case's files, and the executor in this process, which keeps what variants have in common."""
     path = str(_FOLDER / case.file)
-    found = prepared(Request(path, case.vary, ecu=case.ecu, kind=WORST, expectation=EXPECTATION))
+    found = prepared(CampaignRequest(path, case.vary, ecu=case.ecu, worst=EXPECTATION))
     return found, Serial(found.base)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.campaign.probability.subset_simulation import Estimate
+from liftgate_hil.campaigns.probability.subset_simulation import Estimate
 from tools.campaign_study import estimates, product
 from tools.campaign_study.algorithms import ALGORITHMS, driven, to_the_end, until_failure
 from tools.campaign_study.minima import TESTS

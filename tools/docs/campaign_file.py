@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from liftgate_hil.campaign.file import CampaignTable, PartTable
+from liftgate_hil.campaigns.file import CampaignTable, PartTable
 from tools.docs.markdown import page
 from tools.docs.schema import key_table
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from liftgate_hil.campaigns.run import CampaignFigures
 from liftgate_hil.described_result import keys_of
 from liftgate_hil.loop.histogram import Distribution
 from tools.docs.json_keys import PROVENANCE, Document
@@ -98,15 +99,7 @@ CAMPAIGN = Document(
     "In the folder of a [campaign](campaigns.md), beside `results.parquet` with a row for each variant.",
     {
         "format": "version of this file's format",
-        "is_complete": "false: it was stopped; `--resume` continues it",
-        "variants": "variants in `results.parquet`",
-        "unfinished": "variants that were not evaluated",
-        "verdicts": "variants by verdict",
-        "verdicts.VERDICT": "number of variants with that verdict",
-        "seconds": "elapsed time [s]",
-        "variants_per_second": "variants evaluated in a second",
-        "evaluated_now": "variants that this call has evaluated; the others were there before",
-        "retried": "variants that were tried again because a worker process had ended",
+        **keys_of(CampaignFigures),
         "identity": "SHA-256 of all that decides the results: equal for campaigns whose results may be mixed",
         "request": "what was asked for: the arguments of the [command](command-line.md)",
         "request.scenario": "the scenario",
@@ -137,7 +130,6 @@ CAMPAIGN = Document(
         "files.PURPOSE.path": "path of the file",
         "files.PURPOSE.sha256": "SHA-256 of its content, in hexadecimal digits",
         **{name: meaning for name, meaning in PROVENANCE.keys.items() if not name.startswith("sources")},
-        "analysis": "what was found beside the rows; empty if nothing was asked for but a design",
         "analysis.expectation": "`--worst`, `--probability`: name of the expectation",
         "analysis.evaluations": "`--worst`, `--probability`: number of evaluations",
         "analysis.variant": "`--worst`: the variant with the smallest margin, as in `results.parquet`",

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from liftgate_hil.campaign.base import Base
-from liftgate_hil.campaign.campaign import Campaign, Progress, batch_size, batches_of
-from liftgate_hil.campaign.design import Design
-from liftgate_hil.campaign.executors.local import Processes
-from liftgate_hil.campaign.request import Prepared
-from liftgate_hil.campaign.store import Store
+from liftgate_hil.campaigns.base import Base
+from liftgate_hil.campaigns.campaign import Campaign, Progress, batch_size, batches_of
+from liftgate_hil.campaigns.design import Design
+from liftgate_hil.campaigns.executors.local import Processes
+from liftgate_hil.campaigns.prepared import Prepared
+from liftgate_hil.campaigns.store import Store
 from tools.scheduling.cluster import Passage, local_cluster, passage
 from tools.scheduling.figures import Figures, Rules
 from tools.scheduling.measure import Ending, Extent, Stored

@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from liftgate_hil.campaign.base import Base
-from liftgate_hil.campaign.executors import cluster
-from liftgate_hil.campaign.executors.executor import Batch
-from liftgate_hil.campaign.executors.task import Answer
-from liftgate_hil.campaign.store import Store
+from liftgate_hil.campaigns.base import Base
+from liftgate_hil.campaigns.executors import cluster
+from liftgate_hil.campaigns.executors.executor import Batch
+from liftgate_hil.campaigns.executors.task import Answer
+from liftgate_hil.campaigns.store import Store
 
 ROOT = Path(__file__).parents[2]
 _START_S = 60.0  # s that scheduler and workers may take to start

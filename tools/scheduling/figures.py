@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from liftgate_hil.campaign.campaign import _SHARES, LONGEST_BATCH_S, MOST_FILES, PASSING_S, batch_size
-from liftgate_hil.campaign.executors import cluster
+from liftgate_hil.campaigns.campaign import _SHARES, LONGEST_BATCH_S, MOST_FILES, PASSING_S, batch_size
+from liftgate_hil.campaigns.executors import cluster
 
 MEASURED = "measured"
 

@@ -14,18 +14,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from liftgate_hil.campaign.base import Base
-from liftgate_hil.campaign.campaign import batches_of
-from liftgate_hil.campaign.design import Design
-from liftgate_hil.campaign.evaluation import Row
-from liftgate_hil.campaign.executors.task import differs
-from liftgate_hil.campaign.figures import Figures as Found
-from liftgate_hil.campaign.folder import RESULTS, Folder
-from liftgate_hil.campaign.reporting.report import report
-from liftgate_hil.campaign.reporting.summary import summary_of
-from liftgate_hil.campaign.request import Prepared, Request, prepared
-from liftgate_hil.campaign.results import table_of
-from liftgate_hil.campaign.store import SUFFIX, Store
+from liftgate_hil.campaigns.base import Base
+from liftgate_hil.campaigns.campaign import batches_of
+from liftgate_hil.campaigns.design import Design
+from liftgate_hil.campaigns.evaluation import Row
+from liftgate_hil.campaigns.executors.task import differs
+from liftgate_hil.campaigns.figures import Figures as Found
+from liftgate_hil.campaigns.folder import RESULTS, Folder
+from liftgate_hil.campaigns.prepared import Prepared, prepared
+from liftgate_hil.campaigns.reporting.report import report
+from liftgate_hil.campaigns.reporting.summary import summary_of
+from liftgate_hil.campaigns.request import CampaignRequest
+from liftgate_hil.campaigns.results import table_of
+from liftgate_hil.campaigns.store import SUFFIX, Store
 from liftgate_hil.report.provenance import provenance_of
 from liftgate_hil.version import versions
 
@@ -74,7 +75,7 @@ class Ending(NamedTuple):
 
 def request(samples: int) -> Prepared:
     """Return the campaign that is measured: 10 s of closing onto a rod, two values varied."""
-    return prepared(Request(str(SCENARIO), VARY, samples=samples))
+    return prepared(CampaignRequest(str(SCENARIO), VARY, samples=samples))
 
 
 def stored(base: Base, extent: Extent) -> Stored:

@@ -77,7 +77,7 @@ def add_flags(
         words = "" if is_required else field.default_text
         text = f"{field.meaning}; default: {words}" if words else field.meaning
         is_placed = name == placed or (is_required and not field.flag)
-        _FLAGS[name] = (meta or name.upper()) if is_placed else own
+        _FLAGS[name] = (meta or name.upper()).partition("|")[0] if is_placed else own
         if isinstance(field.kind, Paths):
             parser.add_argument(name, nargs="*" if name == placed else "+", metavar=meta, help=field.meaning)
         elif is_required and field.flag:

@@ -219,7 +219,8 @@ class Text(NamedTuple):
         return ""
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
-        """Return the text; "" and an issue if it is none."""
+        """Return the text, of a path, too; "" and an issue if it is none."""
+        value = os.fspath(value) if isinstance(value, os.PathLike) else value
         if not isinstance(value, str) or not value.strip():
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return ""

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from liftgate_hil.config.described import Field, Record
+from liftgate_hil.config.described import Field, Record, value_of
 from liftgate_hil.config.kinds import SEED, File, Flag, Loaded, NumberOr, NumbersByName, Texts
 
 if TYPE_CHECKING:
@@ -55,11 +55,22 @@ Parameters = Annotated[Mapping[str, float] | Sequence[str] | None, Field(Numbers
     "the scenario (repeatable)", metavar="NAME=VALUE", flag="set-parameter")]
 
 
-class SetupChoice(VehicleSettings):
+class ParametersChoice(Record):
+    """Base of the requests that replace parameters of a scenario."""
+
+    parameters: Parameters = ()
+
+    @property
+    def parameter_values(self) -> dict[str, float]:
+        """Values that replace parameters of the scenario, by their names. Raises ConfigError."""
+        found: dict[str, float] = value_of("parameters", self.parameters or (), NumbersByName())
+        return found
+
+
+class SetupChoice(ParametersChoice, VehicleSettings):
     """Base of the requests that concern a vehicle in a scenario."""
 
     scenario: Annotated[AnyScenario | None, Field(SCENARIO, "what happens over time", metavar="NAME|FILE")] = None
-    parameters: Parameters = ()
     vehicle: OwnVehicle = None
     initial: Annotated[float | str | None, Field(NumberOr("closed, open, or degrees"), "where the gate starts",
         "the scenario's, else closed", "closed|open|ANGLE_deg")] = None

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from liftgate_hil.config.described import Field, Record, value_of
-from liftgate_hil.config.kinds import Choice, Flag, Number, NumbersByName, Raw, Size, Texts, Whole
+from liftgate_hil.config.kinds import Choice, Flag, Number, Raw, Size, Texts, Whole
 from liftgate_hil.config.toml import show
-from liftgate_hil.config.vehicle_choice import SCENARIO, AnyScenario, OwnRig, Parameters, SetupChoice
+from liftgate_hil.config.vehicle_choice import SCENARIO, AnyScenario, OwnRig, SetupChoice
 from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError, ConfigIssues
@@ -78,7 +78,6 @@ class RunSubject(Record, kw_only=False):
         "what closes the loop: the reference ECU, a C library, a Python class, an ECU on the bus",
         metavar="reference|LIBRARY|MODULE:CLASS|bus")] = REFERENCE
     clock: Clock = "free"
-    parameters: Parameters = ()
 
 
 class RunRequest(RunSubject, SetupChoice, WireChoice):
@@ -109,12 +108,6 @@ class RunRequest(RunSubject, SetupChoice, WireChoice):
     trace: Annotated[bool, Field(Flag(), "keep every row in the result, as arrays of columns")] = False
 
     # fmt: on
-    @property
-    def parameter_values(self) -> dict[str, float]:
-        """Values that replace parameters of the scenario, by their names. Raises ConfigError."""
-        found: dict[str, float] = value_of("parameters", self.parameters or (), NumbersByName())
-        return found
-
     @property
     def recordings(self) -> tuple[Path, ...]:
         """Files of the recording."""

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from liftgate_hil.conditions.condition import COLUMN
 from liftgate_hil.config.database import database_file, is_database, load_messages
-from liftgate_hil.config.described import command, value_of
-from liftgate_hil.config.kinds import NumbersByName
+from liftgate_hil.config.described import command
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.diagnostics.reset_watch import ResetWatch
@@ -142,7 +141,7 @@ def as_recorded(paths: Sequence[Path], about: Expectations) -> tuple[Expectation
     scenario's. Raises ConfigError.
     """
     found, given, notes = recorded_setup(paths), about.request, list[str]()
-    replaced: Mapping[str, float] = value_of("parameters", given.parameters or (), NumbersByName())
+    replaced = given.parameter_values
 
     def noted(what: str, recorded: object, other: object, is_given: bool) -> None:
         used, unused = (other, f"{recorded} as recorded") if is_given else (recorded, other)

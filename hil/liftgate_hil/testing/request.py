@@ -16,7 +16,7 @@ from liftgate_hil.config.vehicle_choice import (
     OwnRig,
     OwnSeed,
     OwnVehicle,
-    Parameters,
+    ParametersChoice,
     VehicleSettings,
 )
 from liftgate_hil.config.wire_choice import WireChoice
@@ -38,10 +38,9 @@ class JudgedFiles(Record, kw_only=False):
         metavar="NAME|FILE", flag="scenario")]
 
 
-class JudgeRequest(JudgedFiles, MapRequest):
+class JudgeRequest(JudgedFiles, ParametersChoice, MapRequest):
     """Request to judge recordings by a scenario's expectations."""
 
-    parameters: Parameters = ()
     vehicle: OwnVehicle = None
     rig: Annotated[AnyRig | None, Field(RIG, "a rig, or a database: decodes the frames", "the "
         "scenario's, else liftgate", "NAME|FILE")] = None
@@ -80,7 +79,7 @@ class SuiteFiles(Record, kw_only=False):
         "ECU, an ECU on the bus", metavar="reference|LIBRARY|MODULE:CLASS|mutant:NAME|bus")] = REFERENCE
 
 
-class SuiteRequest(SuiteFiles, ReportsChoice, VehicleSettings, WireChoice):
+class SuiteRequest(SuiteFiles, ReportsChoice, ParametersChoice, VehicleSettings, WireChoice):
     """Request to run scenarios as tests."""
 
     clock: Clock = "free"
@@ -91,7 +90,6 @@ class SuiteRequest(SuiteFiles, ReportsChoice, VehicleSettings, WireChoice):
     rig: OwnRig = None
     vehicle: OwnVehicle = None
     seed: OwnSeed = None
-    parameters: Parameters = ()
     jobs: Annotated[int | None, Field(Whole(1, 1024), "run N scenarios at a time", "one per CPU", "N")] = None
     retry_inconclusive: Annotated[int, Field(Whole(0, 100), "run a scenario that is inconclusive again, up to "
         "N times: every attempt is reported, and a fail in any of them counts", metavar="N")] = 0

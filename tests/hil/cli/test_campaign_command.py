@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import json
 import os
@@ -19,9 +18,9 @@ import pyarrow.parquet as pq
 import pytest
 from campaign_support import SHORT
 
-from liftgate_hil.campaign import adaptive
-from liftgate_hil.campaign.folder import DATA, LOCK, Folder
-from liftgate_hil.campaign.store import StoreError
+from liftgate_hil.campaigns import adaptive
+from liftgate_hil.campaigns.folder import DATA, LOCK, Folder
+from liftgate_hil.campaigns.store import StoreError
 from liftgate_hil.cli.campaign import _summarise
 from liftgate_hil.cli.main import main
 from liftgate_plant.compiler.files import name_beside
@@ -336,7 +335,7 @@ def test_errors_of_a_stopped_campaign_are_those_of_what_was_evaluated(capsys: py
         folder=SimpleNamespace(path=Path("campaign")),
         analysis=SimpleNamespace(content={}),
     )
-    _summarise(outcome, argparse.Namespace(quiet=False))
+    _summarise(outcome, is_quiet=False)
     assert capsys.readouterr().out.splitlines()[0] == "5 of 10 variants: 2 error, 3 pass; 1.0 s"
 
 

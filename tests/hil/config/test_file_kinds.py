@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from liftgate_hil.campaign.file import read_campaign_file
-from liftgate_hil.campaign.request import Request
+from liftgate_hil.campaigns.file import read_campaign_file
+from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.config.database import KINDS
 from liftgate_hil.config.file_kinds import MARKS
 from liftgate_hil.config.rig import read_rig
@@ -31,7 +31,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "rig": read_rig,
     "vehicle": load_vehicle,
     "scenario": load_scenario,
-    "campaign": lambda path: read_campaign_file(str(path), Request("demo", ("seed=0",))),
+    "campaign": lambda path: read_campaign_file(str(path), CampaignRequest("demo", ("seed=0",))),
 }
 PAIRS = [(given, wanted) for given in FILES for wanted in READERS if given != wanted]
 

@@ -1,0 +1,105 @@
+"""Base of a campaign: all that its variants have in common, with the hash of everything that goes into a result.
+
+It is picklable, and holds the content of its files: any process makes a variant from it without reading files.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.campaigns.distributions import Floats
+from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, Target
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.plan import Plan
+from liftgate_hil.version import versions
+
+ID_DIGITS = 32  # of a variant's hash: 128 bits, no two of 10¹² variants alike (birthday bound 1e-15)
+
+
+@dataclass(frozen=True)
+class Base:
+    """Base of a campaign: the scenario, the vehicle, the ECU and the targets that all its variants share."""
+
+    job: Job  # its scenario, vehicle and rig are loaded
+    targets: tuple[Target, ...]
+    expectations: tuple[str, ...]  # names, in the order of the columns
+    versions: Mapping[str, str]
+    identity: str  # SHA-256 of all that goes into a result, but for the values
+    ecu: Mapping[str, Any]  # identity of the ECU, by its content
+    margin_units: tuple[str, ...]  # of each expectation; "": none, or several
+
+    def variant(self, values: Sequence[float]) -> str:
+        """Return the name of a variant: the hash of everything that goes into its result."""
+        content = bytes.fromhex(self.identity) + np.asarray(values, dtype="<f8").tobytes()
+        return hashlib.sha256(content).hexdigest()[:ID_DIGITS]
+
+    def job_of(self, values: Sequence[float]) -> Job:
+        """Return the job of a variant with these values, one for each target."""
+        own = self.job.request
+        given = list(zip(self.targets, map(float, values), strict=True))
+        parameters = {each.name: value for each, value in given if each.kind == PARAMETER}
+        seeds = {each.kind: int(value) for each, value in given if each.kind in (SEED_OF_RUN, DRAW)}
+        return self.job.asking(
+            parameters={**own.parameter_values, **parameters},
+            settings=(*own.settings, *settings_of(given)),
+            seed=seeds.get(SEED_OF_RUN, own.seed),
+            draw=seeds.get(DRAW, own.draw),
+            ideal=own.ideal and DRAW not in seeds,
+        )
+
+
+def settings_of(given: Sequence[tuple[Target, float]]) -> list[str]:
+    """Return the values of keys of the vehicle file as KEY=VALUE; both coordinates of a point are one."""
+    points: dict[str, list[float]] = {}
+    found: dict[str, str] = {}
+    for target, value in given:
+        if target.kind != KEY:
+            continue
+        if target.point is None:
+            found[target.key] = repr(int(value)) if target.quantity and target.quantity.is_whole else repr(value)
+        else:
+            point = points.setdefault(target.key, list(target.point))
+            point[int(target.name[-2])] = value
+            found[target.key] = repr(point)
+    return [f"{key}={text}" for key, text in found.items()]
+
+
+def base_of(plan: Plan, targets: Sequence[Target]) -> Base:
+    """Return the base of the variants of a plan, whose job has its files loaded."""
+    job, setup = plan.job, plan.setup
+    expectations = tuple(each.name for each in setup.scenario.expectations)
+    known: dict[str, Any] = {
+        "versions": versions(),
+        "files": {purpose: each.sha256 for purpose, each in sorted(plan.sources.items())},
+        "ecu": ecu_of(plan),
+        "profiles": repr(setup.scenario.stimuli.profiles),  # also those of CSV files
+        "rate": job.request.rate,
+        "duration": plan.duration,
+        "parameters": dict(setup.scenario.parameters),
+        "settings": list(job.request.settings),
+        "initial_rad": setup.start_angle,
+        "seed": setup.seed,
+        "variant": [job.request.draw, job.request.ideal],
+        "varied": [[each.name, each.kind] for each in targets],
+    }
+    text = json.dumps(known, sort_keys=True, default=str)
+    identity = hashlib.sha256(text.encode()).hexdigest()
+    units = tuple(plan.expected.margin_unit(k) for k in range(len(expectations)))
+    return Base(job, tuple(targets), expectations, versions(), identity, ecu_of(plan), units)
+
+
+def ecu_of(plan: Plan) -> dict[str, Any]:
+    """Return the identity of a plan's ECU by its content: the same library elsewhere is the same ECU."""
+    return {name: value for name, value in plan.ecu_identity.items() if name != "path"}
+
+
+def batch_name(base: Base, values: Floats) -> str:
+    """Return the hash of a batch of variants (n, d), by which its results are stored."""
+    content = bytes.fromhex(base.identity) + np.ascontiguousarray(values, dtype="<f8").tobytes()
+    return hashlib.sha256(content).hexdigest()[:ID_DIGITS]

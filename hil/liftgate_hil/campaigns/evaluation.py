@@ -1,0 +1,232 @@
+"""Evaluation of variants in this process, one after the other: what a run costs and little else.
+
+The loop's memory is kept from one variant to the next, scenario and vehicle are made anew only where their values
+change, and so is the state after a precondition that variants share.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from liftgate_hil.campaigns.base import Base, ecu_of
+from liftgate_hil.campaigns.figures import NO_FIGURES, Figures, FigureSink
+from liftgate_hil.campaigns.vehicles import Vehicles
+from liftgate_hil.conditions.evaluator import work_for
+from liftgate_hil.config.settings import settings_of
+from liftgate_hil.config.vehicle import VehicleFile
+from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.node import PORT, REFERENCE, NodeState
+from liftgate_hil.errors import ConfigError, LiftgateError, PreconditionError, causes
+from liftgate_hil.judging.judge import Judge
+from liftgate_hil.judging.table import BLOCK
+from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, Verdict, worst
+from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode
+from liftgate_hil.loop.observers import Sink
+from liftgate_hil.loop.rings import Memory
+from liftgate_hil.loop.tick import LoopState
+from liftgate_hil.running.execution import Execution
+from liftgate_hil.running.plan import Plan, plan_of
+from liftgate_hil.running.run_plan import adapter_of, judge_of
+from liftgate_hil.running.setup import scenario_of, variant_of
+from liftgate_hil.running.shared_starts import SharedStarts, reference_copied
+from liftgate_hil.running.signs_of_life import foreign_code
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
+from liftgate_plant.coding import Coding
+
+GROUP = 32  # variants that are prepared together; with 16 the rest of the time is 2 % of the run's more
+
+
+class Row(NamedTuple):
+    """Result of a variant."""
+
+    verdict: str
+    margins: tuple[float, ...]  # of each expectation, in its unit; NaN: undecided, or it has none
+    figures: Figures
+    wall_s: float
+    error: str  # why there is no result; "": there is one
+    verdicts: tuple[str, ...]  # on each expectation
+
+
+def error_row(base: Base, error: str, wall_s: float = math.nan) -> Row:
+    """Return the row of a variant without a result."""
+    count = len(base.expectations)
+    return Row(ERROR, (math.nan,) * count, NO_FIGURES, wall_s, error, (ERROR,) * count)
+
+
+class _Ecu(NamedTuple):
+    """The reference ECU for a vehicle's coding, and its state when it is switched on."""
+
+    adapter: Adapter
+    coding: Coding
+    state: NodeState
+
+
+@dataclass
+class _Trial:
+    """A variant on its way from its values to its row."""
+
+    began: float
+    plan: Plan | None = None
+    judge: Judge | None = None
+    adapter: Adapter | None = None
+    stimuli: StimulusPlan | None = None  # at time 0, as are the states of loop and ECU
+    loop: LoopState | None = None
+    node: NodeState | None = None
+    figures: Figures = NO_FIGURES
+    stack: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)  # closes a user's ECU
+    given_up: str = ""
+    error: str = ""
+    spent: float = 0.0  # s
+
+
+class Evaluator:
+    """Evaluates the variants of a base. Raises ConfigError where the base itself cannot be run."""
+
+    def __init__(self, base: Base, memory: Memory | None = None) -> None:
+        self.base = base
+        self.memory = memory or Memory(ROWS, FRAMES, others_write=True)
+        self._plan = plan_of(base.job)
+        if ecu_of(self._plan) != base.ecu:
+            raise ConfigError(
+                f"`ecu` {base.job.request.ecu}: not the campaign's file here; allowed: the same content"
+            )
+        self._starts = SharedStarts()
+        self._work = work_for(BLOCK)  # of the judges, which judge one after the other
+        assert isinstance(base.job.request.vehicle, VehicleFile)
+        self._vehicles = Vehicles(base.job.request.vehicle, base.targets)
+        self._settings = settings_of(base.job.request.settings)
+        self._figures = FigureSink()
+        self._ecu: _Ecu | None = None
+
+    def load(self) -> None:
+        """Load the machine code that all variants run, before processes are forked from this one."""
+        plan = self._plan
+        adapter = Adapter(plan.rig, plan.setup.vehicle.drives)
+        stimuli, state = Execution(plan, adapter, (), lambda: False, None).start()
+        Episode(plan.config, state, stimuli, adapter, (), memory=self.memory).begin()
+        judge_of(plan)
+
+    def close(self) -> None:
+        """Release the loop's memory."""
+        self.memory.close()
+
+    def row(self, values: Sequence[float], stopped: Callable[[], bool] = lambda: False) -> Row:
+        """Return the result of the variant with these values; an error is its row's."""
+        return next(self.rows([values], stopped))
+
+    def rows(
+        self, variants: Iterable[Sequence[float]], stopped: Callable[[], bool] = lambda: False
+    ) -> Iterator[Row]:
+        """Yield the results of variants, in their order.
+
+        All are prepared, then all run, then all judged: each of these is twice as fast with its code and data in
+        the processor's caches, from which a run of machine code drives them out.
+        """
+        trials = [self._prepared(values, stopped) for values in variants]
+        for trial in trials:
+            self._run(trial, stopped)
+        for trial in trials:
+            yield self._judged(trial)
+
+    def plan(self, values: Sequence[float]) -> Plan:
+        """Return the plan of the variant with these values. Raises ConfigError."""
+        job = self.base.job_of(values)
+        request = job.request
+        scenario = scenario_of(request.scenario, request.parameters)
+        fixed, own = [*scenario.settings, *self._settings], settings_of(request.settings[len(self._settings) :])
+        vehicle = self._vehicles.vehicle(fixed, own, variant_of(request.draw, request.ideal))
+        setup = self._plan.setup.varied(scenario, vehicle, initial=request.initial, seed=request.seed)
+        self._plan = self._plan.varied(job, setup)
+        return self._plan
+
+    def _prepared(self, values: Sequence[float], stopped: Callable[[], bool]) -> _Trial:
+        """Return a variant before its first tick; it is over already where it has an error."""
+        trial = _Trial(began=time.perf_counter())
+        try:
+            trial.plan = plan = self.plan(values)
+            trial.judge = judge_of(plan, self._work)
+            trial.adapter = adapter = self.adapter_of(plan, trial.stack)
+            execution = Execution(plan, adapter, (), stopped, self.memory, self._starts)
+            trial.stimuli = plan.stimuli  # this plan is run once
+            trial.loop = execution.started(trial.stimuli)
+            trial.node = adapter.state
+        except PreconditionError as failure:
+            trial.given_up = str(failure)
+        except LiftgateError as failure:
+            trial.error = "; ".join(causes(failure))
+        trial.spent = time.perf_counter() - trial.began
+        return trial
+
+    def _run(self, trial: _Trial, stopped: Callable[[], bool]) -> None:
+        """Run a variant as `EpisodeDriver` does, without recordings."""
+        plan, adapter, judge = trial.plan, trial.adapter, trial.judge
+        if trial.error or trial.given_up or plan is None or adapter is None:
+            return
+        began = time.perf_counter()
+        assert trial.stimuli is not None
+        assert trial.loop is not None
+        assert trial.node is not None
+        assert plan.ticks is not None
+        sinks: list[Sink] = [self._figures] if judge is None else [self._figures, judge]
+        self._figures.begins_anew()
+        self.reset()
+        adapter.state = trial.node
+        is_recorded = judge is not None and judge.reads_the_bus
+        try:
+            with trial.stack:
+                if adapter.kind == PORT:
+                    trial.stack.enter_context(foreign_code(self.memory))
+                episode = Episode(plan.config, trial.loop, trial.stimuli, adapter, sinks, is_recorded, self.memory)
+                episode.complete(plan.ticks, stopped)
+        except LiftgateError as failure:
+            trial.error = "; ".join(causes(failure))
+        if stopped():
+            trial.error = "stopped"
+        trial.figures = self._figures.figures()
+        trial.spent += time.perf_counter() - began
+
+    def _judged(self, trial: _Trial) -> Row:
+        """Return the row of a variant that has run."""
+        began, judge = time.perf_counter(), trial.judge
+        verdicts: Sequence[Verdict] = ()
+        if judge is not None:
+            verdicts = judge.verdicts(trial.error, trial.given_up)
+        elif trial.given_up:
+            verdicts = [Verdict("", INCONCLUSIVE, reason=trial.given_up)]
+        if trial.error:
+            return error_row(self.base, trial.error, trial.spent)
+        found = {each.name: each for each in verdicts}
+        margins = tuple(_margin(found.get(name)) for name in self.base.expectations)
+        wall_s = trial.spent + time.perf_counter() - began
+        own = tuple(found[name].verdict if name in found else INCONCLUSIVE for name in self.base.expectations)
+        return Row(worst(each.verdict for each in verdicts), margins, trial.figures, wall_s, "", own)
+
+    def adapter_of(self, plan: Plan, stack: contextlib.ExitStack) -> Adapter:
+        """Return the adapter of the ECU as it is switched on; that of our own ECU is kept for the next variant."""
+        coding = plan.setup.vehicle.coding
+        if self._ecu is None or self._ecu.coding != coding:
+            adapter = adapter_of(plan, self.memory, stack)
+            if adapter.kind != REFERENCE:
+                return adapter
+            self._ecu = _Ecu(adapter, coding, reference_copied(adapter.state))
+        kept = self._ecu
+        kept.adapter.state = reference_copied(kept.state)
+        kept.adapter.begins_anew(0.0, 0)
+        return kept.adapter
+
+    def reset(self) -> None:
+        """Empty the loop's memory for the next run."""
+        control = self.memory.shared.control[0]
+        control.rows = control.frames = control.bits = control.sent = control.tick = control.foreign = 0
+
+
+def _margin(verdict: Verdict | None) -> float:
+    """Return the margin of a verdict; NaN where it has none."""
+    if verdict is None or verdict.margin is None or verdict.verdict == INCONCLUSIVE:
+        return math.nan
+    return float(verdict.margin)

@@ -1,0 +1,113 @@
+"""Task of a Dask cluster: a batch of variants, evaluated in a slot of the worker that has taken it."""
+
+from __future__ import annotations
+
+import pickle
+import zlib
+from collections.abc import Mapping
+from multiprocessing.connection import wait
+from typing import Any, NamedTuple
+
+from liftgate_hil.campaigns.base import Base
+from liftgate_hil.campaigns.distributions import Floats
+from liftgate_hil.campaigns.executors.idle_slots import IdleSlots
+from liftgate_hil.campaigns.executors.slot import Slot
+from liftgate_hil.campaigns.results import table_of
+from liftgate_hil.campaigns.store import Store, packed
+from liftgate_hil.config.can_libraries import unpickled
+from liftgate_hil.errors import words_of
+from liftgate_hil.version import versions
+
+_LOOK_S = 0.5
+_COMPARED = ("liftgate-hil", "python", "numba", "llvmlite", "numpy")  # packages that results depend on
+
+_idle = IdleSlots()  # of this worker of the cluster
+
+
+class Answer(NamedTuple):
+    """Answer of a task; either the batch is stored, or its table is here, or it was refused."""
+
+    retried: int
+    table: bytes = b""  # Parquet; empty: the worker has stored it
+    refused: str = ""  # why this worker does not take part, with its name
+
+
+class Content(NamedTuple):
+    """A pickled base, compressed, as each task carries it: what is scattered is lost with those that hold it."""
+
+    packed: bytes
+
+    @classmethod
+    def of(cls, base: Base) -> Content:
+        """Return the content of a base."""
+        return cls(zlib.compress(pickle.dumps(base)))
+
+    def pickled(self) -> bytes:
+        """Return the pickled base."""
+        return zlib.decompress(self.packed)
+
+
+def evaluated(content: Content, token: str, values: Floats, name: str, store: Store, mark: str) -> Answer:
+    """Evaluate a batch in this worker of the cluster, in a slot of the client that `token` names.
+
+    Raises LiftgateError, StoreError; Reschedule, on which the scheduler has the task run again, where nobody waits
+    for it any more.
+    """
+    from distributed import get_worker
+
+    pickled = content.pickled()
+    base: Base = unpickled(pickled)
+    if text := differs(versions(), base.versions):
+        return Answer(0, refused=f"worker {get_worker().address}: {text}")
+    is_shared = store.is_shared(mark)
+    if is_shared and store.get(name) is not None:  # evaluated by a worker that died before it could say so
+        return Answer(0)
+    slot = _idle.take(token) or Slot(base, pickled)
+    before = slot.retried
+    try:
+        _evaluate(slot, values)
+    except BaseException:
+        slot.close()
+        raise
+    rows, retried = slot.rows, slot.retried - before
+    _idle.put(token, slot)
+    table = table_of(base, values, rows)
+    if is_shared:
+        store.put(name, table)
+        return Answer(retried)
+    return Answer(retried, packed(table))
+
+
+def _evaluate(slot: Slot, values: Floats) -> None:
+    """Have a slot evaluate a batch. Raises as `evaluated`."""
+    from distributed import Reschedule, get_worker
+
+    worker = get_worker()
+    key = worker.get_current_task()
+    slot.begin(values)
+    while not slot.look():
+        if not _is_wanted(worker, key):
+            raise Reschedule
+        if slot.connection is not None:
+            wait([slot.connection], _LOOK_S)
+
+
+def _is_wanted(worker: Any, key: Any) -> bool:
+    """Whether a client waits for a task: the scheduler cancels those of one that has stopped, or was killed."""
+    task = worker.state.tasks.get(key)
+    return task is not None and task.state != "cancelled"
+
+
+def end_slots(token: str) -> None:
+    """End the idle slots of a client in this worker of the cluster; those at work end with their tasks."""
+    _idle.end(token)
+
+
+def differs(given: Any, wanted: Mapping[str, str]) -> str:
+    """Return what differs in a worker's versions, in words; "": nothing."""
+    if not isinstance(given, Mapping):
+        return f"liftgate-hil is not there: {words_of(given) if isinstance(given, BaseException) else given}"
+    wrong = [
+        f"{name} {given.get(name)}, here {wanted[name]}" for name in _COMPARED if given.get(name) != wanted[name]
+    ]
+    return f"{', '.join(wrong)}; allowed: the same versions, or results would differ" if wrong else ""

@@ -1,0 +1,156 @@
+"""What a request of a campaign stands for: base, space and first plan, its files loaded and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from liftgate_hil.campaigns.base import Base, base_of
+from liftgate_hil.campaigns.design import Design
+from liftgate_hil.campaigns.request import DEFAULT_METHOD, DESIGN, PROBABILITY, CampaignRequest
+from liftgate_hil.campaigns.results import check_columns
+from liftgate_hil.campaigns.space import DRAW, Space, space_of
+from liftgate_hil.config.parameter_units import parameter_units
+from liftgate_hil.config.scenario import ScenarioFile, read_scenario
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.vehicle import VehicleFile, read_vehicle
+from liftgate_hil.ecu.find import check_ecu
+from liftgate_hil.ecu.mutants import ecu_and_mutant
+from liftgate_hil.ecu.names import ON_A_BUS
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.plan import Plan, plan_of
+from liftgate_hil.running.request import RunRequest
+from liftgate_hil.running.setup import rig_of, scenario_of
+
+LEAST_OF_A_PROBABILITY = 1200  # evaluations: with fewer, the levels of a small probability are chance
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What a request stands for, its files loaded and checked."""
+
+    request: CampaignRequest
+    base: Base
+    space: Space
+    plan: Plan  # of the scenario as it is
+    design: Design | None  # None: the variants depend on the results
+    against: Base | None  # with the other ECU; None: there is none
+
+
+def prepared(request: CampaignRequest) -> Prepared:
+    """Load the files of a request, and check it. Raises ConfigError with all issues."""
+    job = _job_of(request)
+    plan = plan_of(job)
+    if plan.ticks is None:
+        raise ConfigError(f"{request.scenario}: duration: missing; allowed: in the scenario, or `duration`")
+    assert isinstance(job.request.vehicle, VehicleFile)  # see _job_of
+    content = job.request.vehicle.raw
+    space = space_of(request.vary, _parameters_of(job, plan), plan.setup.vehicle, content)
+    _check_once(request, space)
+    if request.ideal and any(each.kind == DRAW for each in space.targets):
+        raise ConfigError("`vary` draw: allowed without `ideal`, which has no spread")
+    base = base_of(plan, space.targets)
+    check_columns(base)
+    design = None
+    if request.kind == DESIGN:
+        design = Design(space, request.samples or 0, request.method or DEFAULT_METHOD, request.sampling_seed)
+    else:
+        check_expectation(request, base, {each.name: each for each in plan.setup.scenario.expectations})
+    against = _against(request, base) if request.against else None
+    return Prepared(request, base, space, plan, design, against)
+
+
+def _parameters_of(job: Job, plan: Plan) -> dict[str, str]:
+    """Return the parameters of the scenario with their units; "": unknown."""
+    assert isinstance(job.request.scenario, ScenarioFile)  # see _job_of
+    units = parameter_units(part.raw for part in job.request.scenario.parts)
+    return {name: units.get(name, "") for name in plan.setup.scenario.parameters}
+
+
+def units_of(found: Prepared) -> dict[str, str]:
+    """Return the unit of each varied name, in their order; "": none, or it is not known."""
+    return {each.name: each.unit for each in found.space.targets}
+
+
+def inputs_of(found: Prepared) -> list[Path]:
+    """Return the files of a request, with the library of the other ECU, none of which a campaign writes."""
+    return [*found.plan.inputs, *([] if found.against is None else [Path(found.request.against or "")])]
+
+
+def _check_once(request: CampaignRequest, space: Space) -> None:
+    """Raise ConfigError where something is both varied and given."""
+    given = {*request.parameter_values, *(each.partition("=")[0].strip() for each in request.settings)}
+    given |= {"seed"} if request.seed is not None else set()
+    given |= {"draw"} if request.draw is not None else set()
+    twice = [name for name in space.names if name in given]
+    if twice:
+        raise ConfigError(f"`vary` {', '.join(twice)}: varied, and given by another flag; allowed: one of the two")
+
+
+def check_expectation(request: CampaignRequest, base: Base, expectations: Mapping[str, Expectation]) -> None:
+    """Raise ConfigError where the scenario has no expectation of the name, or it has no margin."""
+    if request.expectation not in base.expectations:
+        known = ", ".join(base.expectations) or "none, the scenario has no [[expect]]"
+        raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: {known}")
+    if expectations[request.expectation].kind == "dtc":
+        raise ConfigError(
+            f"`{request.kind}` {request.expectation}: a trouble code has no margin; allowed: one with it"
+        )
+    if not base.targets:
+        raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: together with `vary`")
+    if request.kind == PROBABILITY and 0 < (request.evaluations or 0) < LEAST_OF_A_PROBABILITY:
+        raise ConfigError(f"`evaluations` {request.evaluations}: allowed: {LEAST_OF_A_PROBABILITY} or more")
+
+
+def _against(request: CampaignRequest, base: Base) -> Base:
+    """Return the base of the other ECU, for the same values. Raises ConfigError."""
+    ecu, mutant = ecu_of(str(request.against), "against")
+    return base_of(plan_of(replace(base.job.asking(ecu=ecu), mutant=mutant)), base.targets)
+
+
+def _job_of(request: CampaignRequest) -> Job:
+    ecu, mutant = ecu_of(str(request.ecu), "ecu")
+    path = find_config("scenarios", str(request.scenario))
+    file = read_scenario(path)
+    scenario = scenario_of(file, request.parameters)
+    called = f"{scenario.source}: vehicle" if scenario.vehicle and request.vehicle is None else ""
+    name = str(request.vehicle or scenario.vehicle or "suv")
+    run = RunRequest(
+        scenario=file,
+        ecu=ecu,
+        parameters=request.parameter_values,
+        vehicle=read_vehicle(find_config("vehicles", name, called), name),
+        rig=rig_of(request.rig, scenario),
+        settings=tuple(request.settings),
+        seed=request.seed,
+        draw=request.draw,
+        ideal=request.ideal,
+        rate=request.rate,
+        duration=request.duration,
+    )
+    return Job(run, mutant=mutant)
+
+
+def ecu_of(name: str, called: str) -> tuple[str, str]:
+    """Return the ECU and the mutant of a name, see `ecu_and_mutant`. Raises ConfigError."""
+    if name == ON_A_BUS:
+        raise ConfigError(f"`{called}` {name}: allowed: reference, mutant:NAME, a library, MODULE:CLASS")
+    ecu, mutant = ecu_and_mutant(name, called)
+    try:
+        check_ecu(ecu)
+    except ConfigError as error:
+        raise ConfigError([line.replace("`ecu`", f"`{called}`", 1) for line in error.issues]) from None
+    return ecu, mutant
+
+
+def absolute(request: CampaignRequest) -> CampaignRequest:
+    """Return the request with absolute paths of files, so that it holds from any folder."""
+
+    def whole(name: str | Path | None) -> str | None:
+        return str(Path(name).resolve()) if name and Path(name).is_file() else None if name is None else str(name)
+
+    names = ("scenario", "vehicle", "rig", "ecu", "against")
+    return request.replaced(**{name: whole(getattr(request, name)) for name in names})

@@ -1,0 +1,99 @@
+"""Replay of one variant of a campaign, compared bit by bit with what the campaign saw."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from liftgate_hil.campaigns.folder import OWN, Folder
+from liftgate_hil.campaigns.prepared import prepared
+from liftgate_hil.campaigns.results import JUDGED, MARGIN, VARIANT, VERDICT
+from liftgate_hil.campaigns.resumption import differences
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.target import is_one_of
+from liftgate_hil.judging.shown_verdict import line_of
+from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE
+from liftgate_hil.loop.listener import Listener
+from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.result import Result
+from liftgate_hil.running.run import execute
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A variant that was run again."""
+
+    is_equal: bool  # to the bit with what the campaign saw
+    lines: Sequence[str]  # in words
+
+
+def replayed(
+    path: Path,
+    variant: str,
+    record: Sequence[Path] = (),
+    listener: Listener = Listener(),  # noqa: B008  # it holds nothing
+) -> Replayed:
+    """Run a variant of the campaign in a folder as a run of its own, and compare it. Raises ConfigError."""
+    folder = Folder(path)
+    found = prepared(folder.request())
+    if wrong := differences(folder.manifest(), found):
+        raise ConfigError(f"{path}: {', '.join(wrong)}: not as in the campaign; allowed: the same as there")
+    row = folder.find(variant)
+    varied = [row.get(each.name) for each in found.base.targets]
+    if not all(isinstance(each, float) for each in varied):
+        raise ConfigError(f"{path}: variant {row[VARIANT]}: its values were changed")
+    values = [float(each) for each in varied if each is not None]
+    if found.base.variant(values) != row[VARIANT]:
+        raise ConfigError(f"{path}: variant {row[VARIANT]}: its values were changed")
+    job = found.base.job_of(values)
+    for target in record:
+        if is_one_of(target, [path / name for name in OWN]):
+            raise ConfigError(f"`record` {target}: belongs to the campaign; allowed: another file")
+    result = execute(plan_of(replace(job.asking(record=tuple(record)), trace=1, listener=listener)))
+    seen = _columns_of(result, found.base.expectations)
+    wrong = [
+        f"{name}: {_shown(each)}, the campaign saw {_shown(row.get(name))}"
+        for name, each in seen.items()
+        if not _is_same(each, row.get(name))
+    ]
+    values_text = ", ".join(
+        f"{each.name} = {value:.12g}" for each, value in zip(found.base.targets, values, strict=True)
+    )
+    lines = [
+        f"variant {row[VARIANT]}: {values_text}",
+        f"{result.verdict}{': ' + result.reason if result.reason else ''}",
+        *(f"  {name}: {line_of(each)}" for name, each in result.expectations.items()),
+    ]
+    lines += [f"recorded: {os.fspath(each)}" for each in result.recording]
+    if not wrong:
+        return Replayed(True, [*lines, "bit-identical to the campaign's result"])
+    return Replayed(False, [*lines, "not as in the campaign:", *wrong])
+
+
+def _columns_of(result: Result, expectations: Sequence[str]) -> dict[str, Any]:
+    """Return the columns of results that a run of its own shows."""
+    from liftgate_hil.campaigns.figures import figures_of
+
+    margins: dict[str, Any] = {}
+    none = ERROR if result.verdict == ERROR else INCONCLUSIVE
+    for name in expectations:
+        each = result.expectations.get(name)
+        margins[f"{JUDGED}{name}"] = none if each is None else each.verdict
+        is_known = each is not None and each.margin is not None and each.verdict != INCONCLUSIVE
+        margins[f"{MARGIN}{name}"] = each.margin if is_known and each is not None else None
+    figures = figures_of(result.trace)._asdict() if result.verdict != ERROR else {}
+    return {VERDICT: result.verdict, **margins, **figures}
+
+
+def _is_same(one: Any, other: Any) -> bool:
+    if isinstance(one, float) and math.isnan(one):
+        one = None
+    return bool(one == other)
+
+
+def _shown(value: Any) -> str:
+    return repr(value) if isinstance(value, float) else str(value)

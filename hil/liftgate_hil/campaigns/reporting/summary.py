@@ -1,0 +1,186 @@
+"""Summary of a campaign's results: verdicts, expectations, the worst variants, what drives the result."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from liftgate_hil.campaigns.distributions import Floats
+from liftgate_hil.campaigns.reporting.sensitivity import Index, first_order
+from liftgate_hil.campaigns.results import ERROR, JUDGED, MARGIN, VARIANT, VERDICT, reading
+from liftgate_hil.judging.verdict import FAIL, PASS, VERDICTS
+
+FORCE = "peak_pinch_force_n"
+MOST_ROWS = 250_000  # variants of which sensitivity, heat maps and distributions are made, at most
+_PART = 65_536  # rows that are read at a time
+_WORST = 10  # variants that are listed
+_ERRORS = 5  # kinds of errors that are listed
+
+
+class Expected(NamedTuple):
+    """Results of one expectation."""
+
+    name: str
+    passed: int
+    failed: int
+    undecided: int  # inconclusive, or in error
+    least: float  # smallest margin, in the unit of the expectation; NaN: none is known
+    variant: str  # with it
+    unit: str = ""  # of the margin; "": none, or several
+
+
+class Case(NamedTuple):
+    """Variant in the list of the worst ones, with its values and its result."""
+
+    variant: str
+    values: tuple[float, ...]
+    verdict: str
+    margin: float
+    force: float  # N
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Summary of results."""
+
+    count: int
+    counts: dict[str, int]  # by verdict
+    expectations: Sequence[Expected]
+    driver: str  # column of the result that cases and sensitivity are about
+    worst: Sequence[Case]
+    errors: Sequence[tuple[str, int]]  # most frequent ones, with their numbers
+    every: int  # of so many variants one is in the following
+    values: dict[str, Floats]  # (n,) by varied name
+    result: Floats  # (n,) the column `driver`
+    force: Floats  # (n,) N
+    indices: Sequence[Index]  # of `driver`
+    force_indices: Sequence[Index]
+    force_limit: float | None = None  # N, at which an expectation fails; None: none is judged
+
+
+def summary_of(
+    path: Path,
+    varied: Sequence[str],
+    expectations: Sequence[str],
+    preferred: str = "",
+    margin_units: Sequence[str] = (),
+    force_limit: float | None = None,
+) -> Summary:
+    """Return the summary of a file of results, which is read in parts.
+
+    `preferred` is the expectation that the campaign is about; "": the one that fails most, else the largest force.
+    `margin_units` are those of the expectations' margins; (): not told. `force_limit` [N] is the least force at
+    which an expectation fails; None: none is judged.
+    Of a large file, sensitivity, heat maps and distributions are those of each n-th variant (`every`). Raises
+    StoreError.
+    """
+    import pyarrow.parquet as pq
+
+    with reading(path) as stream, pq.ParquetFile(stream) as file:
+        judged = [_Judged(*each) for each in zip_longest(expectations, margin_units, fillvalue="")]
+        own = [f"{prefix}{name}" for prefix in (JUDGED, MARGIN) for name in expectations]
+        verdicts, errors = Counter[str](), Counter[str]()
+        for part in file.iter_batches(_PART, columns=[VARIANT, VERDICT, ERROR, *own]):
+            verdicts.update(part[VERDICT].to_pylist())
+            errors.update(each for each in part[ERROR].to_pylist() if each is not None)
+            for each in judged:
+                each.take(part)
+        results = [each.result() for each in judged]
+        driver = f"{MARGIN}{preferred}" if preferred else _driver_of(results)
+        every = -(-file.metadata.num_rows // MOST_ROWS)
+        columns = list(dict.fromkeys((*varied, driver, FORCE)))
+        kept = _kept(file, columns, every)
+        values = {name: kept[name] for name in varied}
+        return Summary(
+            count=file.metadata.num_rows,
+            counts={name: verdicts[name] for name in VERDICTS if name in verdicts},
+            expectations=results,
+            driver=driver,
+            worst=_worst(file, varied, driver),
+            errors=errors.most_common(_ERRORS),
+            every=every,
+            values=values,
+            result=kept[driver],
+            force=kept[FORCE],
+            indices=first_order(values, kept[driver]),
+            force_indices=first_order(values, kept[FORCE]),
+            force_limit=force_limit,
+        )
+
+
+def _kept(file: Any, columns: Sequence[str], every: int) -> dict[str, Floats]:
+    """Return columns (n,) of each `every`-th row."""
+    found: dict[str, list[Floats]] = {name: [] for name in columns}
+    first = 0
+    for part in file.iter_batches(_PART, columns=list(columns)):
+        for name in columns:
+            found[name].append(_floats(part[name])[-first % every :: every])
+        first += part.num_rows
+    return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def _floats(column: Any) -> Floats:
+    found: Floats = column.to_numpy(zero_copy_only=False).astype(np.float64)
+    return found
+
+
+class _Judged:
+    """Counts the results of an expectation, part by part."""
+
+    def __init__(self, name: str, unit: str) -> None:
+        self._name, self._unit = name, unit
+        self._counts = Counter[str]()
+        self._least, self._variant = math.nan, ""
+
+    def take(self, part: Any) -> None:
+        """Count the rows of a part."""
+        self._counts.update(part[f"{JUDGED}{self._name}"].to_pylist())
+        margins = _floats(part[f"{MARGIN}{self._name}"])
+        known = np.isfinite(margins)
+        if known.any():
+            place = int(np.nanargmin(np.where(known, margins, np.nan)))
+            if not margins[place] >= self._least:
+                self._least, self._variant = float(margins[place]), part[VARIANT][place].as_py()
+
+    def result(self) -> Expected:
+        """Return the results."""
+        passed, failed = self._counts[PASS], self._counts[FAIL]
+        undecided = self._counts.total() - passed - failed
+        return Expected(self._name, passed, failed, undecided, self._least, self._variant, self._unit)
+
+
+def _driver_of(judged: Sequence[Expected]) -> str:
+    """Return the column that the report is about: the margin of what fails most, or else the force."""
+    failing = [each for each in judged if each.failed and math.isfinite(each.least)]
+    if not failing:
+        return FORCE
+    return f"{MARGIN}{max(failing, key=lambda each: each.failed).name}"
+
+
+def _worst(file: Any, varied: Sequence[str], driver: str) -> list[Case]:
+    """Return the variants with the smallest margins, or the largest forces."""
+    is_margin = driver.startswith(MARGIN)
+    columns = list(dict.fromkeys((VARIANT, *varied, VERDICT, driver, FORCE)))
+    found: list[tuple[float, int, Case]] = []
+    first = 0
+    for part in file.iter_batches(_PART, columns=columns):
+        result = _floats(part[driver])
+        badness = -result if is_margin else result
+        known = np.flatnonzero(np.isfinite(badness))
+        order = known[np.argsort(-badness[known], kind="stable")][:_WORST]
+        for place, row in zip(order.tolist(), part.take(order).to_pylist(), strict=True):
+            force = math.nan if row[FORCE] is None else float(row[FORCE])
+            case = Case(
+                row[VARIANT], tuple(float(row[name]) for name in varied), row[VERDICT], float(result[place]), force
+            )
+            found.append((-float(badness[place]), first + place, case))
+        found = sorted(found, key=lambda each: each[:2])[:_WORST]
+        first += part.num_rows
+    return [case for _, _, case in found]

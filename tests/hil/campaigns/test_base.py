@@ -1,0 +1,210 @@
+"""What the variants of a campaign have in common, and what makes one of them."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from c_library import build, needs_compiler
+from campaign_support import silent_ecu
+
+from liftgate_hil.campaigns.base import Base, base_of, batch_name, settings_of
+from liftgate_hil.campaigns.prepared import prepared
+from liftgate_hil.campaigns.request import CampaignRequest
+from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, Target
+from liftgate_hil.config.vehicle import VehicleFile
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.plan import plan_of
+from liftgate_plant.quantity import Quantity
+
+SHORT = """
+duration = 1.0
+initial = "open"
+seed = 3
+
+[parameters]
+angle = 75
+rod = 10_000
+
+[[obstacle]]
+angle_deg = "$angle"
+stiffness = "$rod"
+
+[[expect]]
+name = "stays open"
+always = "gate_angle_deg > $angle"
+
+[[expect]]
+name = "never hot"
+always = "left_current_a < 50"
+"""
+WHOLE = Quantity("", "", 0.0, 100.0, "", is_whole=True)
+REAL = Quantity("", "m", -10.0, 10.0, "")
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> str:
+    path = tmp_path / "short.toml"
+    path.write_text(SHORT)
+    return str(path)
+
+
+def base_with(path: str, *vary: str, **more: object) -> Base:
+    return prepared(CampaignRequest(path, vary, **more)).base  # type: ignore[arg-type]
+
+
+def gravity_point_of(job: Job) -> tuple[float, float]:
+    return plan_of(job).setup.vehicle.gate.gravity_point
+
+
+def test_whole_numbers_are_given_as_whole_numbers() -> None:
+    given = [(Target("a.count", KEY, WHOLE), 24.0), (Target("a.length", KEY, REAL), 24.0)]
+    assert settings_of(given) == ["a.count=24", "a.length=24.0"]
+
+
+def test_numbers_are_given_to_the_last_bit() -> None:
+    value = float(np.nextafter(0.1, 1.0))
+    (setting,) = settings_of([(Target("a.length", KEY, REAL), value)])
+    assert float(setting.partition("=")[2]) == value
+
+
+def test_a_coordinate_is_given_with_the_other_one_of_the_file() -> None:
+    target = Target("a.place[1]", KEY, REAL, (0.25, 0.5))
+    assert settings_of([(target, -1.0)]) == ["a.place=[0.25, -1.0]"]
+
+
+def test_both_coordinates_of_a_point_are_one_setting() -> None:
+    first, second = (Target(f"a.place[{k}]", KEY, REAL, (0.25, 0.5)) for k in (0, 1))
+    assert settings_of([(second, 2.0), (first, 1.0)]) == ["a.place=[1.0, 2.0]"]
+
+
+def test_only_keys_of_the_vehicle_are_settings() -> None:
+    given = [(Target("rod", PARAMETER), 1.0), (Target("seed", SEED_OF_RUN), 2.0), (Target("draw", DRAW), 3.0)]
+    assert settings_of(given) == []
+
+
+def test_values_go_where_their_names_stand_for(short: str) -> None:
+    base = base_with(
+        short, "rod=1,2", "seed=5,6", "draw=7,8", "supply.voltage=9,12", "gate.gravity_point[0]=0.4,0.5"
+    )
+    job = base.job_of([2.0, 6.0, 8.0, 9.5, 0.45])
+    assert job.request.parameters == {"rod": 2.0}
+    assert job.request.seed == 6
+    assert job.request.draw == 8
+    assert job.request.settings[0] == "supply.voltage=9.5"
+    assert job.request.settings[1].startswith("gate.gravity_point=[0.45, ")
+
+
+def test_what_the_request_fixes_stays_beside_what_varies(short: str) -> None:
+    more = {"parameters": {"angle": 60.0}, "settings": ("gate.mass=31",), "seed": 9}
+    job = base_with(short, "rod=1,2", **more).job_of([2.0])
+    assert job.request.parameters == {"angle": 60.0, "rod": 2.0}
+    assert job.request.settings == ("gate.mass=31",)
+    assert job.request.seed == 9
+
+
+def test_a_coordinate_moves_only_itself(short: str) -> None:
+    base = base_with(short, "gate.gravity_point[1]=-0.1,0.1")
+    before = gravity_point_of(base.job)
+    assert gravity_point_of(base.job_of([0.07])) == (before[0], 0.07)
+
+
+def test_as_many_values_as_names_are_needed(short: str) -> None:
+    with pytest.raises(ValueError, match="zip"):
+        base_with(short, "rod=1,2").job_of([1.0, 2.0])
+
+
+def test_a_base_makes_the_same_variants_in_another_process_without_its_files(short: str) -> None:
+    base = base_with(short, "rod=1,2", "supply.voltage=9,12")
+    content = pickle.dumps(base)
+    Path(short).unlink()
+    again = pickle.loads(content)
+    assert again.variant([2.0, 9.0]) == base.variant([2.0, 9.0])
+    assert plan_of(again.job_of([2.0, 9.0])).setup.scenario.parameters["rod"] == 2.0
+
+
+def test_expectations_are_in_the_order_of_the_scenario(short: str) -> None:
+    assert base_with(short, "rod=1,2").expectations == ("stays open", "never hot")
+
+
+def test_the_identity_does_not_depend_on_where_the_files_are(short: str, tmp_path: Path) -> None:
+    other = tmp_path / "other" / "renamed.toml"
+    other.parent.mkdir()
+    shutil.copy(short, other)
+    assert base_with(str(other), "rod=1,2").identity == base_with(short, "rod=1,2").identity
+
+
+def test_the_identity_does_not_depend_on_the_values_but_on_their_names(short: str) -> None:
+    first = base_with(short, "rod=1,2")
+    assert base_with(short, "rod~uniform(5,6)", samples=4).identity == first.identity
+    assert base_with(short, "angle=1,2").identity != first.identity
+
+
+@needs_compiler
+def test_the_identity_depends_on_the_content_of_a_library_and_not_on_its_path(short: str, tmp_path: Path) -> None:
+    library = build(tmp_path, silent_ecu())
+    moved = tmp_path / "elsewhere" / "renamed.so"
+    moved.parent.mkdir()
+    shutil.copy(library, moved)
+    other = build(tmp_path, silent_ecu("steps *= 2;"), "other.so")
+    identities = [base_with(short, "rod=1,2", ecu=str(each)).identity for each in (library, moved, other)]
+    assert identities[0] == identities[1]
+    assert identities[0] != identities[2]
+
+
+@needs_compiler
+def test_the_ecu_of_a_base_is_known_without_its_path(short: str, tmp_path: Path) -> None:
+    library = build(tmp_path, silent_ecu())
+    assert str(tmp_path) not in repr(base_with(short, "rod=1,2", ecu=str(library)).ecu)
+
+
+def test_the_identity_depends_on_an_included_file(tmp_path: Path) -> None:
+    part, path = tmp_path / "part.toml", tmp_path / "whole.toml"
+    part.write_text(SHORT)
+    path.write_text('include = ["part.toml"]\n')
+    first = base_with(str(path), "rod=1,2").identity
+    part.write_text(SHORT.replace('always = "left_current_a < 50"', 'always = "left_current_a < 49"'))
+    assert isinstance(base_with(str(path), "rod=1,2").job.request.vehicle, VehicleFile)
+    assert base_with(str(path), "rod=1,2").identity != first
+
+
+def test_the_identity_depends_on_the_points_of_a_profile_in_a_csv_file(tmp_path: Path) -> None:
+    path, points = tmp_path / "own.toml", tmp_path / "slope.csv"
+    path.write_text(f'{SHORT}\n[[profile]]\nquantity = "road_slope_deg"\ncsv = "slope.csv"\n')
+    identities = set()
+    for last in (3.0, 3.0000001):
+        points.write_text(
+            "time_s,road_slope_deg\n0,0\n" + "".join(f"{k},1\n" for k in range(1, 1500)) + f"1500,{last}\n"
+        )
+        identities.add(base_with(str(path), "rod=1,2").identity)
+    assert len(identities) == 2
+
+
+def test_a_base_is_the_same_whenever_it_is_made(short: str) -> None:
+    first = base_with(short, "rod=1,2")
+    assert base_of(plan_of(first.job), first.targets).identity == first.identity
+
+
+def test_names_of_batches_differ_with_values_order_and_base(short: str) -> None:
+    base = base_with(short, "rod=1,2", "angle=1,2")
+    other = base_with(short, "rod=1,2", "angle=1,2", seed=4)
+    values = np.array([[1.0, 2.0], [3.0, 4.0]])
+    changed = np.nextafter(values, 9.0)
+    names = [
+        batch_name(base, values), batch_name(base, values[::-1]), batch_name(base, values[:1]),
+        batch_name(base, changed), batch_name(other, values),
+    ]  # fmt: skip
+    assert len(set(names)) == 5
+    assert all(len(each) == 32 for each in names)
+
+
+def test_the_name_of_a_batch_does_not_depend_on_how_its_values_are_in_memory(short: str) -> None:
+    base = base_with(short, "rod=1,2", "angle=1,2")
+    values = np.arange(12.0).reshape(6, 2)
+    expected = batch_name(base, values)
+    assert batch_name(base, np.asfortranarray(values)) == expected
+    assert batch_name(base, np.repeat(values, 2, axis=0)[::2]) == expected
+    assert batch_name(base, values.astype(">f8")) == expected

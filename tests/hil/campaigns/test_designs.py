@@ -1,0 +1,182 @@
+"""Which points a design has, and in which order."""
+
+from __future__ import annotations
+
+import itertools
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from liftgate_hil.campaigns.design import Design, shares_of
+from liftgate_hil.campaigns.request import METHODS
+from liftgate_hil.campaigns.space import Space, space_of
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.running.setup import vehicle_from
+from liftgate_plant.vehicle import Vehicle
+
+CALM = settings(deadline=None, derandomize=True, database=None, max_examples=60)
+
+PARAMETERS = {"rod": "N/m", "angle": "deg", "limit": "N"}
+
+
+@cache
+def suv() -> Vehicle:
+    return vehicle_from("suv")
+
+
+def space(*texts: str) -> Space:
+    own = {
+        "parameters": ["gate.mass", "motor.resistance"],
+        "values": [30.0, 0.3],
+        "covariance": [[1, 0.01], [0.01, 1e-3]],
+    }
+    return space_of(texts, PARAMETERS, suv(), {"identification": own})  # fmt: skip
+
+
+def design(*texts: str, samples: int = 0, method: str = "sobol", seed: int = 0) -> Design:
+    return Design(space(*texts), samples, method, seed)
+
+
+def whole(made: Design) -> np.ndarray:
+    return made.values(0, made.count)
+
+
+def test_all_combinations_are_there_exactly_once() -> None:
+    made = design("rod=1,2,3", "supply.voltage=9,12", "angle=10:50:5", "seed=4,7")
+    expected = set(itertools.product((1.0, 2.0, 3.0), (9.0, 12.0), (10.0, 20.0, 30.0, 40.0, 50.0), (4.0, 7.0)))
+    assert made.count == 60
+    assert sorted(map(tuple, whole(made).tolist())) == sorted(expected)
+
+
+@pytest.mark.parametrize(
+    ("vary", "samples", "is_sampled"),
+    [
+        (["rod=1,2", "seed=1,2"], 0, False),
+        (["rod~uniform(1,2)", "angle=1,2"], 3, True),
+        (["draw=1:20:20"], 0, True),
+        (["seed=1,2", "draw=1,2"], 0, True),
+        ([], 0, False),
+    ],
+)
+def test_seeds_and_drawn_cars_alone_are_a_sample_as_distributions_are(
+    vary: list[str], samples: int, is_sampled: bool
+) -> None:
+    assert design(*vary, samples=samples).is_sampled == is_sampled
+
+
+def test_what_a_precondition_depends_on_changes_slowest() -> None:
+    made = design("rod=1,2,3", "supply.voltage=9,12", "angle=10,20", "seed=4,7", "draw=1,2", "gate.mass=30,31")
+    slow = whole(made)[:, [1, 3, 4, 5]]
+    changes = (np.diff(slow, axis=0) != 0.0).any(axis=1).sum()
+    assert changes == 2**4 - 1
+
+
+def test_a_design_of_parameters_alone_has_the_last_one_changing_fastest() -> None:
+    assert whole(design("rod=1,2", "angle=5,6")).tolist() == [[1.0, 5.0], [1.0, 6.0], [2.0, 5.0], [2.0, 6.0]]
+
+
+def test_without_a_vary_there_is_one_variant() -> None:
+    made = design()
+    assert made.count == 1
+    assert whole(made).shape == (1, 0)
+
+
+MIXED = ("rod=1,2,3", "supply.voltage=9,12", "angle~uniform(0,1)", "vehicle")
+
+
+@CALM
+@given(st.integers(0, 80), st.integers(0, 90))
+def test_any_part_of_a_design_is_that_of_the_whole(first: int, count: int) -> None:
+    made = mixed()
+    np.testing.assert_array_equal(made.values(first, count), whole(made)[first : first + count])
+
+
+@cache
+def mixed() -> Design:
+    return design(*MIXED, samples=11)
+
+
+def test_each_combination_gets_the_same_samples() -> None:
+    found = whole(mixed())
+    assert len(found) == 3 * 2 * 11
+    groups = {
+        key: found[(found[:, :2] == key).all(axis=1)] for key in itertools.product((1.0, 2.0, 3.0), (9.0, 12.0))
+    }
+    samples = [each[np.argsort(each[:, 2])][:, 2:] for each in groups.values()]
+    for each in samples:
+        np.testing.assert_array_equal(each, samples[0])
+    assert len(np.unique(samples[0][:, 0])) == 11
+
+
+def test_samples_do_not_depend_on_the_grids_beside_them() -> None:
+    alone = whole(design("angle~uniform(0,1)", samples=16))[:, 0]
+    beside = whole(design("rod=1,2", "angle~uniform(0,1)", samples=16))
+    np.testing.assert_array_equal(np.sort(np.unique(beside[:, 1])), np.sort(alone))
+
+
+@pytest.mark.parametrize("count", [1, 7, 64, 100])
+def test_a_latin_hypercube_has_one_point_in_each_stratum(count: int) -> None:
+    shares = shares_of(4, count, "lhs", 3)
+    for each in shares.T:
+        assert sorted(np.floor(each * count).astype(int).tolist()) == list(range(count))
+
+
+@pytest.mark.parametrize("dimensions", [1, 3])
+def test_sobol_points_of_a_power_of_two_have_one_in_each_stratum(dimensions: int) -> None:
+    shares = shares_of(dimensions, 64, "sobol", 3)
+    for each in shares.T:
+        assert sorted(np.floor(each * 64).astype(int).tolist()) == list(range(64))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_samples_are_those_of_their_seed(method: str) -> None:
+    first, again, other = (shares_of(3, 20, method, seed) for seed in (7, 7, 8))
+    np.testing.assert_array_equal(first, again)
+    assert not (first == other).any()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_samples_are_in_the_unit_cube(method: str) -> None:
+    shares = shares_of(5, 33, method, 0)
+    assert shares.shape == (33, 5)
+    assert ((shares >= 0.0) & (shares < 1.0)).all()
+
+
+def test_samples_leave_the_generator_of_the_caller_as_it_was() -> None:
+    np.random.seed(1)
+    expected = np.random.random()
+    np.random.seed(1)
+    for method in METHODS:
+        shares_of(2, 8, method, 0)
+    assert np.random.random() == expected
+
+
+def test_a_distribution_without_a_number_of_samples_is_refused() -> None:
+    message = r"`samples`: missing; allowed: a number, as rod~uniform\(0, 1\) is a distribution"
+    with pytest.raises(ConfigError, match=message):
+        design("rod~uniform(0,1)")
+
+
+def test_a_vehicle_without_a_number_of_samples_is_refused() -> None:
+    with pytest.raises(ConfigError, match="`samples`: missing; allowed: a number, as vehicle is a distribution"):
+        design("vehicle")
+
+
+def test_samples_of_grids_alone_are_refused() -> None:
+    message = "`samples` 20: allowed: with a distribution, or vehicle, in `vary`"
+    with pytest.raises(ConfigError, match=message):
+        design("rod=1,2", samples=20)
+
+
+def test_more_than_a_billion_variants_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"`vary`: 1e\+10 variants; allowed: up to 1e\+09"):
+        design("rod=1:2:100000", "angle=1:2:100000")
+
+
+def test_a_billion_variants_are_not_held_in_memory() -> None:
+    made = design("rod=1:2:100000", "angle=1:2:10000")
+    assert made.count == 10**9
+    assert made.values(10**9 - 2, 10).tolist() == [[2.0, made.values(10**9 - 2, 1)[0, 1]], [2.0, 2.0]]

@@ -1,0 +1,376 @@
+"""Rows become tables and come back; tables are in the store whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import math
+import os
+import pickle
+import resource
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from liftgate_hil.campaigns.base import Base
+from liftgate_hil.campaigns.evaluation import Row, error_row
+from liftgate_hil.campaigns.figures import NO_FIGURES, Figures
+from liftgate_hil.campaigns.prepared import prepared
+from liftgate_hil.campaigns.request import CampaignRequest
+from liftgate_hil.campaigns.results import check_columns, columns_of, description_of, numbers_in, rows_of, table_of
+from liftgate_hil.campaigns.store import Store, StoreError
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.judging.verdict import VERDICTS
+
+CALM = settings(deadline=None, derandomize=True, database=None, max_examples=60)
+
+
+@cache
+def base() -> Base:
+    return prepared(
+        CampaignRequest("pack/undisturbed", ("supply.voltage=9,12", "gate.gravity_point[0]=0.4,0.5"))
+    ).base
+
+
+def row_of(verdict: str = "pass", margin: float = 1.0, error: str = "") -> Row:
+    count = len(base().expectations)
+    figures = Figures(*(float(k) for k in range(len(Figures._fields))))
+    return Row(verdict, (margin,) * count, figures, 0.25, error, (verdict,) * count)
+
+
+def table_with(count: int = 5) -> pa.Table:
+    values = np.random.default_rng(4).random((count, 2))
+    return table_of(base(), values, [row_of(margin=float(k)) for k in range(count)])
+
+
+def assert_same(found: list[Row], expected: list[Row]) -> None:
+    np.testing.assert_equal([(*each,) for each in found], [(*each,) for each in expected])
+
+
+numbers = st.floats(allow_nan=True, allow_infinity=False)
+rows = st.builds(
+    Row,
+    st.sampled_from(VERDICTS),
+    st.lists(numbers, min_size=len(base().expectations), max_size=len(base().expectations)).map(tuple),
+    st.lists(numbers, min_size=len(Figures._fields), max_size=len(Figures._fields)).map(
+        lambda each: Figures(*each)
+    ),
+    numbers,
+    st.text(st.characters(exclude_categories=["Cs"])),
+    st.lists(st.sampled_from(VERDICTS), min_size=len(base().expectations), max_size=len(base().expectations)).map(
+        tuple
+    ),
+)
+
+
+@CALM
+@given(st.lists(rows, min_size=1, max_size=5))
+def test_rows_come_back_from_their_table_to_the_bit(given_rows: list[Row]) -> None:
+    values = np.arange(2.0 * len(given_rows)).reshape(-1, 2)
+    assert_same(rows_of(base(), table_of(base(), values, given_rows)), given_rows)
+
+
+def test_a_table_has_the_columns_in_their_order() -> None:
+    table = table_with()
+    margins = [f"{prefix}.{each}" for prefix in ("verdict", "margin") for each in base().expectations]
+    assert len(margins) > 2
+    assert table.column_names == [
+        "variant",
+        "supply.voltage",
+        "gate.gravity_point[0]",
+        "verdict",
+        *margins,
+        *Figures._fields,
+        "wall_s",
+        "error",
+    ]
+    assert table.column_names == list(columns_of(base())) == list(description_of(base()))
+
+
+def test_a_table_of_errors_has_the_types_of_any_other() -> None:
+    errors = table_of(base(), np.zeros((2, 2)), [error_row(base(), "no result")] * 2)
+    assert errors.schema == table_with().schema
+
+
+def test_what_is_not_known_is_null() -> None:
+    table = table_of(base(), np.ones((2, 2)), [row_of(), error_row(base(), "it broke")])
+    second = table.to_pylist()[1]
+    assert second["error"] == "it broke"
+    assert second["verdict"] == "error"
+    unknown = {name for name, each in second.items() if each is None}
+    assert unknown == {*(f"margin.{each}" for each in base().expectations), *Figures._fields, "wall_s"}
+    assert table["error"].to_pylist()[0] is None
+
+
+def test_variants_in_a_table_have_their_names_and_values() -> None:
+    values = np.array([[9.5, 0.41], [12.0, 0.42]])
+    table = table_of(base(), values, [row_of(), row_of()])
+    assert table["variant"].to_pylist() == [base().variant(each) for each in values.tolist()]
+    np.testing.assert_array_equal(numbers_in(table, "supply.voltage"), values[:, 0])
+    np.testing.assert_array_equal(numbers_in(table, "gate.gravity_point[0]"), values[:, 1])
+
+
+def test_numbers_of_a_column_are_nan_where_it_has_none() -> None:
+    table = table_of(base(), np.ones((3, 2)), [row_of(), error_row(base(), "x"), row_of()])
+    np.testing.assert_array_equal(numbers_in(table, "peak_pinch_force_n"), [0.0, math.nan, 0.0])
+    assert math.isnan(NO_FIGURES.peak_pinch_force_n)
+
+
+@pytest.mark.parametrize("name", ["verdict", "error", "wall_s", "peak_current_a", "variant"])
+def test_a_varied_name_that_is_that_of_another_column_is_refused(name: str) -> None:
+    target = base().targets[0]._replace(name=name)
+    with pytest.raises(ConfigError, match=f"`vary` {name}: allowed: names that no column of the results has"):
+        check_columns(replace(base(), targets=(target,)))
+
+
+@pytest.fixture(params=["folder", "memory"])
+def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
+    if request.param == "memory":
+        pytest.importorskip("fsspec")
+    made = Store(str(tmp_path / "a" / "batches") if request.param == "folder" else f"memory://{tmp_path}/batches")
+    made.create()
+    return made
+
+
+def test_what_is_put_is_got(store: Store) -> None:
+    table = table_with()
+    store.put("ab", table)
+    found = store.get("ab")
+    assert found is not None
+    assert found.equals(table)
+
+
+def test_what_was_not_put_is_not_there(store: Store) -> None:
+    assert store.get("ab") is None
+    assert store.names() == set()
+
+
+def test_names_are_those_of_the_batches(store: Store) -> None:
+    for name in ("ab", "cd"):
+        store.put(name, table_with(2))
+    mark = store.mark()
+    assert store.names() == {"ab", "cd"}
+    store.unmark(mark)
+
+
+def test_a_batch_that_is_put_twice_is_there_once(store: Store) -> None:
+    store.put("ab", table_with(2))
+    store.put("ab", table_with(3))
+    found = store.get("ab")
+    assert found is not None
+    assert found.num_rows == 3
+    assert store.names() == {"ab"}
+
+
+def test_creating_a_store_again_keeps_what_is_there(store: Store) -> None:
+    store.put("ab", table_with(2))
+    store.create()
+    assert store.names() == {"ab"}
+
+
+def test_a_store_in_another_process_has_the_same_batches(store: Store) -> None:
+    store.put("ab", table_with(2))
+    assert pickle.loads(pickle.dumps(store)).names() == {"ab"}
+
+
+def test_who_sees_the_mark_shares_the_store(store: Store, tmp_path: Path) -> None:
+    mark = store.mark()
+    assert store.is_shared(mark)
+    assert not Store(str(tmp_path / "another")).is_shared(mark)
+    assert not Store(f"memory://{tmp_path}/another").is_shared(mark)
+    store.unmark(mark)
+    assert not store.is_shared(mark)
+
+
+def test_marks_of_two_campaigns_differ(store: Store) -> None:
+    marks = store.mark(), store.mark()
+    assert marks[0] != marks[1]
+    for each in marks:
+        store.unmark(each)
+
+
+def test_removing_a_mark_that_is_gone_is_no_error(store: Store) -> None:
+    store.unmark("never.there")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    Store(str(tmp_path / "batches")).create()
+    return tmp_path / "batches"
+
+
+def test_a_truncated_file_is_as_if_not_there(folder: Path) -> None:
+    store = Store(str(folder))
+    store.put("ab", table_with())
+    whole = (folder / "ab.parquet").read_bytes()
+    for length in [0, 1, 4, 8, *range(16, len(whole), 97), len(whole) - 1]:
+        (folder / "ab.parquet").write_bytes(whole[:length])
+        assert store.get("ab") is None
+
+
+@pytest.mark.parametrize("content", [b"PAR1", b"PAR1" + bytes(100) + b"PAR1", b"no table", bytes(4096)])
+def test_a_file_of_something_else_is_as_if_not_there(content: bytes, folder: Path) -> None:
+    (folder / "ab.parquet").write_bytes(content)
+    assert Store(str(folder)).get("ab") is None
+
+
+def test_only_whole_files_are_ever_under_their_names(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[list[str]] = []
+    sync = os.fsync
+
+    def looking(descriptor: int) -> None:
+        sync(descriptor)
+        seen.append([each.name for each in folder.iterdir()])
+
+    monkeypatch.setattr(os, "fsync", looking)
+    Store(str(folder)).put("ab", table_with())
+    (beside,) = seen
+    assert len(beside) == 1
+    assert beside[0].startswith(".ab.parquet.")
+    assert pq.read_table(folder / "ab.parquet").num_rows == 5
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO])
+def test_a_put_that_fails_leaves_what_was_there_and_no_rest(
+    number: int, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = Store(str(folder))
+    store.put("ab", table_with(2))
+
+    def full(descriptor: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", full)
+    for name in ("ab", "cd"):
+        with pytest.raises(StoreError, match=f"{folder}: .*{os.strerror(number)}"):
+            store.put(name, table_with(3))
+    monkeypatch.undo()
+    assert [each.name for each in folder.iterdir()] == ["ab.parquet"]
+    found = store.get("ab")
+    assert found is not None
+    assert found.num_rows == 2
+
+
+def test_a_put_that_is_interrupted_leaves_no_rest(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(descriptor: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Store(str(folder)).put("ab", table_with())
+    assert list(folder.iterdir()) == []
+
+
+LIMITED = """
+import pickle, resource, signal, sys
+from liftgate_hil.campaigns.store import StoreError
+store, table, limit = pickle.loads(sys.stdin.buffer.read())
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+try:
+    store.put("ab", table)
+except StoreError as error:
+    print(error)
+"""
+
+
+def test_a_put_that_the_system_cuts_off_in_the_middle_leaves_no_rest(folder: Path) -> None:
+    assert resource.RLIMIT_FSIZE is not None
+    content = pickle.dumps((Store(str(folder)), table_with(), 1000))
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", LIMITED], input=content, capture_output=True, check=True, timeout=60
+    )
+    assert os.strerror(errno.EFBIG) in done.stdout.decode()
+    assert str(folder) in done.stdout.decode()
+    assert list(folder.iterdir()) == []
+
+
+def test_a_lost_folder_is_told(folder: Path) -> None:
+    store = Store(str(folder))
+    folder.rmdir()
+    for call in (lambda: store.put("ab", table_with()), store.names, store.mark):
+        with pytest.raises(StoreError, match=f"{folder}: .*{os.strerror(errno.ENOENT)}"):
+            call()
+    assert not folder.exists()
+
+
+def test_a_folder_that_cannot_be_made_is_refused_with_what_is_allowed(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    address = str(tmp_path / "file" / "batches")
+    with pytest.raises(ConfigError, match=f"`store` {address}: .*allowed: a folder to write to"):
+        Store(address).create()
+
+
+def test_an_address_of_an_unknown_kind_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"`store` nowhere://x: .*allowed: a folder to write to"):
+        Store("nowhere://x").create()
+
+
+def test_files_of_others_in_the_folder_are_no_batches(folder: Path) -> None:
+    for name in ("notes.txt", ".ab.parquet.0123", ".hidden.parquet", "sub"):
+        (folder / name).write_text("")
+    assert Store(str(folder)).names() == set()
+
+
+OWN, OTHER = "0" * 32, "1" * 32
+
+
+def test_what_killed_writers_have_left_is_removed_at_the_end(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A batch and a mark of the campaign, and a mark of another one."""
+
+    def killed(*_: object) -> None:
+        raise SystemExit
+
+    own = Store(store.address, OWN)
+    own.put("ab", table_with(2))
+    with monkeypatch.context() as patch:
+        if "://" in store.address:
+            patch.setattr("fsspec.implementations.memory.MemoryFileSystem.mv", killed)
+        patch.setattr(Path, "replace", killed)
+        patch.setattr(Path, "unlink", killed)
+        with pytest.raises(SystemExit):
+            own.put("cd", table_with())
+    marks = own.mark(), Store(store.address, OTHER).mark()
+    assert len(own._files()) == 4
+    own.tidy([OWN])
+    assert sorted(own._files()) == sorted(["ab.parquet", marks[1]])
+
+
+def test_a_campaign_that_ends_leaves_what_another_one_is_writing(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sync = os.fsync
+
+    def others_end(descriptor: int) -> None:
+        sync(descriptor)
+        Store(str(folder), OWN).tidy([OWN])
+
+    monkeypatch.setattr(os, "fsync", others_end)
+    Store(str(folder), OTHER).put("ab", table_with())
+    assert [each.name for each in folder.iterdir()] == ["ab.parquet"]
+
+
+def test_files_of_others_are_never_removed(folder: Path) -> None:
+    names = {
+        "notes.txt",
+        ".ab.parquet.0123",
+        ".hidden",
+        f".{OWN}.txt",
+        f"ab.parquet.{OWN}.0",
+        f".ab.{OTHER}.0",
+        OWN,
+    }
+    for name in names:
+        (folder / name).write_text("")
+    Store(str(folder), OWN).tidy([OWN])
+    assert {each.name for each in folder.iterdir()} == names

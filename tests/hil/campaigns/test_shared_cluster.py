@@ -1,0 +1,195 @@
+"""Several clients on one Dask scheduler: whatever ends one of them, the others' rows are complete."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import distributed
+import numpy as np
+import pyarrow as pa
+import pytest
+from campaign_support import VALUES, campaign_in, evaluated, rows_of
+from dask_processes import PATIENCE, DaskProcesses
+
+from liftgate_hil.campaigns.base import Base
+from liftgate_hil.campaigns.campaign import Progress, StoppedError, batches_of
+from liftgate_hil.campaigns.executors import cluster as module
+from liftgate_hil.campaigns.executors.cluster import Cluster
+from liftgate_hil.campaigns.store import StoreError
+from liftgate_hil.errors import LiftgateError
+
+ENDLESS = 400_000  # variants of a batch that no machine evaluates within PATIENCE
+KILLED = """
+import pickle, sys
+from pathlib import Path
+from campaign_support import campaign_in
+from liftgate_hil.campaigns.campaign import batches_of
+from liftgate_hil.campaigns.executors.cluster import Cluster
+folder, base, address, values, size = pickle.loads(sys.stdin.buffer.read())
+campaign_in(folder, base, Cluster(base, address)).evaluate(batches_of(base, values, size))
+"""
+
+
+def slots_of(cluster: DaskProcesses) -> list[int]:
+    """The processes that the cluster's workers have started to evaluate variants."""
+    found = []
+    for worker in cluster.workers:
+        for path in Path(f"/proc/{worker.pid}/task").glob("*/children"):
+            found += [int(each) for each in text_of(path).split()]
+    return [each for each in found if "executors.worker" in text_of(Path(f"/proc/{each}/cmdline"))]
+
+
+def text_of(path: Path) -> str:
+    """The text of a file in /proc; empty if its thread or process has ended meanwhile."""
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+        return path.read_text()
+    return ""
+
+
+def wait_until(is_so: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not is_so():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def endless(count: int) -> np.ndarray:
+    return np.column_stack([np.linspace(60.0, 80.0, count * ENDLESS), np.full(count * ENDLESS, 12.0)])
+
+
+def rows_beside(
+    act: Callable[[], object], base: Base, cluster: DaskProcesses, folder: Path
+) -> tuple[pa.Table, Progress]:
+    """The rows of all variants, evaluated while something else is done once, after the first batch."""
+    executor = Cluster(base, cluster.address)
+    campaign = campaign_in(folder, base, executor)
+    left = [act]
+
+    def tell(progress: Progress) -> None:
+        if left:
+            left.pop()()
+
+    campaign.tell = tell
+    batches = batches_of(base, VALUES, 2)
+    try:
+        campaign.evaluate(batches)
+        return rows_of(campaign, batches), campaign.progress
+    finally:
+        executor.close()
+
+
+def test_a_client_that_ends_leaves_the_others_their_slots(
+    base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
+) -> None:
+    """The same variants, and others."""
+    other = Cluster(base, cluster.address)
+    campaign_in(tmp_path / "other", base, other).evaluate(batches_of(base, VALUES[:23], 2))
+    found, progress = rows_beside(other.close, base, cluster, tmp_path / "own")
+    assert found.equals(expected)
+    assert progress.retried == 0
+    wait_until(lambda: not slots_of(cluster))
+
+
+def test_a_client_that_is_stopped_cancels_its_own_batches_alone(
+    base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
+) -> None:
+    """Its batches would never be done: what waits for a worker is cancelled, what is at work is ended."""
+    other, stop = Cluster(base, cluster.address), threading.Event()
+    campaign, ended = campaign_in(tmp_path, base, other, stop.is_set), []
+
+    def run() -> None:
+        try:
+            campaign.evaluate(batches_of(base, endless(3), ENDLESS))
+        except StoppedError as error:
+            ended.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    wait_until(lambda: len(slots_of(cluster)) == 2)
+    threading.Timer(0.5, stop.set).start()
+    found, progress = rows_beside(lambda: None, base, cluster, tmp_path)
+    thread.join()
+    other.close()
+    assert ended
+    assert found.equals(expected)
+    assert progress.retried == 0
+
+
+def test_a_client_that_is_killed_frees_the_workers(
+    base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
+) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-B", "-c", KILLED],
+        stdin=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": ":".join(sys.path)},
+    )
+    assert process.stdin is not None
+    process.stdin.write(pickle.dumps((tmp_path, base, cluster.address, endless(3), ENDLESS)))
+    process.stdin.close()
+    wait_until(lambda: len(slots_of(cluster)) == 2)
+    process.kill()
+    process.wait()
+    wait_until(lambda: not slots_of(cluster))
+    found, progress = rows_beside(lambda: None, base, cluster, tmp_path)
+    assert found.equals(expected)
+    assert progress.retried == 0
+
+
+def test_workers_that_another_client_restarts_are_waited_for(
+    base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
+) -> None:
+    def restart() -> None:
+        with distributed.Client(cluster.address, set_as_default=False) as client:
+            client.restart(wait_for_workers=False)  # without a nanny they end
+        for each in list(cluster.workers):
+            cluster.replace(each)
+
+    found, _ = rows_beside(restart, base, cluster, tmp_path)
+    assert found.equals(expected)
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (
+            AssertionError("reason"),
+            "a task failed: AssertionError: reason; what is in the store is kept: go on with",
+        ),
+        (TimeoutError(), "a task failed: TimeoutError: ; .*--resume"),  # of the task, not of the scheduler
+        (LiftgateError("workers cannot start"), "a task failed: workers cannot start; .*--resume"),
+    ],
+)
+def test_a_task_that_fails_says_why_and_that_the_campaign_can_go_on(
+    error: Exception,
+    text: str,
+    base: Base,
+    cluster: DaskProcesses,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(*_: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(module, "evaluated", fail)
+    with pytest.raises(LiftgateError, match=f"{cluster.address}: {text}"):
+        evaluated(tmp_path, base, Cluster(base, cluster.address))
+
+
+def test_a_store_that_fails_on_a_worker_is_told_as_one_that_fails_here(
+    base: Base, cluster: DaskProcesses, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any) -> None:
+        raise StoreError("No space left on device")
+
+    monkeypatch.setattr(module, "evaluated", fail)
+    with pytest.raises(StoreError, match=r"^No space left on device$"):
+        evaluated(tmp_path, base, Cluster(base, cluster.address))

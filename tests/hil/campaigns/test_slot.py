@@ -1,0 +1,84 @@
+"""A worker process with its batches: which silence is a death, and what is lost by it."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import time
+from collections.abc import Callable, Iterator
+from multiprocessing.connection import wait
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from campaign_support import SHORT
+
+from liftgate_hil.campaigns.executors.slot import Slot
+from liftgate_hil.campaigns.prepared import prepared
+from liftgate_hil.campaigns.request import CampaignRequest
+from liftgate_hil.running.processes import stillness
+
+VALUES = np.array([[60.0], [70.0], [75.0]])
+
+
+@pytest.fixture
+def pass_by(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
+    """A function that lets a number of seconds pass by, as if they were looked at all the time."""
+    more = [0.0]
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + more[0])
+    monkeypatch.setattr(stillness, "time", clock)
+    monkeypatch.setattr(stillness, "_GAP_S", 1e9)
+
+    def passed(seconds: float) -> None:
+        more[0] += seconds
+
+    return passed
+
+
+@pytest.fixture
+def slot(tmp_path: Path) -> Iterator[Slot]:
+    path = tmp_path / "short.toml"
+    path.write_text(SHORT)
+    base = prepared(CampaignRequest(str(path), ("angle=60,80",))).base
+    made = Slot(base, pickle.dumps(base))
+    yield made
+    made.close()
+
+
+def evaluated(slot: Slot) -> list[tuple]:
+    """Verdict and margins of the batch that a slot has begun."""
+    while not slot.look():
+        assert slot.connection is not None
+        wait([slot.connection], 1.0)
+    return [(row.verdict, row.margins) for row in slot.rows]
+
+
+def test_a_worker_without_a_batch_is_not_taken_for_dead(slot: Slot, pass_by: Callable[[float], None]) -> None:
+    slot.begin(VALUES)
+    expected = evaluated(slot)
+    pass_by(1000.0)
+    assert slot._process is not None
+    os.kill(slot._process.pid, signal.SIGSTOP)
+    slot.begin(VALUES)
+    assert not slot.look()  # before it has answered
+    os.kill(slot._process.pid, signal.SIGCONT)
+    assert evaluated(slot) == expected
+    assert slot.retried == 0
+
+
+def test_a_worker_that_is_stopped_is_replaced_and_its_batch_evaluated(
+    slot: Slot, pass_by: Callable[[float], None]
+) -> None:
+    slot.begin(VALUES)
+    expected = evaluated(slot)
+    stopped = slot._process
+    assert stopped is not None
+    os.kill(stopped.pid, signal.SIGSTOP)
+    slot.begin(VALUES)
+    assert not slot.look()
+    pass_by(61.0)
+    assert evaluated(slot) == expected
+    assert slot.retried == 1
+    assert stopped.poll() == -signal.SIGKILL
