@@ -33,7 +33,8 @@ class Shown(NamedTuple):
     names: tuple[str, ...] = ()
     meanings: tuple[str, ...] = ()
     by: str = ""
-    prefix: str = ""  # where the keys of an object stand beside the others: what they begin with
+    is_flat: bool = False  # the keys of an object stand beside the others
+    prefix: str = ""  # the same, and what they begin with
     parts: Mapping[str, str] = MappingProxyType({})  # meanings of the fields of a tuple that states none itself
 
 
@@ -74,7 +75,9 @@ def _object_of(record: Any) -> dict[str, Any]:
         value = getattr(record, name)
         value = {getattr(each, shown.by): each for each in value} if shown.by else value
         value = json_of({part: getattr(value, part) for part in shown.parts} or value)
-        if shown.prefix:
+        if shown.is_flat:
+            found |= value
+        elif shown.prefix:
             found |= {f"{shown.prefix}_{key}": each for key, each in value.items()}
         else:
             found[shown.key or name] = value
@@ -107,6 +110,10 @@ def keys_of(record: type, own_tables: Sequence[type] = ()) -> dict[str, str]:
     found: dict[str, str] = {}
     for name, (hint, shown) in shown_in(record).items():
         inner = _result_in(hint)
+        if shown.is_flat:
+            assert inner is not None
+            found |= keys_of(inner, own_tables)
+            continue
         if shown.prefix:
             assert inner is not None
             found |= {f"{shown.prefix}_{key}": f"{shown.meaning}: {text}" for key, text in keys_of(inner).items()}

@@ -4,43 +4,11 @@ from __future__ import annotations
 
 from liftgate_hil.campaigns.run import CampaignFigures
 from liftgate_hil.described_result import keys_of
-from liftgate_hil.loop.histogram import Distribution
+from liftgate_hil.doctor.examination import DoctorReport
 from tools.docs.json_keys import PROVENANCE, Document
 
-_LATENESS = {
-    **keys_of(Distribution),
-    "missed": "periods that were skipped",
-    "periods": "periods that were measured",
-    "late_by_5_ms": "times that the loop was late by more than 5 ms",
-    "direct_share": "estimated share of tests' windows without such a delay, 0 to 1",
-    "recommended_rate_hz": "highest rate at which fewer than one wake-up in a thousand skips ticks [Hz]; 0: none",
-    "pinch_force_error_n": "pinch force that grows during the 99th percentile, on the rod of 10 N/mm [N]",
-}
-
 DOCTOR = Document(
-    "`doctor --json`",
-    "Checks of this machine, and the measurements behind them.",
-    {
-        "fit": "whether real time is possible: no check is a `problem`",
-        "checks": "all checks",
-        "checks[].check": "name of what was checked",
-        "checks[].level": "`ok`; `warning`: works, but not at its best; `problem`: no real time",
-        "checks[].found": "what was found, in words",
-        "checks[].advice": "how to fix it; empty where it is ok",
-        "figures": "the measurements",
-        "figures.rate_hz": "rate of the measurement [Hz]",
-        "figures.duration_s": "duration of each measurement [s]",
-        "figures.lateness": "lateness of the loop's wake-ups",
-        **{f"figures.lateness.{name}": meaning for name, meaning in _LATENESS.items()},
-        "figures.lateness_realtime": "the same with FIFO scheduling; null: not possible, or not measured",
-        **{f"figures.lateness_realtime.{name}": meaning for name, meaning in _LATENESS.items()},
-        "figures.tick": "execution time of a tick; null: not compiled yet (see `compile`)",
-        **{f"figures.tick.{name}": meaning for name, meaning in keys_of(Distribution).items()},
-        "figures.tick_share_percent": "median execution time as a share of the period [%]; null: as above",
-        "figures.stolen_percent": "time that the host of a virtual machine took, by CPU",
-        "figures.stolen_percent.CPU": "share [%]",
-    },
-    {},
+    "`doctor --json`", "Checks of this machine, and the measurements behind them.", keys_of(DoctorReport), {}
 )
 
 RIG = Document(

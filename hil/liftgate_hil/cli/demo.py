@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import DEMO_EXIT_CODES
-from liftgate_hil.cli.run import exit_code_of, raise_error, report
+from liftgate_hil.cli.run import ending, exit_code_of, print_summary, raise_error
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import run_loop
@@ -52,12 +52,7 @@ _ON_THE_FREE_CLOCK = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    options.add_bus(parser)
-    options.add_setup(parser)
-    options.add_loop(parser)
-    options.add_output(parser)
-    options.add_dashboard(parser)
-    options.add_ecu(parser, REFERENCE)
+    options.add_run(parser, REFERENCE)
     parser.add_argument("--ecu-serial", metavar="PORT[@BAUD]", help="the other end of --serial, for the ECU")
     parser.add_argument(
         "--output",
@@ -161,7 +156,12 @@ def _present(args: argparse.Namespace, shown: Result, stopped: StopSignals, fold
             _draw(options.setup_of(args), shown, event, folder, mark, teller)
     if not args.quiet and not args.json:
         _tell(args, shown, event, folder)
-    report(args, shown, stopped, pinch=None if event is None else event.as_dict())
+    if args.json:
+        from liftgate_hil.report.run_report import DemoReport
+
+        print(DemoReport(shown, *ending(args, shown, stopped), event).to_json())
+    elif not args.quiet:
+        print_summary(shown)
 
 
 def _is_stopped(args: argparse.Namespace, shown: Result, stopped: StopSignals) -> bool:

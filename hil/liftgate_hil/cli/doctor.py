@@ -7,7 +7,6 @@ Exit code 0: fit, perhaps with warnings; 1: something makes real time impossible
 from __future__ import annotations
 
 import argparse
-import json
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
@@ -34,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.doctor.examination import Examination
+    from liftgate_hil.doctor.examination import DoctorReport, Examination
 
     teller = Teller(args.quiet, args.json)
 
@@ -52,7 +51,5 @@ def run(args: argparse.Namespace) -> int:
         found = Examination(args.rate, args.duration, bool(args.realtime), args.cpu, tell, say)
         found.run()
     if args.json:
-        checks = [check._asdict() for check in found.checks]
-        answer = {"fit": not found.problems(), "checks": checks, "figures": found.figures}
-        print(json.dumps(answer, indent=1))
+        print(DoctorReport(not found.problems(), tuple(found.checks), found.figures).to_json(indent=1))
     return 1 if found.problems() else 0

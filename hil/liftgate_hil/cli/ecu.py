@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
+from liftgate_hil.config.wire_choice import WireChoice
+from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.running.processes.supervisor import supervise
+from liftgate_hil.running.request import RunRequest
 from liftgate_plant.coding import UNCODED, Coding
 
 if TYPE_CHECKING:
@@ -36,9 +38,8 @@ _PATIENCE_NS = 2_000_000_000  # without a frame from the gate until a message re
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    options.add_bus(parser)
-    options.add_ecu(parser, REFERENCE, has_bus=False)
-    parser.add_argument("--scenario", default="demo", metavar="NAME|FILE", help="default: demo")
+    options.add_flags(parser, WireChoice)
+    options.add_flags(parser, RunRequest, "rig", "ecu", "scenario", scenario="demo")
     parser.add_argument(
         "--request",
         action="append",

@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.config.described import REQUIRED, Record, fields_of, signature_of
 from liftgate_hil.config.kinds import Choice, Flag, Kind, Number, Paths, Whole
-from liftgate_hil.config.vehicle_choice import SetupChoice, VehicleSettings
+from liftgate_hil.config.vehicle_choice import SetupChoice
 from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.running.request import RunRequest
 
 if TYPE_CHECKING:
     from liftgate_hil.running.setup import Setup
-    from liftgate_plant.vehicle import Vehicle
 
 MACHINE = ("realtime", "cpu")  # options about what the program requests of the machine
 LISTEN = "127.0.0.1:8765"
@@ -100,18 +99,22 @@ def add_flags(
             parser.add_argument(*flags, dest=name, type=kind, default=default, metavar=meta, help=text)
 
 
-def add_bus(parser: argparse.ArgumentParser) -> None:
-    """Add the flags for the bus or serial line, and its rig."""
-    add_flags(parser, WireChoice)
+def add_run(parser: argparse.ArgumentParser, ecu: str) -> None:
+    """Add the flags of a run, in real time by default, of its page and of what is printed."""
+    names = [each.name for each in fields_of(RunRequest) if each.name != "trace"]
+    add_flags(parser, RunRequest, *names, ecu=ecu, clock="realtime")
+    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
-        "--rig",
-        metavar="NAME|FILE",
-        help="the rig: mapping of bus signals; default: the scenario's, else liftgate",
+        "--dashboard",
+        action="store_true",
+        help="serve the operator's page of this run, see liftgate-hil dashboard",
     )
+    add_listen(parser, None)
 
 
 def wire_choice(args: argparse.Namespace) -> WireChoice:
-    """Return the choice of bus or line from the flags of `add_bus`. Raises ConfigError."""
+    """Return the choice of bus or line from its flags. Raises ConfigError."""
     return WireChoice.of(**given_in(args, WireChoice))
 
 
@@ -128,50 +131,11 @@ def given_in(args: argparse.Namespace, record: type[Record]) -> dict[str, Any]:
     return {each.name: getattr(args, each.name) for each in fields_of(record) if hasattr(args, each.name)}
 
 
-def add_setup(parser: argparse.ArgumentParser) -> None:
-    """Add the flags for vehicle, scenario, initial angle and seed."""
-    add_flags(parser, SetupChoice)
-
-
 def setup_of(args: argparse.Namespace) -> Setup:
-    """Return the setup from the flags of `add_setup`. Raises ConfigError."""
+    """Return the setup from the flags of a run. Raises ConfigError."""
     from liftgate_hil.running.setup import setup_for
 
     return setup_for(SetupChoice.of(**given_in(args, SetupChoice)))
-
-
-def add_vehicle(parser: argparse.ArgumentParser, default: str | None = "suv", text: str = "default: suv") -> None:
-    """Add the flags for the vehicle."""
-    parser.add_argument("--vehicle", default=default, metavar="NAME|FILE", help=text)
-    add_flags(parser, VehicleSettings, "settings", "draw", "ideal")
-
-
-def vehicle_of(args: argparse.Namespace) -> Vehicle:
-    """Return the vehicle from the flags of `add_vehicle`. Raises ConfigError."""
-    from liftgate_hil.running.setup import vehicle_from
-
-    return vehicle_from(args.vehicle, args.settings, draw=args.draw, ideal=args.ideal)
-
-
-def add_loop(parser: argparse.ArgumentParser) -> None:
-    """Add the flags for the loop."""
-    names = ("rate", "clock", "duration", "overrun_limit", "wall_timeout", *MACHINE)
-    add_flags(parser, RunRequest, *names, clock="realtime")
-
-
-def add_ecu(
-    parser: argparse.ArgumentParser, default: str, has_bus: bool = True, has_mutants: bool = False
-) -> None:
-    """Add the flag for the ECU; with `has_bus` it may also be one on the bus, with `has_mutants` a mutant."""
-    parser.add_argument(
-        "--ecu",
-        default=default,
-        metavar="reference|LIBRARY|MODULE:CLASS" + "|mutant:NAME" * has_mutants + "|bus" * has_bus,
-        help="what closes the loop: the reference ECU, a C library, a Python class"
-        + (", a mutant of the reference ECU" if has_mutants else "")
-        + (", an ECU on the bus" if has_bus else "")
-        + f"; default: {default}",
-    )
 
 
 def ecu_of(args: argparse.Namespace) -> str:
@@ -193,16 +157,6 @@ def add_listen(parser: argparse.ArgumentParser, default: str | None = LISTEN) ->
     parser.add_argument("--read-only", action="store_true", help="the page cannot send commands")
 
 
-def add_dashboard(parser: argparse.ArgumentParser) -> None:
-    """Add the flags for the operator's page of a run."""
-    parser.add_argument(
-        "--dashboard",
-        action="store_true",
-        help="serve the operator's page of this run, see liftgate-hil dashboard",
-    )
-    add_listen(parser, None)
-
-
 def address_of(text: str) -> tuple[str, int]:
     """Return host and port of HOST:PORT. Raises ConfigError."""
     from liftgate_hil.errors import ConfigError
@@ -212,10 +166,3 @@ def address_of(text: str) -> tuple[str, int]:
     if not host or not (port.isascii() and port.isdecimal()) or int(port) > 65535:
         raise ConfigError(f"`listen` {text}: allowed: HOST:PORT, such as {LISTEN}; port 0 to 65535")
     return host, int(port)
-
-
-def add_output(parser: argparse.ArgumentParser) -> None:
-    """Add the flags for recordings and printed output."""
-    add_flags(parser, RunRequest, *(each.name for each in fields_of(RunRequest) if each.name.startswith("record")))
-    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.config.files import is_there
+from liftgate_hil.config.vehicle_choice import VehicleChoice
 from liftgate_hil.errors import ConfigError, printable
 from liftgate_hil.running.request import RunRequest
 
@@ -36,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         description="What a rig maps, and whether it fits.",
     )
     check.add_argument("file", metavar="FILE", help="a rig, or the name of a shipped one")
-    options.add_vehicle(check)
+    options.add_flags(check, VehicleChoice)
     options.add_flags(check, RunRequest, "rate")
     check.add_argument("--json", action="store_true", help="print the table as JSON")
     draft = actions.add_parser(
@@ -62,9 +63,11 @@ def _check(args: argparse.Namespace) -> int:
     from liftgate_hil.config.rig_fit import check_fit, notes_on_fit
     from liftgate_hil.config.rig_table import asked_by, injected_by, mapped_messages, protected_besides
     from liftgate_hil.config.shipped import find_config
+    from liftgate_hil.running.setup import vehicle_from
 
     path = find_config("rigs", args.file, "FILE")
-    vehicle = options.vehicle_of(args)
+    choice = VehicleChoice.of(**options.given_in(args, VehicleChoice))
+    vehicle = vehicle_from(choice.vehicle, choice.settings, draw=choice.draw, ideal=choice.ideal)
     with Teller(is_quiet=False, is_json=args.json).progress(f"reading {printable(path.name)}"):
         rig, issues = read_rig(path)
     # What follows from a mapping that could not be read is no news beside the reason.
@@ -81,7 +84,7 @@ def _check(args: argparse.Namespace) -> int:
         answer = {
             "file": str(path),
             "database": str(rig.database),
-            "vehicle": args.vehicle,
+            "vehicle": str(args.vehicle),
             "rate": args.rate,
             "messages": [
                 {**each._asdict(), "signals": [signal._asdict() for signal in each.signals]} for each in messages

@@ -5,11 +5,10 @@ Hall counts and gate angle, until stopped or for --duration.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import RUN_EXIT_CODES
@@ -21,17 +20,13 @@ from liftgate_hil.judging.verdict import ERROR, GIVEN_UP
 
 if TYPE_CHECKING:
     from liftgate_hil.config.wire_choice import WireChoice
+    from liftgate_hil.report.provenance import Provenance
     from liftgate_hil.running.result import Result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    options.add_bus(parser)
-    options.add_setup(parser)
-    options.add_loop(parser)
-    options.add_output(parser)
-    options.add_dashboard(parser)
-    options.add_ecu(parser, ON_A_BUS)
+    options.add_run(parser, ON_A_BUS)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -68,12 +63,27 @@ def exit_code_of(result: Result, exit_codes: Mapping[str, int]) -> int:
     return code
 
 
-def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **more: object) -> None:
-    """Print the summary of a run; as JSON it also contains `more`."""
+def report(args: argparse.Namespace, result: Result, stopped: StopSignals) -> None:
+    """Print the summary of a run."""
     if args.json:
-        print(json.dumps({**_content(args, result, stopped), **more}, allow_nan=False))
+        from liftgate_hil.report.run_report import RunReport
+
+        print(RunReport(result, *ending(args, result, stopped)).to_json())
     elif not args.quiet:
-        print("\n".join([*result.summary.lines(), *_verdicts(result)]))
+        print_summary(result)
+
+
+def ending(args: argparse.Namespace, result: Result, stopped: StopSignals) -> tuple[str, Provenance]:
+    """Return what ended a run, and its provenance, for its report."""
+    from liftgate_hil.report.provenance import provenance_of
+
+    reason = stopped.name or (GIVEN_UP if result.is_given_up else "duration")
+    return reason, provenance_of(args.command_line, result.sources)
+
+
+def print_summary(result: Result) -> None:
+    """Print the summary of a run, and its verdicts."""
+    print("\n".join([*result.summary.lines(), *_verdicts(result)]))
 
 
 def _verdicts(result: Result) -> list[str]:
@@ -82,23 +92,3 @@ def _verdicts(result: Result) -> list[str]:
 
     found = [f"  {printable(name)}: {line_of(each)}" for name, each in result.expectations.items()]
     return ["expectations:", *found] if found else []
-
-
-def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> dict[str, Any]:
-    """Return the summary for JSON; its keys are public, and an unknown number is None."""
-    from liftgate_hil.report.provenance import provenance_of
-
-    return {
-        **result.summary.to_dict(),
-        "stop_reason": stopped.name or (GIVEN_UP if result.is_given_up else "duration"),
-        "maxima": _known(result.maxima),
-        "minima": _known(result.minima),
-        "verdict": result.verdict if result.expectations else None,
-        "expectations": [each.to_dict() for each in result.expectations.values()],
-        "notes": list(result.notes),
-        "provenance": provenance_of(args.command_line, result.sources).to_dict(),
-    }
-
-
-def _known(values: Mapping[str, float]) -> dict[str, float | None]:
-    return {name: value if math.isfinite(value) else None for name, value in values.items()}

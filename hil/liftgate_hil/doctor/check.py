@@ -7,7 +7,9 @@ files, so that the files of any machine can be checked.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
+
+from liftgate_hil.described_result import Shown
 
 Level = Literal["ok", "warning", "problem"]
 
@@ -17,10 +19,10 @@ ROOT = Path("/")
 class Check(NamedTuple):
     """The result of one check."""
 
-    check: str  # name of what was checked
-    level: Level  # ok; warning: works, but not at its best; problem: no real time
-    found: str
-    advice: str = ""  # how to fix it; "" where it is ok
+    check: Annotated[str, Shown("name of what was checked")]
+    level: Annotated[Level, Shown("`ok`; `warning`: works, but not at its best; `problem`: no real time")]
+    found: Annotated[str, Shown("what was found, in words")]
+    advice: Annotated[str, Shown("how to fix it; empty where it is ok")] = ""
 
     def lines(self) -> list[str]:
         """Return the result as lines of text."""

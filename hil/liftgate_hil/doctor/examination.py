@@ -7,8 +7,9 @@ import os
 import pwd
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated
 
+from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.doctor import buses, limits, machine, software, timing
 from liftgate_hil.doctor.check import ROOT, Check
 from liftgate_hil.loop.histogram import Distribution
@@ -27,7 +28,7 @@ class Examination:
     tell: Callable[[Check], None]
     say: Callable[[str, float], None]  # called with what takes a while, and how long [s]
     checks: list[Check] = field(default_factory=list)
-    figures: dict[str, Any] = field(default_factory=dict)
+    figures: timing.Figures | None = None  # None: not measured yet
     _modes: dict[str, timing.Wakeups] = field(default_factory=dict)
     _tick: Distribution | None = None
 
@@ -127,3 +128,13 @@ def user_name() -> str:
         return pwd.getpwuid(os.getuid()).pw_name
     except KeyError:  # in a container a user may have no name
         return "*"
+
+
+# fmt: off
+@dataclass(frozen=True)
+class DoctorReport(Result):
+    """Report on a machine: its checks, and the measurements behind them."""
+
+    is_fit: Annotated[bool, Shown("whether real time is possible: no check is a `problem`", key="fit")]
+    checks: Annotated[tuple[Check, ...], Shown("all checks")]
+    figures: Annotated[timing.Figures | None, Shown("the measurements")]

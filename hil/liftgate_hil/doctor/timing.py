@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from liftgate_hil.described_result import json_of
+from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.doctor.check import Check, Level, number, read
+from liftgate_hil.loop.histogram import Distribution
 
 if TYPE_CHECKING:
-    from liftgate_hil.loop.histogram import Distribution
     from liftgate_hil.loop.priority import Realtime
 
 RATES = (10_000, 5_000, 4_000, 2_000, 1_000, 500, 400, 200)  # Hz, rates that may be recommended
@@ -256,34 +257,67 @@ def _untimely(wakeups: Wakeups) -> str:
     )
 
 
+# fmt: off
+@dataclass(frozen=True)
+class LatenessFigures(Result):
+    """Lateness of the loop's wake-ups, and what follows from it."""
+
+    lateness: Annotated[Distribution, Shown("distribution", is_flat=True)]
+    missed: Annotated[int, Shown("periods that were skipped")]
+    periods: Annotated[int, Shown("periods that were measured")]
+    long: Annotated[int, Shown("times that the loop was late by more than 5 ms", key="late_by_5_ms")]
+    direct_share: Annotated[float, Shown("estimated share of tests' windows without such a delay, 0 to 1")]
+    recommended_rate_hz: Annotated[float, Shown("highest rate at which fewer than one wake-up in a thousand skips "
+        "ticks [Hz]; 0: none")]
+    pinch_force_error_n: Annotated[float, Shown("pinch force that grows during the 99th percentile, on the rod of "
+        "10 N/mm [N]")]
+
+
+@dataclass(frozen=True)
+class Figures(Result):
+    """Measurements of the doctor."""
+
+    rate_hz: Annotated[float, Shown("rate of the measurement [Hz]")]
+    duration_s: Annotated[float, Shown("duration of each measurement [s]")]
+    lateness: Annotated[LatenessFigures, Shown("lateness of the loop's wake-ups")]
+    lateness_realtime: Annotated[LatenessFigures | None, Shown("the same with FIFO scheduling; null: not "
+        "possible, or not measured")]
+    tick: Annotated[Distribution | None, Shown("execution time of a tick; null: not compiled yet (see `compile`)")]
+    tick_share_percent: Annotated[float | None, Shown("median execution time as a share of the period [%]; null: "
+        "as above")]
+    stolen_percent: Annotated[Mapping[str, float], Shown("time that the host of a virtual machine took, by CPU",
+        names=("CPU",), meanings=("share [%]",))]
+
+
+# fmt: on
 def figures(
     rate: float,
     duration: float,
     plain: Wakeups,
     fifo: Wakeups | None,
     tick: Distribution | None,
-    stolen_shares: dict[str, float],
-) -> dict[str, Any]:
-    """Return all measurements for JSON."""
+    stolen_shares: Mapping[str, float],
+) -> Figures:
+    """Return all measurements."""
     from liftgate_hil.loop.statistics import force_of
 
-    def of(wakeups: Wakeups) -> dict[str, Any]:
-        return {
-            **json_of(wakeups.lateness),
-            "missed": wakeups.missed,
-            "periods": wakeups.periods,
-            "late_by_5_ms": wakeups.long,
-            "direct_share": wakeups.direct_share,
-            "recommended_rate_hz": recommended(wakeups.lateness, tick),
-            "pinch_force_error_n": force_of(wakeups.lateness.p99_us),
-        }
+    def of(wakeups: Wakeups) -> LatenessFigures:
+        return LatenessFigures(
+            wakeups.lateness,
+            wakeups.missed,
+            wakeups.periods,
+            wakeups.long,
+            wakeups.direct_share,
+            recommended(wakeups.lateness, tick),
+            force_of(wakeups.lateness.p99_us),
+        )
 
-    return {
-        "rate_hz": rate,
-        "duration_s": duration,
-        "lateness": of(plain),
-        "lateness_realtime": of(fifo) if fifo is not None else None,
-        "tick": json_of(tick),
-        "tick_share_percent": 100.0 * tick.p50_us * 1e-6 * rate if tick is not None else None,
-        "stolen_percent": stolen_shares,
-    }
+    return Figures(
+        rate,
+        duration,
+        of(plain),
+        of(fifo) if fifo is not None else None,
+        tick,
+        100.0 * tick.p50_us * 1e-6 * rate if tick is not None else None,
+        stolen_shares,
+    )

@@ -6,10 +6,12 @@ No regulation for power lift gates gives a force: all limits here are borrowed f
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from liftgate_hil.described_result import Shown
 
 Columns = Mapping[str, NDArray[np.float64]]
 
@@ -48,30 +50,54 @@ _MOVES = 0.5  # deg/s, speed from which on the gate moves back
 _STOPS = 0.1  # of its highest speed back, below which it coasts to a stop, or creeps on by its springs
 
 
+# fmt: off
+class LimitMargin(NamedTuple):
+    """A force limit, and how far a pinch event is from it."""
+
+    force_n: Annotated[float, Shown("the limit [N]")]
+    longest_s: Annotated[float, Shown("how long it may be exceeded without interruption [s]")]
+    source: Annotated[str, Shown("where the limit is from")]
+    is_judged: Annotated[bool, Shown("whether the demo fails if it is exceeded")]
+    margin_n: Annotated[float, Shown("limit minus largest force [N]")]
+    over_s: Annotated[float, Shown("longest time above the limit without interruption [s]")]
+
+
 class PinchEvent(NamedTuple):
     """The contact in which the largest pinch force occurred."""
 
-    force_n: float
-    time_s: float  # time of the largest force
-    angle_deg: float  # at that time
-    start_s: float  # start of the contact
-    end_s: float
+    force_n: Annotated[float, Shown("largest pinch force [N]", key="peak_n")]
+    time_s: Annotated[float, Shown("model time of it [s]")]
+    angle_deg: Annotated[float, Shown("gate angle at that time [deg]", key="gate_angle_deg")]
+    start_s: Annotated[float, Shown("begin of the contact: model time [s]", key="contact_start_s")]
+    end_s: Annotated[float, Shown("end of the contact: model time [s]", key="contact_end_s")]
     start_deg: float  # where the gate touched the obstacle
     turn_s: float  # when the gate turned; NaN: it did not
     turn_deg: float
-    back_deg: float  # how far the gate moved back, from the turn to where it stopped
+    back_deg: Annotated[float, Shown("how far it moved back after the reversal, to where it stopped [deg]; null: "
+        "the gate did not reverse", key="reversal_back_deg")]
     longest_s: tuple[float, ...]  # longest uninterrupted time above each of LIMITS
 
     @property
-    def reversal_time_s(self) -> float:
+    def reversal_time_s(self) -> Annotated[float, Shown("from the first touch to the reversal [s]; null: the gate "
+        "did not reverse")]:
         """Time [s] from the first touch to the turn; NaN where the gate did not turn."""
         return self.turn_s - self.start_s
 
     @property
-    def further_deg(self) -> float:
+    def further_deg(self) -> Annotated[float, Shown("how far the gate went on after the first touch [deg]; null: "
+        "the gate did not reverse", key="reversal_further_deg")]:
         """Angle [deg] by which the gate went on after the first touch; NaN where it did not turn."""
         return abs(self.turn_deg - self.start_deg)
 
+    @property
+    def limits(self) -> Annotated[tuple[LimitMargin, ...], Shown("force limits, borrowed from other doors")]:
+        """LIMITS, and how far the force is from each."""
+        return tuple(
+            LimitMargin(each.force, each.longest, each.source, each.is_judged, each.force - self.force_n, over)
+            for each, over in zip(LIMITS, self.longest_s, strict=True)
+        )
+
+    # fmt: on
     def over(self, limit: Limit) -> bool:
         """Whether the force exceeded a limit of LIMITS for longer than is allowed."""
         return self.longest_s[LIMITS.index(limit)] > limit.longest
@@ -84,31 +110,6 @@ class PinchEvent(NamedTuple):
             f"pinch force over {limit.force:.0f} N for {self.longest_s[LIMITS.index(limit)]:.3f} s; "
             f"allowed: up to {limit.longest:g} s ({limit.source})"
         )
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the event as a dictionary for JSON; those of the reversal are None without one."""
-        turned = bool(np.isfinite(self.turn_s))
-        return {
-            "peak_n": self.force_n,
-            "time_s": self.time_s,
-            "gate_angle_deg": self.angle_deg,
-            "contact_start_s": self.start_s,
-            "contact_end_s": self.end_s,
-            "reversal_time_s": self.reversal_time_s if turned else None,
-            "reversal_further_deg": self.further_deg if turned else None,
-            "reversal_back_deg": self.back_deg if turned else None,
-            "limits": [
-                {
-                    "force_n": limit.force,
-                    "longest_s": limit.longest,
-                    "source": limit.source,
-                    "is_judged": limit.is_judged,
-                    "margin_n": limit.force - self.force_n,
-                    "over_s": over,
-                }
-                for limit, over in zip(LIMITS, self.longest_s, strict=True)
-            ],
-        }
 
     def lines(self) -> list[str]:
         """Return the event as lines of text."""

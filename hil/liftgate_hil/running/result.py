@@ -6,13 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil import described_result
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.sources import Source
+from liftgate_hil.described_result import Shown
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
 from liftgate_hil.judging.judge import Judge
@@ -26,16 +29,19 @@ from liftgate_hil.running.job import Job
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ColumnValues
 
 
+# fmt: off
 @dataclass(frozen=True)
-class Result:
+class Result(described_result.Result):
     """Result of a run. `maxima` and `minima` hold every column of recordings, in its unit."""
 
     verdict: str  # the worst of its expectations; "error": the run did not reach its end
     reason: str  # of "error": why; of "fail" and "inconclusive": why each of the expectations, or why given up
-    maxima: Mapping[str, float]
-    minima: Mapping[str, float]
+    maxima: Annotated[Mapping[str, float], Shown("largest value of each column of recordings", names=("COLUMN",),
+        meanings=("in the unit of the [signal](signals.md); null: unknown",))]
+    minima: Annotated[Mapping[str, float], Shown("smallest value of each column of recordings", names=("COLUMN",),
+        meanings=("in the unit of the [signal](signals.md); null: unknown",))]
     events: Sequence[Event]  # reported by the ECU, where it is the reference ECU
-    summary: Summary
+    summary: Annotated[Summary, Shown("its figures", is_flat=True)]
     recording: tuple[Path, ...] = ()
     pinch_time_s: float = math.nan  # when the pinch force was largest; NaN: nothing was pinched
     expectations: Mapping[str, Verdict] = field(default_factory=dict)
@@ -43,12 +49,26 @@ class Result:
     trace: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)  # kept rows, if requested
     trace_summaries: Mapping[str, TraceSummary] = field(default_factory=dict)  # by expectation, if requested
     condition_times: Mapping[str, float] = field(default_factory=dict)  # s, of those with which stimuli begin
-    notes: tuple[str, ...] = ()  # observations that may explain the verdict
+    notes: Annotated[tuple[str, ...], Shown("what may explain the run, as texts, such as requests that the ECU "
+        "does not take")] = ()
     ecu_digest: str = ""  # of the ECU's memory at the end, and of its course; "": unknown
     command_digest: str = ""  # of the ECU's commands in all control cycles; "": unknown
     is_given_up: bool = False  # the bench has ended the run early
     late: str = ""  # when the bench was too late, or what it has not done; "": neither is known
 
+    @property
+    def judged(self) -> Annotated[str | None, Shown("`pass`, `fail`, `error` or `inconclusive`: the worst of the "
+        "expectations; null: there are none. The exit code of `run` reports on the bench alone", key="verdict")]:
+        """The worst of its expectations; None: there are none."""
+        return self.verdict if self.expectations else None
+
+    @property
+    def verdicts(self) -> Annotated[tuple[Verdict, ...], Shown("verdicts on the scenario's expectations, see "
+        "Expectation", key="expectations")]:
+        """Verdicts on the scenario's expectations."""
+        return tuple(self.expectations.values())
+
+    # fmt: on
     @property
     def ending(self) -> str:
         """The verdict; "given up": the bench has ended the run early."""

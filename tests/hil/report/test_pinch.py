@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
+from liftgate_hil.described_result import json_of
 from liftgate_hil.report.pinch import LIMITS, PinchEvent, pinch_event
 from liftgate_hil.report.run_plot import DrawnObstacle, RunPicture, command_reversal, plot_run, run_figure
 
@@ -61,7 +61,7 @@ def test_a_gate_that_presses_on_did_not_reverse() -> None:
     event = event_of(columns)
     assert np.isnan(event.reversal_time_s)
     assert "did not reverse" in event.lines()[-1]
-    assert json.loads(json.dumps(event.as_dict(), allow_nan=False))["reversal_time_s"] is None
+    assert json_of(event)["reversal_time_s"] is None
 
 
 def test_a_gate_that_an_obstacle_leaves_did_not_reverse() -> None:

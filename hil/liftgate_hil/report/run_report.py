@@ -1,0 +1,30 @@
+"""Report on a run or a demo, as `--json` prints it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.report.pinch import PinchEvent
+from liftgate_hil.report.provenance import Provenance
+from liftgate_hil.running.result import Result as RunResult
+
+
+# fmt: off
+@dataclass(frozen=True)
+class RunReport(Result):
+    """Report on a run: its result, what ended it, and its provenance."""
+
+    result: Annotated[RunResult, Shown("its result", is_flat=True)]
+    stop_reason: Annotated[str, Shown("signal that stopped the run: `SIGINT`, `SIGTERM`; else `given up`, if the "
+        "bench ended it early (exit code 3), or `duration`")]
+    provenance: Annotated[Provenance, Shown("see Provenance")]
+
+
+@dataclass(frozen=True)
+class DemoReport(RunReport):
+    """Report on a demo."""
+
+    pinch: Annotated[PinchEvent | None, Shown("`demo` only: the contact with the largest pinch force; null: "
+        "nothing was pinched")]
