@@ -198,7 +198,7 @@ def test_where_the_machine_is_too_busy_the_same_is_shown_on_the_free_clock(
 ) -> None:
     """A loop that is held up for 0.3 s in a motion ends there, or where the machine itself held it up before.
 
-    What the ECU does then is not told.
+    What the ECU does then is not told; of a machine that is busy it may have stopped before, but not reversed.
     """
     from liftgate_hil.loop import realtime_run
 
@@ -215,7 +215,8 @@ def test_where_the_machine_is_too_busy_the_same_is_shown_on_the_free_clock(
     before, _, after = told.err.partition("liftgate-hil demo: this machine was too busy for real time: ")
     assert re.match(r"(the loop stalled for|\d+ ticks were missed) .*\bat about \d\.\d+ s", after), told.err
     events = [line.split(None, 3)[3] for line in before.splitlines() if line.startswith("ecu ")]
-    assert events == ["opening", "open"][: len(events)]
+    assert events[:1] in ([], ["opening"])
+    assert not any("reversing" in each for each in events)
     assert "ecu " not in after
     assert "failed" not in told.err
     assert told.out.count("closed and latched") == 1
