@@ -106,7 +106,7 @@ class CampaignRequest(CampaignSubject, ParametersChoice, VehicleSettings):
         values: dict[str, Any] = {}
         wrong: list[str] = []
         for name, value in given.items():
-            if type(value) is type(_NOT_GIVEN.get(name)) and value == _NOT_GIVEN.get(name):
+            if name in _NOT_GIVEN and type(value) is type(_NOT_GIVEN[name]) and value == _NOT_GIVEN[name]:
                 continue
             try:
                 is_null = value is None and name in known and known[name].may_be_none
@@ -114,10 +114,12 @@ class CampaignRequest(CampaignSubject, ParametersChoice, VehicleSettings):
                 values[name] = None if is_null else value_of(name, value, kind)
             except ConfigError:
                 wrong.append(name)
+        numbers = given["parameters"].values() if isinstance(given["parameters"], Mapping) else ()
+        wrong += ["parameters"] if any(type(each) not in (int, float) for each in numbers) else []
         wrong += [] if isinstance(given["expectation"], str) else ["expectation"]
         if wrong:
             text = "allowed: as it was written"
-            raise ConfigError([f"campaign.json: request.{name}: {show(given[name])}; {text}" for name in wrong])
+            raise ConfigError([f"campaign.json: request.{name}: {show(given[name])}; {text}" for name in given if name in wrong])
         chosen, expectation = values.pop("kind"), values.pop("expectation", "")
         own = {chosen: expectation} if chosen != DESIGN else {}
         defaults = cls("").kept()

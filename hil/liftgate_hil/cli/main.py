@@ -17,7 +17,7 @@ from typing import NoReturn
 from liftgate_hil.cli import stopping, streams
 from liftgate_hil.cli.examples import EXAMPLES
 from liftgate_hil.cli.help import Formatter, arrange
-from liftgate_hil.cli.options import as_flags
+from liftgate_hil.cli.options import as_flags, forget_flags
 from liftgate_hil.errors import ConfigError, LiftgateError, allowed_names, causes
 
 COMMANDS = {
@@ -144,6 +144,7 @@ def _command(argv: Sequence[str] | None) -> int:
         formatter_class=Formatter,
         allow_abbrev=False,
     )
+    forget_flags()
     _add_arguments(parser, module)
     arrange(parser, EXAMPLES[name], _overview() if name == "run" else "")
     if name in _JUDGING:

@@ -27,6 +27,11 @@ _ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
 _FLAGS: dict[str, str] = {}  # of the command whose flags were added last, by the names of their arguments
 
 
+def forget_flags() -> None:
+    """Forget what arguments are called: those of another command are added next."""
+    _FLAGS.clear()
+
+
 def as_flags(text: str) -> str:
     """Return a message of the API with its arguments, `so_named`, replaced by the command's flags: --so-named."""
     return _ARGUMENT.sub(lambda match: _FLAGS.get(match[1], "--" + match[1].replace("_", "-")), text)

@@ -187,7 +187,7 @@ def test_files_that_include_the_next_twice_are_read_once_each(
         return read_toml(path)
 
     monkeypatch.setattr("liftgate_hil.config.scenario.read_toml", read)
-    monkeypatch.setattr("liftgate_hil.testing.suite.read_toml", read)
+    monkeypatch.setattr("liftgate_hil.testing.scenario_files.read_toml", read)
     found = load_scenario(tmp_path / "0.toml")
     assert (len(found.included), found.duration, len(found.requests)) == (40, 1.0, 1)
     assert len(reads) == 41
