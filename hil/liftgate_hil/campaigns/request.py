@@ -119,7 +119,8 @@ class CampaignRequest(CampaignSubject, ParametersChoice, VehicleSettings):
         wrong += [] if isinstance(given["expectation"], str) else ["expectation"]
         if wrong:
             text = "allowed: as it was written"
-            raise ConfigError([f"campaign.json: request.{name}: {show(given[name])}; {text}" for name in given if name in wrong])
+            issues = [f"campaign.json: request.{name}: {show(given[name])}; {text}" for name in given if name in wrong]
+            raise ConfigError(issues)
         chosen, expectation = values.pop("kind"), values.pop("expectation", "")
         own = {chosen: expectation} if chosen != DESIGN else {}
         defaults = cls("").kept()
