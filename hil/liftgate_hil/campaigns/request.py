@@ -118,9 +118,9 @@ class CampaignRequest(CampaignSubject, ParametersChoice, VehicleSettings):
         wrong += ["parameters"] if any(type(each) not in (int, float) for each in numbers) else []
         wrong += [] if isinstance(given["expectation"], str) else ["expectation"]
         if wrong:
+            names = [name for name in given if name in wrong]
             text = "allowed: as it was written"
-            issues = [f"campaign.json: request.{name}: {show(given[name])}; {text}" for name in given if name in wrong]
-            raise ConfigError(issues)
+            raise ConfigError([f"campaign.json: request.{name}: {show(given[name])}; {text}" for name in names])
         chosen, expectation = values.pop("kind"), values.pop("expectation", "")
         own = {chosen: expectation} if chosen != DESIGN else {}
         defaults = cls("").kept()
