@@ -13,7 +13,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -47,6 +46,8 @@ class Result:
 
     def to_json(self, indent: int | None = None) -> str:
         """Return what `--json` prints: on one line, or with an indent."""
+        import json  # which takes 2 ms of the start of commands that print none
+
         return json.dumps(self.to_dict(), indent=indent, allow_nan=False)
 
 
