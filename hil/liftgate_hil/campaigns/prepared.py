@@ -1,4 +1,4 @@
-"""What a request of a campaign stands for: base, space and first plan, its files loaded and checked."""
+"""Preparation of a campaign from its request: base, space and first plan, its files loaded and checked."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LEAST_OF_A_PROBABILITY = 1200  # evaluations: with fewer, the levels of a small 
 
 @dataclass(frozen=True)
 class Prepared:
-    """What a request stands for, its files loaded and checked."""
+    """Prepared campaign: the objects that its request names, loaded and checked."""
 
     request: CampaignRequest
     base: Base

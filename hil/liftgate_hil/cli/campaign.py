@@ -21,7 +21,6 @@ from liftgate_hil.running.request import RunRequest
 
 if TYPE_CHECKING:
     from liftgate_hil.campaigns.campaign import Progress as State
-    from liftgate_hil.campaigns.request import CampaignRequest
     from liftgate_hil.campaigns.run import Outcome
     from liftgate_hil.cli.progress import Progress
 

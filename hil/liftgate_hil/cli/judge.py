@@ -48,11 +48,8 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.testing.tested import write_reports
 
     is_silent = str(args.json) == "-"
-    targets, out = (
-        targets_of(ReportsChoice(**options.given_in(args, ReportsChoice)), options.as_flags, say),
-        Output(),
-    )
-    report, outcomes = SuiteReport(), []
+    targets = targets_of(ReportsChoice(**options.given_in(args, ReportsChoice)), options.as_flags, say)
+    out, report, outcomes = Output(), SuiteReport(), []
     teller = Teller(args.quiet, is_silent)
     with reporting_issues(targets, options.as_flags, say):
         read = (*args.recordings, *args.maps, args.scenario, args.vehicle, args.rig)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.exit_codes import EXIT_CODES
@@ -16,9 +15,6 @@ from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import printable
 from liftgate_hil.judging.verdict import PASS
 from liftgate_hil.testing.request import SuiteRequest
-
-if TYPE_CHECKING:
-    pass
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -181,7 +181,7 @@ class Outcome(Result):
 
 @dataclass(frozen=True)
 class Counts(Result):
-    """How many expectations have which verdict."""
+    """Numbers of expectations by verdict."""
 
     passed: Annotated[int, Shown("number of expectations that passed", key="pass")]
     failed: Annotated[int, Shown("number of those that failed", key="fail")]

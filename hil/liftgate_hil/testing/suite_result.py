@@ -32,7 +32,7 @@ class SuiteResult(Result):
 
     @property
     def expectations(self) -> Annotated[Counts, Shown("how many expectations have which verdict")]:
-        """How many expectations have which verdict."""
+        """Numbers of expectations by verdict."""
         return counts_of(self.scenarios)
 
     # fmt: on
