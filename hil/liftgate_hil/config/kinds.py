@@ -393,4 +393,9 @@ class Subtable(NamedTuple):
         return table(issues, key, value)
 
 
+def listed(given: str | Path | Sequence[str | Path]) -> list[str | Path]:
+    """Return the items of a value of Texts or Paths: those of a list, or the single one."""
+    return [given] if isinstance(given, str | Path) else list(given)
+
+
 SEED = Whole(0, 2**32 - 1)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from liftgate_hil.config.described import Field, Record, value_of
-from liftgate_hil.config.kinds import Choice, Flag, Number, Raw, Size, Texts, Whole
+from liftgate_hil.config.kinds import Choice, Flag, Number, Raw, Size, Texts, Whole, listed
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle_choice import SCENARIO, AnyScenario, OwnRig, SetupChoice
 from liftgate_hil.config.wire_choice import WireChoice
@@ -111,14 +111,12 @@ class RunRequest(RunSubject, SetupChoice, WireChoice):
     @property
     def recordings(self) -> tuple[Path, ...]:
         """Files of the recording."""
-        given = self.record
-        return (Path(given),) if isinstance(given, str | Path) else tuple(map(Path, given))
+        return tuple(map(Path, listed(self.record)))
 
     @property
     def conditions(self) -> tuple[str, ...]:
         """Conditions of which one is true where the run is recorded; empty: all of it is."""
-        given = self.record_when
-        return (given,) if isinstance(given, str) else tuple(given)
+        return tuple(map(str, listed(self.record_when)))
 
     def limit(self) -> Limit | None:
         """Return the size limit of a recording's files; None: no limit."""

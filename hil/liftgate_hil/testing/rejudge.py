@@ -12,6 +12,7 @@ from pathlib import Path
 from liftgate_hil.conditions.condition import COLUMN
 from liftgate_hil.config.database import database_file, is_database, load_messages
 from liftgate_hil.config.described import command
+from liftgate_hil.config.kinds import listed
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.diagnostics.reset_watch import ResetWatch
@@ -59,8 +60,7 @@ def judge(request: JudgeRequest) -> dict[str, Verdict]:
 
 def paths_of(request: JudgeRequest) -> list[Path]:
     """Return the paths of the recordings."""
-    given = request.recordings
-    return [Path(given)] if isinstance(given, str | Path) else [Path(each) for each in given]
+    return list(map(Path, listed(request.recordings)))
 
 
 class StoppedJudgingError(Exception):

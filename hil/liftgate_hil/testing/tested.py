@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from liftgate_hil.config.described import command
+from liftgate_hil.config.kinds import listed
 from liftgate_hil.ecu.mutants import ecu_and_mutant
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.target import is_one_of
@@ -135,8 +136,7 @@ def write_reports(
 
 def _names_in(request: SuiteRequest) -> list[str]:
     """Return the paths of a request as texts."""
-    given = request.paths
-    return [str(given)] if isinstance(given, str | Path) else list(map(str, given))
+    return list(map(str, listed(request.paths)))
 
 
 def _template_of(request: SuiteRequest, listener: Listener) -> Job:
