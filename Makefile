@@ -69,7 +69,7 @@ coverage: setup
 
 # Does a test depend on the last bits? Inputs changed by 1e-13 and other tolerances, by SEED; a part of it is in `make test`.
 last-bits: setup
-	LAST_BITS=$(or $(SEED),1) $(BIN)/python -m pytest -n $(JOBS) --dist worksteal tests/plant tests/reference \
+	LAST_BITS=$(or $(SEED),1) $(BIN)/python -m pytest -n $(JOBS) --dist worksteal tests/plant tests/compiler tests/reference \
 	    tests/hil/identification tests/tools/test_identification_tools.py
 
 test-pythons: setup

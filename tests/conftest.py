@@ -130,7 +130,7 @@ def runs_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None
 @pytest.fixture(scope="session", autouse=True)
 def one_compiler() -> Iterator[None]:
     """Compiler process that the tests of this process share: it compiles each helper once."""
-    from liftgate_plant import compiler  # which loads numpy
+    import liftgate_compiler as compiler  # which loads numpy
 
     with compiler.sharing():
         yield

@@ -86,7 +86,7 @@ def sources() -> dict[str, bytes]:
 def check_contents(wheel: Path) -> None:
     """Check that the wheel contains all sources, unchanged, and nothing else."""
     held, wanted = contents(wheel), sources()
-    for name in ("liftgate_hil/py.typed", "liftgate_plant/py.typed"):
+    for name in ("liftgate_hil/py.typed", "liftgate_plant/py.typed", "liftgate_compiler/py.typed"):
         expect(name in wanted, f"{name} among the sources")
     packed = {name for name in held if ".dist-info/" not in name}
     expect(packed == set(wanted), f"the sources, all and alone: {sorted(packed ^ set(wanted))}")

@@ -30,8 +30,8 @@ WHOLE = (
     "liftgate-hil demo --clock free --output demo --quiet",
     _SIMULATE,
     f"liftgate-hil campaign {ROOT}/docs/examples/trap.toml --vary rod=10000,20000 --output campaign --quiet",
-    f"python -m pytest -q -p no:cacheprovider --rootdir {ROOT} {ROOT}/tests/plant/test_linking.py "
-    f"{ROOT}/tests/plant/test_compiler.py {ROOT}/tests/plant/test_machine_code.py",
+    f"python -m pytest -q -p no:cacheprovider --rootdir {ROOT} {ROOT}/tests/compiler/test_linking.py "
+    f"{ROOT}/tests/compiler/test_compiler.py {ROOT}/tests/compiler/test_machine_code.py",
 )
 
 

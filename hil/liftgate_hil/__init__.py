@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from liftgate_hil.conversion.compare_recordings import compare
     from liftgate_hil.conversion.convert import convert
     from liftgate_hil.conversion.plot import plot
+    from liftgate_hil.drive.gate import Gate
+    from liftgate_hil.drive.result import Result
+    from liftgate_hil.drive.run import run
     from liftgate_hil.identification.commands import identify, validate
     from liftgate_hil.judging.verdict import Verdict
+    from liftgate_hil.plan.setup import rig_from as load_rig
+    from liftgate_hil.plan.setup import scenario_from as load_scenario
+    from liftgate_hil.plan.setup import vehicle_from as load_vehicle
     from liftgate_hil.playback.replay import replay
-    from liftgate_hil.running.gate import Gate
-    from liftgate_hil.running.result import Result
-    from liftgate_hil.running.run import run
-    from liftgate_hil.running.setup import rig_from as load_rig
-    from liftgate_hil.running.setup import scenario_from as load_scenario
-    from liftgate_hil.running.setup import vehicle_from as load_vehicle
     from liftgate_hil.simulation.simulate import simulate
     from liftgate_hil.testing.rejudge import judge
     from liftgate_hil.testing.tested import test
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 # Public name: (module, attribute). Imported on first use, so that commands start fast.
 _HOMES = {
-    "Gate": ("liftgate_hil.running.gate", "Gate"),
-    "Result": ("liftgate_hil.running.result", "Result"),
+    "Gate": ("liftgate_hil.drive.gate", "Gate"),
+    "Result": ("liftgate_hil.drive.result", "Result"),
     "Rig": ("liftgate_hil.config.rig", "Rig"),
     "Scenario": ("liftgate_hil.config.scenario", "Scenario"),
     "Vehicle": ("liftgate_plant.vehicle", "Vehicle"),
@@ -49,12 +49,12 @@ _HOMES = {
     "convert": ("liftgate_hil.conversion.convert", "convert"),
     "identify": ("liftgate_hil.identification.commands", "identify"),
     "judge": ("liftgate_hil.testing.rejudge", "judge"),
-    "load_rig": ("liftgate_hil.running.setup", "rig_from"),
-    "load_scenario": ("liftgate_hil.running.setup", "scenario_from"),
-    "load_vehicle": ("liftgate_hil.running.setup", "vehicle_from"),
+    "load_rig": ("liftgate_hil.plan.setup", "rig_from"),
+    "load_scenario": ("liftgate_hil.plan.setup", "scenario_from"),
+    "load_vehicle": ("liftgate_hil.plan.setup", "vehicle_from"),
     "plot": ("liftgate_hil.conversion.plot", "plot"),
     "replay": ("liftgate_hil.playback.replay", "replay"),
-    "run": ("liftgate_hil.running.run", "run"),
+    "run": ("liftgate_hil.drive.run", "run"),
     "simulate": ("liftgate_hil.simulation.simulate", "simulate"),
     "test": ("liftgate_hil.testing.tested", "test"),
     "validate": ("liftgate_hil.identification.commands", "validate"),

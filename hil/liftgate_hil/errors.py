@@ -261,9 +261,15 @@ class ConfigIssues:
 
 def is_of_this_program(path: Path) -> bool:
     """Whether a file belongs to one of this program's own packages."""
+    import liftgate_compiler
     import liftgate_plant
 
-    own = {Path(__file__).resolve().parent, *(Path(each).resolve() for each in liftgate_plant.__path__)}
+    own = {Path(__file__).resolve().parent}
+    own |= {
+        Path(each).resolve()
+        for own_package in (liftgate_compiler, liftgate_plant)
+        for each in own_package.__path__
+    }
     return not own.isdisjoint(path.resolve().parents)
 
 

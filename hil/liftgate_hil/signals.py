@@ -309,7 +309,7 @@ FAULT_PREFIX, FAULT_IN_FORCE = "fault.", Signal("", 0.0, 1.0, "1: the fault is i
 def columns_of(drives: int, offline: bool = False) -> list[str]:
     """Return the columns of a recording, or of `simulate` (`offline`), for a gate with `drives` drives.
 
-    Those of a run's faults follow them, see `running.fault_columns`.
+    Those of a run's faults follow them, see `plan.fault_columns`.
     """
     return [
         name

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 
 # Above k h²/m + c h/2m = 1.2 a contact is too stiff to be resolved within the step.
 STIFF = 1.2

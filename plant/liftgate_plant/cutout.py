@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 from liftgate_plant.quantity import Quantity
 
 _MOST = 1e6  # Ω, upper limit of R

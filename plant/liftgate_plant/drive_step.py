@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from liftgate_compiler import compilable
 from liftgate_plant import clutch, cutout, dynamics, electrics, friction, thermal, transmission
-from liftgate_plant.compiler import compilable
 from liftgate_plant.contact import LinearizedForce
 from liftgate_plant.current import CurrentPath, effective, held
 from liftgate_plant.dynamics import Drive, DriveState, Frictions, Place, Plant, State

@@ -27,6 +27,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from liftgate_compiler import compilable
 from liftgate_plant import (
     clutch,
     contact,
@@ -42,7 +43,6 @@ from liftgate_plant import (
     transmission,
 )
 from liftgate_plant.bridge import CUT, DriveInput
-from liftgate_plant.compiler import compilable
 from liftgate_plant.cutout import Cutout
 from liftgate_plant.environment import Environment
 from liftgate_plant.faults import Line

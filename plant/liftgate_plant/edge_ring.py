@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 
 EDGE = np.dtype(
     [

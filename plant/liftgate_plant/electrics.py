@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from liftgate_compiler import compilable
 from liftgate_plant import bridge, dynamics
 from liftgate_plant.bridge import CUT, Coasting, DriveInput
-from liftgate_plant.compiler import compilable
 from liftgate_plant.current import NO_SWITCHING, CurrentPath, Switching
 from liftgate_plant.dynamics import (
     Drive,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
+from liftgate_compiler import compilable
 from liftgate_plant import signals
-from liftgate_plant.compiler import compilable
 from liftgate_plant.gate import GRAVITY, Linkage, weight_torque
 from liftgate_plant.quantity import Quantity
 

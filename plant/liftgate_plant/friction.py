@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 
 
 class DryFriction(NamedTuple):

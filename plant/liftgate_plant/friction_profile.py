@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 from liftgate_plant.dynamics import DriveState, Frictions, Plant, State
 from liftgate_plant.noise import gaussian, uniform
 from liftgate_plant.transmission import Friction

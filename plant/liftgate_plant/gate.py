@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 from liftgate_plant.quantity import Quantity
 
 GRAVITY = 9.81  # m/s²

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from liftgate_compiler import compilable
 from liftgate_plant import contact, dynamics, gate, latch, obstacle, seal
-from liftgate_plant.compiler import compilable
 from liftgate_plant.contact import LinearizedForce
 from liftgate_plant.dynamics import Drive, Plant, State
 from liftgate_plant.gate import Linkage

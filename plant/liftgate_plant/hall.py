@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from liftgate_plant.compiler import compilable, outlined
+from liftgate_compiler import compilable, outlined
 from liftgate_plant.edge_ring import MOST_EDGES, EdgeRing, write_edge
 from liftgate_plant.faults import HallFault
 from liftgate_plant.noise import gaussian, uniform

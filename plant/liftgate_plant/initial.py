@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from liftgate_compiler import compilable
 from liftgate_plant import gate
-from liftgate_plant.compiler import compilable
 from liftgate_plant.dynamics import DriveState, Load, Plant, State, gate_torque
 from liftgate_plant.latch import at_first
 

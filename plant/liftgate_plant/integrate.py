@@ -19,9 +19,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from liftgate_compiler import compilable
 from liftgate_plant import clutch, dynamics, electrics, friction, latch
 from liftgate_plant.clutch import GRIP, Slips
-from liftgate_plant.compiler import compilable
 from liftgate_plant.contact import LinearizedForce
 from liftgate_plant.current import CurrentPath, held
 from liftgate_plant.drive_step import (

@@ -21,8 +21,8 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
+from liftgate_compiler import compilable
 from liftgate_plant import contact
-from liftgate_plant.compiler import compilable
 from liftgate_plant.contact import LinearizedForce
 from liftgate_plant.motor import phi_functions
 from liftgate_plant.quantity import Quantity, choice

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from liftgate_plant.compiler import compilable, outlined
+from liftgate_compiler import compilable, outlined
 
 _MASK = 0xFFFFFFFF
 

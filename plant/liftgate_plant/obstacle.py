@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from liftgate_compiler import compilable
 from liftgate_plant import contact
-from liftgate_plant.compiler import compilable
 
 
 class Obstacle(NamedTuple):

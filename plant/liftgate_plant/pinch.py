@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from liftgate_compiler import compilable
 from liftgate_plant import obstacle
-from liftgate_plant.compiler import compilable
 from liftgate_plant.dynamics import Plant, State, angle_at, rate_at
 from liftgate_plant.obstacle import Obstacle
 

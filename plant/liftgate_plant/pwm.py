@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from liftgate_plant.compiler import outlined
+from liftgate_compiler import outlined
 
 SLOW, DIODE, FAST = 0.0, 1.0, 2.0
 FREEWHEELING = ("slow", "diode", "fast")

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, picked
 from liftgate_plant import sensors
 from liftgate_plant.bridge import DriveInput, drive_input
-from liftgate_plant.compiler import compilable, picked
 from liftgate_plant.current import effective, peak
 from liftgate_plant.dynamics import Frictions, Inputs, Load
 from liftgate_plant.faults import DriveFaults, Faults

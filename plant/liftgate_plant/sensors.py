@@ -17,7 +17,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 from liftgate_plant.current import CurrentPath, scaled, shifted
 from liftgate_plant.dynamics import Inputs, Outputs, Plant, State
 from liftgate_plant.edge_ring import EdgeRing, edge_ring

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from liftgate_plant.compiler import compilable, outlined
+from liftgate_compiler import compilable, outlined
 from liftgate_plant.motor import rotation
 from liftgate_plant.pwm import DIODE, SLOW, Chopper
 

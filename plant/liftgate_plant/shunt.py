@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 from liftgate_plant.current import CurrentPath, charge_at, part_of
 from liftgate_plant.motor import Motor, phi_functions
 

@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 from liftgate_plant.quantity import Quantity
 
 # Suffix that a unit adds to a column's name.

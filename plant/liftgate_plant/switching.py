@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from liftgate_plant.compiler import compilable, outlined
+from liftgate_compiler import compilable, outlined
 from liftgate_plant.pwm import FAST, Chopper, Course, course
 from liftgate_plant.shared_source import Branch, Sums, repeating
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 
 # Above k_t h²/J_t = 1 the twist is too fast to be resolved within the step, and Newmark's method stays stable
 # with β = 1/4; below it β = 1/6 has half the error in the period.

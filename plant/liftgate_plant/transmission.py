@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
+from liftgate_compiler import compilable
 from liftgate_plant import contact
-from liftgate_plant.compiler import compilable
 from liftgate_plant.motor import Motor
 from liftgate_plant.quantity import Points, Quantity
 

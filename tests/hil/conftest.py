@@ -8,9 +8,9 @@ from typing import Any
 import hil_support
 import pytest
 
+from liftgate_compiler import compiled
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.loop.tick import tick
-from liftgate_plant.compiler import compiled
 
 
 @pytest.fixture(scope="session")

@@ -16,6 +16,7 @@ from crccheck.crc import Crc8SaeJ1850
 from hypothesis import settings
 from numpy.typing import NDArray
 
+from liftgate_compiler import compiled
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
 from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
 from liftgate_hil.codec.protection import MessageOptions
@@ -25,13 +26,12 @@ from liftgate_hil.codec.transmit import Transmission, first_transmission, transm
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, copied, initial_loop, tick
-from liftgate_hil.running.loop_start import loop_config_of
-from liftgate_hil.running.setup import rig_from, vehicle_from
+from liftgate_hil.plan.loop_start import loop_config_of
+from liftgate_hil.plan.setup import rig_from, vehicle_from
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, StimulusPlan, TimedStimuli, stimulus_plan_of
 from liftgate_hil.transport.base import LinkCounts
-from liftgate_plant.compiler import compiled
 from liftgate_plant.initial import initial_state
 from liftgate_plant.signals import Signal
 

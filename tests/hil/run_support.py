@@ -13,12 +13,12 @@ from hil_support import loop_config, start_of, stimulus_plan
 import liftgate_hil as lh
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.settings import settings_of
+from liftgate_hil.drive.run_plan import run_plan
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.loop.closed_loop import Episode
-from liftgate_hil.running.job import Job
-from liftgate_hil.running.plan import plan_of
-from liftgate_hil.running.request import RunRequest
-from liftgate_hil.running.run_plan import run_plan
+from liftgate_hil.loop.episode import Episode
+from liftgate_hil.plan.job import Job
+from liftgate_hil.plan.plan import plan_of
+from liftgate_hil.plan.request import RunRequest
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.stimuli.stimulus_plan import TimedStimuli

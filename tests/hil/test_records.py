@@ -9,12 +9,13 @@ from types import ModuleType
 
 import numpy as np
 
+import liftgate_compiler
 import liftgate_hil
 import liftgate_plant
 
 
 def modules() -> Iterator[ModuleType]:
-    for package in (liftgate_hil, liftgate_plant):
+    for package in (liftgate_compiler, liftgate_hil, liftgate_plant):
         for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
             if not found.name.endswith("__main__"):
                 yield importlib.import_module(found.name)

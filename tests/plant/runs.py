@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from liftgate_compiler import compiled
+from liftgate_compiler import fill as put
 from liftgate_hil.config.settings import applied, settings_of
 from liftgate_hil.config.variant import Variant, settings_for
 from liftgate_hil.config.vehicle import vehicle_of
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import compiled
-from liftgate_plant.compiler import fill as put
 from liftgate_plant.dynamics import DriveState, Inputs, Load, Plant, State, supplied
 from liftgate_plant.friction_profile import FrictionProfile, friction_profile, frictions_in
 from liftgate_plant.initial import initial_state

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from liftgate_compiler import compiled
 from liftgate_hil import load_vehicle
 from liftgate_plant import integrate
-from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import NOMINAL, Frictions
 from liftgate_plant.friction_profile import LEAST, FrictionProfile, factor_at, friction_profile, frictions_in
 from liftgate_plant.initial import initial_state

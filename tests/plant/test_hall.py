@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from liftgate_plant.compiler import compiled
+from liftgate_compiler import compiled
 from liftgate_plant.edge_ring import EdgeRing, edge_ring
 from liftgate_plant.faults import SOUND_HALL
 from liftgate_plant.hall import (
@@ -178,7 +178,7 @@ def test_a_state_that_was_set_elsewhere_is_counted_without_the_times_of_its_edge
 
 LOST = """
 import math
-from liftgate_plant.compiler import compiled
+from liftgate_compiler import compiled
 from liftgate_plant.faults import SOUND_HALL
 from liftgate_plant.edge_ring import edge_ring
 from liftgate_plant.hall import Encoder, Shaft, Tick, initial_halls, read_hall

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from liftgate_compiler import compiled
 from liftgate_plant import dynamics
-from liftgate_plant.compiler import compiled
 from liftgate_plant.initial import closed_state, initial_state
 from liftgate_plant.latch import (
     AUTOMATIC,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from liftgate_compiler import compiled
 from liftgate_plant import clutch, cutout, integrate
-from liftgate_plant.compiler import compiled
 from liftgate_plant.contact import LinearizedForce
 from liftgate_plant.cutout import Cutout
 from liftgate_plant.dynamics import drive_force, places_of

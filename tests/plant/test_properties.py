@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from liftgate_compiler import compiled
 from liftgate_plant import dynamics, gate, integrate, seal
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import DriveState, Plant, State
 from liftgate_plant.vehicle import plant_of
 from tests.plant.runs import BRAKE, COAST, GATE, at_rest, column, fast_run, fill, inputs, load, run, state_of, suv

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from liftgate_compiler import compiled
 from liftgate_hil import Gate, load_vehicle
 from liftgate_plant import current, integrate
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import compiled
 from liftgate_plant.current import NO_SWITCHING, CurrentPath
 from liftgate_plant.dynamics import State, outputs
 from liftgate_plant.initial import initial_state

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from liftgate_compiler import compiled
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import compiled
 from liftgate_plant.current import effective, peak
 from liftgate_plant.dynamics import NOMINAL, Frictions, Inputs, Load, Outputs, State, at
 from liftgate_plant.faults import SOUND

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from liftgate_compiler import compilable, compiled
 from liftgate_hil import Gate
 from liftgate_plant import integrate, sensors
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.current import NO_SWITCHING, CurrentPath, charge_at, held, part_of
 from liftgate_plant.dynamics import NOMINAL, Inputs, Load, Plant, State, outputs
 from liftgate_plant.faults import SOUND

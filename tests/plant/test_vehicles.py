@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from liftgate_compiler import compiled
 from liftgate_hil.config.variant import Variant
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_plant import bridge, dynamics, gate, initial, integrate
 from liftgate_plant.bridge import drive_input
-from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import Inputs, Load, Plant, State
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 

@@ -54,7 +54,7 @@ def recorder_of(folder: Path) -> int:
     for entry in Path("/proc").iterdir():
         with contextlib.suppress(OSError):
             command = (entry / "cmdline").read_bytes() if entry.name.isdigit() else b""
-            if b"liftgate_hil.running.recorder_process" in command and str(folder).encode() in command:
+            if b"liftgate_hil.isolate.recorder_process" in command and str(folder).encode() in command:
                 return int(entry.name)
     raise ProcessLookupError(f"nobody records in {folder}")  # 0 would be this process's whole group
 

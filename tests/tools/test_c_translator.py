@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import pytest
 
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_compiler import compiled
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import Inputs
 from liftgate_plant.initial import initial_state
 from liftgate_plant.obstacle import Obstacle

@@ -18,7 +18,7 @@ from liftgate_hil.config.messages import MessageTable, StateMachineTable, messag
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.errors import ConfigError, ConfigIssues
-from liftgate_hil.running.setup import rig_of, setup_of
+from liftgate_hil.plan.setup import rig_of, setup_of
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from tools.docs import DOCS, PAGES
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle
 from tests import last_bits
 from tests.reference.event_solution import DriveInput, Obstacle, Phase

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from liftgate_compiler import compiled
 from liftgate_hil import load_vehicle
 from liftgate_plant import current, dynamics, integrate
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import compiled
 from liftgate_plant.initial import initial_state
 from liftgate_plant.pwm import FREEWHEELING
 from liftgate_plant.vehicle import Vehicle, plant_of

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from liftgate_hil.ecu.calibration import Calibration, coded
-from liftgate_hil.running.setup import setup_of
+from liftgate_hil.plan.setup import setup_of
 from liftgate_plant.coding import Coding
 from liftgate_plant.vehicle import plant_of
 from tools.anti_trap.trials import DISTANCE, Car, Outcome, Trial, run

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from liftgate_plant import compiler
+import liftgate_compiler as compiler
 from tools.benchmark import lateness
 from tools.benchmark.checkouts import HERE
 from tools.benchmark.effort import SHORT, WHOLE, Effort

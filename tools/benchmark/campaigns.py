@@ -26,9 +26,9 @@ import numpy as np
 from liftgate_hil.campaigns.evaluation import GROUP, Evaluator
 from liftgate_hil.campaigns.prepared import Prepared, prepared
 from liftgate_hil.campaigns.request import CampaignRequest
-from liftgate_hil.loop.closed_loop import Episode
-from liftgate_hil.running.execution import Execution
-from liftgate_hil.running.shared_starts import SharedStarts
+from liftgate_hil.drive.execution import Execution
+from liftgate_hil.drive.shared_starts import SharedStarts
+from liftgate_hil.loop.episode import Episode
 
 VARIANTS, MANY, ROUNDS = 10_000, 100_000, 8
 _SCENARIO = """

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, compiled
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import backdate
 from liftgate_hil.loop.advance import advance
@@ -39,15 +40,14 @@ from liftgate_hil.loop.realtime_loop import (
 )
 from liftgate_hil.loop.rings import Memory, Shared
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force, tick
-from liftgate_hil.running.loop_start import loop_config_of, start_of
-from liftgate_hil.running.setup import rig_from, vehicle_from
+from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.setup import rig_from, vehicle_from
 from liftgate_hil.signals import ROW_WIDTH, Bench
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, stimulus_plan_of, turns
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.dynamics import Inputs, Plant, State
 from liftgate_plant.initial import initial_state
 from liftgate_plant.vehicle import load_of, plant_of

@@ -19,23 +19,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, compiled, fill
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.library import LibraryEcu
 from liftgate_hil.ecu.python_object import PythonEcu
-from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode, Sink, Trace
+from liftgate_hil.loop.episode import FRAMES, ROWS, Episode, Sink, Trace
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.tick import LoopConfig, constants_in
-from liftgate_hil.running.loop_start import loop_config_of, start_of
-from liftgate_hil.running.request import ticks_of
-from liftgate_hil.running.setup import rig_from, scenario_from, vehicle_from
+from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.request import ticks_of
+from liftgate_hil.plan.setup import rig_from, scenario_from, vehicle_from
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, armed
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, stimulus_plan_of
 from liftgate_hil.stimuli.timeline import obstacle_at
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import compilable, compiled, fill
 from liftgate_plant.dynamics import NO_OBSTACLE, Inputs, State
 from liftgate_plant.friction_profile import frictions_in
 from liftgate_plant.obstacle import Obstacle

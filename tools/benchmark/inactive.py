@@ -17,14 +17,14 @@ import numpy as np
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.judging.judge import Judge
-from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode, Extremes
+from liftgate_hil.loop.episode import FRAMES, ROWS, Episode, Extremes
 from liftgate_hil.loop.observers import Sink
 from liftgate_hil.loop.rings import Memory
-from liftgate_hil.running.loop_start import loop_config_of, start_of
-from liftgate_hil.running.plan import expected_in
-from liftgate_hil.running.request import ticks_of
-from liftgate_hil.running.setup import rig_of, setup_of
-from liftgate_hil.running.stimulation import planned_stimuli
+from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.plan import expected_in
+from liftgate_hil.plan.request import ticks_of
+from liftgate_hil.plan.setup import rig_of, setup_of
+from liftgate_hil.plan.stimulation import planned_stimuli
 
 ROUNDS = 21
 _RATE = 1000.0

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_compiler import compilable, compiled, fill
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant import dynamics, initial, integrate, sensors
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import compilable, compiled, fill
 from liftgate_plant.dynamics import Inputs, Load, Plant
 from liftgate_plant.faults import SOUND
 from liftgate_plant.friction_profile import FrictionProfile, friction_profile, frictions_in

@@ -15,7 +15,7 @@ import time
 
 from liftgate_hil.codec.checksum import put_checksum
 from liftgate_hil.codec.frames import empty_frames
-from liftgate_hil.running.setup import rig_from
+from liftgate_hil.plan.setup import rig_from
 
 PERIOD = 0.0101  # s
 

@@ -186,7 +186,7 @@ def table(found: dict[str, dict[str, list[float]]]) -> list[str]:
 
 def on_vcan(rounds: int = ROUNDS, seconds: float = SECONDS) -> dict[str, dict[str, list[float]]] | None:
     """Return the result of `measure` on a real vcan0, None if there is no such machine or the run fails."""
-    from liftgate_plant.compiler import cache_folder
+    from liftgate_compiler import cache_folder
 
     command = [sys.executable, "-m", "tools.vcan", "--out", str(cache_folder().parent), "--"]
     command += [sys.executable, "-m", "tools.benchmark.replays", "--bus", "socketcan:vcan0", "--json"]

@@ -18,10 +18,10 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_compiler import compiled
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import Inputs, Plant, State
 from liftgate_plant.initial import initial_state
 from liftgate_plant.obstacle import Obstacle

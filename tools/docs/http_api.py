@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from liftgate_hil.dashboard.server import ENDPOINTS
-from liftgate_hil.running.commands import operator
+from liftgate_hil.operate import operator
 from tools.docs.json_page_keys import PAGES
 from tools.docs.json_state_keys import STATE_KEYS
 from tools.docs.markdown import code, page, table

@@ -15,7 +15,7 @@ from liftgate_hil.identification.data import Data, rows_of
 from liftgate_hil.identification.fit import fitted
 from liftgate_hil.identification.problem import Problem, Sought
 from liftgate_hil.identification.trajectory import MODELS, REST, trajectory
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import load_of, plant_of
 from tools.identification.measurements import RATE, measure, true_vehicle

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from liftgate_hil.config.parameters import find_parameter, with_values
 from liftgate_hil.identification.data import rows_of
 from liftgate_hil.identification.trajectory import REST, trajectory
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.rows import AT
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of

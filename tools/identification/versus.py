@@ -27,7 +27,7 @@ from scipy.optimize import least_squares
 from liftgate_hil.config.parameters import find_parameter, value_of, with_values
 from liftgate_hil.identification.data import rows_of
 from liftgate_hil.identification.trajectory import MODELS, REST, trajectory
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant import gate, spring, transmission
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of

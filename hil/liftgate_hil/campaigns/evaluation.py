@@ -19,22 +19,22 @@ from liftgate_hil.campaigns.vehicles import Vehicles
 from liftgate_hil.conditions.evaluator import work_for
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.vehicle import VehicleFile
+from liftgate_hil.drive.execution import Execution
+from liftgate_hil.drive.run_plan import adapter_of, judge_of
+from liftgate_hil.drive.shared_starts import SharedStarts, reference_copied
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.node import PORT, REFERENCE, NodeState
 from liftgate_hil.errors import ConfigError, LiftgateError, PreconditionError, causes
+from liftgate_hil.isolate.signs_of_life import foreign_code
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.table import BLOCK
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, Verdict, worst
-from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode
+from liftgate_hil.loop.episode import FRAMES, ROWS, Episode
 from liftgate_hil.loop.observers import Sink
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.tick import LoopState
-from liftgate_hil.running.execution import Execution
-from liftgate_hil.running.plan import Plan, plan_of
-from liftgate_hil.running.run_plan import adapter_of, judge_of
-from liftgate_hil.running.setup import scenario_of, variant_of
-from liftgate_hil.running.shared_starts import SharedStarts, reference_copied
-from liftgate_hil.running.signs_of_life import foreign_code
+from liftgate_hil.plan.plan import Plan, plan_of
+from liftgate_hil.plan.setup import scenario_of, variant_of
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_plant.coding import Coding
 

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from liftgate_compiler.files import close, lock, remove_leftovers, whole_file, write_whole
 from liftgate_hil.campaigns.base import Base
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.results import VARIANT, description_of
@@ -21,7 +22,6 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.target import is_one_of
 from liftgate_hil.report.files import make_way
-from liftgate_plant.compiler.files import close, lock, remove_leftovers, whole_file, write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa

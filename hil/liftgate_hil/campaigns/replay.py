@@ -13,14 +13,14 @@ from liftgate_hil.campaigns.folder import OWN, Folder
 from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.results import JUDGED, MARGIN, VARIANT, VERDICT
 from liftgate_hil.campaigns.resumption import differences
+from liftgate_hil.drive.result import Result
+from liftgate_hil.drive.run import execute
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.target import is_one_of
 from liftgate_hil.judging.shown_verdict import line_of
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE
 from liftgate_hil.loop.listener import Listener
-from liftgate_hil.running.plan import plan_of
-from liftgate_hil.running.result import Result
-from liftgate_hil.running.run import execute
+from liftgate_hil.plan.plan import plan_of
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle_choice import OwnSeed, ParametersChoice, VehicleSettings
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.request import Duration, Rate
+from liftgate_hil.plan.request import Duration, Rate
 
 DESIGN, WORST, PROBABILITY = "design", "worst", "probability"  # kinds of campaigns
 METHODS = ("sobol", "lhs", "random")  # of sampling

@@ -25,8 +25,8 @@ from liftgate_hil.campaigns.store import Store
 from liftgate_hil.campaigns.trial import tried
 from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.plan.force_limits import force_limits_of
 from liftgate_hil.report.provenance import Provenance
-from liftgate_hil.running.force_limits import force_limits_of
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -14,7 +14,7 @@ from liftgate_hil.config.scenario import ScenarioFile
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.variant import AS_FILED, settings_for
 from liftgate_hil.config.vehicle import VehicleFile
-from liftgate_hil.running.setup import variant_of
+from liftgate_hil.plan.setup import variant_of
 
 
 def scenario_text(prepared: Prepared, values: Sequence[float], comment: str, folder: Path) -> str:

@@ -15,8 +15,8 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from liftgate_compiler.files import remove_leftovers, write_whole
 from liftgate_hil.errors import ConfigError, LiftgateError, words_of
-from liftgate_plant.compiler.files import remove_leftovers, write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -17,7 +17,7 @@ from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import ConfigError, LiftgateError, number_of, printable, with_unit
 from liftgate_hil.judging.verdict import ERROR
-from liftgate_hil.running.request import RunRequest
+from liftgate_hil.plan.request import RunRequest
 
 if TYPE_CHECKING:
     from liftgate_hil.campaigns.campaign import Progress as State

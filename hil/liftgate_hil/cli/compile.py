@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # Modules of all entry points of machine code, by their functions.
 _MODULES = {
     "run_realtime": "liftgate_hil.loop.realtime_loop",
-    "run_stretch": "liftgate_hil.loop.closed_loop",
+    "run_stretch": "liftgate_hil.loop.episode",
     "scheduled_tick": "liftgate_hil.loop.python_loop",
     "turn": "liftgate_hil.ecu.node",
     "block": "liftgate_hil.loop.simulation",
@@ -32,7 +32,7 @@ _MODULES = {
     "note_wakeups": "liftgate_hil.loop.wakeups",
     "put_lines": "liftgate_hil.formats.csv_text",
     "play": "liftgate_hil.playback.player",
-    "note_truths": "liftgate_hil.running.recording_trigger",
+    "note_truths": "liftgate_hil.plan.recording_trigger",
 }
 
 
@@ -43,10 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
+    import liftgate_compiler as compiler
     from liftgate_hil.cli.stopping import StopSignals
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.running.compilation import ENTRY_POINTS, reporting_compilation
-    from liftgate_plant import compiler
+    from liftgate_hil.drive.compilation import ENTRY_POINTS, reporting_compilation
 
     stopped, teller = StopSignals(), Teller(args.quiet)
     listener = _Compiling(teller, sum(not compiler.is_cached(function_of(name)) for name in _MODULES))
@@ -106,10 +106,10 @@ class _Compiling(Listener):
 
 def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
     """Compile the loops of a run: each clock, with an ECU in the process, a judge and a triggered recording."""
-    from liftgate_hil.running.job import Job
-    from liftgate_hil.running.plan import plan_of
-    from liftgate_hil.running.request import CLOCKS, RunRequest
-    from liftgate_hil.running.run import execute
+    from liftgate_hil.drive.run import execute
+    from liftgate_hil.plan.job import Job
+    from liftgate_hil.plan.plan import plan_of
+    from liftgate_hil.plan.request import CLOCKS, RunRequest
 
     with tempfile.TemporaryDirectory() as folder:
         scenario = Path(folder) / "scenario.toml"
@@ -128,8 +128,8 @@ def _offline(teller: Listener, stopped: Callable[[], bool]) -> None:
 
     from liftgate_hil.identification.trajectory import REST, trajectory
     from liftgate_hil.loop.simulation import blocks_of
-    from liftgate_hil.running.setup import setup_of
-    from liftgate_hil.running.stimulation import offline_of
+    from liftgate_hil.plan.setup import setup_of
+    from liftgate_hil.plan.stimulation import offline_of
     from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.initial import initial_state
     from liftgate_plant.rows import INPUT_COLUMNS
@@ -149,7 +149,7 @@ def _measurements(teller: Listener, stopped: Callable[[], bool]) -> None:
     from liftgate_hil.codec.frames import empty_frames
     from liftgate_hil.loop.wakeups import measure_wakeups
     from liftgate_hil.measurement.walk import events_in
-    from liftgate_hil.running.setup import rig_of, setup_of
+    from liftgate_hil.plan.setup import rig_of, setup_of
     from liftgate_hil.signals import BUS_OUTPUTS
 
     layout = rig_of(None, setup_of(None).scenario).output_config(sending=False)

@@ -119,7 +119,7 @@ def _source(args: argparse.Namespace) -> Live | RecordingSource | NoSource:
         with Teller(is_quiet=False).progress(f"reading {printable(args.recording)}"):
             return RecordingSource(Path(args.recording), args.rig, args.vehicle, reading_of(args))
     from liftgate_hil.dashboard.live import Live
-    from liftgate_hil.running.attachment.client import Client
+    from liftgate_hil.operate.attachment.client import Client
 
     try:
         return Live(Client(_chosen() if args.attach is None else args.attach, args.patience))
@@ -147,7 +147,7 @@ def _starter(args: argparse.Namespace) -> Starter | None:
 
 def _running() -> str:
     """Return in words which runs there are."""
-    from liftgate_hil.running.attachment import endpoint
+    from liftgate_hil.operate.attachment import endpoint
 
     found = ", ".join(map(str, endpoint.runs()))
     return f"running: {found}" if found else "none is running"
@@ -155,7 +155,7 @@ def _running() -> str:
 
 def _chosen() -> int:
     """Return the process id of the only run. Raises ConfigError where there is none, or several."""
-    from liftgate_hil.running.attachment import endpoint
+    from liftgate_hil.operate.attachment import endpoint
 
     found = endpoint.runs()
     if len(found) == 1:

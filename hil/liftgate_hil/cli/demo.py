@@ -26,10 +26,10 @@ from liftgate_hil.errors import ConfigError, number_of, printable
 from liftgate_hil.judging.verdict import FAIL, INCONCLUSIVE
 
 if TYPE_CHECKING:
+    from liftgate_hil.drive.result import Result
+    from liftgate_hil.plan.setup import Setup
     from liftgate_hil.report.pinch import PinchEvent
     from liftgate_hil.report.run_plot import DrawnObstacle
-    from liftgate_hil.running.result import Result
-    from liftgate_hil.running.setup import Setup
 
 _MOST_ROWS = 100_000  # rows of the picture, at most
 _USUAL_EVERY = 10  # of a run of unknown length, one row in so many is kept

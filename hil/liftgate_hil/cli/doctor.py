@@ -10,7 +10,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
-from liftgate_hil.running.request import RunRequest
+from liftgate_hil.plan.request import RunRequest
 
 if TYPE_CHECKING:
     from liftgate_hil.doctor.check import Check

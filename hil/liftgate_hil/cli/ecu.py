@@ -19,8 +19,8 @@ from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.processes.supervisor import supervise
-from liftgate_hil.running.request import RunRequest
+from liftgate_hil.isolate.supervisor import supervise
+from liftgate_hil.plan.request import RunRequest
 from liftgate_plant.coding import UNCODED, Coding
 
 if TYPE_CHECKING:
@@ -95,12 +95,12 @@ def run(args: argparse.Namespace) -> int:
     if is_foreign(args.ecu) and args.owns_process:
         supervise(allowed=_EXIT_CODES)
     stop = StopSignals()
+    from liftgate_compiler import GivenUpError
     from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.drive.compilation import reporting_compilation
     from liftgate_hil.ecu.find import adapter_for, is_library
     from liftgate_hil.errors import EcuError
-    from liftgate_hil.running.compilation import reporting_compilation
-    from liftgate_hil.running.setup import rig_of, scenario_from
-    from liftgate_plant.compiler import GivenUpError
+    from liftgate_hil.plan.setup import rig_of, scenario_from
 
     if args.ecu == ON_A_BUS:
         raise ConfigError("`ecu` bus: allowed here: reference, LIBRARY, MODULE:CLASS")
@@ -125,9 +125,9 @@ def _drive(
     args: argparse.Namespace, rig: Rig, scenario: Scenario, adapter: Adapter, stop: StopSignals, teller: Teller
 ) -> None:
     """Run the ECU until it is stopped, or the duration is over."""
+    from liftgate_hil.drive.notes import without_effect
     from liftgate_hil.ecu.peer import Peer
-    from liftgate_hil.running.notes import without_effect
-    from liftgate_hil.running.stimulation import alone
+    from liftgate_hil.plan.stimulation import alone
     from liftgate_hil.transport.find import find_way, open_transport
 
     way = find_way(options.wire_choice(args), rig)

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.running.compilation import reporting_compilation
+    from liftgate_hil.drive.compilation import reporting_compilation
 
     teller = Teller(args.quiet)
     with reporting_compilation(teller):

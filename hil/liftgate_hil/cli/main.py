@@ -174,7 +174,7 @@ def _command(argv: Sequence[str] | None) -> int:
             return error.exit_code
         return _error_code(argv)
     except RuntimeError as error:
-        from liftgate_plant.compiler import CompileError
+        from liftgate_compiler import CompileError
 
         if not isinstance(error, CompileError):
             raise

@@ -15,10 +15,10 @@ from liftgate_hil.config.kinds import Choice, Flag, Kind, Number, Paths, Whole
 from liftgate_hil.config.vehicle_choice import SetupChoice
 from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.errors import ConfigIssues
-from liftgate_hil.running.request import RunRequest
+from liftgate_hil.plan.request import RunRequest
 
 if TYPE_CHECKING:
-    from liftgate_hil.running.setup import Setup
+    from liftgate_hil.plan.setup import Setup
 
 MACHINE = ("realtime", "cpu")  # options about what the program requests of the machine
 LISTEN = "127.0.0.1:8765"
@@ -138,7 +138,7 @@ def given_in(args: argparse.Namespace, record: type[Record]) -> dict[str, Any]:
 
 def setup_of(args: argparse.Namespace) -> Setup:
     """Return the setup from the flags of a run. Raises ConfigError."""
-    from liftgate_hil.running.setup import setup_for
+    from liftgate_hil.plan.setup import setup_for
 
     return setup_for(SetupChoice.of(**given_in(args, SetupChoice)))
 

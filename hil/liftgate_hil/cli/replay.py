@@ -32,11 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()
+    from liftgate_compiler import GivenUpError
     from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.drive.compilation import reporting_compilation
     from liftgate_hil.errors import LiftgateError
     from liftgate_hil.playback.replay import NotingRelay, player_for, summed_up
-    from liftgate_hil.running.compilation import reporting_compilation
-    from liftgate_plant.compiler import GivenUpError
 
     request = ReplayRequest.of(**given_in(args, ReplayRequest))
     teller = Teller(args.quiet, args.json)

@@ -17,7 +17,7 @@ from liftgate_hil.cli import options
 from liftgate_hil.config.files import is_there
 from liftgate_hil.config.vehicle_choice import VehicleChoice
 from liftgate_hil.errors import ConfigError, printable
-from liftgate_hil.running.request import RunRequest
+from liftgate_hil.plan.request import RunRequest
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
@@ -63,7 +63,7 @@ def _check(args: argparse.Namespace) -> int:
     from liftgate_hil.config.rig_fit import check_fit, notes_on_fit
     from liftgate_hil.config.rig_table import asked_by, injected_by, mapped_messages, protected_besides
     from liftgate_hil.config.shipped import find_config
-    from liftgate_hil.running.setup import vehicle_from
+    from liftgate_hil.plan.setup import vehicle_from
 
     path = find_config("rigs", args.file, "FILE")
     choice = VehicleChoice.of(**options.given_in(args, VehicleChoice))
@@ -185,10 +185,10 @@ def _cells(signal: MappedSignal) -> tuple[str, ...]:
 
 
 def _draft(args: argparse.Namespace) -> int:
+    from liftgate_compiler.files import write_whole
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.config.database import database_file
     from liftgate_hil.config.drafting.draft import draft_rig
-    from liftgate_plant.compiler.files import write_whole
 
     database = database_file(args.database).path
     beside = database.with_suffix(".toml") if database.name else database / "rig.toml"

@@ -20,8 +20,8 @@ from liftgate_hil.judging.verdict import ERROR, GIVEN_UP
 
 if TYPE_CHECKING:
     from liftgate_hil.config.wire_choice import WireChoice
+    from liftgate_hil.drive.result import Result
     from liftgate_hil.report.provenance import Provenance
-    from liftgate_hil.running.result import Result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

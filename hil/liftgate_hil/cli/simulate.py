@@ -33,12 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()  # stops between two blocks; what has been simulated is written
+    from liftgate_compiler import GivenUpError
     from liftgate_hil.cli.progress import Progress
     from liftgate_hil.cli.screen import Screen
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.running.compilation import reporting_compilation
+    from liftgate_hil.drive.compilation import reporting_compilation
     from liftgate_hil.simulation.simulate import simulated
-    from liftgate_plant.compiler import GivenUpError
 
     request = SimulateRequest.of(**given_in(args, SimulateRequest))
     if str(request.output or _STDOUT) == _STDOUT:

@@ -21,9 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.drive.compilation import reporting_compilation
     from liftgate_hil.identification.commands import validation_of, write_validation
     from liftgate_hil.identification.reporting.text import validation_text
-    from liftgate_hil.running.compilation import reporting_compilation
 
     request = ValidateRequest.of(**given_in(args, ValidateRequest))
     teller = Teller(args.quiet)

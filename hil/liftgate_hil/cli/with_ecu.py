@@ -23,18 +23,18 @@ from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, EcuError
+from liftgate_hil.isolate.children import end, foreign_output
+from liftgate_hil.isolate.supervisor import dies_with_parent
 from liftgate_hil.judging.verdict import ERROR
 from liftgate_hil.loop.priority import has_fifo
-from liftgate_hil.running.processes.children import end, foreign_output
-from liftgate_hil.running.processes.supervisor import dies_with_parent
 
 if TYPE_CHECKING:
     from liftgate_hil.config.wire_choice import WireChoice
+    from liftgate_hil.drive.result import Result
     from liftgate_hil.ecu.events import Event
     from liftgate_hil.loop.listener import Listener
-    from liftgate_hil.running.job import Job
-    from liftgate_hil.running.plan import Plan
-    from liftgate_hil.running.result import Result
+    from liftgate_hil.plan.job import Job
+    from liftgate_hil.plan.plan import Plan
     from liftgate_plant.vehicle import Vehicle
 
 _USAGE = 2  # exit code for wrong usage or configuration
@@ -61,8 +61,8 @@ def run_loop(
     """
     from liftgate_hil.config.after_the_end import stimuli_after
     from liftgate_hil.config.rig_fit import notes_on_fit
-    from liftgate_hil.running.plan import plan_of
-    from liftgate_hil.running.run import execute
+    from liftgate_hil.drive.run import execute
+    from liftgate_hil.plan.plan import plan_of
 
     teller = Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}")
     job = _job_of(args, exit_codes, wire, trace, gives_up_late, teller)
@@ -98,12 +98,12 @@ def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) ->
     The ECU gets its requests by its own clock, so that no precondition is possible. Its machine code is compiled
     before, so that the run does not begin without it.
     """
+    from liftgate_compiler import GivenUpError
+    from liftgate_hil.drive.compilation import reporting_compilation
+    from liftgate_hil.drive.run import execute
     from liftgate_hil.ecu.adapter import Adapter
     from liftgate_hil.ecu.peer import machine_code
     from liftgate_hil.loop.listener import Relay
-    from liftgate_hil.running.compilation import reporting_compilation
-    from liftgate_hil.running.run import execute
-    from liftgate_plant.compiler import GivenUpError
 
     with contextlib.suppress(GivenUpError), reporting_compilation(plan.job.listener, stopped):
         machine_code(Adapter(plan.rig, plan.setup.vehicle.drives))
@@ -131,7 +131,7 @@ def _job_of(
     teller: Teller,
 ) -> Job:
     from liftgate_hil.ecu.find import is_foreign
-    from liftgate_hil.running.job import Job
+    from liftgate_hil.plan.job import Job
 
     return Job(
         options.run_request(args),

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant.compiler import compilable, outlined
+from liftgate_compiler import compilable, outlined
 
 UNSIGNED, SIGNED, FLOAT32, FLOAT64 = 0, 1, 2, 3
 

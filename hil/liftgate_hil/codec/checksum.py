@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.bits import extract_long, insert_long, place_at
 from liftgate_hil.codec.crc import crc8_byte
 from liftgate_hil.codec.e2e import profile_1, profile_2, profile_5
 from liftgate_hil.codec.rocksoft import rocksoft
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_plant.compiler import compilable, outlined
 
 NONE, CRC8_SAE_J1850, XOR8, SUM8, E2E_P01, E2E_P02, E2E_P05, OWN = range(8)
 KINDS = {"none": NONE, "crc8-sae-j1850": CRC8_SAE_J1850, "xor8": XOR8, "sum8": SUM8}

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from liftgate_plant.compiler import compilable, outlined
+from liftgate_compiler import compilable, outlined
 
 MOST_VALUES = 1 << 48  # keeps the intermediate products of `product` within 64 bits
 _DIGIT = 12  # bits that `product` processes at a time

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 FD, BRS, ESI = 0x100000000, 0x200000000, 0x400000000

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.bits import extract_long, place_at, read_number
 from liftgate_hil.codec.checksum import checksum_in, expected_checksum
 from liftgate_hil.codec.counter import turn_of, value_at
@@ -33,7 +34,6 @@ from liftgate_hil.codec.refusals import (
     note_outcome,
 )
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_plant.compiler import compilable, outlined
 
 FOREIGN_SLOTS = 4096
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 
 # Causes, in the order of receive.Counts' fields.
 (

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.bits import extract_long, joined, place_at
 from liftgate_hil.codec.tables import MOST_COVERED
-from liftgate_plant.compiler import compilable, outlined
 
 PAYLOAD, IDENTIFIER, COUNTER, DATA_ID = range(4)
 PARTS = {"payload": PAYLOAD, "identifier": IDENTIFIER, "counter": COUNTER, "data_id": DATA_ID}

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.bits import FLOAT32, insert_long, place_at, write_number
 from liftgate_hil.codec.checksum import put_checksum
 from liftgate_hil.codec.counter import value_at
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_plant.compiler import compilable, outlined
 
 
 @compilable

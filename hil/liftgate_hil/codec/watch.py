@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable
 from liftgate_hil.codec.bus_config import tables_named
 from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE
 from liftgate_hil.codec.receive import find_message, physical_of, selected
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.errors import ConfigIssues
-from liftgate_plant.compiler import compilable
 
 if TYPE_CHECKING:
     from cantools.database.can import Message

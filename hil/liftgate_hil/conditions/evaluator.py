@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.conditions.condition import (
     ABS,
     ADD,
@@ -32,7 +33,6 @@ from liftgate_hil.conditions.condition import (
     Condition,
 )
 from liftgate_hil.signals import COLUMN_PLACE
-from liftgate_plant.compiler import compilable, outlined
 
 # Used in tables only: compares a column with a number in one pass over the rows; the comparison's code is added.
 _COMPARED_COLUMN = 32

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from liftgate_compiler.files import write_whole
 from liftgate_hil.config.shipped import c_headers, data_root, ecu_sources
 from liftgate_hil.errors import ConfigError
-from liftgate_plant.compiler.files import write_whole
 
 # Name in the new folder: the shipped file that is copied. The rig finds its database beside itself by this name.
 _FILES = {

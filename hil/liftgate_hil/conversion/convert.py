@@ -11,6 +11,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler.files import remove_leftovers, whole_file
 from liftgate_hil.codec.frames import ERROR
 from liftgate_hil.config.described import command
 from liftgate_hil.config.units import headed_unit
@@ -27,7 +28,6 @@ from liftgate_hil.formats.suffixes import FORMATS, RECORDED, TABLES, WITH_FRAMES
 from liftgate_hil.formats.target import is_one_of, is_special, set_aside, why
 from liftgate_hil.formats.writer import Writer
 from liftgate_hil.signals import COLUMNS
-from liftgate_plant.compiler.files import remove_leftovers, whole_file
 
 # Formats whose error frames have neither class nor data: they hold those alone that state none either.
 _SHOWN = 3  # units that a note lists

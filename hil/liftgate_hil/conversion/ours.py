@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.setup import rig_from
+from liftgate_hil.plan.setup import rig_from
 from liftgate_hil.signals import OUTPUT_COLUMNS
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from liftgate_hil.conversion.table import files_of, open_whole, window_of
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.recording import read_options
-from liftgate_hil.running.recorded_setup import RecordedSetup, recorded_setup
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.recorded_setup import RecordedSetup, recorded_setup
+from liftgate_hil.plan.setup import vehicle_from
 
 _VEHICLE = "suv"  # where neither the request nor the recording names one
 

@@ -18,7 +18,7 @@ from liftgate_hil.conversion.decode import Decoder, seen_in
 from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
 from liftgate_hil.formats.open import open_recording
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
-from liftgate_hil.running.recorded_setup import recorded_setup
+from liftgate_hil.plan.recorded_setup import recorded_setup
 
 if TYPE_CHECKING:
     from cantools.database.can import Message

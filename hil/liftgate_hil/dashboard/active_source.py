@@ -13,7 +13,7 @@ from liftgate_hil.dashboard.recorded import RecordingSource
 from liftgate_hil.dashboard.source import JsonObject, NoSource
 from liftgate_hil.dashboard.starting import Starter
 from liftgate_hil.dashboard.streaming import PERIOD_S, Viewers
-from liftgate_hil.running.attachment.client import Client
+from liftgate_hil.operate.attachment.client import Client
 
 _IDLE_S = 0.25  # s between two reads where nobody has the page open
 _NOW_AND_THEN = 6  # periods between two lists of the messages on the bus

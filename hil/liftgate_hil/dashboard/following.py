@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.attachment import endpoint
-from liftgate_hil.running.attachment.client import Client
+from liftgate_hil.operate.attachment import endpoint
+from liftgate_hil.operate.attachment.client import Client
 
 
 class Following:

@@ -27,8 +27,8 @@ from liftgate_hil.errors import RunGoneError
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import bars, distribution
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, RingReader
-from liftgate_hil.running.attachment.client import Client
-from liftgate_hil.running.attachment.phase import COMPILING, ENDED, LATE
+from liftgate_hil.operate.attachment.client import Client
+from liftgate_hil.operate.attachment.phase import COMPILING, ENDED, LATE
 from liftgate_hil.signals import COLUMN_PLACE, Bench
 
 _HISTORY_S = 60.0  # s of history that a page opened later is shown

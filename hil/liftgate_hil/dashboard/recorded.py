@@ -25,11 +25,11 @@ from liftgate_hil.dashboard.source import (
 )
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
-from liftgate_hil.running.attachment.description import expectations_of, limits_of
-from liftgate_hil.running.attachment.geometry import geometry_of
-from liftgate_hil.running.fault_columns import INJECTED
-from liftgate_hil.running.recorded_setup import RecordedSetup
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.operate.attachment.description import expectations_of, limits_of
+from liftgate_hil.operate.attachment.geometry import geometry_of
+from liftgate_hil.plan.fault_columns import INJECTED
+from liftgate_hil.plan.recorded_setup import RecordedSetup
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_hil.signals import Bench
 
 _MOST_VALUES = 30_000_000  # that are kept, 240 MB

@@ -17,10 +17,10 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.dashboard.scenarios import Scenarios
 from liftgate_hil.dashboard.source import JsonObject
 from liftgate_hil.errors import ConfigError, RunGoneError
+from liftgate_hil.isolate.children import end
+from liftgate_hil.isolate.supervisor import dies_with_parent
 from liftgate_hil.judging.verdict import PASS
-from liftgate_hil.running.attachment.client import Client
-from liftgate_hil.running.processes.children import end
-from liftgate_hil.running.processes.supervisor import dies_with_parent
+from liftgate_hil.operate.attachment.client import Client
 
 _BEGIN_S = 600.0  # s until a run can be attached to: it may have to be compiled before
 _LEAVE_S = 5.0  # s for the process of a run that has ended

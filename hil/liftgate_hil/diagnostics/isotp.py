@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.frames import Frames
-from liftgate_plant.compiler import compilable, outlined
 
 LONGEST = 4095  # bytes: the largest value of the twelve bits of a first frame's FF_DL
 MOST_SPOKEN = 2  # frames per tick: one of flow control, one with data

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.frames import MAX_BYTES, Frames, empty_frames
 from liftgate_hil.diagnostics import isotp
 from liftgate_hil.diagnostics.isotp import MOST_SPOKEN, Link, message_in, new_link
 from liftgate_hil.diagnostics.services import CLEAR
-from liftgate_plant.compiler import compilable, outlined
 
 STATUS_MASK = 0x09  # testFailed and confirmedDTC: failing now, or failed and stored
 MOST = 2048  # frames per tick besides its own; more leave no room for these

@@ -9,12 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated
 
+import liftgate_compiler as compiler
 from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.doctor import buses, limits, machine, software, timing
 from liftgate_hil.doctor.check import ROOT, Check
 from liftgate_hil.loop.histogram import Distribution
 from liftgate_hil.loop.priority import Realtime
-from liftgate_plant import compiler
 
 
 @dataclass

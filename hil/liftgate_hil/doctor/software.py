@@ -8,9 +8,9 @@ from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 
+import liftgate_compiler as compiler
 from liftgate_hil.doctor.check import Check
 from liftgate_hil.version import PACKAGES
-from liftgate_plant import compiler
 
 WARM = "liftgate-hil compile"
 

@@ -63,16 +63,16 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
     """Measure the time of a tick in a real run of the shipped vehicle without a bus: paced, with cold caches."""
     import numpy as np
 
+    from liftgate_compiler import compiled
     from liftgate_hil.loop import realtime_loop
     from liftgate_hil.loop.histogram import distribution
     from liftgate_hil.loop.realtime_run import memory_for
     from liftgate_hil.loop.rings import EXECUTION
     from liftgate_hil.loop.tick import constants_in, copied, initial_loop
     from liftgate_hil.loop.wakeups import in_own_thread
-    from liftgate_hil.running.loop_start import loop_config_of
-    from liftgate_hil.running.setup import rig_from, vehicle_from
+    from liftgate_hil.plan.loop_start import loop_config_of
+    from liftgate_hil.plan.setup import rig_from, vehicle_from
     from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
-    from liftgate_plant.compiler import compiled
     from liftgate_plant.initial import initial_state
 
     config = loop_config_of(vehicle_from("suv"), rig_from("liftgate"), rate, 0)

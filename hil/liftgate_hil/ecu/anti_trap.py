@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from liftgate_compiler import compilable
 from liftgate_hil.ecu.calibration import BINS, FINE, FINE_FROM, FINE_TO
 from liftgate_hil.ecu.events import NO_VERDICT, Verdict
 from liftgate_hil.ecu.memory import Constants
-from liftgate_plant.compiler import compilable
 
 
 @compilable

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.bus_config import tables_named
 from liftgate_hil.codec.frames import FD_FLAGS, Frames
 from liftgate_hil.codec.receive import NO_COUNTS, Reception, find_message, nothing_received, receive
@@ -14,7 +15,6 @@ from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.ecu.memory import NO_REQUEST
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.requests import ACTIONS, BUTTONS
-from liftgate_plant.compiler import compilable, outlined
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from liftgate_compiler import compilable
 from liftgate_hil.ecu import events
 from liftgate_hil.ecu.anti_trap import learn
 from liftgate_hil.ecu.events import NO_VERDICT, note_event
@@ -34,7 +35,6 @@ from liftgate_hil.ecu.motion_profile import want, wanted_speed
 from liftgate_hil.ecu.position import gone, mean_speed, position_of, take_zero
 from liftgate_hil.ecu.speed_control import controlled_duty, measure_speed
 from liftgate_hil.ecu.states import SILENT, begin_motion, enter, is_moving
-from liftgate_plant.compiler import compilable
 
 _UNBRAKED = -1.0  # in place of the time until which to brake: the bridges stay off
 

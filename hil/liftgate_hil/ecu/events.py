@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.ecu.memory import EVENTS, Memory
 from liftgate_hil.ecu.status import begin_tests, end_tests, fail, has_failed
-from liftgate_plant.compiler import compilable, outlined
 
 (
     STOPPED_BY_DRIVER,

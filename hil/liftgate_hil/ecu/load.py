@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from liftgate_compiler import compilable
 from liftgate_hil.ecu.memory import MAX_WINDOW, Constants
-from liftgate_plant.compiler import compilable
 
 
 @compilable

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable
 from liftgate_hil.ecu.calibration import BINS, Calibration
 from liftgate_hil.ecu.status import new_statuses
 from liftgate_hil.signals import INPUT_COUNT
-from liftgate_plant.compiler import compilable
 
 Words = NDArray[np.uint64]
 

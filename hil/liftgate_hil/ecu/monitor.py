@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from liftgate_compiler import compilable
 from liftgate_hil.ecu import events
 from liftgate_hil.ecu.memory import Constants, Memory
-from liftgate_plant.compiler import compilable
 
 SOUND = -1  # no event
 

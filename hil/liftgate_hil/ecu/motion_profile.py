@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
+from liftgate_compiler import compilable
 from liftgate_hil.ecu.calibration import PLACES
 from liftgate_hil.ecu.memory import CLOSING, Constants, Memory
 from liftgate_hil.ecu.position import position_of
-from liftgate_plant.compiler import compilable
 
 
 @compilable

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from liftgate_compiler import compilable
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.ecu import reference
 from liftgate_hil.ecu.reference import EcuConfig, EcuState
 from liftgate_hil.ecu.wire import Port, PortState, call_port, request_of_port
 from liftgate_hil.stimuli.moments import Moments
 from liftgate_hil.stimuli.requests import RESET, Requests, first_open, is_due, note_made
-from liftgate_plant.compiler import compilable
 
 # Kinds of ECU; NO_ECU: the frames in `port.sent` go to the gate, and nothing replies.
 NO_ECU, REFERENCE, PORT = 0, 1, 2

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from liftgate_compiler import compiled
 from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE, empty_frames
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.node import NO_ECU, REFERENCE, ask, turn
 from liftgate_hil.errors import EcuError
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request, by_the_clock
-from liftgate_plant.compiler import compiled
 
 if TYPE_CHECKING:
     from liftgate_hil.codec.frames import Frames

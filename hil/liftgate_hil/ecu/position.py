@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from liftgate_compiler import compilable
 from liftgate_hil.ecu.memory import CLOSING, Constants, Memory
-from liftgate_plant.compiler import compilable
 
 
 @compilable

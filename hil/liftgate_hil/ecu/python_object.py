@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from liftgate_compiler import INT_OF_LONG_INT, INT_OF_STEP
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.ecu.node import PORT
 from liftgate_hil.errors import ConfigError, EcuError, place_of, shown, text_of
 from liftgate_hil.stimuli.requests import ACTIONS
-from liftgate_plant.compiler import INT_OF_LONG_INT, INT_OF_STEP
 
 if TYPE_CHECKING:
     import can

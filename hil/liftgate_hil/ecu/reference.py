@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
@@ -28,7 +29,6 @@ from liftgate_hil.ecu.memory import NO_REQUEST, Constants, Memory, constants_of,
 from liftgate_hil.ecu.states import is_moving
 from liftgate_hil.ecu.wire import next_time
 from liftgate_hil.signals import IN, OUT, OUTPUT_COUNT
-from liftgate_plant.compiler import compilable
 
 _COAST, _OPEN, _CLOSE, _BRAKE = 0.0, 1.0, 2.0, 3.0
 _NOMINAL_V = 12.0  # used where the bus does not carry the terminal voltage

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from liftgate_compiler import compilable
 from liftgate_hil.ecu.anti_trap import begin_run
 from liftgate_hil.ecu.events import Verdict, note_event
 from liftgate_hil.ecu.memory import CLOSING, OPENING, REVERSING, STOPPED, Constants, Memory
 from liftgate_hil.ecu.monitor import begin_monitoring
-from liftgate_plant.compiler import compilable
 
 SILENT = -1  # no event
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 
 FAILED, FAILED_THIS_CYCLE, PENDING, CONFIRMED = 0x01, 0x02, 0x04, 0x08
 NOT_DONE_SINCE_CLEAR, FAILED_SINCE_CLEAR, NOT_DONE_THIS_CYCLE = 0x10, 0x20, 0x40

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from liftgate_compiler import call_long_int, call_step, compilable
 from liftgate_hil.codec.frames import EXTENDED, FRAME_FD, Frames, empty_frames, frame_flags, with_frame_flags
-from liftgate_plant.compiler import call_long_int, call_step, compilable
 
 # struct liftgate_frame; `flags` and `data` are renamed, since numpy records have attributes of these names.
 FRAME = np.dtype([("id", "u4"), ("length", "u1"), ("format", "u1"), ("payload", "u1", (64,))], align=True)

@@ -15,8 +15,8 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, compiled, put_text
 from liftgate_hil.signals import COLUMNS
-from liftgate_plant.compiler import compilable, compiled, put_text
 from liftgate_plant.signals import Signal
 
 _OPEN, _CLOSE, _COMMA, _MINUS, _ZERO = (ord(each) for each in "[],-0")

@@ -13,9 +13,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from liftgate_compiler.files import close, lock, rename_new
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.ours import is_ours
-from liftgate_plant.compiler.files import close, lock, rename_new
 
 _WORDS = {errno.ENXIO: "a pipe without a reader", errno.EISDIR: "is a folder"}
 

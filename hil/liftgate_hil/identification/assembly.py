@@ -19,7 +19,7 @@ from liftgate_hil.identification.raster import thinned
 from liftgate_hil.identification.request import OUTPUT_KINDS, MeasuredRequest
 from liftgate_hil.identification.trajectory import OUTPUTS
 from liftgate_hil.measurement.measurement import Measurement
-from liftgate_hil.running.setup import angle_from
+from liftgate_hil.plan.setup import angle_from
 from liftgate_plant.friction_profile import is_the_law
 from liftgate_plant.vehicle import Vehicle
 

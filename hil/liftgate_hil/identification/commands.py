@@ -40,9 +40,9 @@ from liftgate_hil.identification.result import Identification, Validation
 from liftgate_hil.identification.saved_vehicle import vehicle_text_of
 from liftgate_hil.identification.sought import sought_of
 from liftgate_hil.identification.sources import inputs_of
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_hil.report.files import check_targets, put_report, write_report
 from liftgate_hil.report.provenance import provenance_of
-from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle
 
 _RATE = 1000.0  # Hz of a planned experiment

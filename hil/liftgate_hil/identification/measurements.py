@@ -19,7 +19,7 @@ from liftgate_hil.measurement.known_vehicle import angle_of_position, known_of
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.measurement.measurement import Measurement
 from liftgate_hil.measurement.read import read_measurement
-from liftgate_hil.running.setup import rig_from
+from liftgate_hil.plan.setup import rig_from
 from liftgate_plant import gate
 from liftgate_plant.rows import surroundings_of
 from liftgate_plant.vehicle import Vehicle, load_of

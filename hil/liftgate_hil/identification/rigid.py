@@ -19,8 +19,8 @@ from __future__ import annotations
 
 import math
 
+from liftgate_compiler import compilable
 from liftgate_plant import dynamics, electrics, friction, gate, transmission
-from liftgate_plant.compiler import compilable
 from liftgate_plant.current import NO_SWITCHING, CurrentPath
 from liftgate_plant.drive_step import path_in, warmed
 from liftgate_plant.dynamics import Drive, DriveState, Inputs, Load, Plant, State

@@ -16,7 +16,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.identification.measurements import files_of
 from liftgate_hil.identification.request import IdentifyRequest
 from liftgate_hil.identification.result import Identification
-from liftgate_hil.running.setup import variant_of
+from liftgate_hil.plan.setup import variant_of
 
 
 def vehicle_text_of(request: IdentifyRequest, result: Identification) -> str:

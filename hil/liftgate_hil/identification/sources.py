@@ -10,7 +10,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.identification.measurements import files_of
 from liftgate_hil.identification.request import MeasuredRequest, ModelChoice, ValidateRequest
 from liftgate_hil.measurement.read import needs_rig
-from liftgate_hil.running.setup import rig_from
+from liftgate_hil.plan.setup import rig_from
 
 
 def inputs_of(request: ModelChoice) -> dict[str, Path]:

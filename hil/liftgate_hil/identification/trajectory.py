@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, compiled, fill, picked
 from liftgate_hil.identification import rigid
 from liftgate_hil.identification.workers import check_wanted
 from liftgate_plant import dynamics, gate, initial, integrate
-from liftgate_plant.compiler import compilable, compiled, fill, picked
 from liftgate_plant.dynamics import NOMINAL, DriveState, Load, Plant, State
 from liftgate_plant.latch import Claw, LatchState, at_first
 from liftgate_plant.rows import inputs_of

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compiled
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.conditions.evaluator import Work
 from liftgate_hil.diagnostics.answers import Answers
@@ -23,7 +24,6 @@ from liftgate_hil.judging.table import SLACK, Progress, judge_block
 from liftgate_hil.judging.timeliness import Timeliness
 from liftgate_hil.judging.verdict import DIRECT, ERROR, FAIL, INCONCLUSIVE, PASS, PENDING, Verdict
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
-from liftgate_plant.compiler import compiled
 
 _NO_MARKS = np.zeros(0, dtype=np.int64)
 _TIME = COLUMN_PLACE["time_s"]

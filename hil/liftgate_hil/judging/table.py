@@ -12,11 +12,11 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.watch import watch
 from liftgate_hil.conditions.evaluator import Conditions, Work, evaluate
 from liftgate_hil.signals import COLUMN_PLACE
-from liftgate_plant.compiler import compilable
 
 ALWAYS, EVENTUALLY = 0, 1
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compiled
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.codec.watch import signal_unit
 from liftgate_hil.conditions.condition import COLUMN, SIGNAL, unit_of_column
@@ -22,7 +23,6 @@ from liftgate_hil.judging.expected import Expected, tables_of
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.table import BLOCK, judge_block
 from liftgate_hil.signals import COLUMN_PLACE
-from liftgate_plant.compiler import compiled
 
 Floats = NDArray[np.float64]
 

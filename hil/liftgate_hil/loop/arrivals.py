@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable
 from liftgate_hil.codec.frames import FD_FLAGS, Frames
-from liftgate_plant.compiler import compilable
 
 
 @compilable

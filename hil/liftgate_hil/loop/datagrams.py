@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import System, compilable, last_error
 from liftgate_hil.codec.frames import CANFD_FDF, FD, Frames, canfd_flags, with_canfd_flags
 from liftgate_hil.stimuli.bus_fault_tables import MOST
-from liftgate_plant.compiler import System, compilable, last_error
 
 POSSIBLE = sys.platform == "linux" and sys.maxsize > 2**32 and sys.byteorder == "little"
 

@@ -11,8 +11,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable
 from liftgate_hil.described_result import Shown
-from liftgate_plant.compiler import compilable
 
 _FINE = 64
 _OCTAVES = 36  # up to 73 minutes

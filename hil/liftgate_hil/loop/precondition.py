@@ -17,7 +17,7 @@ from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.diagnostics.tester import quiet
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.errors import EcuError, PreconditionError
-from liftgate_hil.loop.closed_loop import Episode
+from liftgate_hil.loop.episode import Episode
 from liftgate_hil.loop.tick import LoopConfig, LoopState
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.moments import Instant, Sheet

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, compiled
 from liftgate_hil.codec.frames import Frames, empty_frames, logged
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.advance import advance
@@ -19,7 +20,6 @@ from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, in_force
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH, Bench
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, turns
 from liftgate_hil.transport.base import Transport, drained
-from liftgate_plant.compiler import compilable, compiled
 
 _DIVERGED = ("time_s", "gate_angle_deg", "left_current_a")  # reported where the plant diverges
 

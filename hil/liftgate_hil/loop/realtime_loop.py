@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import System, compilable, outlined
 from liftgate_hil.codec.frames import ERROR, Frames, empty_frames
 from liftgate_hil.codec.receive import backdate, is_stale
 from liftgate_hil.codec.tables import BusConfig
@@ -32,7 +33,6 @@ from liftgate_hil.loop.tick import LoopConfig, LoopState, in_force
 from liftgate_hil.signals import Bench
 from liftgate_hil.stimuli.bus_faults import restamp
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, turns
-from liftgate_plant.compiler import System, compilable, outlined
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
 

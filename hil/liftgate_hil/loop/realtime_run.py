@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from liftgate_compiler import compiled
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop import realtime_loop
@@ -33,7 +34,6 @@ from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
 from liftgate_hil.stimuli.command_queue import post_values
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_hil.transport.base import Line, LinkCounts
-from liftgate_plant.compiler import compiled
 
 _WATCH = 0.02  # s between two looks at the wire
 _PEERS = 0.001  # s between two turns of a peer

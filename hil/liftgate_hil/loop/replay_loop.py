@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.loop.datagrams import BATCH
 from liftgate_hil.loop.histogram import note
 from liftgate_hil.loop.realtime_loop import Room, clock_ns, receive, send, wait_until
 from liftgate_hil.loop.rings import LATENESS, Shared
-from liftgate_plant.compiler import compilable
 
 PLACES = 1 << 18  # frames that the ring holds: a minute of a full bus at 500 kbit/s
 

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable
 from liftgate_hil.codec.frames import LOGGED, Frames, bits_of
 from liftgate_hil.loop.histogram import BINS
 from liftgate_hil.signals import ROW_WIDTH
-from liftgate_plant.compiler import compilable
 
 CONTROL = np.dtype(
     [

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import all_finite, compilable, fill
 from liftgate_hil.signals import COLUMN_ROWS, Bench
-from liftgate_plant.compiler import all_finite, compilable, fill
 from liftgate_plant.signals import CURRENT, GATE_ANGLE, GATE_RATE, POSITION, SPEED, Sensed, Truth
 
 _MOST_CURRENT, _MOST_SPEED, _MOST_TURNS = CURRENT.high, SPEED.high, POSITION.high

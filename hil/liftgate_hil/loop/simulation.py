@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, compiled, unflattened
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.energy_watch import MOST, EnergyWatch
@@ -20,7 +21,6 @@ from liftgate_hil.stimuli.samples import Samples
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, note_tick, turns
 from liftgate_hil.stimuli.timeline import obstacle_at, profiles_over, supply_rise_over
 from liftgate_plant import dynamics, integrate, sensors
-from liftgate_plant.compiler import compilable, compiled, unflattened
 from liftgate_plant.constants import Constants
 from liftgate_plant.dynamics import Inputs, State, angle_at
 from liftgate_plant.edge_ring import RING_SIZE, edges_after

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, fill, overlay, picked, unflattened
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.codec.receive import (
     NO_COUNTS,
@@ -44,7 +45,6 @@ from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.outside import Outside
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_input
-from liftgate_plant.compiler import compilable, fill, overlay, picked, unflattened
 from liftgate_plant.constants import Constants
 from liftgate_plant.dynamics import Inputs, Load, Plant, State, angle_at
 from liftgate_plant.faults import Faults

@@ -9,10 +9,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, compiled
 from liftgate_hil.loop.histogram import BINS, Distribution, distribution, note
 from liftgate_hil.loop.priority import Realtime, prepare_thread
 from liftgate_hil.loop.realtime_loop import Room, clock_ns, make_room, wait_until
-from liftgate_plant.compiler import compilable, compiled
 
 _MONOTONIC = 1  # clock
 # Half the shipped rig's command cycle, the default of a scenario's `timing_tolerance_s`.

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, compiled
 from liftgate_hil.codec.e2e import check_state
 from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE, Frames
 from liftgate_hil.codec.receive import (
@@ -23,7 +24,6 @@ from liftgate_hil.codec.receive import (
 from liftgate_hil.codec.refusals import ACCEPTED, OUT_OF_RANGE
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.measurement.measurement import Floats
-from liftgate_plant.compiler import compilable, compiled
 
 Integers = NDArray[np.int64]
 

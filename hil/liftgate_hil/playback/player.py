@@ -18,6 +18,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compiled
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.errors import ConfigError, LiftgateError
@@ -35,7 +36,6 @@ from liftgate_hil.playback.selection import Course, Selection, has_sent, playabl
 from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.transport.base import Line, LinkCounts, Transport
 from liftgate_hil.transport.find import Way, open_line
-from liftgate_plant.compiler import compiled
 
 _WATCH_S = 0.05  # between two checks of the wire
 _SWITCH_S = 0.0005  # time this thread keeps the interpreter lock while a pump's thread waits

@@ -11,7 +11,7 @@ from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import WITH_FRAMES
-from liftgate_hil.running.request import AskForRealtime
+from liftgate_hil.plan.request import AskForRealtime
 
 DIRECTIONS = ("sent", "received", "both")
 _TIME = Number(-1e9, 1e9, "s")

@@ -10,11 +10,11 @@ import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from liftgate_compiler.files import remove_leftovers, whole_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.target import is_one_of, set_aside
 from liftgate_hil.report.ours import holds_form, is_ours
-from liftgate_plant.compiler.files import remove_leftovers, whole_file
 
 # Suffixes of the files that a report may take the place of.
 _KINDS = {

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Annotated
 
+import liftgate_compiler as compiler
 from liftgate_hil.config.sources import Source
 from liftgate_hil.described_result import Result, Shown
 from liftgate_hil.version import versions
-from liftgate_plant import compiler
 
 # https://reproducible-builds.org/specs/source-date-epoch/: seconds since 1970 that stand for "now".
 _EPOCH = "SOURCE_DATE_EPOCH"

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.drive.result import Result as RunResult
 from liftgate_hil.report.pinch import PinchEvent
 from liftgate_hil.report.provenance import Provenance
-from liftgate_hil.running.result import Result as RunResult
 
 
 # fmt: off

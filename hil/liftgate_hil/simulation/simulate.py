@@ -28,10 +28,10 @@ from liftgate_hil.formats.target import check_no_input, is_one_of
 from liftgate_hil.loop.simulation import Block, blocks_of
 from liftgate_hil.measurement.input_file import read_samples
 from liftgate_hil.measurement.mapping import parse_maps
-from liftgate_hil.running.fault_columns import fault_columns_of
-from liftgate_hil.running.provenance import origin_offline
-from liftgate_hil.running.setup import Setup, setup_for
-from liftgate_hil.running.stimulation import offline_of
+from liftgate_hil.plan.fault_columns import fault_columns_of
+from liftgate_hil.plan.provenance import origin_offline
+from liftgate_hil.plan.setup import Setup, setup_for
+from liftgate_hil.plan.stimulation import offline_of
 from liftgate_hil.signals import COLUMN_PLACE, columns_of
 from liftgate_hil.simulation.request import SimulateRequest
 from liftgate_hil.stimuli.samples import Samples, constant_voltage

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.checksum import checksum_in, write_checksum
 from liftgate_hil.codec.frames import FD_FLAGS, LENGTHS, MAX_BYTES, Frames
 from liftgate_hil.codec.tables import BusConfig
@@ -49,7 +50,6 @@ from liftgate_hil.stimuli.held_frames import (
     message_in,
     stand_still,
 )
-from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.noise import uniform
 
 _FD_LENGTHS = LENGTHS[8:]

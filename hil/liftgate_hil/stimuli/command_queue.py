@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.diagnostics.tester import Tester, wants_reset
 from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.bus_fault_tables import BUS_FAULT, NO_KIND, BusFault, BusFaults, row_of
@@ -20,7 +21,6 @@ from liftgate_hil.stimuli.faults import EDIT, FAULT, FaultTable, Injection
 from liftgate_hil.stimuli.held_values import NAMES
 from liftgate_hil.stimuli.moments import BY_TIME
 from liftgate_hil.stimuli.restbus import Restbus, settle
-from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.obstacle import Obstacle
 
 SLOTS = 32  # faults that may be injected at the same time

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.signals import MOST_FAULTS
 from liftgate_hil.stimuli.bus_fault_tables import BusFault
 from liftgate_hil.stimuli.moments import BY_TIME, NEVER, START, Instant, Moments, Sheet, time_of
-from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.constants import Constants, numbers_of, row_of
 
 SET, SCALE, ADD = 0, 1, 2

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable
 from liftgate_hil.codec.bits import insert_long, place_at
 from liftgate_hil.codec.checksum import put_checksum
 from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE, Frames
 from liftgate_hil.codec.receive import counter_of, find_message
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.stimuli.bus_fault_tables import COUNTER, EVERY, FROZEN, BusFaults
-from liftgate_plant.compiler import compilable
 
 
 @compilable

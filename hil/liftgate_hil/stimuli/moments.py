@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.watch import watch, watched
@@ -34,7 +35,6 @@ from liftgate_hil.conditions.condition import (
 from liftgate_hil.conditions.evaluator import Conditions, Work, evaluate, table_of, work_for
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import COLUMN_PLACE
-from liftgate_plant.compiler import compilable, outlined
 
 if TYPE_CHECKING:
     from cantools.database.can import Message

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from liftgate_plant.compiler import compilable
+from liftgate_compiler import compilable
 from liftgate_plant.dynamics import NO_OBSTACLE
 from liftgate_plant.obstacle import Obstacle, depth
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from liftgate_compiler import compilable, picked
 from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.held_values import HELD_OBSTACLE, HELD_SURROUNDINGS, HELD_TIMING
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_hil.stimuli.timeline import obstacle_at, profiles_over, supply_rise_over
-from liftgate_plant.compiler import compilable, picked
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.signals import Surroundings
 

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable
 from liftgate_hil.stimuli.moments import Instant, Moments, Sheet
-from liftgate_plant.compiler import compilable
 
 ACTIONS = ("stop", "open", "close", "reset")  # by their numbers; a C library gets the first three
 RESET = ACTIONS.index("reset")

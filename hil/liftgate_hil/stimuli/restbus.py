@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.bus_config import (
     ANY,
     SignalMapping,
@@ -31,7 +32,6 @@ from liftgate_hil.codec.transmit import Transmission, first_transmission, is_due
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import BUS_OUTPUTS
 from liftgate_hil.stimuli.moments import START, Instant, Moments, Sheet, time_of
-from liftgate_plant.compiler import compilable, outlined
 
 if TYPE_CHECKING:
     from cantools.database.can import Message

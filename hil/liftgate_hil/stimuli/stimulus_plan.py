@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.conditions.condition import Condition
@@ -22,7 +23,6 @@ from liftgate_hil.stimuli.moments import Instant, Moments, Sheet, note_moments
 from liftgate_hil.stimuli.requests import Request, Requests, requests_of, take_due
 from liftgate_hil.stimuli.restbus import NO_BUS, BusTables, Restbus, SignalChange, restbus_of, with_restbus
 from liftgate_hil.stimuli.timeline import Profile, TimedObstacle, Timeline, timeline_of
-from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.constants import Constants
 
 _AT_ONCE = -1e300

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable, with_item
 from liftgate_hil.stimuli.moments import NEVER, START, Instant, Moments, Sheet, time_of
-from liftgate_plant.compiler import compilable, with_item
 from liftgate_plant.dynamics import NO_OBSTACLE
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.signals import NO_PROFILE_VALUES, Surroundings

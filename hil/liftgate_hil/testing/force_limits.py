@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from liftgate_hil.plan.force_limits import force_limits_of
 from liftgate_hil.report.page import section, table, text
 from liftgate_hil.report.pinch import BORROWED, ORIGINS, OWN_LIMIT
-from liftgate_hil.running.force_limits import force_limits_of
 from liftgate_hil.testing.outcome import Outcome
 
 _MOST_USERS = 4  # expectations that are named

@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from liftgate_hil.config.sources import sources_of
+from liftgate_hil.drive.result import Result, reason_of
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.suffixes import BUS_LOGS
 from liftgate_hil.judging.verdict import worst
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.running.job import Job
-from liftgate_hil.running.plan import Subject
-from liftgate_hil.running.request import RunRequest
-from liftgate_hil.running.result import Result, reason_of
+from liftgate_hil.plan.job import Job
+from liftgate_hil.plan.plan import Subject
+from liftgate_hil.plan.request import RunRequest
 from liftgate_hil.testing.outcome import Case, Outcome, not_run
 from liftgate_hil.testing.rejudge import Expectations, StoppedJudgingError, as_recorded, judged
 

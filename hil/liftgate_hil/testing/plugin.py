@@ -23,10 +23,10 @@ import pytest
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 
 if TYPE_CHECKING:
+    from liftgate_hil.drive.gate import Gate
+    from liftgate_hil.drive.result import Result
     from liftgate_hil.judging.verdict import Verdict
-    from liftgate_hil.running.gate import Gate
-    from liftgate_hil.running.job import Job
-    from liftgate_hil.running.result import Result
+    from liftgate_hil.plan.job import Job
     from liftgate_hil.testing.outcome import Case, Outcome
 
 _PACKAGE = Path(__file__).parents[1]
@@ -205,8 +205,8 @@ def _allow_imports_from_root(config: pytest.Config) -> None:
 
 def _template(config: pytest.Config) -> Job:
     """Return the job that the options define for scenarios. Raises ConfigError."""
-    from liftgate_hil.running.job import Job
-    from liftgate_hil.running.request import RunRequest
+    from liftgate_hil.plan.job import Job
+    from liftgate_hil.plan.request import RunRequest
 
     bus = config.getoption("liftgate_bus")
     ecu = config.getoption("liftgate_ecu") or (ON_A_BUS if bus else REFERENCE)
@@ -233,7 +233,7 @@ class Liftgate:
 
     def gate(self, **arguments: Any) -> Gate:
         """Return a `liftgate_hil.Gate`, which is closed with the test."""
-        from liftgate_hil.running.gate import Gate
+        from liftgate_hil.drive.gate import Gate
 
         for name in ("vehicle", "rig"):
             given = self._config.getoption(f"liftgate_{name}")
@@ -245,7 +245,7 @@ class Liftgate:
 
     def run(self, scenario: Any = None, **arguments: Any) -> Result:
         """Call `liftgate_hil.run`, with the options' ECU, bus, vehicle and rig where none is named."""
-        from liftgate_hil.running.run import run
+        from liftgate_hil.drive.run import run
 
         for name in ("ecu", "bus", "vehicle", "rig"):
             given = self._config.getoption(f"liftgate_{name}")

@@ -17,6 +17,8 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.diagnostics.reset_watch import ResetWatch
 from liftgate_hil.diagnostics.tester import Diagnostics
+from liftgate_hil.drive.result import silence_of, tolerance_of
+from liftgate_hil.drive.stepping import StepsAgain, relevant_frames
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.open import holds_nothing, open_file
 from liftgate_hil.formats.recording import ReadOptions, read_options
@@ -27,13 +29,11 @@ from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary
 from liftgate_hil.judging.verdict import INCONCLUSIVE, Verdict
 from liftgate_hil.loop.begun import Begun
 from liftgate_hil.measurement.mapping import ColumnMap, parse_maps
-from liftgate_hil.running.loop_start import loop_config_of, start_of
-from liftgate_hil.running.plan import expected_in
-from liftgate_hil.running.recorded_setup import recorded_setup
-from liftgate_hil.running.result import silence_of, tolerance_of
-from liftgate_hil.running.setup import Setup, rig_of, setup_of
-from liftgate_hil.running.stepping import StepsAgain, relevant_frames
-from liftgate_hil.running.stimulation import planned_stimuli, reset_failure
+from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.plan import expected_in
+from liftgate_hil.plan.recorded_setup import recorded_setup
+from liftgate_hil.plan.setup import Setup, rig_of, setup_of
+from liftgate_hil.plan.stimulation import planned_stimuli, reset_failure
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.testing.read_run import Asked, read_run
 from liftgate_hil.testing.recorded_run import RecordedRun, rounded_to_us

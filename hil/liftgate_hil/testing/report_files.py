@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
+from liftgate_compiler.files import remove_leftovers
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.target import is_one_of
@@ -15,7 +16,6 @@ from liftgate_hil.report.files import is_of_another_kind, make_way, put_report
 from liftgate_hil.report.ours import is_ours
 from liftgate_hil.testing.junit import issues_as_junit
 from liftgate_hil.testing.request import ReportsChoice
-from liftgate_plant.compiler.files import remove_leftovers
 
 Targets = Mapping[str, list[str]]  # files of reports by kind: "json", "junit", "html"; "-" is stdout
 _IN_RESULTS = {"json": "verdicts.json", "junit": "junit.xml", "html": "report.html"}  # of a folder of results

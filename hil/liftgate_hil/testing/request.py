@@ -25,7 +25,7 @@ from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.suffixes import WITH_FRAMES, WITH_ROWS
 from liftgate_hil.measurement.request import MapRequest
-from liftgate_hil.running.request import AskForRealtime, Clock, Cpu, Rate, WallTimeout, check_cpu
+from liftgate_hil.plan.request import AskForRealtime, Clock, Cpu, Rate, WallTimeout, check_cpu
 
 
 # fmt: off

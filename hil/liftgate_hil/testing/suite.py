@@ -10,18 +10,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from liftgate_compiler.files import rename_new
 from liftgate_hil.config.scenario import read_scenario
+from liftgate_hil.drive.run import execute
 from liftgate_hil.ecu.find import is_foreign
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError, LiftgateError, causes
 from liftgate_hil.formats.ours import is_ours
 from liftgate_hil.formats.target import set_aside, set_aside_text
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, Verdict, worst
-from liftgate_hil.running.job import Job
-from liftgate_hil.running.plan import Plan, plan_of
-from liftgate_hil.running.run import execute
+from liftgate_hil.plan.job import Job
+from liftgate_hil.plan.plan import Plan, plan_of
 from liftgate_hil.testing.outcome import Case, Outcome, not_run
-from liftgate_plant.compiler.files import rename_new
 
 
 def cases_of(files: Iterable[Path], template: Job) -> list[Case]:

@@ -16,8 +16,8 @@ from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, Target
 from liftgate_hil.config.vehicle import VehicleFile
-from liftgate_hil.running.job import Job
-from liftgate_hil.running.plan import plan_of
+from liftgate_hil.plan.job import Job
+from liftgate_hil.plan.plan import plan_of
 from liftgate_plant.quantity import Quantity
 
 SHORT = """

@@ -14,7 +14,7 @@ from liftgate_hil.campaigns.design import Design, shares_of
 from liftgate_hil.campaigns.request import METHODS
 from liftgate_hil.campaigns.space import Space, space_of
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=60)

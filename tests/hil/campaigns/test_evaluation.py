@@ -20,9 +20,9 @@ from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.variant import AS_FILED
 from liftgate_hil.config.vehicle import read_vehicle
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, keys_of
-from liftgate_hil.running.plan import plan_of
-from liftgate_hil.running.result import Result
-from liftgate_hil.running.run import run
+from liftgate_hil.drive.result import Result
+from liftgate_hil.drive.run import run
+from liftgate_hil.plan.plan import plan_of
 
 TRAP = """
 include = ["{parts}/trap.toml"]
@@ -97,7 +97,7 @@ def test_variants_share_a_precondition_and_are_as_runs_of_their_own(tmp_path: Pa
 
 
 def test_a_shared_precondition_is_gone_through_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from liftgate_hil.running import execution
+    from liftgate_hil.drive import execution
 
     calls = []
     whole = execution.after_precondition
@@ -134,7 +134,7 @@ def test_each_scenario_of_the_pack_is_the_same_after_a_shared_precondition(path:
 def test_variants_of_a_fault_and_a_profile_share_their_precondition(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from liftgate_hil.running import execution
+    from liftgate_hil.drive import execution
 
     calls = []
     whole = execution.after_precondition

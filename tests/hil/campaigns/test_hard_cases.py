@@ -29,8 +29,8 @@ from liftgate_hil.campaigns.resumption import pace_before
 from liftgate_hil.campaigns.space import space_of
 from liftgate_hil.campaigns.store import Store, StoreError
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_hil.report.provenance import Provenance
-from liftgate_hil.running.setup import vehicle_from
 
 
 def test_a_damaged_file_is_as_if_not_there(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from scipy import stats
 from liftgate_hil.campaigns.distributions import FAMILIES, Distribution
 from liftgate_hil.campaigns.space import Axis, Covariance, Space, space_of
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=60)

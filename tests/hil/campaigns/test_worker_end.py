@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 from liftgate_hil.campaigns.base import Base
-from liftgate_hil.running.processes.children import in_memory
+from liftgate_hil.isolate.children import in_memory
 
 SENDS_ITSELF_A_SIGNAL = """
 import atexit, os, signal, sys

@@ -12,8 +12,8 @@ from liftgate_hil.campaigns.prepared import Prepared, prepared
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.scenario_file import scenario_text
 from liftgate_hil.config.scenario import load_scenario
-from liftgate_hil.running.result import Result
-from liftgate_hil.running.run import run
+from liftgate_hil.drive.result import Result
+from liftgate_hil.drive.run import run
 
 CLOSING = """
 description = "closing onto a rod"

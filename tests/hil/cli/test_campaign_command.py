@@ -18,12 +18,12 @@ import pyarrow.parquet as pq
 import pytest
 from campaign_support import SHORT
 
+from liftgate_compiler.files import name_beside
 from liftgate_hil.campaigns import adaptive
 from liftgate_hil.campaigns.folder import DATA, LOCK, Folder
 from liftgate_hil.campaigns.store import StoreError
 from liftgate_hil.cli.campaign import _summarise
 from liftgate_hil.cli.main import main
-from liftgate_plant.compiler.files import name_beside
 
 PATIENCE = 300.0  # s; nothing is judged by it
 

@@ -17,9 +17,9 @@ import pytest
 import liftgate_hil
 import liftgate_hil as lh
 from liftgate_hil.cli.main import COMMANDS, main
+from liftgate_hil.drive.realtime_driver import RealtimeDriver
 from liftgate_hil.errors import OverrunError
-from liftgate_hil.running import plan
-from liftgate_hil.running.realtime_driver import RealtimeDriver
+from liftgate_hil.plan import plan
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.version import version
 

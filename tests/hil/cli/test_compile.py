@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import liftgate_compiler as compiler
 import liftgate_hil
 from liftgate_hil.cli.compile import function_of
 from liftgate_hil.cli.main import main
+from liftgate_hil.drive.compilation import ENTRY_POINTS, reporting_compilation
+from liftgate_hil.drive.run import execute
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.loop.listener import Listener
-from liftgate_hil.running.compilation import ENTRY_POINTS, reporting_compilation
-from liftgate_hil.running.job import Job
-from liftgate_hil.running.plan import plan_of
-from liftgate_hil.running.request import RunRequest
-from liftgate_hil.running.run import execute
-from liftgate_plant import compiler
+from liftgate_hil.plan.job import Job
+from liftgate_hil.plan.plan import plan_of
+from liftgate_hil.plan.request import RunRequest
 
 needs_compiler = pytest.mark.skipif(not compiler.enabled(), reason="needs the compiler")
 

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from c_library import build, needs_compiler
 
+from liftgate_compiler import GivenUpError
 from liftgate_hil.cli import demo as demo_command
 from liftgate_hil.cli.demo import busy_with, failures
 from liftgate_hil.cli.main import main
@@ -28,14 +29,13 @@ from liftgate_hil.cli.with_ecu import EcuProcess
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.dashboard.listening import new_token
+from liftgate_hil.drive.result import Result
 from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
 from liftgate_hil.errors import EcuError
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.plan.setup import scenario_from
 from liftgate_hil.report.pinch import pinch_event
-from liftgate_hil.running.result import Result
-from liftgate_hil.running.setup import scenario_from
-from liftgate_plant.compiler import GivenUpError
 
 TEXT = """
 import os
@@ -436,7 +436,7 @@ def test_one_that_is_stopped_while_it_compiles_has_done_nothing_yet(
         signal.raise_signal(signal.SIGTERM)
         raise GivenUpError
 
-    monkeypatch.setattr("liftgate_hil.running.run_plan.adapter_for", given_up)
+    monkeypatch.setattr("liftgate_hil.drive.run_plan.adapter_for", given_up)
     assert demo() == 143
     assert "liftgate-hil demo: stopped at 0.000 s of 42 s" in capsys.readouterr().err
     assert not (folder / "demo.png").exists()

@@ -32,7 +32,7 @@ from liftgate_hil.config.shipped import find_config
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.identification.assembly import _check_beginnings
 from liftgate_hil.identification.data import Data
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 
 SIGMAS = 4.0  # six seeds out of ten thousand are further off
 

@@ -15,7 +15,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.identification.commands import identification_of
 from liftgate_hil.identification.request import IdentifyRequest
 from liftgate_hil.identification.saved_vehicle import vehicle_text_of
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 
 NAMES = "motor.torque_constant,motor.speed_constant,motor.resistance"
 

@@ -11,6 +11,7 @@ from hil_support import CALM, FREE, frames_of, taken, transmitted
 from hypothesis import given
 from hypothesis import strategies as st
 
+from liftgate_compiler import compiled
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
 from liftgate_hil.codec.counter import MOST_VALUES, product
 from liftgate_hil.codec.messages import Messages
@@ -18,7 +19,6 @@ from liftgate_hil.codec.receive import NO_COUNTS, nothing_received
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.errors import ConfigError, ConfigIssues
-from liftgate_plant.compiler import compiled
 
 CYCLE = 10_000_000
 

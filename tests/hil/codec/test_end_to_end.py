@@ -26,6 +26,8 @@ from hil_support import (
 from hypothesis import given
 from hypothesis import strategies as st
 
+from liftgate_compiler import compiled
+from liftgate_compiler.kinds import kind_of, text_of
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
 from liftgate_hil.codec.e2e.check_state import INIT, INVALID, NODATA, STATE, VALID
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
@@ -34,9 +36,7 @@ from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.loop.tick import tick
-from liftgate_hil.running.setup import rig_from
-from liftgate_plant.compiler import compiled
-from liftgate_plant.compiler.kinds import kind_of, text_of
+from liftgate_hil.plan.setup import rig_from
 
 MS = 1_000_000
 CYCLE = 10 * MS

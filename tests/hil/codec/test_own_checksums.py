@@ -16,6 +16,7 @@ from hil_support import CALM, FREE, frames_of, taken, transmitted
 from hypothesis import given
 from hypothesis import strategies as st
 
+from liftgate_compiler import compiled
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
 from liftgate_hil.codec.checksum import checksum_in, put_checksum
 from liftgate_hil.codec.frames import EXTENDED, FD
@@ -25,7 +26,6 @@ from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.errors import ConfigIssues
-from liftgate_plant.compiler import compiled
 
 CATALOGUE = Path(__file__).with_name("crc_catalogue.csv")
 DIGITS = b"123456789"

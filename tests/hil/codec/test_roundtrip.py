@@ -15,6 +15,7 @@ from hil_support import CALM, FREE, bus_config_of, frames_of, j1850, taken, tran
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from liftgate_compiler import compiled
 from liftgate_hil.codec.bus_config import SignalMapping, raw_range
 from liftgate_hil.codec.frames import EXTENDED, FD, empty_frames
 from liftgate_hil.codec.multiplexing import pages_of
@@ -23,7 +24,6 @@ from liftgate_hil.codec.receive import NO_COUNTS, Counts, nothing_received, rece
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import encode, first_transmission, times_sent, transmit
 from liftgate_plant import signals as catalogue
-from liftgate_plant.compiler import compiled
 
 NAN = float("nan")
 

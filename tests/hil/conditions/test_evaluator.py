@@ -11,10 +11,10 @@ from hil_support import CALM
 from hypothesis import given
 from hypothesis import strategies as st
 
+from liftgate_compiler import compiled
 from liftgate_hil.conditions.evaluator import evaluate, table_of, work_for
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
-from liftgate_plant.compiler import compiled
 
 
 def evaluated(text: str, known: list[dict[str, float]], call: Any = evaluate) -> Any:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from liftgate_hil.conditions.condition import DEEPEST, SIGNAL
 from liftgate_hil.conditions.parser import parsed
-from liftgate_hil.running.setup import rig_from
+from liftgate_hil.plan.setup import rig_from
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.plausibility import notes_on_vehicle
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 
 SHIPPED = ("suv", "compact", "heavy-suv")
 

@@ -15,7 +15,7 @@ from liftgate_hil.config.rig_fit import notes_on_fit
 from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.reference import ecu_config, last_frames, new_ecu, step
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.setup import rig_from, vehicle_from
+from liftgate_hil.plan.setup import rig_from, vehicle_from
 
 DATABASE = """VERSION ""
 BS_:

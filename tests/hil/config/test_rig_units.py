@@ -204,7 +204,7 @@ def test_what_is_sent_stays_off_the_diagnostics(tmp_path: Path, identifier: int)
 
 
 def test_the_shipped_rig_needs_no_conversion():
-    from liftgate_hil.running.setup import rig_from
+    from liftgate_hil.plan.setup import rig_from
 
     shipped = rig_from("liftgate")
     for wire in (*shipped.inputs, *shipped.outputs):

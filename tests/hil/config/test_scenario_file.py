@@ -9,7 +9,7 @@ import pytest
 
 from liftgate_hil.config.scenario import Scenario, load_scenario
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.setup import scenario_from, setup_of
+from liftgate_hil.plan.setup import scenario_from, setup_of
 from liftgate_hil.signals import PROFILES
 from liftgate_hil.stimuli.moments import no_moments
 from liftgate_hil.stimuli.stimulus_plan import TimedStimuli

@@ -14,7 +14,7 @@ from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.config.vehicle_file import vehicle_text
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle, plant_of
 
 SUV = (Path(__file__).parents[3] / "configs/vehicles/suv.toml").read_text(encoding="utf-8")

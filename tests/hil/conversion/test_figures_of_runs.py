@@ -23,9 +23,9 @@ from liftgate_hil.conversion.table import open_table
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_writer
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_hil.report.pinch import pinch_event
 from liftgate_hil.report.run_plot import hall_speed
-from liftgate_hil.running.setup import vehicle_from
 from liftgate_hil.signals import columns_of
 
 COLUMNS = (

@@ -19,7 +19,7 @@ from liftgate_hil.conversion.figures.subject import Subject
 from liftgate_hil.conversion.sheet import write_picture
 from liftgate_hil.conversion.table import open_table
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant import statics
 from liftgate_plant.statics import CLOSING, OPENING, Rest
 

@@ -10,8 +10,8 @@ from hil_support import shipped_rig
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.scenario_tables import fault_of
 from liftgate_hil.dashboard.controls import controls_of
-from liftgate_hil.running.attachment.description import commands_of
-from liftgate_hil.running.setup import setup_of
+from liftgate_hil.operate.attachment.description import commands_of
+from liftgate_hil.plan.setup import setup_of
 from liftgate_hil.signals import PROFILES
 
 CONTROLS = controls_of(commands_of(setup_of(None), shipped_rig(), True))

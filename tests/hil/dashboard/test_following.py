@@ -7,7 +7,7 @@ import pytest
 from liftgate_hil.dashboard import following
 from liftgate_hil.dashboard.following import Following
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.running.attachment import endpoint
+from liftgate_hil.operate.attachment import endpoint
 
 
 class Bench:

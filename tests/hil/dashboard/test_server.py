@@ -27,7 +27,7 @@ from liftgate_hil.dashboard.recorded import RecordingSource
 from liftgate_hil.dashboard.source import STATE
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop import statistics
-from liftgate_hil.running.attachment.server import End, _in_full, _in_short
+from liftgate_hil.operate.attachment.server import End, _in_full, _in_short
 
 BENCH = ("--bus", "virtual:page", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
 

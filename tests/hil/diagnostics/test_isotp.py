@@ -12,10 +12,10 @@ import pytest
 from hil_support import frames_of
 from isotp_ends import REQUEST, RESPONSE, TICK_NS, Clock, Ours, Theirs, random_bytes
 
+from liftgate_compiler import compiled
 from liftgate_hil.codec.frames import EXTENDED, FD, Frames, empty_frames
 from liftgate_hil.diagnostics import isotp as own
 from liftgate_hil.diagnostics.isotp import LONGEST, Link, hear, new_link, speak
-from liftgate_plant.compiler import compiled
 
 GAPS = (0, 1, 5, 0xF1, 0xF9)
 

@@ -18,14 +18,14 @@ from c_library import build, needs_compiler
 
 import liftgate_hil as lh
 from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.drive.run_plan import run_plan
 from liftgate_hil.ecu.find import is_library
 from liftgate_hil.errors import ConfigError, EcuError
-from liftgate_hil.running.isolation import run_isolated
-from liftgate_hil.running.job import Job
-from liftgate_hil.running.plan import plan_of
-from liftgate_hil.running.request import RunRequest
-from liftgate_hil.running.run_plan import run_plan
-from liftgate_hil.running.setup import rig_from, vehicle_from
+from liftgate_hil.isolate.isolation import run_isolated
+from liftgate_hil.plan.job import Job
+from liftgate_hil.plan.plan import plan_of
+from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.setup import rig_from, vehicle_from
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
@@ -168,19 +168,19 @@ def test_one_that_cannot_be_made_is_an_error_of_the_run(tmp_path: Path) -> None:
 def test_one_that_hangs_is_given_up(tmp_path: Path, bodies: dict[str, str], time_s: float) -> None:
     job = Job(RunRequest(SCENARIO, str(library(tmp_path, **bodies))))
     with pytest.raises(EcuError) as caught:
-        run_isolated("liftgate_hil.running.worker", pickle.dumps(plan_of(job)), 0.001, hang_s=1.0)
+        run_isolated("liftgate_hil.drive.worker", pickle.dumps(plan_of(job)), 0.001, hang_s=1.0)
     assert str(caught.value) == f"the ECU at {time_s:.3f} s: no response for 1 s"
 
 
 def test_a_hang_is_an_error_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 1.0)
+    monkeypatch.setattr("liftgate_hil.isolate.isolation.HANG_S", 1.0)
     result = lh.run(SCENARIO, library(tmp_path, step=f"if ({AT}) for (;;) pause();"))
     assert (result.verdict, result.reason) == ("error", "the ECU at 0.050 s: no response for 1 s")
 
 
 @pytest.mark.parametrize("clock", ["lockstep", "realtime"])
 def test_a_hang_on_a_bus_is_one_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str) -> None:
-    monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 1.0)
+    monkeypatch.setattr("liftgate_hil.isolate.isolation.HANG_S", 1.0)
     path = library(tmp_path, step="if (now_ns >= 50000000) for (;;) pause();")
     result = lh.run(SCENARIO, path, clock=clock)
     time = r"\d\.\d{3}" if clock == "realtime" else r"0\.050"
@@ -215,7 +215,7 @@ def test_a_file_that_is_no_library_is_a_mistake_of_the_caller(tmp_path: Path, co
 def test_what_else_is_wrong_is_reported_before_a_process_is_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("liftgate_hil.running.isolation.run_isolated", lambda *_: pytest.fail("started"))
+    monkeypatch.setattr("liftgate_hil.isolate.isolation.run_isolated", lambda *_: pytest.fail("started"))
     with pytest.raises(ConfigError, match="no-such-vehicle"):
         lh.run(SCENARIO, library(tmp_path), vehicle="no-such-vehicle")
     with pytest.raises(ConfigError, match="no such file"):
@@ -268,7 +268,7 @@ def test_a_slow_library_is_stopped_at_its_next_tick(tmp_path: Path) -> None:
     path = library(tmp_path, step=f"usleep(20000); if (now_ns == 20000000) {touch}")
     job = Job(RunRequest(scenario, str(path)))
     stopped = (tmp_path / "flag").exists
-    answer = run_isolated("liftgate_hil.running.worker", pickle.dumps(plan_of(job)), 0.001, stopped)
+    answer = run_isolated("liftgate_hil.drive.worker", pickle.dumps(plan_of(job)), 0.001, stopped)
     result = pickle.loads(answer.payload)
     assert result.verdict == "pass"
     assert 20 <= result.summary.ticks < 400  # the rings would hold 512

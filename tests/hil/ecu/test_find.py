@@ -8,10 +8,10 @@ import pytest
 
 from liftgate_hil.ecu.find import adapter_for, check_ecu
 from liftgate_hil.errors import ConfigError, printable
-from liftgate_hil.running.job import Job
-from liftgate_hil.running.plan import plan_of
-from liftgate_hil.running.request import RunRequest
-from liftgate_hil.running.setup import rig_from
+from liftgate_hil.plan.job import Job
+from liftgate_hil.plan.plan import plan_of
+from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.setup import rig_from
 
 
 @pytest.mark.parametrize(

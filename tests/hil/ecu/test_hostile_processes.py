@@ -19,10 +19,10 @@ from test_bad_libraries import check_that_the_caller_lives_on, library, needs_co
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.scenario import Scenario
-from liftgate_hil.running.job import Job
-from liftgate_hil.running.plan import plan_of
-from liftgate_hil.running.request import RunRequest
-from liftgate_hil.running.run import execute
+from liftgate_hil.drive.run import execute
+from liftgate_hil.plan.job import Job
+from liftgate_hil.plan.plan import plan_of
+from liftgate_hil.plan.request import RunRequest
 from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 
 SCENARIO = Scenario(NO_STIMULI, (), 0.1)
@@ -98,15 +98,15 @@ class ClosesEarly(Base):
 
 @pytest.fixture(autouse=True)
 def _short(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 1.0)
-    monkeypatch.setattr("liftgate_hil.running.isolation.EXIT_S", 1.0)
+    monkeypatch.setattr("liftgate_hil.isolate.isolation.HANG_S", 1.0)
+    monkeypatch.setattr("liftgate_hil.isolate.isolation.EXIT_S", 1.0)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hostile.py").write_text(PYTHON)
 
 
 def be_patient(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Wait longer than a busy machine keeps a healthy ECU waiting; `name` is that of the deadline."""
-    monkeypatch.setattr(f"liftgate_hil.running.isolation.{name}", 60.0)
+    monkeypatch.setattr(f"liftgate_hil.isolate.isolation.{name}", 60.0)
 
 
 def of_python(name: str, clock: str = "free") -> lh.Result:
@@ -268,7 +268,7 @@ def test_a_library_whose_destructor_hangs_has_been_judged(tmp_path: Path, monkey
 
 
 def test_a_stop_is_heeded_while_a_process_does_not_exit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("liftgate_hil.running.isolation.EXIT_S", 600.0)
+    monkeypatch.setattr("liftgate_hil.isolate.isolation.EXIT_S", 600.0)
     job = Job(RunRequest(SCENARIO, "hostile:Thread"), is_isolated=True)
     asked = []
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from liftgate_compiler import compiled
 from liftgate_hil.ecu import memory
 from liftgate_hil.ecu.anti_trap import begin_run, bin_at, learn, reference_at, watch
 from liftgate_hil.ecu.calibration import FINE, FINE_FROM, FINE_TO, PLACES, Calibration
@@ -17,7 +18,6 @@ from liftgate_hil.ecu.load import measure_load
 from liftgate_hil.ecu.memory import Memory, constants_of, new_memory
 from liftgate_hil.ecu.motion_profile import speed_over
 from liftgate_hil.ecu.speed_control import controlled_duty, measure_speed
-from liftgate_plant.compiler import compiled
 
 CYCLE = 0.01  # s
 C = Calibration()

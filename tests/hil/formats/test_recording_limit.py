@@ -14,7 +14,7 @@ from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.rotation import Limit
 from liftgate_hil.formats.suffixes import FORMATS
 from liftgate_hil.formats.target import aside_of
-from liftgate_hil.running.request import RunRequest
+from liftgate_hil.plan.request import RunRequest
 
 LIMIT = 300_000
 BUS = [suffix for suffix, each in FORMATS.items() if each.has_frames]

@@ -15,7 +15,7 @@ from liftgate_hil.identification.fit import fitted
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.raster import thinned
 from liftgate_hil.identification.result import Identification
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from tests.hil.identification.simulated import (
     NOISE,
     TRUTH,

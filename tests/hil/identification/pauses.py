@@ -11,7 +11,7 @@ from liftgate_hil.identification.data import Data
 from liftgate_hil.identification.fit import fitted
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.search import past_kinks, search
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle
 from tests.hil.identification.simulated import measured, scores, sought, true_vehicle
 

@@ -15,7 +15,7 @@ from liftgate_hil.identification.fit import fitted
 from liftgate_hil.identification.problem import Problem, Sought
 from liftgate_hil.identification.result import Identification
 from liftgate_hil.identification.trajectory import MODELS, OUTPUTS, REST, Start, trajectory
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 

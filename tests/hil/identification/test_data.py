@@ -15,7 +15,7 @@ from liftgate_hil.identification.data import Data, applied_voltage, first_sample
 from liftgate_hil.identification.initial_condition import beginning_of, begins_at_rest
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.raster import thinned
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant import gate
 from liftgate_plant.rows import INPUT_COLUMNS
 from liftgate_plant.vehicle import Vehicle, plant_of

@@ -14,7 +14,7 @@ from liftgate_hil.config.vehicle import issues_with
 from liftgate_hil.identification.fit import NothingToTellError, fitted
 from liftgate_hil.identification.limits import step_within_limits
 from liftgate_hil.identification.problem import Problem
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from tests.hil.identification.simulated import measured, sought
 from tests.plant.runs import suv
 

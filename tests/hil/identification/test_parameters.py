@@ -17,7 +17,7 @@ from liftgate_hil.config.parameters import (
     with_value,
     with_values,
 )
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from tests.plant.runs import suv, tables
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from liftgate_hil.config.parameters import find_parameter, value_of
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.setup import vehicle_from
 from tests.hil.identification.simulated import estimated, measured, scores, true_vehicle
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import liftgate_hil as lh
-from liftgate_hil.running.job import Job
-from liftgate_hil.running.request import RunRequest
+from liftgate_hil.plan.job import Job
+from liftgate_hil.plan.request import RunRequest
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.rejudge import expectations_of, judged
 from liftgate_hil.testing.request import JudgeRequest

@@ -8,9 +8,9 @@ import struct
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from liftgate_compiler.kinds import kind_of
+from liftgate_compiler.obtaining import machine_code_of
 from liftgate_hil.loop import datagrams, realtime_loop
-from liftgate_plant.compiler.kinds import kind_of
-from liftgate_plant.compiler.obtaining import machine_code_of
 
 MS = 1_000_000
 START = 1_000_000_000_000  # of the monotonic clock

@@ -18,6 +18,7 @@ from hil_support import CALM, frames_of, rows_of
 from hypothesis import given
 from hypothesis import strategies as st
 
+from liftgate_compiler import System, compilable, compiled, last_error
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, empty_frames
 from liftgate_hil.loop.datagrams import (
     BATCH,
@@ -29,7 +30,6 @@ from liftgate_hil.loop.datagrams import (
     read_frames,
     write_frames,
 )
-from liftgate_plant.compiler import System, compilable, compiled, last_error
 
 Rows = list[tuple[int, bytes]]
 Pair = tuple[socket.socket, socket.socket]

@@ -45,9 +45,9 @@ from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.ecu.python_object import PythonEcu
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.formats.content import Content
-from liftgate_hil.loop.closed_loop import Episode, Extremes, Trace
-from liftgate_hil.running.recording_sink import RecordingSink
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.isolate.recording_sink import RecordingSink
+from liftgate_hil.loop.episode import Episode, Extremes, Trace
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request

@@ -15,7 +15,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError
 from liftgate_hil.loop.lockstep import Lockstep, Waiting, run_lockstep
 from liftgate_hil.loop.python_loop import Loop
-from liftgate_hil.running.setup import rig_from
+from liftgate_hil.plan.setup import rig_from
 from liftgate_hil.transport.base import LinkCounts
 
 PERIOD = Lockstep(COMMAND, 10)

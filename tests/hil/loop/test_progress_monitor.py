@@ -12,8 +12,8 @@ from liftgate_hil.codec.refusals import BAD_CHECKSUM, BAD_COUNTER
 from liftgate_hil.ecu.events import IN_WORDS, Event
 from liftgate_hil.loop.listener import Listener, Status
 from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
-from liftgate_hil.running.loop_start import loop_config_of, start_of
-from liftgate_hil.running.setup import rig_from, vehicle_from
+from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.setup import rig_from, vehicle_from
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_hil.transport.base import LinkCounts
 

@@ -49,10 +49,10 @@ from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_writer
-from liftgate_hil.loop.closed_loop import Trace
+from liftgate_hil.isolate.recording_sink import RecordingSink
+from liftgate_hil.loop.episode import Trace
 from liftgate_hil.loop.python_loop import Loop, run_free
 from liftgate_hil.loop.tick import STOPPED, LoopState
-from liftgate_hil.running.recording_sink import RecordingSink
 from liftgate_hil.signals import columns_of
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request, by_the_clock

@@ -39,6 +39,7 @@ from hil_support import (
     stimuli_alone,
 )
 
+from liftgate_compiler import compiled
 from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.scenario import load_scenario
@@ -47,7 +48,6 @@ from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.moments import no_moments
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_hil.stimuli.timeline import obstacle_at
-from liftgate_plant.compiler import compiled
 from liftgate_plant.initial import initial_state
 from liftgate_plant.signals import Sensed, Truth
 

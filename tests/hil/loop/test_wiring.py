@@ -14,13 +14,14 @@ import pytest
 from catalogue_bus import catalogue_rig, input_frames, outputs_in
 from hil_support import frames_of, loop_config, outside, start_of, stimuli_alone, stimulus_plan, transmitted
 
+from liftgate_compiler import compiled
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.loop import advance
 from liftgate_hil.loop import tick as tick_module
-from liftgate_hil.loop.closed_loop import Trace
+from liftgate_hil.loop.episode import Trace
 from liftgate_hil.loop.python_loop import Loop, scheduled_tick
 from liftgate_hil.loop.rings import Memory, RingReader, next_row
 from liftgate_hil.loop.row import write_row
@@ -44,7 +45,6 @@ from liftgate_hil.stimuli.timeline import Profile
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_plant import integrate, sensors
 from liftgate_plant.bridge import CLOSE, OPEN, drive_input
-from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import Inputs
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.signals import Sensed, Surroundings, Truth, bus_name, signals_of

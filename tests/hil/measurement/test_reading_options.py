@@ -11,7 +11,7 @@ import liftgate_hil as lh
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import AS_IT_IS
 from liftgate_hil.measurement.read import read_measurement
-from liftgate_hil.running.setup import rig_from
+from liftgate_hil.plan.setup import rig_from
 
 
 def test_a_bus_that_is_not_in_a_file_with_rows_is_refused(tmp_path: Path) -> None:

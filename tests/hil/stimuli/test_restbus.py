@@ -198,8 +198,8 @@ def test_a_value_that_the_signal_cannot_have_is_reported(tmp_path: Path, value: 
 
 
 def test_the_scenario_of_a_gate_without_a_bus_leaves_it_out(tmp_path: Path) -> None:
-    from liftgate_hil.running.setup import setup_of
-    from liftgate_hil.running.stimulation import offline_of
+    from liftgate_hil.plan.setup import setup_of
+    from liftgate_hil.plan.stimulation import offline_of
 
     path = tmp_path / "s.toml"
     path.write_text(f"duration = 1.0\n{SPEED}value = 30\n", encoding="utf-8")

@@ -10,8 +10,8 @@ import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.dashboard.recorded import RecordingSource
 from liftgate_hil.formats.mcap_layout import ABOUT_PARQUET
-from liftgate_hil.running.recorded_setup import RecordedSetup, recorded_setup
-from liftgate_hil.running.setup import vehicle_from
+from liftgate_hil.plan.recorded_setup import RecordedSetup, recorded_setup
+from liftgate_hil.plan.setup import vehicle_from
 from liftgate_hil.testing.rejudge import as_recorded, expectations_of
 from liftgate_hil.testing.request import JudgeRequest
 

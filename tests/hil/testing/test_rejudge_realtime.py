@@ -12,14 +12,14 @@ from hil_support import shipped_rig
 import liftgate_hil as lh
 from liftgate_hil.codec.frames import LOGGED, no_logged
 from liftgate_hil.config.scenario import load_scenario
+from liftgate_hil.drive.result import silence_of, tolerance_of
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.writer import truncated_to_us
+from liftgate_hil.isolate.recording_sink import write_block
 from liftgate_hil.judging.expected import expected_of
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.verdict import Verdict
-from liftgate_hil.running.recording_sink import write_block
-from liftgate_hil.running.result import silence_of, tolerance_of
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH, columns_of
 
 FORMATS = [

@@ -15,12 +15,12 @@ from hil_support import loop_config
 
 import liftgate_hil as lh
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.drive.stepping import relevant_frames
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.expected import expected_of
 from liftgate_hil.judging.stepped_again import SteppedAgain, stepped_again
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.tick import constants_in
-from liftgate_hil.running.stepping import relevant_frames
 from liftgate_hil.stimuli.stimulus_plan import Bus, stimulus_plan_of
 
 SCENARIO = """

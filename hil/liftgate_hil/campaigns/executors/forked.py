@@ -12,10 +12,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.running.isolation import HANG_S
-from liftgate_hil.running.processes.children import end_in_words
-from liftgate_hil.running.processes.stillness import Stillness
-from liftgate_hil.running.processes.supervisor import dies_with_parent
+from liftgate_hil.isolate.children import end_in_words
+from liftgate_hil.isolate.isolation import HANG_S
+from liftgate_hil.isolate.stillness import Stillness
+from liftgate_hil.isolate.supervisor import dies_with_parent
 
 _LOOK_S = 0.25
 _SILENT_S = 120.0  # s without progress of our own code

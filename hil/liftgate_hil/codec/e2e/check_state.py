@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant.compiler import compilable, outlined
+from liftgate_compiler import compilable, outlined
 
 # Status of a frame.
 NEXT, SOME_LOST, FIRST, SYNCHRONISING, REPEATED, WRONG, BAD_SUM = range(7)

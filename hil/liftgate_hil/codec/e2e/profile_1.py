@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable
 from liftgate_hil.codec.crc import crc8_byte
-from liftgate_plant.compiler import compilable
 
 # How profile 1 includes the data ID in its CRC: both bytes, alternating bytes, the low byte, or the low byte while
 # the low nibble of the high byte is transmitted.

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_compiler import compilable
 from liftgate_hil.codec.crc import crc8h2f_byte
-from liftgate_plant.compiler import compilable
 
 
 @compilable

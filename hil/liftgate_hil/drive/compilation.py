@@ -1,0 +1,80 @@
+"""Reporting of compilations to a listener; a stop of the run ends them."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+
+import liftgate_compiler as compiler
+from liftgate_hil.errors import LiftgateError
+from liftgate_hil.loop.listener import Listener
+
+# Names in messages of all entry points of machine code, by their functions.
+ENTRY_POINTS = {
+    "run_realtime": "real-time loop",
+    "run_stretch": "closed loop",
+    "scheduled_tick": "loop on a bus",
+    "turn": "ECU's side of the bus",
+    "block": "simulation",
+    "run": "identification model",
+    "walk": "reader of bus logs",
+    "judge_block": "evaluation of expectations",
+    "note_wakeups": "lateness measurement",
+    "put_lines": "CSV text",
+    "play": "replay",
+    "note_truths": "trigger of the recording",
+}
+
+
+class _Watcher(compiler.Watcher):
+    """Reports compilations to a listener, and gives them up when the run is stopped."""
+
+    def __init__(self, listener: Listener, stopped: Callable[[], bool]) -> None:
+        self._listener = listener
+        self._stopped = stopped
+        self._expected: float | None = None  # s, duration of the present compilation
+        self._own = ""  # the entry point that this process compiles
+
+    def compiles(self, name: str, seconds: float) -> None:
+        """Report that an entry point is being compiled, for `seconds` so far."""
+        if self._stopped():
+            raise compiler.GivenUpError
+        if seconds == 0.0:
+            self._expected = compiler.expected_s(name)
+        self._own = name
+        what = f"compiling the {ENTRY_POINTS.get(name, name)}"
+        self._listener.compiles(what, seconds, self._expected)
+
+    def waits(self, name: str, seconds: float) -> None:
+        """Report that another process compiles the entry point, for `seconds` so far."""
+        if self._stopped():
+            raise compiler.GivenUpError
+        what = f"waiting for another process to compile the {ENTRY_POINTS.get(name, name)}"
+        self._listener.compiles(what, seconds, None)
+
+    def ready(self, name: str, seconds: float) -> None:
+        """Report that the entry point is ready, and note how long it took to compile here."""
+        if self._own == name:
+            compiler.note_duration(name, seconds)
+            self._own = ""
+        self._listener.compiled(ENTRY_POINTS.get(name, name), seconds)
+
+    def not_kept(self, why: str) -> None:
+        """Report why machine code is not kept on disk."""
+        self._listener.say(f"machine code is not cached: {why}")
+
+
+@contextlib.contextmanager
+def reporting_compilation(listener: Listener, stopped: Callable[[], bool] = lambda: False) -> Iterator[None]:
+    """Context in which compilations are reported to a listener; GivenUpError ends them when it is `stopped`.
+
+    Raises LiftgateError where the compiler's process was killed from outside, or numba is not a known version.
+    """
+    watcher = _Watcher(listener, stopped)
+    compiler.watch(watcher)
+    try:
+        yield
+    except compiler.CompileError as error:
+        raise LiftgateError(str(error)) from None
+    finally:
+        compiler.unwatch(watcher)

@@ -1,0 +1,191 @@
+"""Isolation of code that may crash, hang or keep statics, in a process of its own: the caller's side.
+
+The worker gets a pickled plan on stdin and answers over a channel of its own (`processes.answers`). The memory of
+its loop can be read from here, which shows its progress. Every wait has a deadline.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import select
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+from liftgate_hil.errors import EcuError
+from liftgate_hil.isolate.answers import PLACE, AnswerChannel, BadAnswerError
+from liftgate_hil.isolate.children import end_in_words, foreign_output, in_memory, keep_nice_value
+from liftgate_hil.isolate.stillness import Stillness
+from liftgate_hil.loop.episode import FRAMES
+from liftgate_hil.loop.rings import Memory
+
+HANG_S = 10.0  # s that the ECU may take for a tick, to be created, or to end
+EXIT_S = 5.0  # s that the process may take to exit once it has answered
+SILENT_S = 120.0  # s without a sign of life of the rest of the worker, plus the run's length
+_PLACE_S = 0.5  # s that a worker that hangs may take to say where
+_STOP_S = 1.0  # s that the ECU may take once the run is stopped
+_KILL_S = 5.0  # s that the worker's supervisor may take to end everything
+_STATUS = struct.Struct("i")  # status of a process that was waited for
+_LOOK_S = 0.05
+_ROWS = 512  # rows of a stretch: at most so many are lost in a crash
+
+
+class Answer(NamedTuple):
+    """Answer of a worker."""
+
+    payload: bytes
+    note: str  # what went wrong after the answer; "": nothing
+
+
+def run_isolated(
+    worker: str, plan: bytes, step: float, stopped: Callable[[], bool] = lambda: False, hang_s: float | None = None
+) -> Answer:
+    """Return the answer of a module, the worker, to a pickled plan; early if it is `stopped`.
+
+    The ticks of the run are `step` [s] apart. Raises EcuError where the worker crashed or hung, or its answer was
+    spoiled.
+    """
+    shared = Memory(_ROWS, FRAMES, others_write=True)
+    with AnswerChannel() as channel, contextlib.closing(shared) as memory:
+        ended, status_fd = os.pipe()
+        given = in_memory(pickle.dumps((channel.address, sys.path, plan)))
+        try:
+            child = subprocess.Popen(
+                [
+                    sys.executable, "-P", "-m", worker,
+                    str(_ROWS), str(FRAMES), str(memory.descriptor), str(status_fd), str(os.getpid()),
+                ],
+                stdin=given,
+                stdout=foreign_output(),
+                pass_fds=[memory.descriptor, status_fd],
+                start_new_session=True,  # signals for the caller's group are for the caller alone
+            )  # fmt: skip
+        except BaseException:
+            os.close(ended)
+            raise
+        finally:
+            os.close(given)
+            os.close(status_fd)
+        keep_nice_value(child)
+        try:
+            patience = HANG_S if hang_s is None else hang_s
+            watch = _Watch(child, ended, channel, memory, step, stopped, patience)
+            payload = watch.answer()
+            return Answer(payload, watch.exit_note())
+        finally:
+            _end(child)
+            os.close(ended)
+
+
+class _Watch:
+    """Waits for a worker's answer and for its exit, and detects that it hangs."""
+
+    def __init__(
+        self,
+        child: subprocess.Popen[bytes],
+        ended: int,
+        channel: AnswerChannel,
+        memory: Memory,
+        step: float,
+        stopped: Callable[[], bool],
+        hang_s: float,
+    ) -> None:
+        self._child, self._ended, self._channel, self._step = child, ended, channel, step
+        self._control = memory.shared.control[0]
+        self._stopped, self._hang_s = stopped, hang_s
+
+    def answer(self) -> bytes:
+        """Return the worker's answer. Raises EcuError."""
+        progress, pulse = Stillness(), Stillness()
+        while True:
+            self._pass_on_a_stop()
+            # Checked first: then all that it has sent has arrived. Its supervisor may still be at work.
+            is_over = bool(select.select([self._ended], [], [], 0.0)[0])
+            try:
+                payload = self._channel.take(0.0 if is_over else _LOOK_S)
+            except BadAnswerError as error:
+                raise self._failure(f"its process's answer was corrupted: {error}") from error
+            if payload is not None and not payload.startswith(PLACE):  # nobody has asked for a place yet
+                return payload
+            if is_over:
+                raise self._failure(f"its process ended ({self._end()})")
+            if progress.of(self._progress()) > self._patience():
+                return self._late_answer(f"no response for {self._patience():g} s")
+            beats = int(self._control.pulse)
+            if pulse.of(beats) > self._hang_s and beats:
+                return self._late_answer(f"no response for {self._hang_s:g} s", is_its=True)
+
+    def _late_answer(self, what: str, is_its: bool = False) -> bytes:
+        """Return an answer that came too late, but came; else raise an EcuError as `_failure` makes it.
+
+        A worker whose interpreter lock is free says where the ECU's code in Python is.
+        """
+        self._control.asked = 1
+        payload = None
+        with contextlib.suppress(BadAnswerError):
+            payload = self._channel.take(_PLACE_S)
+        if payload is not None and not payload.startswith(PLACE):
+            return payload
+        place = b"" if payload is None else payload.removeprefix(PLACE)
+        raise self._failure(what + place.decode(errors="replace"), is_its)
+
+    def _end(self) -> str:
+        """Return in words how the worker has ended."""
+        status = os.read(self._ended, _STATUS.size)
+        if len(status) == _STATUS.size:
+            return end_in_words(os.waitstatus_to_exitcode(_STATUS.unpack(status)[0]))
+        with contextlib.suppress(subprocess.TimeoutExpired):  # its supervisor was killed, too
+            return end_in_words(self._child.wait(_KILL_S))
+        return "cause unknown"
+
+    def exit_note(self) -> str:
+        """Wait until the process that has answered exits; return "", or a note where it does not."""
+        until = time.monotonic() + EXIT_S
+        while time.monotonic() < until:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._child.wait(_LOOK_S)
+                return ""
+            if self._stopped():
+                until = min(until, time.monotonic() + _STOP_S)
+        return f"the ECU's process did not exit within {EXIT_S:g} s after the run, and was killed"
+
+    def _progress(self) -> tuple[int, int, int]:
+        control = self._control
+        return int(control.tick), int(control.foreign), int(control.beats)
+
+    def _patience(self) -> float:
+        """Return how long there may be no progress at present [s]."""
+        if int(self._control.foreign) % 2:
+            return self._hang_s
+        return SILENT_S + int(self._control.tick) * self._step
+
+    def _pass_on_a_stop(self) -> None:
+        if self._stopped():
+            self._control.stop, self._hang_s = 1, min(self._hang_s, _STOP_S)
+
+    def _failure(self, what: str, is_its: bool = False) -> EcuError:
+        """Return an EcuError with the text `what` and the time of the current tick.
+
+        It names the ECU if the ECU's own code is running or `is_its` is set, else the run's process.
+        """
+        ticks, is_foreign = int(self._control.tick), is_its or int(self._control.foreign) % 2
+        who = "the ECU" if is_foreign else "the run's process"
+        return EcuError(f"{who} at {ticks * self._step:.3f} s: {what}", ticks)
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    """End a worker and all its descendants, by its supervisor or by killing its process group."""
+    if child.poll() is None:
+        child.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.wait(_KILL_S)
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, signal.SIGKILL)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        child.wait(_KILL_S)

@@ -1,0 +1,127 @@
+"""Recorder of the loop's rings: reads them, and passes rows and frames to the writers once these are open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from liftgate_hil.codec.frames import no_logged
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.writer import Writer, truncated_to_us
+from liftgate_hil.isolate.recording_sink import Sieve, write_block
+from liftgate_hil.loop.datagrams import CAPACITY
+from liftgate_hil.loop.rings import Memory, RingReader
+from liftgate_hil.signals import COLUMN_PLACE
+
+_LATE_NS = 100_000_000  # ns that a frame may be out of order: received ones are logged a tick late
+
+
+class Place(NamedTuple):
+    """Place in the loop's rings: how many rows and frames it has written so far."""
+
+    rows: int
+    frames: int
+
+
+EVERYWHERE = Place(2**62, 2**62)
+
+
+def place_in(memory: Memory) -> Place:
+    """Return where the loop's rings are now."""
+    control = memory.shared.control
+    return Place(int(control["rows"][0]), int(control["frames"][0]))
+
+
+class RingRecorder:
+    """Passes rows and frames from the rings to the writers; what comes before `write_to` waits here.
+
+    Files may take longer to open than the rings hold, as a format's library is imported with the first one.
+    """
+
+    def __init__(
+        self, memory: Memory, content: Content, sieve: Sieve | None = None, begin: Place | None = None
+    ) -> None:
+        shared = memory.shared
+        self._rows = RingReader(shared.rows, shared.control, "rows")
+        self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
+        self._control = shared.control
+        if begin is not None:
+            self._rows.skip(begin.rows)
+            self._frames.skip(begin.frames)
+        self._content, self._sieve = content, sieve
+        self._writers: Sequence[Writer] | None = None  # None: not open yet
+        self._kept: list[Callable[[Sequence[Writer]], None]] = []  # what is to be written then
+        self._waiting: Any = no_logged()
+        self._has_begun = False
+        self.span: tuple[float, float] | None = None  # s, first and last row that were written
+
+    def write_to(self, writers: Sequence[Writer]) -> None:
+        """Write all that has come so far, and what comes from now on."""
+        self._writers, kept, self._kept = writers, self._kept, []
+        for write in kept:
+            write(writers)
+
+    def _put(self, write: Callable[[Sequence[Writer]], None]) -> None:
+        """Write something, at once or as soon as there are writers."""
+        if self._writers is None:
+            self._kept.append(write)
+        else:
+            write(self._writers)
+
+    def end_at(self, place: Place) -> None:
+        """Read the rings up to this place only."""
+        self._rows.end, self._frames.end = place
+
+    @property
+    def lost(self) -> int:
+        """Rows and frames that were overwritten before they were read."""
+        return self._rows.lost + self._frames.lost
+
+    def take(self, most: Place = EVERYWHERE, is_last: bool = False) -> None:
+        """Write what is new up to a place, down to the operating system; frames in the order of time."""
+        rows = self._rows.take(most.rows)
+        come = self._frames.take(most.frames)
+        frames = self._in_order(come, is_last)
+        if len(rows) or len(frames):
+            self.begin()
+        if self._sieve is not None:
+            rows, frames = self._sieve.kept(rows, frames, come)
+        if len(rows):
+            times = rows[:, COLUMN_PLACE["time_s"]]
+            self.span = float(times[0] if self.span is None else self.span[0]), float(times[-1])
+        self._put(lambda writers: write_block(writers, self._content, rows, frames))
+
+    def mark(self, time_s: float, text: str) -> None:
+        """Write a mark at a time [s] of the run."""
+        self.begin()
+
+        def write(writers: Sequence[Writer]) -> None:
+            for writer in writers:
+                writer.write_mark(time_s, text)
+
+        self._put(write)
+
+    def begin(self) -> None:
+        """Begin the files, unless they have begun."""
+        if self._has_begun:
+            return
+        self._has_begun = True
+        epoch_ns = truncated_to_us(int(self._control["epoch_ns"][0]))
+
+        def write(writers: Sequence[Writer]) -> None:
+            for writer in writers:
+                writer.begin(epoch_ns)
+
+        self._put(write)
+
+    def _in_order(self, come: Any, is_last: bool) -> Any:
+        """Return, in the order of time, the frames before which none can come; the others wait."""
+        frames = np.concatenate([self._waiting, come])
+        frames = frames[np.argsort(frames["time_ns"], kind="stable")]
+        count = len(frames)
+        if count and not is_last:
+            count = int(np.searchsorted(frames["time_ns"], frames["time_ns"][-1] - _LATE_NS))
+        self._waiting = frames[count:]
+        return frames[:count]

@@ -1,0 +1,162 @@
+"""Orders of a test bench: read beside the loop, from the frames in its ring, and passed to their target.
+
+They are validated as a scenario's lines are; an invalid one is reported and counted, and changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.codec.frames import FD_FLAGS
+from liftgate_hil.config.inject import BABBLING, FAULT, NOTHING, REQUEST, OrderMessage
+from liftgate_hil.config.restbus import value_in
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario_tables import Fault
+from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.operate.buttons import Buttons
+from liftgate_hil.operate.decoding import Decoded, Which, decoded, fault_ordered, value_key, which_ordered
+from liftgate_hil.operate.loop_target import Target
+from liftgate_hil.stimuli.moments import Instant
+
+_MOST_LISTED = 1000  # orders of a run that are reported; more are executed, or refused and counted
+
+
+class Orders:
+    """Reads the orders of a rig's test bench, and has a target execute them."""
+
+    def __init__(self, rig: Rig, target: Target, say: Callable[[str], None] = lambda text: None) -> None:
+        self._rig = rig
+        self._target = target
+        self._say = say
+        self._known: dict[int, list[OrderMessage]] = {}
+        for each in rig.orders:
+            self._known.setdefault(each.identifier, []).append(each)
+        self._faults: dict[Which, Fault] = {}
+        self._buttons = Buttons(rig, target)
+        self.count = 0  # orders executed
+        self.done: list[str] = []  # the first of these, in words, with their times
+        self.kinds: set[str] = set()  # of faults that were injected
+        self.refused = 0
+
+    @property
+    def next_release(self) -> float:
+        """Time of the next release of a button [s]; inf: none is pressed."""
+        return self._buttons.next_release
+
+    def is_one(self, identifier: int) -> bool:
+        """Whether a frame with this identifier may be an order."""
+        return identifier & ~FD_FLAGS in self._known
+
+    def look(self, frames: Any, now: float) -> None:
+        """Execute the orders in frames, and release the buttons that are due at a time [s]."""
+        if len(frames):
+            identifiers, is_one = frames["identifier"] & ~FD_FLAGS, np.zeros(len(frames), dtype=bool)
+            for identifier in self._known:
+                is_one |= identifiers == identifier
+            for row in frames[is_one & (frames["is_sent"] == 0)] if is_one.any() else ():
+                self._read(row, now)
+        self._buttons.release(now)
+
+    def _read(self, row: Any, now: float) -> None:
+        """Execute the orders of one frame, and report each, executed or refused."""
+        own = self._known[int(row["identifier"]) & ~FD_FLAGS]
+        name, time = own[0].message, row["time_ns"] * 1e-9
+        try:
+            values = decoded(self._rig, name, row["payload"][: row["length"]].tobytes())
+            orders = [each for each in own if set(each.signals.values()) <= set(values)]
+            if not orders:
+                allowed = " | ".join(each.what for each in own)
+                raise ConfigError(f"{', '.join(values)}: not all signals of an order; allowed: {allowed}")
+        except ConfigError as error:
+            self._refuse(name, time, error)
+            return
+        for each in orders:
+            content = {key: values[signal] for key, signal in each.signals.items()}
+            try:
+                done = self._order(each, content, now)
+            except ConfigError as error:
+                self._refuse(name, time, error)
+                continue
+            if not done:
+                continue
+            self.count += 1
+            if self.count <= _MOST_LISTED:
+                self.done.append(f"{time:.3f} s: {done}")
+            self._tell(self.count, f"{time:.3f} s: {name}: {done}")
+
+    def _refuse(self, name: str, time: float, error: ConfigError) -> None:
+        self.refused += 1
+        why = "; ".join(
+            each.removeprefix(": ").removeprefix("`fault`.").removeprefix("`fault`: ") for each in error.issues
+        )
+        self._tell(self.refused, f"{time:.3f} s: {name} refused: {why}")
+
+    def _tell(self, number: int, content: str) -> None:
+        """Report one of the first orders of its kind; `number` is how many there were with this one."""
+        if number <= _MOST_LISTED:
+            last = "; further ones are only counted" if number == _MOST_LISTED else ""
+            self._say(content + last)
+
+    def _order(self, order: OrderMessage, content: Mapping[str, Decoded], now: float) -> str:
+        """Execute an order, and return it in words; "": it is in force already. Raises ConfigError."""
+        what = order.what
+        if what == REQUEST:
+            return self._request(content["action"].label, now)
+        if what in (FAULT, BABBLING):
+            return self._fault(what, content, now)
+        name, value = content["name"].label, content["value"].number
+        if name not in order.labels:
+            raise ConfigError(f"signal {name}; allowed: {', '.join(order.labels)}")
+        issues = ConfigIssues("")
+        number = value_in("", name, value, self._rig.tables, self._rig.mapped, issues)
+        issues.raise_if_any()
+        assert number is not None
+        self._target.set_signals({name: number})
+        self._buttons.forget(name)
+        return f"{name} = {_short(value)}"
+
+    def _request(self, action: str, now: float) -> str:
+        if action == NOTHING:
+            return ""
+        self._buttons.request(action, now)
+        return f"request {action}"
+
+    def _fault(self, what: str, content: Mapping[str, Decoded], now: float) -> str:
+        is_on = content["on"].number != 0.0
+        if what == FAULT and content["kind"].label == NOTHING:
+            return "" if is_on else self._end_all()
+        which = which_ordered(self._rig, what, content)
+        label = " ".join([each for each in which[:2] if each != NOTHING])
+        others = {key: each for key, each in self._faults.items() if key != which}
+        if not is_on:
+            if which not in self._faults:
+                raise ConfigError(f"{label} is not active; allowed: to end an injected fault")
+            self._target.inject(tuple(others.values()))
+            self._faults = others
+            return f"{label} ends"
+        fault = replace(fault_ordered(which, what, content), start=Instant(now))
+        before = self._faults.get(which)
+        if before is not None and before.values == fault.values:
+            return ""
+        self._target.inject((*others.values(), fault))
+        self._faults = {**others, which: fault}
+        self.kinds.add(fault.kind)
+        own = [key for key in ("state", "rate") if key in fault.values]
+        with_value = [f"{key} {_short(fault.values[key])}" for key in own]
+        taken = value_key(fault.kind)
+        if taken is not None and what == FAULT:
+            with_value = [f"{taken} {_short(content['value'].number)}"]
+        return ", ".join([f"{label} begins", *with_value, *([which[2]] if which[2] else [])])
+
+    def _end_all(self) -> str:
+        self._target.inject(())
+        self._faults.clear()
+        return "all faults end"
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,54 @@
+"""The loop of a run before its first tick: its constants, and its state at rest."""
+
+from __future__ import annotations
+
+from liftgate_hil.codec.frames import empty_frames
+from liftgate_hil.codec.transmit import message_of
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.rig_fit import check_fit
+from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop
+from liftgate_hil.plan.request import NS
+from liftgate_hil.signals import OUT
+from liftgate_plant.faults import SOUND
+from liftgate_plant.friction_profile import friction_profile
+from liftgate_plant.initial import closed_state, initial_state
+from liftgate_plant.vehicle import Vehicle, load_of, plant_of
+
+
+def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopConfig:
+    """Return the loop's constants at a rate [Hz].
+
+    Raises ConfigError where the rig does not fit vehicle or rate.
+    """
+    check_fit(rig, vehicle, rate)
+    mapped = {mapping.quantity for mapping in rig.inputs}
+    outputs = rig.output_config()
+    plant = plant_of(vehicle)
+    return LoopConfig(
+        plant=plant,
+        sensors=vehicle.sensors,
+        friction=friction_profile(vehicle, plant, seed),
+        load=load_of(vehicle),
+        faults=SOUND,
+        inputs=rig.input_config(),
+        outputs=outputs,
+        signed_left=int("left_direction" not in mapped),
+        signed_right=int("right_direction" not in mapped),
+        latch_mapped=int("latch_release" in mapped),
+        hold_message=message_of(outputs, OUT.pinch_force_max),
+        obstacle_distance=vehicle.gate.length,
+        step=1.0 / rate,
+        step_ns=round(NS / rate),
+        seed=seed,
+        nothing=empty_frames(0),
+    )
+
+
+def start_of(config: LoopConfig, angle: float = 0.0, edges: int = 64) -> LoopState:
+    """Return the state of a loop whose gate rests at an angle [rad]; at 0 it is closed and latched.
+
+    There is a ring for the last `edges` Hall edges.
+    """
+    is_closed = angle == 0.0
+    state = closed_state(config.plant, config.load) if is_closed else initial_state(config.plant, angle)
+    return initial_loop(config, state, edges)

@@ -1,0 +1,250 @@
+"""Plan of a run, prepared once: objects, loop constants, stimuli, expectations and the recording trigger."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from liftgate_hil.config.after_the_end import begins
+from liftgate_hil.config.bus_fault import located
+from liftgate_hil.config.fault_kinds import FAULT_KINDS, MESSAGE
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.scenario_tables import Fault
+from liftgate_hil.config.sources import Source, sources_of
+from liftgate_hil.ecu.find import check_ecu
+from liftgate_hil.ecu.identity import identity_of
+from liftgate_hil.ecu.names import ON_A_BUS
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.judging.expected import Expected, PreconditionEnd, expected_of
+from liftgate_hil.judging.stimulus_times import TimedFault
+from liftgate_hil.loop.datagrams import POSSIBLE
+from liftgate_hil.loop.tick import LoopConfig
+from liftgate_hil.plan.job import Job
+from liftgate_hil.plan.loop_start import loop_config_of
+from liftgate_hil.plan.recording_trigger import Trigger, trigger_of
+from liftgate_hil.plan.request import RunRequest, ticks_of
+from liftgate_hil.plan.setup import Setup, rig_of, setup_for
+from liftgate_hil.plan.stimulation import opening_of, planned_stimuli
+from liftgate_hil.stimuli.command_queue import CLOSED, Opening
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
+from liftgate_hil.transport.find import Way, find_way
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Subject of a report: the job of a run, and the objects that it names."""
+
+    job: Job
+    setup: Setup
+    rig: Rig
+    sources: Mapping[str, Source]  # the files that these were made from
+
+    @property
+    def request(self) -> RunRequest:
+        """Request of the job."""
+        return self.job.request
+
+    @property
+    def duration(self) -> float | None:
+        """Model time of the run [s], the job's or else the scenario's; None: it runs until it is stopped."""
+        given = self.request.duration
+        return self.setup.scenario.duration if given is None else given
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Files that it is made from, to which no run may write."""
+        return [*(Path(each.path) for each in self.sources.values()), *self.setup.inputs]
+
+    @property
+    def ecu_identity(self) -> Mapping[str, Any]:
+        """Identity of the ECU for recordings."""
+        return _identity_of(self.job, self.setup)
+
+
+@dataclass(frozen=True)
+class Plan(Subject):
+    """Plan of a run: all that it needs, validated. No run changes it: each uses a copy of `stimuli`."""
+
+    way: Way | None  # of the wire; None: there is none
+    config: LoopConfig
+    opening: Opening  # what may be injected while it runs
+    stimuli: StimulusPlan  # at the scenario's time 0
+    expected: Expected
+    trigger: Trigger | None  # None: all of the run is recorded
+
+    @property
+    def ticks(self) -> int | None:
+        """Number of ticks of the run; None: it runs until it is stopped."""
+        return ticks_of(self.duration, self.request.rate)
+
+    def varied(self, job: Job | None = None, setup: Setup | None = None) -> Plan:
+        """Return the plan of another job or setup of the same files, none of which is read again.
+
+        Raises ConfigError.
+        """
+        job = self.job if job is None else job
+        if setup is None and _is_prepared_alike(job, self.job):
+            return replace(self, job=job)
+        return planned(job, setup or self.setup, self.rig, self.way, self.sources, self)
+
+    def _has_constants_of(self, setup: Setup, rate: float) -> bool:
+        """Whether the loop's constants are those of another setup."""
+        own = self.setup
+        return (own.vehicle, own.seed, self.request.rate) == (setup.vehicle, setup.seed, rate)
+
+
+def _is_prepared_alike(job: Job, other: Job) -> bool:
+    """Whether two jobs of the same files differ in nothing that their plans are made from."""
+    own, others = (each.request.replaced(record=()) for each in (job, other))
+    return job.attachable_as == other.attachable_as and own == others
+
+
+def plan_of(job: Job) -> Plan:
+    """Return the plan of a job; the scenario supplies what the job leaves open.
+
+    Raises ConfigError with all issues.
+    """
+    check_ecu(job.request.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere)
+    setup = setup_for(job.request)
+    job.request.check()
+    rig = rig_of(job.request.rig, setup.scenario)
+    way = None if job.wire is None else find_way(job.wire, rig)
+    return planned(job, setup, rig, way, sources_of(_files_of(job, setup, rig)))
+
+
+def planned(
+    job: Job, setup: Setup, rig: Rig, way: Way | None, sources: Mapping[str, Source], other: Plan | None = None
+) -> Plan:
+    """Return the plan of a job whose objects are loaded; `other` is a plan with the same rig.
+
+    Raises ConfigError with all issues.
+    """
+    request = job.request
+    if way is None and job.request.ecu == ON_A_BUS:
+        raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
+    if request.clock == "realtime" and not POSSIBLE:
+        text = "64-bit little-endian Linux; free and lockstep run everywhere"
+        raise ConfigError(f"`clock` realtime: not possible on this platform; allowed: {text}")
+    if request.clock == "free" and way is not None and not way.is_interface("virtual"):
+        raise ConfigError("`clock` free: allowed without a bus, or on a virtual one")
+    if job.ecu_elsewhere is not None:  # it gets requests by its own clock: no preconditions
+        setup = replace(setup, scenario=replace(setup.scenario, precondition=()))
+    issues = _periods(setup.scenario, request.rate)
+
+    def fitted(make: Callable[[], Any]) -> Any:
+        try:
+            return make()
+        except ConfigError as error:
+            issues.extend(line for line in error.issues if line not in issues)
+            return None
+
+    is_on_bus, opening = job.request.ecu == ON_A_BUS, _opening_of(job, rig)
+    stimuli = fitted(lambda: planned_stimuli(setup, rig, is_on_bus, opening=opening))
+    expected = fitted(lambda: expected_in(setup, rig))
+    trigger = fitted(lambda: trigger_in(setup, rig, request))
+    if issues:
+        raise ConfigError(issues)
+    if other is not None and other._has_constants_of(setup, request.rate):
+        config = other.config
+    else:
+        config = loop_config_of(setup.vehicle, rig, request.rate, setup.seed)
+    return Plan(job, setup, rig, sources, way, config, opening, stimuli, expected, trigger)
+
+
+def _opening_of(job: Job, rig: Rig) -> Opening:
+    """Return what may be injected into a running job; CLOSED for one that runs in machine code (`is_episode`)."""
+    if job.is_episode:
+        return CLOSED
+    return opening_of(rig, job.attachable_as is not None)
+
+
+def _periods(scenario: Scenario, rate: float) -> list[str]:
+    """Return an issue for each intermittent fault that changes faster than the ticks can show."""
+    found = []
+    for each in scenario.faults:
+        shares = [share for share in (each.share, 1.0 - each.share) if share > 0.0]
+        if each.period and min(shares) * each.period * rate < 1.0 - 1e-9:
+            text = f"on or off for less than a tick of {1e3 / rate:g} ms"
+            found.append(f"{each.called('period_s')}: {each.period:g}: {text}; allowed: at least a tick of each")
+    return found
+
+
+def _identity_of(job: Job, setup: Setup) -> Mapping[str, Any]:
+    ecu = job.request.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere
+    return identity_of(ecu, setup.vehicle.coding, job.mutant)
+
+
+def _files_of(job: Job, setup: Setup, rig: Rig) -> dict[str, Path]:
+    """Return the files that a job was made from, by purpose; there is none for an object that a program made."""
+    ecu = _identity_of(job, setup).get("path")
+    files = {"rig": Path(rig.source), "dbc": rig.database, **setup.files}
+    return files if ecu is None else {**files, "ecu": Path(ecu)}
+
+
+def expected_in(setup: Setup, rig: Rig) -> Expected:
+    """Return the expectations of a scenario for its vehicle and a rig.
+
+    Raises ConfigError with all that does not fit.
+    """
+    scenario = setup.scenario
+    return expected_of(
+        scenario.expectations,
+        scenario.parameters,
+        rig.messages,
+        setup.vehicle.drives,
+        scenario.source,
+        scenario.awaited(),
+        rig.diagnostics,
+        _timed_faults(scenario.faults, rig),
+        begins(scenario),
+        _precondition_end(setup),
+    )
+
+
+def _precondition_end(setup: Setup) -> PreconditionEnd | None:
+    """Return where a precondition ends; None: its last request is no motion to an end of the travel."""
+    ends = {"open": math.degrees(setup.vehicle.gate.open_angle), "close": 0.0}
+    action = next(reversed(setup.scenario.precondition), "")
+    return PreconditionEnd(action, ends[action]) if action in ends else None
+
+
+def _timed_faults(faults: Sequence[Fault], rig: Rig) -> list[TimedFault]:
+    """Return when faults are in force, and the time-out of the rig that each shall outlast.
+
+    It is the time-out of the message that the fault acts on, else that of the drive command, by which an ECU
+    answers.
+    """
+    if not rig.inputs:
+        return []
+    found = []
+    for each in faults:
+        bridge = rig.command_message()
+        if FAULT_KINDS[each.kind].of == MESSAGE and each.where is not None:
+            bridge = str(located(each, rig).where)
+            if bridge not in rig.messages:  # which is reported with the fault's other issues
+                continue
+        least = 1e-3 * rig.timeout_ms(bridge)
+        name = f"{each.key.partition(': ')[2] or each.key} ({each.kind})"
+        found.append(TimedFault(name, each.start, each.end, each.length, least, bridge))
+    return found
+
+
+def trigger_in(setup: Setup, rig: Rig, request: RunRequest) -> Trigger | None:
+    """Return the trigger of the run's recording; None: all of it is recorded.
+
+    Raises ConfigError with all that does not fit.
+    """
+    if not request.record_when:
+        return None
+    return trigger_of(
+        request.conditions,
+        *request.around(),
+        request.rate,
+        setup.scenario.parameters,
+        rig.messages,
+        setup.vehicle.drives,
+    )

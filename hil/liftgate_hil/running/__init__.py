@@ -1,1 +1,0 @@
-"""Runs of a scenario against an ECU."""

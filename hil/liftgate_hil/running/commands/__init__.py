@@ -1,1 +1,0 @@
-"""Commands to a run while it goes on: faults, requests and signals, from a test bench or an operator."""

@@ -1,0 +1,109 @@
+"""Obtain machine code for a function and kinds of arguments: from the disk, or compiled and stored there."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from liftgate_compiler import building, storage
+from liftgate_compiler.child import Request, compile_apart
+from liftgate_compiler.kinds import Kind
+from liftgate_compiler.loading import MachineCode, StandIns
+from liftgate_compiler.storage import Stored
+from liftgate_compiler.watching import watcher
+
+_lock = threading.Lock()
+
+
+def _renew_lock() -> None:
+    """Give a forked process a lock of its own: a thread of its parent may hold the other."""
+    global _lock  # noqa: PLW0603
+    _lock = threading.Lock()
+
+
+os.register_at_fork(after_in_child=_renew_lock)
+
+_LOOK_S = 0.1
+_is_compiling = threading.Event()  # a thread of this process compiles
+
+
+def machine_code_of(
+    function: Callable[..., Any], kinds: tuple[Kind, ...], stand_ins: StandIns | None = None
+) -> MachineCode:
+    """Return machine code of `function` for arguments of these kinds, with Python functions in place of Systems.
+
+    Raises what numba raises, CompileError, and what the watcher raises.
+    """
+    began = time.monotonic()
+    lock = _lock
+    while not lock.acquire(timeout=_LOOK_S):  # another thread loads code, or compiles
+        if _is_compiling.is_set():
+            watcher().waits(function.__qualname__, time.monotonic() - began)
+    try:
+        stored = _from_disk(function, kinds)
+    finally:
+        lock.release()
+    return MachineCode(function.__qualname__, stored.code, kinds, stored.result, stand_ins)
+
+
+def _from_disk(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:
+    """Return stored code, or compile and store it; problems with the disk cost time and are reported."""
+    path = building.file_of(function, kinds)
+    with contextlib.ExitStack() as stack:
+        try:
+            if stored := storage.read(path):
+                return stored
+            turn = stack.enter_context(storage.turn(path.parent))
+        except OSError as error:
+            watcher().not_kept(_reason(error))
+            return _compiled(function, kinds)
+        return _in_turn(function, kinds, path, turn)
+
+
+def _in_turn(function: Callable[..., Any], kinds: tuple[Kind, ...], path: Path, turn: storage.Turn) -> Stored:
+    began = time.monotonic()
+    while not turn.taken():
+        watcher().waits(function.__qualname__, time.monotonic() - began)
+        time.sleep(_LOOK_S)
+    with contextlib.suppress(OSError):  # reported below if the code cannot be stored either
+        if stored := storage.read(path):  # by the process that had its turn before
+            watcher().ready(function.__qualname__, time.monotonic() - began)
+            return stored
+    stored = _compiled(function, kinds)
+    try:
+        storage.keep(path, stored)
+    except OSError as error:
+        watcher().not_kept(_reason(error))
+    return stored
+
+
+def _reason(error: OSError) -> str:
+    if isinstance(error, storage.NotOursError):
+        return str(error)
+    return f"{storage.root()}: {error.strerror or error}"
+
+
+def _compiled(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:
+    name, began = function.__qualname__, time.monotonic()
+
+    def look() -> None:
+        watcher().compiles(name, time.monotonic() - began)
+
+    building.check_numba()
+    look()
+    made = None
+    _is_compiling.set()
+    try:
+        if function.__module__ != "__main__":
+            made = compile_apart(Request(function, kinds, building.key_of(function)), look)
+        if made is None:
+            made = building.make_here(function, kinds)
+    finally:
+        _is_compiling.clear()
+    watcher().ready(name, time.monotonic() - began)
+    return made

@@ -1,0 +1,407 @@
+"""Files are there whole, or as they were before; what killed processes leave is removed, and nothing else."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import io
+import itertools
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from liftgate_compiler import files
+from liftgate_compiler.files import lock, name_beside, remove_leftovers, rename_new, whole_file, write_whole
+
+
+def test_a_file_is_replaced_with_its_permissions(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_bytes(b"before")
+    path.chmod(0o600)
+    write_whole(path, b"after")
+    assert (path.read_bytes(), path.stat().st_mode & 0o777) == (b"after", 0o600)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_stays_and_what_it_leads_to_is_written(tmp_path: Path) -> None:
+    path, link = tmp_path / "report.html", tmp_path / "latest.html"
+    link.symlink_to(path.name)
+    write_whole(link, b"content")
+    assert link.is_symlink()
+    assert path.read_bytes() == b"content"
+
+
+@pytest.mark.parametrize("name", ["ä" * 127, "x" * 255])
+def test_a_name_may_be_as_long_as_the_file_system_allows(tmp_path: Path, name: str) -> None:
+    write_whole(tmp_path / name, b"content")
+    assert [each.name for each in tmp_path.iterdir()] == [name]
+
+
+def test_a_pipe_is_written_to(tmp_path: Path) -> None:
+    path, read = tmp_path / "pipe", []
+    os.mkfifo(path)
+    reader = threading.Thread(target=lambda: read.append(path.read_bytes()))
+    reader.start()
+    write_whole(path, b"content")
+    reader.join(60.0)
+    assert read == [b"content"]
+    assert path.is_fifo()
+
+
+def test_a_pipe_by_the_name_of_its_descriptor_is_written_to() -> None:
+    read, write = os.pipe()
+    write_whole(Path(f"/dev/fd/{write}"), b"content")
+    os.close(write)
+    with os.fdopen(read, "rb") as stream:
+        assert stream.read() == b"content"
+
+
+def test_a_file_without_a_name_is_written_to(tmp_path: Path) -> None:
+    with (tmp_path / "gone").open("w+b") as stream:
+        (tmp_path / "gone").unlink()
+        write_whole(Path(f"/dev/fd/{stream.fileno()}"), b"content")
+        assert stream.read() == b"content"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [errno.EBUSY, errno.EPERM, errno.EACCES, errno.EROFS, errno.EINVAL])
+def test_a_file_that_cannot_be_replaced_is_written_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    path = tmp_path / "mounted.xml"
+    path.write_bytes(b"before, and longer")
+    monkeypatch.setattr(Path, "replace", refusing(number))
+    write_whole(path, b"after")
+    assert path.read_bytes() == b"after"
+    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(OSError, match=os.strerror(number)):
+        write_whole(tmp_path / "new.xml", b"content")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def refusing(number: int) -> Callable[..., Any]:
+    def refuse(*_: object, **more: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    return refuse
+
+
+@pytest.mark.parametrize("place", ["beside", "spooled"])
+def test_what_cannot_be_replaced_stays_where_there_is_no_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    """Neither beside its place nor, as the folder takes no file, in a temporary one."""
+    path = tmp_path / "mounted.xml"
+    path.write_bytes(b"before")
+    monkeypatch.setattr(Path, "replace", refusing(errno.EBUSY))
+    if place == "spooled":
+        monkeypatch.setattr(files, "_created", refusing(errno.EACCES))
+    monkeypatch.setattr(os, "posix_fallocate", refusing(errno.ENOSPC))
+    with pytest.raises(OSError, match="No space left"):
+        write_whole(path, b"after, and longer")
+    assert path.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [path]
+    monkeypatch.setattr(os, "posix_fallocate", refusing(errno.EOPNOTSUPP))  # nobody can tell
+    write_whole(path, b"after, and longer")
+    assert path.read_bytes() == b"after, and longer"
+    write_whole(path, b"less")
+    assert path.read_bytes() == b"less"
+
+
+def test_a_copy_that_fails_half_way_leaves_the_whole_content_beside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "mounted.xml"
+    path.write_bytes(b"before")
+    monkeypatch.setattr(Path, "replace", refusing(errno.EBUSY))
+    monkeypatch.setattr("shutil.copyfileobj", refusing(errno.EIO))
+    with pytest.raises(OSError, match="the whole content is in ") as error:
+        write_whole(path, b"after")
+    (beside,) = set(tmp_path.iterdir()) - {path}
+    assert str(beside) in str(error.value)
+    assert beside.read_bytes() == b"after"
+
+
+def test_what_a_writer_raises_leaves_a_file_that_cannot_be_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "mounted.xml"
+    path.write_bytes(b"before")
+    monkeypatch.setattr(files, "_created", refusing(errno.EACCES))
+
+    def stopped() -> None:
+        with whole_file(path) as stream:
+            stream.write(b"half of it")
+            raise RuntimeError("stopped")
+
+    with pytest.raises(RuntimeError, match="stopped"):
+        stopped()
+    assert path.read_bytes() == b"before"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
+def test_a_file_keeps_its_owner(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_bytes(b"before")
+    os.chown(path, 65534, 65534)
+    path.chmod(0o600)
+    write_whole(path, b"after")
+    assert (path.stat().st_uid, path.stat().st_gid, path.stat().st_mode & 0o777) == (65534, 65534, 0o600)
+
+
+# The n-th operation on the file system fails.
+
+
+class Faults:
+    """Counts operations, of which one fails."""
+
+    def __init__(self, at: int, number: int) -> None:
+        self._at, self._number, self._count = at, number, 0
+        self.failed = ""
+
+    def pass_by(self, name: str) -> None:
+        self._count += 1
+        if self._count == self._at:
+            self.failed = name
+            raise OSError(self._number, os.strerror(self._number))
+
+    def around(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def called(*arguments: Any, **more: Any) -> Any:
+            self.pass_by(name)
+            return function(*arguments, **more)
+
+        return called
+
+    def stream(self, descriptor: int, path: Path) -> io.BufferedWriter:
+        faults = self
+
+        class Stream(io.FileIO):
+            def write(self, content: Any) -> int:
+                faults.pass_by("write")
+                return super().write(content)
+
+        return io.BufferedWriter(Stream(descriptor, "wb"))
+
+
+@pytest.fixture
+def faulty(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int, int], Faults]]:
+    def begin(at: int, number: int) -> Faults:
+        monkeypatch.undo()
+        faults = Faults(at, number)
+        for name in ("open", "fstat", "fchmod", "dup", "fsync", "replace", "link", "rename"):
+            monkeypatch.setattr(os, name, faults.around(name, getattr(os, name)))
+        monkeypatch.setattr(files, "_stream_of", faults.stream)
+        return faults
+
+    yield begin
+    monkeypatch.undo()
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ENOSPC, errno.EDQUOT])
+@pytest.mark.parametrize("before", [b"before", None])
+def test_whatever_fails_the_file_is_as_it_was_and_nothing_is_left(
+    tmp_path: Path, faulty: Callable[[int, int], Faults], before: bytes | None, number: int
+) -> None:
+    path, seen = tmp_path / "report.json", set[str]()
+    for at in itertools.count(1):
+        path.unlink(missing_ok=True)
+        if before is not None:
+            path.write_bytes(before)
+        faults = faulty(at, number)
+        if not faults.failed:
+            with contextlib.suppress(OSError):
+                write_whole(path, b"after")
+        seen.add(faults.failed)
+        faulty(0, 0)
+        assert (path.read_bytes() if path.exists() else None) == (before if faults.failed else b"after")
+        assert [each.name for each in tmp_path.iterdir()] == [path.name] * path.exists()
+        if not faults.failed:
+            break
+    assert {"open", "dup", "write", "fsync", "replace"} <= seen
+
+
+@pytest.mark.parametrize("fails", ["fsync", "fchmod", None])
+def test_an_error_of_closing_is_told_only_by_those_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str | None
+) -> None:
+    """What was brought to the disk is there, however its descriptor is closed."""
+    close, path = os.close, tmp_path / "report.json"
+    path.write_bytes(b"before")
+
+    def failing(descriptor: int) -> None:
+        close(descriptor)
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    def full(*_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "close", failing)
+    if fails is not None:
+        monkeypatch.setattr(os, fails, full)
+        with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)) as caught:
+            write_whole(path, b"content")
+        assert caught.value.filename == str(path)
+        assert path.read_bytes() == b"before"
+    else:
+        write_whole(path, b"content")
+        assert path.read_bytes() == b"content"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_that_cannot_be_read_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, link = tmp_path / "report.html", tmp_path / "latest.html"
+    path.write_bytes(b"before")
+    link.symlink_to(path.name)
+
+    def failing(*_: object, **more: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "lstat", failing)
+        with pytest.raises(OSError, match=os.strerror(errno.EIO)) as caught:
+            write_whole(link, b"content")
+    assert caught.value.filename == str(link)
+    assert link.is_symlink()
+    assert path.read_bytes() == b"before"
+
+
+def test_what_a_writer_raises_leaves_the_file_and_closes_it(tmp_path: Path) -> None:
+    path = tmp_path / "results.parquet"
+    path.write_bytes(b"before")
+    streams = []
+
+    def stopped() -> None:
+        with whole_file(path) as stream:
+            streams.append(stream)
+            stream.write(b"half of it")
+            raise RuntimeError("stopped")
+
+    with pytest.raises(RuntimeError, match="stopped"):
+        stopped()
+    assert streams[0].closed
+    assert path.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_writer_may_close_the_stream(tmp_path: Path) -> None:
+    with whole_file(tmp_path / "results.parquet") as stream:
+        stream.write(b"all")
+        stream.close()
+    assert (tmp_path / "results.parquet").read_bytes() == b"all"
+
+
+def test_a_file_that_shall_be_new_takes_nobodys_place(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    write_whole(path, b"first", is_new=True)
+    with pytest.raises(FileExistsError):
+        write_whole(path, b"second", is_new=True)
+
+    def overtaken() -> None:
+        with whole_file(tmp_path / "other.toml", is_new=True) as stream:
+            (tmp_path / "other.toml").write_bytes(b"somebody's")  # that comes meanwhile
+            stream.write(b"ours")
+
+    with pytest.raises(FileExistsError):
+        overtaken()
+    assert path.read_bytes() == b"first"
+    assert (tmp_path / "other.toml").read_bytes() == b"somebody's"
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_file_system_without_links_renames_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(os, "link", refuse)
+    (tmp_path / "one").write_bytes(b"one")
+    (tmp_path / "two").write_bytes(b"two")
+    rename_new(tmp_path / "one", tmp_path / "three")
+    with pytest.raises(FileExistsError):
+        rename_new(tmp_path / "two", tmp_path / "three")
+    assert (tmp_path / "three").read_bytes() == b"one"
+    assert (tmp_path / "two").read_bytes() == b"two"
+
+
+def test_permissions_that_are_given_hold_for_a_file_that_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "machine.code"
+    path.write_bytes(b"before")
+    path.chmod(0o666)
+    write_whole(path, b"after", mode=0o600)
+    assert path.stat().st_mode & 0o777 == 0o600
+
+
+# What killed processes leave.
+
+
+def leave(folder: Path, name: str) -> Path:
+    """Kill a process while it writes a file, and return what it leaves."""
+    code = f"""
+import os, signal
+from pathlib import Path
+from liftgate_compiler.files import whole_file
+with whole_file(Path({str(folder / name)!r})) as stream:
+    stream.write(b"half of it")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    subprocess.run([sys.executable, "-c", code], check=False)
+    (left,) = [each for each in folder.iterdir() if each.name.startswith(f".{name}.liftgate-")]
+    return left
+
+
+def test_what_a_killed_process_has_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
+    left, other = leave(tmp_path, "report.html"), leave(tmp_path, "verdicts.json")
+    theirs = [tmp_path / name for name in (".report.html.swp", "report.html", ".report.html.liftgate-1")]
+    for each in theirs:
+        each.write_bytes(b"somebody's")
+    with whole_file(tmp_path / "report.html") as stream:  # of a process that goes on
+        remove_leftovers(tmp_path, "report.html")
+        assert not left.exists()
+        assert other.exists()
+        remove_leftovers(tmp_path)
+        assert not other.exists()
+        stream.write(b"whole")
+    assert (tmp_path / "report.html").read_bytes() == b"whole"
+    assert {each.name for each in tmp_path.iterdir()} == {each.name for each in theirs}
+
+
+@pytest.mark.parametrize("number", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
+def test_without_locks_files_are_written_and_leftovers_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    left = tmp_path / name_beside("report.html")
+    left.write_bytes(b"whose")
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with left.open("rb") as stream:
+        assert not lock(stream.fileno())
+    remove_leftovers(tmp_path)
+    write_whole(tmp_path / "report.html", b"whole")
+    assert left.exists()
+    assert (tmp_path / "report.html").read_bytes() == b"whole"
+
+
+def test_a_writer_whose_file_was_taken_for_a_leftover_takes_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    removed: list[int] = []
+
+    def late(descriptor: int) -> bool:
+        if not removed:  # another process comes between open and lock
+            (left,) = tmp_path.iterdir()
+            left.unlink()
+            removed.append(descriptor)
+        return True
+
+    monkeypatch.setattr(files, "lock", late)
+    write_whole(tmp_path / "report.html", b"whole")
+    assert removed
+    assert [each.name for each in tmp_path.iterdir()] == ["report.html"]
