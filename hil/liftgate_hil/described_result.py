@@ -37,7 +37,7 @@ class Shown(NamedTuple):
     parts: Mapping[str, str] = MappingProxyType({})  # meanings of the fields of a tuple that states none itself
 
 
-class Result:
+class DescribedResult:
     """Base class of results: records of which what is `Shown` is public, in JSON and in the reference."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -87,7 +87,7 @@ def _object_of(record: Any) -> dict[str, Any]:
 
 def json_of(value: Any) -> Any:
     """Return a value for JSON: results by what they show, arrays as lists; a number that is not finite is None."""
-    if isinstance(value, Result):
+    if isinstance(value, DescribedResult):
         return value.to_dict()
     if isinstance(value, str | bool | int | None):
         return value
@@ -139,7 +139,7 @@ def _is_list(hint: Any) -> bool:
 def _result_in(hint: Any) -> type | None:
     """Return the class of results that a type consists of; None: it has none."""
     if isinstance(hint, type) and get_origin(hint) is None:
-        is_ours = issubclass(hint, Result) or hasattr(hint, "_fields")
+        is_ours = issubclass(hint, DescribedResult) or hasattr(hint, "_fields")
         return hint if is_ours and shown_in(hint) else None
     if get_origin(hint) in (Annotated, UnionType) or get_args(hint):
         return next(filter(None, map(_result_in, get_args(hint))), None)

@@ -32,7 +32,7 @@ _LENGTH = struct.Struct("<Q")
 _START = f"import sys, json; sys.path[:] = json.loads(sys.argv[1]); from {__name__} import main; sys.exit(main())"
 
 
-class Request(NamedTuple):
+class CompileRequest(NamedTuple):
     """Request to compile an entry point for certain kinds of arguments."""
 
     function: Callable[..., Any]
@@ -145,7 +145,7 @@ def sharing() -> Iterator[None]:
 os.register_at_fork(after_in_child=_Kept.taken)
 
 
-def compile_apart(request: Request, look: Callable[[], None]) -> Any:
+def compile_apart(request: CompileRequest, look: Callable[[], None]) -> Any:
     """Return what `building.make_here` returns, made in another process.
 
     Returns None where it can only be compiled in this process. `look` is called every 0.1 s meanwhile, and may
@@ -187,7 +187,7 @@ def main() -> int:
 def _made(request: bytes) -> Any:
     """Return the answer to a pickled Request; None where only the caller can compile it, or report why not."""
     with contextlib.suppress(Exception):
-        asked: Request = pickle.loads(request)
+        asked: CompileRequest = pickle.loads(request)
         if building.key_of(asked.function) == asked.key:
             return building.make_here(asked.function, asked.kinds)
     return None

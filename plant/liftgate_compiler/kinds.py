@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 
-class Number(NamedTuple):
+class NumberKind(NamedTuple):
     """A number: "f" float, "i" int of 64 bits, "b" bool."""
 
     letter: str
@@ -34,17 +34,17 @@ class Tuple(NamedTuple):
     parts: tuple[Kind, ...]
 
 
-Kind: TypeAlias = Number | Nothing | Array | Tuple
+Kind: TypeAlias = NumberKind | Nothing | Array | Tuple
 
 
 def kind_of(value: Any) -> Kind:
     """Return the kind of a value. Raises TypeError for values that machine code does not accept."""
     if isinstance(value, bool | np.bool_):
-        return Number("b")
+        return NumberKind("b")
     if isinstance(value, int | np.integer):
-        return Number("i")
+        return NumberKind("i")
     if isinstance(value, float):  # also numpy's
-        return Number("f")
+        return NumberKind("f")
     if value is None:
         return Nothing()
     if isinstance(value, np.ndarray):
@@ -68,7 +68,7 @@ def text_of(kind: Kind) -> str:
         return f"{_name_of(kind.type)}({','.join(parts)})"
     if isinstance(kind, Array):
         return f"{kind.dtype!r}[{kind.ndim}{kind.layout}{'w' if kind.is_writable else 'r'}]"
-    return kind.letter if isinstance(kind, Number) else "n"
+    return kind.letter if isinstance(kind, NumberKind) else "n"
 
 
 def _name_of(named: type[Any] | None) -> str:
@@ -98,4 +98,4 @@ def from_plain(value: Any) -> Kind:
         return Tuple(named, tuple(from_plain(each) for each in value[1]))  # type: ignore[arg-type]
     if value == "a":
         return Array(np.dtype("f8"), 0, "A", False)
-    return Nothing() if value == "n" else Number(value)
+    return Nothing() if value == "n" else NumberKind(value)

@@ -19,7 +19,7 @@ from numba.np.arrayobj import populate_array
 from numba.np.numpy_support import from_dtype
 
 from liftgate_compiler import extensions, linking, packing  # noqa: F401
-from liftgate_compiler.kinds import Array, Kind, Nothing, Number, Tuple
+from liftgate_compiler.kinds import Array, Kind, Nothing, NumberKind, Tuple
 from liftgate_compiler.loading import FITS, STRANGE_ARRAY, SYMBOL, UNFIT, unresolved
 from liftgate_compiler.storage import Stored
 
@@ -89,7 +89,7 @@ def _kind_of(numba_type: Any) -> Kind:
         return Array(np.dtype("f8"), numba_type.ndim, "A", False)  # one of the arguments
     for letter, kind in {"b": types.Boolean, "i": types.Integer, "f": types.Float}.items():
         if isinstance(numba_type, kind) and numba_type != types.uint64:  # whose values may be too large
-            return Number(letter)
+            return NumberKind(letter)
     if isinstance(numba_type, types.NoneType):
         return Nothing()
     raise TypeError(

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_compiler import building, storage
-from liftgate_compiler.child import Request, compile_apart
+from liftgate_compiler.child import CompileRequest, compile_apart
 from liftgate_compiler.kinds import Kind
 from liftgate_compiler.loading import MachineCode, StandIns
 from liftgate_compiler.storage import Stored
@@ -100,7 +100,7 @@ def _compiled(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:
     _is_compiling.set()
     try:
         if function.__module__ != "__main__":
-            made = compile_apart(Request(function, kinds, building.key_of(function)), look)
+            made = compile_apart(CompileRequest(function, kinds, building.key_of(function)), look)
         if made is None:
             made = building.make_here(function, kinds)
     finally:

@@ -13,7 +13,7 @@ from liftgate_compiler import compilable
 STIFF = 1.2
 
 
-class Window(NamedTuple):
+class PushWindow(NamedTuple):
     """The part of a step during which a contact pushes: from `start` to `end`, as fractions of the step."""
 
     start: float
@@ -56,7 +56,7 @@ def is_stiff(stiffness: float, damping: float, mobility: float, step: float) -> 
 @compilable
 def window(
     stiffness: float, damping: float, depth: float, rate: float, rate_end: float, mobility: float, step: float
-) -> Window:
+) -> PushWindow:
     """Return when during a step of `step` seconds the contact pushes.
 
     Depth and force are taken as linear in time between their values at both ends, so the contact closes where the
@@ -67,17 +67,17 @@ def window(
     if is_stiff(stiffness, damping, mobility, step):
         depth_end = depth + step * rate_end
         pushes = depth_end > 0.0 and stiffness * depth_end + damping * rate_end > 0.0
-        return Window(0.0, 1.0 if pushes else 0.0)
+        return PushWindow(0.0, 1.0 if pushes else 0.0)
     depth_end = depth + 0.5 * step * (rate + rate_end)
     a, b = positive_part(depth, depth_end)
     c, d = positive_part(stiffness * depth + damping * rate, stiffness * depth_end + damping * rate_end)
     a = max(a, c)
-    return Window(a, max(a, min(b, d)))
+    return PushWindow(a, max(a, min(b, d)))
 
 
 @compilable
 def push(
-    stiffness: float, damping: float, depth: float, rate: float, mobility: float, step: float, when: Window
+    stiffness: float, damping: float, depth: float, rate: float, mobility: float, step: float, when: PushWindow
 ) -> LinearizedForce:
     """Return the mean force over the step, pushing during `when`, as a function of the rate v1 at the end.
 

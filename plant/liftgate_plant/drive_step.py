@@ -24,7 +24,7 @@ class MomentumEquation(NamedTuple):
     to_gate: float  # C
 
 
-class Stretch(NamedTuple):
+class Extension(NamedTuple):
     """Extension x_d [m] of a mechanism at a step's start, and its rates [m/s] there and at the end."""
 
     extension: float
@@ -176,12 +176,12 @@ def sliding(drive: MomentumEquation, rate: float) -> float:
 
 
 @compilable
-def stretch_in(drive: Drive, state: DriveState, middle: Midpoint, side: Motion, speed: float) -> Stretch:
+def stretch_in(drive: Drive, state: DriveState, middle: Midpoint, side: Motion, speed: float) -> Extension:
     """Return how the mechanism's extension changes in a step at whose end the motor has `speed`.
 
     The gate's side moves along the actuator with dl_S/dt = r_AP ω (3.42).
     """
-    return Stretch(
+    return Extension(
         state.position * drive.travel - state.slip - middle.extension,
         drive.travel * state.speed - middle.lever * side.rate,
         drive.travel * speed - middle.lever * side.rate_end,

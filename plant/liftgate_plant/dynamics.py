@@ -45,7 +45,7 @@ from liftgate_plant import (
 from liftgate_plant.bridge import CUT, DriveInput
 from liftgate_plant.cutout import Cutout
 from liftgate_plant.environment import Environment
-from liftgate_plant.faults import Line
+from liftgate_plant.faults import MotorLine
 from liftgate_plant.friction import DryFriction
 from liftgate_plant.gate import Linkage
 from liftgate_plant.latch import NOT_LATCHED, Claw, LatchState
@@ -68,7 +68,7 @@ class Drive(NamedTuple):
     thermal: Thermal
     cutout: Cutout
     diode_drop: float
-    line: Line
+    line: MotorLine
     pwm_period: float  # s; 0: only the mean of the PWM is modelled
     freewheeling: float  # one of pwm.SLOW, DIODE, FAST
     inertia: float  # J_d, kg m²

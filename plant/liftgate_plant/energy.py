@@ -44,7 +44,7 @@ class DriveMotion(NamedTuple):
     slip: Floats
 
 
-class Motion(NamedTuple):
+class SampledMotion(NamedTuple):
     """Motion of the gate and its drives at n instants: angle [rad] and rate [rad/s], (n,)."""
 
     angle: Floats
@@ -75,7 +75,7 @@ def potential(plant: Plant, load: Load) -> Potential:
     return Potential(angles, values, np.array(extensions), float(inside.min()), float(inside.max()))
 
 
-def energy(plant: Plant, load: Load, over: Potential, motion: Motion) -> Floats:
+def energy(plant: Plant, load: Load, over: Potential, motion: SampledMotion) -> Floats:
     """Return the total energy E [J], (n,)."""
     extended = np.interp(motion.angle, over.angles, over.extensions)
     total: Floats = 0.5 * dynamics.total_inertia(plant, load) * motion.rate**2

@@ -54,7 +54,7 @@ class Faults(NamedTuple):
     latch_held: float  # 1.0: the latch is not released, whatever drives it
 
 
-class Line(NamedTuple):
+class MotorLine(NamedTuple):
     """Electrical line between a bridge and its motor."""
 
     is_open: float  # 1.0: no current can flow
@@ -66,4 +66,4 @@ SOUND_HALL = HallFault(0.0, math.nan, math.nan, 0.0, 0.0, 0.0, 0.0)
 SOUND_CURRENT = CurrentFault(0.0, 1.0, 0.0, 0.0, 0.0)
 SOUND_DRIVE = DriveFaults(math.nan, SOUND_HALL, SOUND_CURRENT)
 SOUND = Faults(0.0, SOUND_DRIVE, SOUND_DRIVE, 0.0, math.nan, 0.0)
-SOUND_LINE = Line(0.0, 0.0, 0.0)
+SOUND_LINE = MotorLine(0.0, 0.0, 0.0)

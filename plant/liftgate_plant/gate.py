@@ -22,7 +22,7 @@ Point = tuple[float, float]
 _METRES = Quantity("", "m", -10.0, 10.0, "[x, y] in the closed position, x rearward, y up")
 
 
-class Gate(NamedTuple):
+class GateParameters(NamedTuple):
     """Table `[gate]` of the vehicle file."""
 
     mass: Annotated[float, Quantity("m", "kg", 0.1, 1e3, "mass of the gate without the drives")]
@@ -65,7 +65,7 @@ class Linkage(NamedTuple):
 
 
 @compilable
-def linkage(gate: Gate) -> Linkage:
+def linkage(gate: GateParameters) -> Linkage:
     """Return the constant geometry: lengths and angles of the vectors to AP and GP (3.22, 3.23, 3.27–3.29).
 
     The hinge is the origin of all other points (3.38).
@@ -121,7 +121,7 @@ def angle_of_extension(link: Linkage, extended: float) -> float:
 
 
 @compilable
-def inertia(gate: Gate, link: Linkage) -> float:
+def inertia(gate: GateParameters, link: Linkage) -> float:
     """Return J_L [kg m²] about the hinge (3.18), unless the file gives it."""
     if gate.inertia > 0.0:
         return gate.inertia

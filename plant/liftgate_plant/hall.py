@@ -43,7 +43,7 @@ class Encoder(NamedTuple):
     is_ideal: bool
 
 
-class Shaft(NamedTuple):
+class MotorShaft(NamedTuple):
     """Position [rev] and speed [rev/s] of a motor's shaft."""
 
     position: float
@@ -250,7 +250,7 @@ def extra_edges(fault: HallFault, hall: Any, counts: float, tick: Tick, drive: i
 
 
 @compilable
-def path_of(encoder: Encoder, before: Shaft, now: Shaft, length: float) -> Path:
+def path_of(encoder: Encoder, before: MotorShaft, now: MotorShaft, length: float) -> Path:
     """Return a shaft's motion, in encoder steps, from its state before and after a time `length` [s].
 
     It fits both positions and the change of speed. The speed is taken as constant where the fit would turn back
@@ -312,13 +312,13 @@ def along(
 
 @compilable
 def move(
-    encoder: Encoder, fault: HallFault, hall: Any, now: Shaft, tick: Tick, drive: int, ring: EdgeRing
+    encoder: Encoder, fault: HallFault, hall: Any, now: MotorShaft, tick: Tick, drive: int, ring: EdgeRing
 ) -> None:
     """Advance the Hall sensors along the shaft's motion over a tick, which may reverse once."""
     end = now.position * encoder.counts + 0.5
     if encoder.is_ideal and hall.step <= end < hall.step + 1.0 and hall.motor_speed * now.speed >= 0.0:
         return
-    path = path_of(encoder, Shaft(hall.position, hall.motor_speed), now, tick.length)
+    path = path_of(encoder, MotorShaft(hall.position, hall.motor_speed), now, tick.length)
     if abs(end - path.start) > MOST_EDGES:  # too far for a motor: the state was set, or has diverged
         step = math.floor(end)
         hall.count += step - hall.step
@@ -343,7 +343,7 @@ def move(
 
 @compilable
 def read_hall(
-    encoder: Encoder, fault: HallFault, halls: Any, now: Shaft, tick: Tick, drive: int, ring: EdgeRing
+    encoder: Encoder, fault: HallFault, halls: Any, now: MotorShaft, tick: Tick, drive: int, ring: EdgeRing
 ) -> None:
     """Advance the Hall sensors of one drive, out of (2,) HALL, to the end of a tick.
 
@@ -367,7 +367,7 @@ def read_hall(
         hall.sampled = hall.count
 
 
-def initial_halls(encoder: Encoder, left: Shaft, right: Shaft) -> Any:
+def initial_halls(encoder: Encoder, left: MotorShaft, right: MotorShaft) -> Any:
     """Return the initial Hall sensors (2,) HALL, with the counts that match the shafts' positions.
 
     A count is that of a decoder that was 0 at position 0.

@@ -27,7 +27,7 @@ from liftgate_plant.hall import (
     LEFT,
     RIGHT,
     Encoder,
-    Shaft,
+    MotorShaft,
     Tick,
     ideal_count,
     initial_halls,
@@ -42,8 +42,8 @@ from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.quantity import Quantity
 from liftgate_plant.shunt import (
     Commutation,
+    MeanWindow,
     Turning,
-    Window,
     commutated,
     commutations,
     emf_ripple,
@@ -180,11 +180,11 @@ def sensed_current(
     fault: CurrentFault,
     motor: Motor,
     path: CurrentPath,
-    turned: tuple[Shaft, Shaft],
-    memory: Window,
+    turned: tuple[MotorShaft, MotorShaft],
+    memory: MeanWindow,
     noise: float,
     when: Tick,
-) -> tuple[Window, float]:
+) -> tuple[MeanWindow, float]:
     """Return the current [A] behind low-pass or window, and the converter's reading of it [A].
 
     `turned` is the motion of the shaft before and after the tick.
@@ -223,7 +223,7 @@ def sensed_current(
     reading += noise
     reading = quantised(reading, sensors.current_resolution)
     reading = min(max(reading, -sensors.current_limit), sensors.current_limit)
-    return Window(current, gathered), reading
+    return MeanWindow(current, gathered), reading
 
 
 @compilable
@@ -253,7 +253,9 @@ def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> Sensor
     encoder, left, right = encoder_of(sensors), state.left, state.right
     return SensorState(
         currents=np.array([[each.current, each.current, 0.0] for each in (left, right)]),
-        halls=initial_halls(encoder, Shaft(left.position, left.speed), Shaft(right.position, right.speed)),
+        halls=initial_halls(
+            encoder, MotorShaft(left.position, left.speed), MotorShaft(right.position, right.speed)
+        ),
         edges=edge_ring(edges),
         angle=np.full(1, math.degrees(state.gate_angle)),
     )
@@ -288,10 +290,10 @@ def read_drives(
         if drive == RIGHT:
             motor, fault = plant.right.motor, faults.right
             shaft, path = view.state.right, view.flow.right
-        before = Shaft(halls[drive].position, halls[drive].motor_speed)
-        after = Shaft(shaft.position, shaft.speed)
+        before = MotorShaft(halls[drive].position, halls[drive].motor_speed)
+        after = MotorShaft(shaft.position, shaft.speed)
         noise = disturbance(sensors.current_noise, when.seed, when.number, drive)
-        window = Window(currents[drive, 0], currents[drive, 2])
+        window = MeanWindow(currents[drive, 0], currents[drive, 2])
         window, reading = sensed_current(sensors, fault.current, motor, path, (before, after), window, noise, when)
         currents[drive, 0], currents[drive, 2] = window
         if fault.current.is_on != 0.0:

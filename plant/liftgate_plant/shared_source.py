@@ -42,7 +42,7 @@ class Branch(NamedTuple):
     emf: float  # V, back-EMF, positive along the duty
 
 
-class Way(NamedTuple):
+class BranchPath(NamedTuple):
     """Path of a branch's current during a part of the period."""
 
     share: float  # s, part of the current that flows through the source, signed
@@ -126,25 +126,25 @@ class Period(NamedTuple):
     right: Sums
 
 
-IDLE = Way(0.0, 0.0, 0.0)
-SWITCHED_ON = Way(1.0, 0.0, 1.0)
+IDLE = BranchPath(0.0, 0.0, 0.0)
+SWITCHED_ON = BranchPath(1.0, 0.0, 1.0)
 SAME = Slopes(1.0, 0.0, 0.0, 1.0)
 
 
 @compilable
-def freewheel(chopper: Chopper, along: float) -> Way:
+def freewheel(chopper: Chopper, along: float) -> BranchPath:
     """Return the path of a current that flows along the duty (1.0) or against it (−1.0) while the PWM is off."""
     if chopper.freewheeling == SLOW:
-        return Way(0.0, 0.0, 1.0)
+        return BranchPath(0.0, 0.0, 1.0)
     if along < 0.0:
-        return Way(1.0, chopper.drop if chopper.freewheeling == DIODE else 2.0 * chopper.drop, 1.0)
+        return BranchPath(1.0, chopper.drop if chopper.freewheeling == DIODE else 2.0 * chopper.drop, 1.0)
     if chopper.freewheeling == DIODE:
-        return Way(0.0, -chopper.drop, 1.0)
-    return Way(-1.0, -2.0 * chopper.drop, 1.0)
+        return BranchPath(0.0, -chopper.drop, 1.0)
+    return BranchPath(-1.0, -2.0 * chopper.drop, 1.0)
 
 
 @compilable
-def way_of(branch: Branch, is_on: bool, current: float, terminal: float) -> Way:
+def way_of(branch: Branch, is_on: bool, current: float, terminal: float) -> BranchPath:
     """Return the path of a branch's current [A].
 
     `terminal` is the terminal voltage [V] without the branch's own current.
@@ -210,7 +210,9 @@ def ends_at(wave: Wave, start: float, modes: Decay) -> float:
 
 
 @compilable
-def begins_at(branch: Branch, way: Way, wave: Wave, start: float, share: float, decay: Decay, sag: Sag) -> float:
+def begins_at(
+    branch: Branch, way: BranchPath, wave: Wave, start: float, share: float, decay: Decay, sag: Sag
+) -> float:
     """Return when [s] within a part an idle motor's EMF starts to drive a current against the duty.
 
     This happens if the other branch's current, of which the source supplies `share`, pulls the source down far
@@ -250,7 +252,14 @@ def added(sums: Sums, wave: Wave, decay: Decay, share: float, is_on: bool) -> Su
 
 @compilable
 def part_of(
-    left: Branch, right: Branch, way_l: Way, way_r: Way, i_l: float, i_r: float, source: float, resistance: float
+    left: Branch,
+    right: Branch,
+    way_l: BranchPath,
+    way_r: BranchPath,
+    i_l: float,
+    i_r: float,
+    source: float,
+    resistance: float,
 ) -> Part:
     """Solve both currents of a part that begins with `i_l` and `i_r` [A].
 
@@ -362,7 +371,7 @@ def over_a_period(
 
 
 @compilable
-def has_ended(way: Way, before: float, after: float) -> bool:
+def has_ended(way: BranchPath, before: float, after: float) -> bool:
     """Whether a diode's current has reached zero, up to rounding.
 
     A current against the duty flows through the source, so `way.share` tells its direction.

@@ -179,7 +179,7 @@ def gathered_between(
 _SLACK = 1e-9  # of a window, by which its end and a tick's may differ and still coincide
 
 
-class Window(NamedTuple):
+class MeanWindow(NamedTuple):
     """Mean over windows of one length that follow one another from time 0 on."""
 
     mean: float  # A, of the last window that has ended
@@ -192,18 +192,18 @@ def windowed(
     path: CurrentPath,
     turning: Turning,
     length: float,
-    before: Window,
+    before: MeanWindow,
     now: float,
     step: float,
-) -> Window:
+) -> MeanWindow:
     """Return the windows of `length` [s] after a step that ends at `now` [s]."""
     ended = math.floor(now / length + _SLACK)
     if ended == math.floor((now - step) / length + _SLACK):
         more = gathered_between(ripple, path, turning, 0.0, step, step)
-        return Window(before.mean, before.gathered + more)
+        return MeanWindow(before.mean, before.gathered + more)
     end = min(max(ended * length - (now - step), 0.0), step)
     begin = end - length
     total = gathered_between(ripple, path, turning, max(begin, 0.0), end, step)
     if begin < 0.0:
         total += before.gathered
-    return Window(total / length, gathered_between(ripple, path, turning, end, step, step))
+    return MeanWindow(total / length, gathered_between(ripple, path, turning, end, step, step))

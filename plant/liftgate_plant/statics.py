@@ -69,7 +69,7 @@ class StaticMap(NamedTuple):
     starts_closing: Floats  # (n, k), likewise to close
 
 
-class Turning(NamedTuple):
+class SteadyTurning(NamedTuple):
     """Both drives at one motor speed and full duty: torques [N m] of the motors, currents [A], speed [rev/s]."""
 
     speed: float
@@ -125,7 +125,7 @@ def drives_torque(
     return force * gate.lever(rest.plant.link, angle)
 
 
-def turning(rest: Rest, duty: float, speed: float = 0.0) -> Turning:
+def turning(rest: Rest, duty: float, speed: float = 0.0) -> SteadyTurning:
     """Return both motors at a duty and a speed [rev/s] in the steady state, 0: stalled, on the load's supply.
 
     They share the source's resistance (`motor.solve_windings`); windings and magnets are at ambient temperature.
@@ -146,7 +146,7 @@ def turning(rest: Rest, duty: float, speed: float = 0.0) -> Turning:
     ends = motor.solve_windings(left, right, (0.0, 0.0), (speed, speed), *source, _SETTLED)[:2]
     of_left, of_right = (motor.end_current(each, speed, speed) for each in ends)
     of_right *= plant.right.active
-    return Turning(
+    return SteadyTurning(
         speed,
         (of_left, of_right),
         (
@@ -156,7 +156,7 @@ def turning(rest: Rest, duty: float, speed: float = 0.0) -> Turning:
     )
 
 
-def most_efficient(rest: Rest) -> Turning:
+def most_efficient(rest: Rest) -> SteadyTurning:
     """Return both motors at full duty at the speed of best efficiency: force times travel over electrical power.
 
     Friction is that at half the travel. Stalled, where the drives cannot turn at all.

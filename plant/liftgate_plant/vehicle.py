@@ -14,7 +14,7 @@ from liftgate_plant.dynamics import NO_OBSTACLE, Drive, Load, Plant
 from liftgate_plant.environment import Environment
 from liftgate_plant.faults import SOUND_LINE
 from liftgate_plant.friction import DryFriction
-from liftgate_plant.gate import GRAVITY, Gate
+from liftgate_plant.gate import GRAVITY, GateParameters
 from liftgate_plant.latch import Latch, claw_of
 from liftgate_plant.motor import Motor
 from liftgate_plant.pwm import FREEWHEELING
@@ -48,7 +48,7 @@ class Vehicle(NamedTuple):
     drives: int
     left: DriveTables
     right: DriveTables
-    gate: Gate
+    gate: GateParameters
     seal: Seal
     latch: Latch
     supply: Supply

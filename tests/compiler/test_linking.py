@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from liftgate_compiler import CompileError, building, compilable, compiled, enabled, obtaining, outlined
-from liftgate_compiler.kinds import Number
+from liftgate_compiler.kinds import NumberKind
 
 pytestmark = pytest.mark.skipif(not enabled(), reason="needs the compiler")
 
@@ -70,7 +70,7 @@ def calling(x: float) -> float:
 def made_object(function: Any) -> bytes:
     from liftgate_compiler import making
 
-    return making.make(function, [Number("f")], {deepest, left, right, apart}, {apart}).code
+    return making.make(function, [NumberKind("f")], {deepest, left, right, apart}, {apart}).code
 
 
 def made_code(function: Any) -> bytes:
@@ -98,7 +98,7 @@ def test_only_versions_of_numba_are_allowed_that_were_tried(monkeypatch: pytest.
     for installed in ("0.65.1", "0.68.2", "0.69.0rc1", "1.0"):
         monkeypatch.setattr(building.metadata, "version", {"numba": installed}.__getitem__)
         with pytest.raises(CompileError) as told:
-            obtaining.machine_code_of(never_compiled, (Number("f"),))
+            obtaining.machine_code_of(never_compiled, (NumberKind("f"),))
         wanted = f"{lowest} to {highest} (python -m pip install 'numba>={lowest},<={highest}')"
         assert str(told.value) == f"numba {installed} is installed; allowed: {wanted}"
     monkeypatch.setattr(building.metadata, "version", absent)

@@ -34,7 +34,7 @@ from liftgate_compiler import (
     storage,
     watching,
 )
-from liftgate_compiler.kinds import Array, Kind, Nothing, Number, Tuple, from_plain, kind_of, plain, text_of
+from liftgate_compiler.kinds import Array, Kind, Nothing, NumberKind, Tuple, from_plain, kind_of, plain, text_of
 from liftgate_compiler.packing import packer, unpacker
 
 pytestmark = pytest.mark.skipif(not enabled(), reason="needs the compiler")
@@ -224,11 +224,11 @@ def test_arrays_lie_in_memory_as_is_taken_for_granted():
 
 
 KINDS: list[Kind] = [
-    Number("f"),
+    NumberKind("f"),
     Nothing(),
     Tuple(None, ()),
-    Tuple(Point, (Number("f"), Number("f"))),
-    Tuple(None, (Tuple(Point, (Number("f"), Number("i"))), Number("b"), Nothing())),
+    Tuple(Point, (NumberKind("f"), NumberKind("f"))),
+    Tuple(None, (Tuple(Point, (NumberKind("f"), NumberKind("i"))), NumberKind("b"), Nothing())),
 ]
 
 
@@ -297,7 +297,7 @@ def double(x: float) -> float:
 def made(told: NotingWatcher) -> float:
     """A fresh look at the disk."""
     told.said.clear()
-    answer = obtaining.machine_code_of(double, (Number("f"),)).call((4.0,))
+    answer = obtaining.machine_code_of(double, (NumberKind("f"),)).call((4.0,))
     assert answer == (True, 8.0)
     return answer[1]
 
@@ -384,7 +384,7 @@ def impatient() -> Iterator[None]:
 
 def test_a_compilation_can_be_given_up(apart: None, impatient: None, cache: Path):
     with pytest.raises(KeyboardInterrupt):
-        obtaining.machine_code_of(double, (Number("f"),))
+        obtaining.machine_code_of(double, (NumberKind("f"),))
     assert not list(cache.rglob("*.code"))
     told = NotingWatcher()
     compiler.watch(told)
@@ -408,7 +408,7 @@ def test_who_waits_for_another_process_can_give_up(impatient: None, cache: Path)
     with storage.turn(folder) as turn:
         assert turn.taken()
         with pytest.raises(KeyboardInterrupt):
-            obtaining.machine_code_of(double, (Number("f"),))
+            obtaining.machine_code_of(double, (NumberKind("f"),))
 
 
 def test_a_file_system_without_locks_keeps_machine_code(cache: Path, monkeypatch: pytest.MonkeyPatch):
@@ -418,7 +418,7 @@ def test_a_file_system_without_locks_keeps_machine_code(cache: Path, monkeypatch
         raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
 
     monkeypatch.setattr(fcntl, "flock", refuse)
-    kinds = (Number("f"),)
+    kinds = (NumberKind("f"),)
     obtaining.machine_code_of(double, kinds)
     assert storage.read(building.file_of(double, kinds)) is not None
 
@@ -428,7 +428,7 @@ def test_what_a_killed_process_has_left_in_the_cache_is_removed(cache: Path):
     with storage.turn(folder):
         left = folder / files.name_beside("code")
         left.touch()
-    obtaining.machine_code_of(double, (Number("f"),))
+    obtaining.machine_code_of(double, (NumberKind("f"),))
     assert not left.exists()
 
 
@@ -452,7 +452,7 @@ def test_giving_up_ends_the_process_that_compiles(
     def give_up() -> None:
         raise KeyboardInterrupt
 
-    request = child.Request(double, (Number("f"),), building.key_of(double))
+    request = child.CompileRequest(double, (NumberKind("f"),), building.key_of(double))
     monkeypatch.setattr(child, "_LOOK_S", 0.001)
     with pytest.raises(KeyboardInterrupt):
         child.compile_apart(request, give_up)
@@ -477,7 +477,9 @@ def text_sections(code: bytes) -> list[bytes]:
 
 
 def test_entry_points_that_share_a_process_get_the_same_machine_code(started: list[subprocess.Popen[bytes]]):
-    requests = [child.Request(each, (Number("f"),), building.key_of(each)) for each in (one_more, one_less)]
+    requests = [
+        child.CompileRequest(each, (NumberKind("f"),), building.key_of(each)) for each in (one_more, one_less)
+    ]
     alone = [child.compile_apart(each, lambda: None) for each in requests]
     assert [each.returncode for each in started] == [-9, -9]
     started.clear()
@@ -500,7 +502,7 @@ def test_a_process_that_is_killed_while_it_compiles_is_reported(
         started[-1].kill()
 
     monkeypatch.setattr(child, "_LOOK_S", 0.001)
-    request = child.Request(double, (Number("f"),), building.key_of(double))
+    request = child.CompileRequest(double, (NumberKind("f"),), building.key_of(double))
     with pytest.raises(child.CompileError, match=r"ended from outside \(signal 9\)"):
         child.compile_apart(request, kill)
     assert [each.returncode for each in started] == [-9]
@@ -517,14 +519,14 @@ def test_a_process_that_does_not_read_is_waited_for_no_longer_than_the_caller_li
             raise GivenUpError
 
     monkeypatch.setattr(child, "_START", "import time; time.sleep(60)")
-    request = child.Request(double, (Number("f"),), "a key that fills a pipe: " + "x" * 1_000_000)
+    request = child.CompileRequest(double, (NumberKind("f"),), "a key that fills a pipe: " + "x" * 1_000_000)
     with pytest.raises(GivenUpError):
         child.compile_apart(request, give_up)
     assert [each.returncode for each in started] == [-9]
 
 
 def test_a_forked_process_leaves_the_compiler_to_its_parent(apart: None):
-    request = child.Request(double, (Number("f"),), building.key_of(double))
+    request = child.CompileRequest(double, (NumberKind("f"),), building.key_of(double))
     with child.sharing():
         assert child.compile_apart(request, lambda: None) is not None
         kept = child._Kept.compiler
@@ -537,7 +539,7 @@ def test_a_forked_process_leaves_the_compiler_to_its_parent(apart: None):
 
 
 def test_the_other_process_gives_nothing_where_its_sources_are_others(apart: None):
-    request = child.Request(double, (Number("f"),), "another key")
+    request = child.CompileRequest(double, (NumberKind("f"),), "another key")
     assert child.compile_apart(request, lambda: None) is None
 
 
@@ -550,7 +552,7 @@ def test_an_error_in_the_code_is_reported_by_numba():
 
 def test_a_start_with_machine_code_on_the_disk_does_without_the_compiler():
     code = (
-        "import sys; from tests.plant import test_machine_code as t; "
+        "import sys; from tests.compiler import test_machine_code as t; "
         "from liftgate_compiler import compiled; "
         "assert compiled(t.double)(3.0) == 6.0; print('numba' in sys.modules)"
     )

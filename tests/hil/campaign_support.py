@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from liftgate_hil.campaigns.base import Base
-from liftgate_hil.campaigns.campaign import Campaign, Progress, batches_of
+from liftgate_hil.campaigns.campaign import Campaign, CampaignProgress, batches_of
 from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.executors.executor import Batch, Executor
 from liftgate_hil.campaigns.prepared import prepared
@@ -75,7 +75,7 @@ def campaign_in(
     """Return a campaign whose store is a folder."""
     store = Store(str(folder))
     store.create()
-    return Campaign(base, executor, store, stopped, Progress(0), lambda progress: None)
+    return Campaign(base, executor, store, stopped, CampaignProgress(0), lambda progress: None)
 
 
 def rows_of(campaign: Campaign, batches: list[Batch]) -> pa.Table:

@@ -107,14 +107,14 @@ def _load(folder: Path) -> None:
     """Load what a campaign needs, machine code included."""
     from liftgate_hil.campaigns import campaign
     from liftgate_hil.campaigns.request import CampaignRequest
-    from liftgate_hil.campaigns.run import Places, run_campaign
+    from liftgate_hil.campaigns.run import CampaignPlaces, run_campaign
     from liftgate_hil.report.provenance import provenance_of
 
     campaign.PASSING_S = 0.0  # a batch for each variant, however long they take
     path = folder / "loaded.toml"
     path.write_text("duration = 0.1")
     request = CampaignRequest(str(path), ("supply.voltage=12,13",))
-    run_campaign(request, Places(folder / "loaded", jobs=1), provenance_of("", {}))
+    run_campaign(request, CampaignPlaces(folder / "loaded", jobs=1), provenance_of("", {}))
 
 
 if __name__ == "__main__":

@@ -272,7 +272,7 @@ def test_the_mean_force_of_a_contact_is_its_integral(depth, rate, change, dampin
 def test_a_contact_of_any_stiffness_does_not_gain_energy(number: float) -> None:
     # One mass on a spring that never opens, k h²/m = number, through Newmark's momentum balance.
     step, stiffness, mobility = 1e-3, 1.0, number / 1e-6
-    when = contact.Window(0.0, 1.0)
+    when = contact.PushWindow(0.0, 1.0)
     depth, rate = 1.0, 0.0
     peak = 0.0
     for _ in range(5000):
@@ -387,12 +387,12 @@ def test_a_count_is_the_nearest_quarter_turn() -> None:
     ]  # fmt: skip
 
 
-STILL = hall.Shaft(0.0, 0.0)
+STILL = hall.MotorShaft(0.0, 0.0)
 
 
 def sensed_current(table: sensors.Sensors, amperes: float, filtered: float = 0.0):
     """The reading of a current that does not change in a motor that stands at 0 rev."""
-    when, before = hall.Tick(0.0, 1e-3, 0, False), shunt.Window(filtered, 0.0)
+    when, before = hall.Tick(0.0, 1e-3, 0, False), shunt.MeanWindow(filtered, 0.0)
     path = current.held(amperes)
     motor = suv().left.motor
     after, reading = sensors.sensed_current(table, SOUND_CURRENT, motor, path, (STILL, STILL), before, 0.0, when)

@@ -21,7 +21,7 @@ from liftgate_plant.hall import (
     A,
     B,
     Encoder,
-    Shaft,
+    MotorShaft,
     Tick,
     decoded,
     displacement,
@@ -56,12 +56,12 @@ def encoder(counts: float = 4.0, **errors: float) -> Encoder:
 
 def walked(wheel: Encoder, positions: list[float], period: int = 5, call=read_hall) -> list[Any]:
     """The left Hall sensors at each of the positions, a tick of a millisecond each."""
-    still = Shaft(positions[0], 0.0)
+    still = MotorShaft(positions[0], 0.0)
     halls, ring = initial_halls(wheel, still, still), edge_ring(16)
     states = [halls[0].copy()]
     for tick, position in enumerate(positions[1:], start=1):
         when = Tick((tick - 1) * 1e-3, 1e-3, 0, tick % period == 0)
-        call(wheel, SOUND_HALL, halls, Shaft(position, 0.0), when, 0, ring)
+        call(wheel, SOUND_HALL, halls, MotorShaft(position, 0.0), when, 0, ring)
         states.append(halls[0].copy())
     return states
 
@@ -72,9 +72,9 @@ class Motion:
     def __init__(self, position: float, speed: float, acceleration: float = 0.0) -> None:
         self._terms = position, speed, acceleration
 
-    def shaft(self, time: float) -> Shaft:
+    def shaft(self, time: float) -> MotorShaft:
         position, speed, acceleration = self._terms
-        return Shaft(position + speed * time + 0.5 * acceleration * time * time, speed + acceleration * time)
+        return MotorShaft(position + speed * time + 0.5 * acceleration * time * time, speed + acceleration * time)
 
 
 def edges_of(
@@ -166,8 +166,8 @@ def test_the_speed_is_the_counts_of_the_last_whole_sample_period() -> None:
 def test_a_state_that_was_set_elsewhere_is_counted_without_the_times_of_its_edges() -> None:
     ring, wheel = edge_ring(16), encoder()
     when = Tick(0.0, 1e-3, 0, True)
-    halls = initial_halls(wheel, Shaft(0.0, 0.0), Shaft(0.0, 0.0))
-    read_hall(wheel, SOUND_HALL, halls, Shaft(1e6 + 0.25, 0.0), when, 0, ring)
+    halls = initial_halls(wheel, MotorShaft(0.0, 0.0), MotorShaft(0.0, 0.0))
+    read_hall(wheel, SOUND_HALL, halls, MotorShaft(1e6 + 0.25, 0.0), when, 0, ring)
     state = halls[0]
     assert (state.count, state.step, state.speed) == (4_000_001, 4_000_001, 4_000_001)
     assert (state.a, state.b) == hall_levels(1)
@@ -279,7 +279,7 @@ def test_a_shaft_that_stops_at_once_passes_no_edge_there_and_back(way: float) ->
     """A jammed spindle: positions and speeds of both readings fit no path without a turn, and it made none."""
     encoder = Encoder(4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, False)
     for place in np.linspace(3.0, 4.0, 210):
-        before, now = Shaft(float(place), 150.0), Shaft(float(place) + way, 0.0)
+        before, now = MotorShaft(float(place), 150.0), MotorShaft(float(place) + way, 0.0)
         halls, ring = initial_halls(encoder, before, before), edge_ring(8)
         compiled(read_hall)(encoder, SOUND_HALL, halls, now, Tick(0.0, 1e-3, 1, False), 0, ring)
         assert ring.written[0] == abs(halls[0].count - initial_halls(encoder, before, before)[0].count)
@@ -384,20 +384,20 @@ def test_no_edge_is_lost_or_seen_twice_however_bad_the_encoder(
 @pytest.mark.parametrize("position", np.arange(0.0, 3.0, 0.03125).tolist())
 def test_a_shaft_at_rest_is_on_a_step_between_the_edges_as_they_lie(position: float) -> None:
     wheel = encoder(high=0.6, phase=0.13)
-    halls = initial_halls(wheel, Shaft(position, 0.0), Shaft(position, 0.0))
+    halls = initial_halls(wheel, MotorShaft(position, 0.0), MotorShaft(position, 0.0))
     place, step = 4.0 * position + 0.5, int(halls[0].step)
     assert step - 1 + 1.0 + displacement(wheel, step - 1, 1, 0, 0, 0) <= place
     assert place < step + 1.0 + displacement(wheel, step, 1, 0, 0, 0)
     # So the first edge of a shaft that starts to open comes when it gets there, not at once.
     ring = edge_ring(16)
-    read_hall(wheel, SOUND_HALL, halls, Shaft(position + 1e-9, 1e-6), Tick(0.0, 1e-3, 0, False), 0, ring)
+    read_hall(wheel, SOUND_HALL, halls, MotorShaft(position + 1e-9, 1e-6), Tick(0.0, 1e-3, 0, False), 0, ring)
     assert ring.written[0] == 0
 
 
 def test_a_fast_shaft_with_many_counts_loses_no_edge() -> None:
     ring, wheel = edge_ring(2**17), encoder(10_000.0)
-    halls = initial_halls(wheel, Shaft(0.0, 769.0), Shaft(0.0, 0.0))
+    halls = initial_halls(wheel, MotorShaft(0.0, 769.0), MotorShaft(0.0, 0.0))
     when = Tick(0.0, 5e-3, 0, False)
-    compiled(read_hall)(wheel, SOUND_HALL, halls, Shaft(3.845, 769.0), when, 0, ring)
+    compiled(read_hall)(wheel, SOUND_HALL, halls, MotorShaft(3.845, 769.0), when, 0, ring)
     assert halls[0].edges == halls[0].count == ring.written[0] == 38_450
     assert halls[0].period_speed == pytest.approx(769.0)

@@ -21,9 +21,9 @@ from liftgate_plant.initial import initial_state
 from liftgate_plant.sensors import Sensors, SensorState
 from liftgate_plant.shunt import (
     Commutation,
+    MeanWindow,
     Ripple,
     Turning,
-    Window,
     commutations,
     emf_ripple,
     ideal_ripple,
@@ -194,7 +194,7 @@ def test_a_window_gives_the_mean_of_the_last_one_that_has_ended(length: float, s
         values = line + path.amplitude * np.exp(-path.decay * times)
         whole.append(values + path.mean - values.mean())
     values = np.concatenate(whole)
-    window, still = Window(0.0, 0.0), Turning(0.0, 0.0, 0.0, 0.0)
+    window, still = MeanWindow(0.0, 0.0), Turning(0.0, 0.0, 0.0, 0.0)
     for k, path in enumerate(path_at, start=1):
         window = windowed(Commutation(0.0, 0.0), path, still, length, window, k * step, step)
         ended = math.floor(k * step / length + 1e-9)
@@ -209,7 +209,7 @@ def test_a_window_of_whole_commutations_has_no_ripple() -> None:
     rate, step = 2.0 * math.pi * 1400.0, 5e-4
 
     def left_of(length: float) -> float:
-        window, seen = Window(0.0, 0.0), []
+        window, seen = MeanWindow(0.0, 0.0), []
         for k in range(1, 200):
             turning = Turning(rate * (k - 1) * step, rate * k * step, rate, rate)
             window = windowed(Commutation(0.1, 0.0), path, turning, length, window, k * step, step)

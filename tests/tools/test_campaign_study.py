@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from liftgate_hil.campaigns.probability.subset_simulation import Estimate
+from liftgate_hil.campaigns.probability.subset_simulation import SubsetEstimate
 from tools.campaign_study.__main__ import main
 from tools.campaign_study.algorithms import ALGORITHMS, driven, to_the_end, until_failure
 from tools.campaign_study.estimates import FAILURES, P
@@ -105,8 +105,8 @@ def test_a_known_probability_is_known(name: str) -> None:
 
 
 def test_a_summary_counts_intervals_that_cover() -> None:
-    def found(probability: float, low: float, high: float) -> Estimate:
-        return Estimate(probability, low, high, 0.1, 5000, 0, False, "importance sampling", ())
+    def found(probability: float, low: float, high: float) -> SubsetEstimate:
+        return SubsetEstimate(probability, low, high, 0.1, 5000, 0, False, "importance sampling", ())
 
     told = summary([found(1.1 * P, 0.9 * P, 1.3 * P), found(0.7 * P, 0.6 * P, 0.9 * P)])
     assert told["covered"] == 1

@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.loop.histogram import BINS, Distribution, distribution, upper_end
+from liftgate_hil.loop.histogram import BINS, Quantiles, distribution, upper_end
 from liftgate_hil.loop.priority import PRIORITY, Realtime, best_cpu
 from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
 from liftgate_hil.loop.rings import DELAY, LATENESS
@@ -271,13 +271,13 @@ def available() -> bool:
 
 def measure(
     rounds: int, seconds: float, conditions: Sequence[Condition] = CONDITIONS
-) -> tuple[list[Pairs], dict[Condition, Distribution]]:
+) -> tuple[list[Pairs], dict[Condition, Quantiles]]:
     """Return the runs of each condition, and the distributions of the time from command to feedback.
 
     The latter are over all rounds, for the conditions with 1 kHz and FIFO.
     """
     result = []
-    delays: dict[Condition, Distribution] = {}
+    delays: dict[Condition, Quantiles] = {}
     for condition in conditions:
         pairs = Pairs(condition)
         delay = np.zeros(BINS, dtype=np.int64)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import integrate, optimize, stats
 
 from liftgate_hil.campaigns.adaptive import REACH, SEARCH_SHARE, pockets_of
-from liftgate_hil.campaigns.probability.subset_simulation import Estimate, subset_simulation
+from liftgate_hil.campaigns.probability.subset_simulation import SubsetEstimate, subset_simulation
 from liftgate_hil.campaigns.search.worst_search import worst_search
 from tools.campaign_study.algorithms import Floats
 
@@ -75,7 +75,7 @@ FAILURES = _failures()
 SEARCHED = ("linear, 6", "two, 3:1, 6", "two, 1:1, 6")  # also with the search for pockets
 
 
-def estimate(task: tuple[str, int]) -> Estimate:
+def estimate(task: tuple[str, int]) -> SubsetEstimate:
     """Return the estimate of (failure, seed); the places of several pockets are given, somewhat off."""
     name, seed = task
     failure = FAILURES[name]
@@ -86,7 +86,7 @@ def estimate(task: tuple[str, int]) -> Estimate:
     return _driven(subset_simulation(failure.dimensions, seed, places, BUDGET), failure.margin)
 
 
-def searched_estimate(task: tuple[str, int]) -> Estimate:
+def searched_estimate(task: tuple[str, int]) -> SubsetEstimate:
     """Return the estimate of (failure, seed) as the product makes it: it searches the pockets itself."""
     name, seed = task
     failure = FAILURES[name]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from liftgate_hil.campaigns.adaptive import Evaluations, Probability, drive, estimate_probability
-from liftgate_hil.campaigns.campaign import Campaign, Progress
+from liftgate_hil.campaigns.campaign import Campaign, CampaignProgress
 from liftgate_hil.campaigns.design import shares_of
 from liftgate_hil.campaigns.executors.local import Serial
 from liftgate_hil.campaigns.prepared import Prepared, prepared
@@ -79,7 +79,7 @@ def _campaign(case: Case) -> Iterator[tuple[Campaign, Prepared]]:
     found, executor = _kept(case)
     with tempfile.TemporaryDirectory(dir=_MEMORY if _MEMORY.is_dir() else None) as folder:
         store = Store(folder)
-        yield Campaign(found.base, executor, store, lambda: False, Progress(0), lambda _: None), found
+        yield Campaign(found.base, executor, store, lambda: False, CampaignProgress(0), lambda _: None), found
 
 
 def evaluations_to(task: tuple[str, str, int, int]) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.campaigns.probability.subset_simulation import Estimate
+from liftgate_hil.campaigns.probability.subset_simulation import SubsetEstimate
 from tools.campaign_study import estimates, product
 from tools.campaign_study.algorithms import ALGORITHMS, driven, to_the_end, until_failure
 from tools.campaign_study.minima import TESTS
@@ -124,7 +124,7 @@ def probabilities(pool: Executor, size: Size) -> Data:
     return {"given": given, "searched": searched}
 
 
-def summary(found: Sequence[Estimate]) -> Data:
+def summary(found: Sequence[SubsetEstimate]) -> Data:
     """Return how well the estimates of the known probability hold."""
     ratios = np.array([each.probability for each in found]) / estimates.P
     evaluations = float(np.mean([each.evaluations for each in found]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from liftgate_hil.dashboard.source import STATE
 from liftgate_hil.described_result import keys_of
-from liftgate_hil.loop.histogram import Distribution
+from liftgate_hil.loop.histogram import Quantiles
 from liftgate_hil.signals import COLUMNS, Bench
 from tools.docs.json_keys import EXPECTATION
 
@@ -55,7 +55,7 @@ _INSIDE = {
         for name, meaning in _TIMES.items()
         for path, text in {
             f"loop.{name}": f"{meaning}; null: not measured",
-            **{f"loop.{name}.{key}": each for key, each in keys_of(Distribution).items()},
+            **{f"loop.{name}.{key}": each for key, each in keys_of(Quantiles).items()},
         }.items()
     },
     "bus.channel": "name of the bus",

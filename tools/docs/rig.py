@@ -12,7 +12,7 @@ from liftgate_hil.config.protection_tables import ChecksumTable, CounterTable
 from liftgate_hil.config.rig import RigTable
 from liftgate_hil.config.signal_mapping import MappingTable
 from liftgate_hil.diagnostics.trouble_code import number_of
-from liftgate_hil.ecu.trouble_codes import TROUBLE_CODES, TroubleCode
+from liftgate_hil.ecu.trouble_codes import TROUBLE_CODES, EcuDtc
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from liftgate_plant.signals import Signal
 from tools.docs.markdown import code, number, page, table
@@ -233,7 +233,7 @@ def rig_page() -> str:
     )
 
 
-def _trouble_code(each: TroubleCode) -> Iterable[str]:
+def _trouble_code(each: EcuDtc) -> Iterable[str]:
     return code(each.code), f"0x{number_of(each.code)[0]:06X}", each.meaning
 
 

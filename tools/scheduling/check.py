@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from liftgate_hil.campaigns.base import Base
-from liftgate_hil.campaigns.campaign import Campaign, Progress, batch_size, batches_of
+from liftgate_hil.campaigns.campaign import Campaign, CampaignProgress, batch_size, batches_of
 from liftgate_hil.campaigns.design import Design
 from liftgate_hil.campaigns.executors.local import Processes
 from liftgate_hil.campaigns.prepared import Prepared
@@ -61,7 +61,7 @@ def run(found: Prepared, jobs: int, variants: int, seconds: float) -> Run:
     try:
         with tempfile.TemporaryDirectory() as name:
             campaign = Campaign(
-                found.base, executor, Store(name), lambda: False, Progress(variants), lambda progress: None
+                found.base, executor, Store(name), lambda: False, CampaignProgress(variants), lambda progress: None
             )
             campaign.evaluate(batches)
             spent = time.monotonic() - began

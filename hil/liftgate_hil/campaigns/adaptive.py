@@ -17,7 +17,7 @@ from liftgate_hil.campaigns.campaign import Campaign, batches_of
 from liftgate_hil.campaigns.design import shares_of
 from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.probability.population import LARGEST_FAILING
-from liftgate_hil.campaigns.probability.subset_simulation import Estimate, subset_simulation
+from liftgate_hil.campaigns.probability.subset_simulation import SubsetEstimate, subset_simulation
 from liftgate_hil.campaigns.results import JUDGED, MARGIN, numbers_in
 from liftgate_hil.campaigns.search.worst_search import SearchEnd, worst_search
 from liftgate_hil.campaigns.space import Space
@@ -119,7 +119,7 @@ def search_worst(campaign: Campaign, space: Space, expectation: str, budget: int
 class Probability(NamedTuple):
     """Result of a probability: its estimate, and the search for pockets before it."""
 
-    estimate: Estimate
+    estimate: SubsetEstimate
     pockets: Floats  # (k, d) in standard normal space
     searched: int  # evaluations of the search for pockets
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from liftgate_hil.campaigns.distributions import Floats
-from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, Target
+from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, VariedTarget
 from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import Plan
 from liftgate_hil.version import versions
@@ -27,7 +27,7 @@ class Base:
     """Base of a campaign: the scenario, the vehicle, the ECU and the targets that all its variants share."""
 
     job: Job  # its scenario, vehicle and rig are loaded
-    targets: tuple[Target, ...]
+    targets: tuple[VariedTarget, ...]
     expectations: tuple[str, ...]  # names, in the order of the columns
     versions: Mapping[str, str]
     identity: str  # SHA-256 of all that goes into a result, but for the values
@@ -54,7 +54,7 @@ class Base:
         )
 
 
-def settings_of(given: Sequence[tuple[Target, float]]) -> list[str]:
+def settings_of(given: Sequence[tuple[VariedTarget, float]]) -> list[str]:
     """Return the values of keys of the vehicle file as KEY=VALUE; both coordinates of a point are one."""
     points: dict[str, list[float]] = {}
     found: dict[str, str] = {}
@@ -70,7 +70,7 @@ def settings_of(given: Sequence[tuple[Target, float]]) -> list[str]:
     return [f"{key}={text}" for key, text in found.items()]
 
 
-def base_of(plan: Plan, targets: Sequence[Target]) -> Base:
+def base_of(plan: Plan, targets: Sequence[VariedTarget]) -> Base:
     """Return the base of the variants of a plan, whose job has its files loaded."""
     job, setup = plan.job, plan.setup
     expectations = tuple(each.name for each in setup.scenario.expectations)

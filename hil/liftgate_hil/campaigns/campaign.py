@@ -25,12 +25,12 @@ PASSING_S = 0.003  # s that who schedules takes for a batch, from its submission
 MOST_FILES = 50_000  # batches of a campaign: each is a file, to be listed, and to be read for the results
 
 
-class StoppedError(Exception):
+class CampaignStoppedError(Exception):
     """Raised where a campaign was stopped before its end."""
 
 
 @dataclass
-class Progress:
+class CampaignProgress:
     """Progress of a campaign, for whoever shows it."""
 
     count: int  # variants in all; 0: not known
@@ -63,8 +63,8 @@ class Campaign:
     executor: Executor
     store: Store
     stopped: Callable[[], bool]
-    progress: Progress
-    tell: Callable[[Progress], None]
+    progress: CampaignProgress
+    tell: Callable[[CampaignProgress], None]
     asked: list[Batch] = field(default_factory=list)  # all batches so far, in the order of the results
 
     def evaluate(self, batches: list[Batch]) -> None:
@@ -106,7 +106,7 @@ class Campaign:
             left -= 1
             yield {done.batch.name}
         if left:
-            raise StoppedError
+            raise CampaignStoppedError
 
     def tables(self, batches: list[Batch]) -> Iterator[pa.Table]:
         """Yield the tables of batches; one whose file is damaged is evaluated again.
@@ -121,7 +121,7 @@ class Campaign:
                 table = self.stored(batch)
             if table is None:
                 if self.stopped():
-                    raise StoppedError
+                    raise CampaignStoppedError
                 raise StoreError(f"{self.store.address}: {batch.name}: written, and not there")
             yield table
 

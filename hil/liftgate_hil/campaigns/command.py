@@ -10,18 +10,25 @@ from liftgate_hil.campaigns.file import is_campaign_file, read_campaign_file
 from liftgate_hil.campaigns.parts import is_complete, run_parts
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.results import arrow
-from liftgate_hil.campaigns.run import NOBODY, CampaignFigures, Outcome, Places, Watcher, run_campaign
+from liftgate_hil.campaigns.run import (
+    NOBODY,
+    CampaignFigures,
+    CampaignOutcome,
+    CampaignPlaces,
+    CampaignWatcher,
+    run_campaign,
+)
 from liftgate_hil.config.described import command
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.report.provenance import Provenance, provenance_of
 
 
 # fmt: off
 @dataclass(frozen=True)
-class CampaignResult(Result):
+class CampaignResult(DescribedResult):
     """Result of a campaign, or of the parts of a campaign file."""
 
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[CampaignOutcome, ...]
     is_of_parts: bool
     folder: Annotated[Path, Shown("folder with report.html; of a campaign also results.parquet and campaign.json, "
         "which each part has in a folder of its own")]
@@ -47,13 +54,15 @@ def campaign(request: CampaignRequest) -> CampaignResult:
     return campaigned(request, provenance_of(repr(request), {}))
 
 
-def campaigned(request: CampaignRequest, provenance: Provenance, watcher: Watcher = NOBODY) -> CampaignResult:
+def campaigned(
+    request: CampaignRequest, provenance: Provenance, watcher: CampaignWatcher = NOBODY
+) -> CampaignResult:
     """Return the result of a campaign, or of the parts of a campaign file, whose files are written.
 
     Raises as `run_campaign`.
     """
     arrow()  # before hours of evaluations whose results could not be written
-    places = Places(
+    places = CampaignPlaces(
         Path(request.output), str(request.store or ""), request.scheduler or "", request.jobs or 0, request.resume
     )
     if not is_campaign_file(str(request.scenario)):

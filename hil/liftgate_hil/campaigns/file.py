@@ -46,7 +46,7 @@ class PartTable(Record):
 
 
 @dataclass(frozen=True)
-class Part:
+class NamedCampaign:
     """Campaign of a campaign file: its name, title and request."""
 
     name: str
@@ -61,7 +61,7 @@ class CampaignFile:
     path: Path
     title: str
     description: str
-    parts: tuple[Part, ...]
+    parts: tuple[NamedCampaign, ...]
 
 
 def is_campaign_file(name: str) -> bool:
@@ -116,7 +116,7 @@ def _path_of(name: str) -> Path:
     return data_root() / _FOLDER / f"{own}.toml"
 
 
-def _part_of(path: Path, issues: ConfigIssues, key: str, content: Any, template: CampaignRequest) -> Part:
+def _part_of(path: Path, issues: ConfigIssues, key: str, content: Any, template: CampaignRequest) -> NamedCampaign:
     own: Table = table(issues, key, content)
     part = read_record(issues, key, own, PartTable)
     if part.name and (Path(part.name).name != part.name or part.name.startswith(".")):
@@ -133,7 +133,7 @@ def _part_of(path: Path, issues: ConfigIssues, key: str, content: Any, template:
         samples=samples or None,
         method=template.method or part.method,
     )
-    return Part(part.name, part.title or part.name, request)
+    return NamedCampaign(part.name, part.title or part.name, request)
 
 
 def _replaced(text: str, given: Sequence[str]) -> str:

@@ -6,11 +6,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from liftgate_hil.campaigns.file import CampaignFile, Part
+from liftgate_hil.campaigns.file import CampaignFile, NamedCampaign
 from liftgate_hil.campaigns.folder import REPORT, Folder
 from liftgate_hil.campaigns.prepared import inputs_of, prepared, units_of
 from liftgate_hil.campaigns.reporting.combined import PartResult, combined_report
-from liftgate_hil.campaigns.run import NOBODY, Outcome, Places, Watcher, choice_of, run_campaign
+from liftgate_hil.campaigns.run import (
+    NOBODY,
+    CampaignOutcome,
+    CampaignPlaces,
+    CampaignWatcher,
+    choice_of,
+    run_campaign,
+)
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.provenance import Provenance
 
@@ -18,12 +25,12 @@ from liftgate_hil.report.provenance import Provenance
 class PartOutcome(NamedTuple):
     """A part of a campaign file, and its outcome."""
 
-    part: Part
-    outcome: Outcome
+    part: NamedCampaign
+    outcome: CampaignOutcome
 
 
 def run_parts(
-    file: CampaignFile, places: Places, provenance: Provenance, watcher: Watcher = NOBODY
+    file: CampaignFile, places: CampaignPlaces, provenance: Provenance, watcher: CampaignWatcher = NOBODY
 ) -> list[PartOutcome]:
     """Run the parts of a campaign file, and write the report of all.
 

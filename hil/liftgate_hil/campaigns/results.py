@@ -13,7 +13,7 @@ import numpy as np
 from liftgate_hil.campaigns.base import Base
 from liftgate_hil.campaigns.evaluation import Row
 from liftgate_hil.campaigns.figures import Figures
-from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, Target
+from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, VariedTarget
 from liftgate_hil.campaigns.store import StoreError, reason_of
 from liftgate_hil.errors import ConfigError
 
@@ -139,7 +139,7 @@ _KINDS = {
 }  # fmt: skip
 
 
-def _meaning_of(target: Target) -> str:
+def _meaning_of(target: VariedTarget) -> str:
     unit = f"{target.unit}, " if target.unit else ""
     return f"{unit}varied: {_KINDS[target.kind]}"
 

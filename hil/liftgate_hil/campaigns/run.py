@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from liftgate_hil.campaigns import stages
 from liftgate_hil.campaigns.base import Base
-from liftgate_hil.campaigns.campaign import Campaign, Progress, StoppedError
+from liftgate_hil.campaigns.campaign import Campaign, CampaignProgress, CampaignStoppedError
 from liftgate_hil.campaigns.executors.executor import Executor
 from liftgate_hil.campaigns.executors.local import local_executor
 from liftgate_hil.campaigns.folder import BATCHES, DATA, OWN, REPORT, RESULTS, Folder, data_text
 from liftgate_hil.campaigns.prepared import Prepared, absolute, inputs_of, prepared, units_of
 from liftgate_hil.campaigns.reporting.report import Choice, incomplete, report
-from liftgate_hil.campaigns.reporting.summary import Summary, summary_of
+from liftgate_hil.campaigns.reporting.summary import CampaignSummary, summary_of
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.results import VERDICT
 from liftgate_hil.campaigns.resumption import Pace, pace_before
 from liftgate_hil.campaigns.store import Store
 from liftgate_hil.campaigns.trial import tried
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.force_limits import force_limits_of
 from liftgate_hil.report.provenance import Provenance
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Places:
+class CampaignPlaces:
     """Where a campaign runs, and where its files go."""
 
     output: Path
@@ -44,17 +44,17 @@ class Places:
 
 
 @dataclass(frozen=True)
-class Watcher:
+class CampaignWatcher:
     """Who follows a campaign: it may stop it, and is told how far it is."""
 
     stopped: Callable[[], bool] = lambda: False
-    tell: Callable[[Progress], None] = lambda progress: None
+    tell: Callable[[CampaignProgress], None] = lambda progress: None
     say: Callable[[str], None] = lambda text: None
 
 
 # fmt: off
 @dataclass(frozen=True)
-class CampaignFigures(Result):
+class CampaignFigures(DescribedResult):
     """Figures of a campaign, as campaign.json has them."""
 
     is_complete: Annotated[bool, Shown("false: it was stopped; `--resume` continues it")]
@@ -72,17 +72,17 @@ class CampaignFigures(Result):
 
 # fmt: on
 @dataclass(frozen=True)
-class Outcome:
+class CampaignOutcome:
     """Outcome of a campaign."""
 
     prepared: Prepared
     folder: Folder
-    progress: Progress
+    progress: CampaignProgress
     seconds: float
     is_complete: bool
     counts: dict[str, int]  # variants by verdict
     analysis: stages.Analysis
-    summary: Summary | None  # None: nothing was evaluated
+    summary: CampaignSummary | None  # None: nothing was evaluated
 
     @property
     def figures(self) -> CampaignFigures:
@@ -101,12 +101,12 @@ class Outcome:
         )
 
 
-NOBODY = Watcher()
+NOBODY = CampaignWatcher()
 
 
 def run_campaign(
-    request: CampaignRequest, places: Places, provenance: Provenance, watcher: Watcher = NOBODY
-) -> Outcome:
+    request: CampaignRequest, places: CampaignPlaces, provenance: Provenance, watcher: CampaignWatcher = NOBODY
+) -> CampaignOutcome:
     """Run a campaign, or go on with one, and write its files.
 
     Raises ConfigError, StoreError, LiftgateError where no worker can run. After a stop it is not complete.
@@ -136,23 +136,23 @@ def run_campaign(
 def _run(
     found: Prepared,
     folder: Folder,
-    places: Places,
+    places: CampaignPlaces,
     pace: Pace,
     executor: Executor,
     provenance: Provenance,
-    watcher: Watcher,
-) -> Outcome:
+    watcher: CampaignWatcher,
+) -> CampaignOutcome:
     """Run a campaign in a folder that is claimed for it."""
     store = Store(places.store or str(folder.path / BATCHES), folder.token)
     store.create()
     began = time.monotonic()
-    campaign = Campaign(found.base, executor, store, watcher.stopped, Progress(0), watcher.tell)
+    campaign = Campaign(found.base, executor, store, watcher.stopped, CampaignProgress(0), watcher.tell)
     _note(folder, found, pace, provenance, {"is_complete": False})
     analysis, is_complete, counts = stages.NOTHING, True, dict[str, int]()
     try:
         analysis = stages.evaluate(found, campaign, folder, pace)
         folder.write_results(_counted(stages.tables(found, campaign), counts), RESULTS)
-    except StoppedError:
+    except CampaignStoppedError:
         is_complete = False
         counts.clear()
         folder.write_results(_counted(stages.unfinished(campaign), counts), RESULTS)
@@ -162,12 +162,12 @@ def _run(
                 found, campaign, folder, lambda base: executor_for(base, places, watcher.say)
             )
             analysis = stages.Analysis({**analysis.content, **more.content}, [*analysis.sections, *more.sections])
-        except StoppedError:
+        except CampaignStoppedError:
             is_complete = False
     if is_complete:
         store.tidy(folder.ended)
     spent = time.monotonic() - began
-    outcome = Outcome(
+    outcome = CampaignOutcome(
         found, folder, campaign.progress, spent, is_complete, counts, analysis, _summary(found, folder, counts)
     )
     if outcome.summary is not None:
@@ -177,7 +177,7 @@ def _run(
     return outcome
 
 
-def executor_for(base: Base, places: Places, say: Callable[[str], None]) -> Executor:
+def executor_for(base: Base, places: CampaignPlaces, say: Callable[[str], None]) -> Executor:
     """Return the executor for a base at these places. Raises ConfigError."""
     if places.scheduler:
         from liftgate_hil.campaigns.executors.cluster import Cluster
@@ -194,7 +194,7 @@ def _counted(tables: Iterator[pa.Table], counts: dict[str, int]) -> Iterator[pa.
         yield table
 
 
-def _summary(found: Prepared, folder: Folder, counts: dict[str, int]) -> Summary | None:
+def _summary(found: Prepared, folder: Folder, counts: dict[str, int]) -> CampaignSummary | None:
     if not counts:
         return None
     path, request = folder.path / RESULTS, found.request
@@ -239,7 +239,7 @@ def _note(folder: Folder, found: Prepared, pace: Pace, provenance: Provenance, r
     )
 
 
-def _report(outcome: Outcome, provenance: Provenance) -> None:
+def _report(outcome: CampaignOutcome, provenance: Provenance) -> None:
     found, folder = outcome.prepared, outcome.folder
     assert outcome.summary is not None
     title = f"Campaign: {Path(found.request.scenario).stem}"

@@ -32,7 +32,7 @@ MOST_VALUES = 100_000  # of a grid's axis
 _FORM = "NAME=VALUE,VALUE,…, NAME=FIRST:LAST:COUNT, NAME~DISTRIBUTION, or vehicle"
 
 
-class Target(NamedTuple):
+class VariedTarget(NamedTuple):
     """What a varied name stands for."""
 
     name: str
@@ -65,12 +65,12 @@ class Target(NamedTuple):
 class Axis(NamedTuple):
     """A varied name with its values: those of a grid, or a distribution."""
 
-    target: Target
+    target: VariedTarget
     grid: tuple[float, ...] = ()
     distribution: Distribution | None = None
 
     @property
-    def targets(self) -> tuple[Target, ...]:
+    def targets(self) -> tuple[VariedTarget, ...]:
         """What is varied: one name."""
         return (self.target,)
 
@@ -96,7 +96,7 @@ class Axis(NamedTuple):
 class Covariance(NamedTuple):
     """Parameters of a vehicle with the estimates and the covariance of an identification."""
 
-    targets: tuple[Target, ...]
+    targets: tuple[VariedTarget, ...]
     means: tuple[float, ...]
     root: tuple[tuple[float, ...], ...]  # L of the covariance L Lᵀ
 
@@ -122,7 +122,7 @@ class Space(NamedTuple):
     factors: tuple[Axis | Covariance, ...]
 
     @property
-    def targets(self) -> tuple[Target, ...]:
+    def targets(self) -> tuple[VariedTarget, ...]:
         """What the columns of values stand for."""
         return tuple(target for each in self.factors for target in each.targets)
 
@@ -195,11 +195,11 @@ def _factor_of(text: str, parameters: Mapping[str, str], vehicle: Vehicle, conte
     return Axis(target, grid)
 
 
-def _target_of(name: str, parameters: Mapping[str, str], vehicle: Vehicle) -> Target:
+def _target_of(name: str, parameters: Mapping[str, str], vehicle: Vehicle) -> VariedTarget:
     if name in parameters:
-        return Target(name, PARAMETER, parameter_unit=parameters[name])
+        return VariedTarget(name, PARAMETER, parameter_unit=parameters[name])
     if name in (SEED_OF_RUN, DRAW):
-        return Target(name, name)
+        return VariedTarget(name, name)
     try:
         return _key_target(name, vehicle)
     except ValueError as error:
@@ -208,16 +208,16 @@ def _target_of(name: str, parameters: Mapping[str, str], vehicle: Vehicle) -> Ta
         raise ConfigError(f"`vary` {name}: allowed: {own}, or a key of the vehicle file such as {keys}") from None
 
 
-def _key_target(name: str, vehicle: Vehicle) -> Target:
+def _key_target(name: str, vehicle: Vehicle) -> VariedTarget:
     """Return the target of a key of the vehicle file, or of a coordinate of a point. Raises ValueError."""
     key = key_of(tuple(name.split(".")))
     if key is not None:
-        return Target(name, KEY, key.quantity)
+        return VariedTarget(name, KEY, key.quantity)
     parameter = find_parameter(vehicle, name)
     if parameter.coordinate < 0:
-        return Target(name, KEY, parameter.quantity)
+        return VariedTarget(name, KEY, parameter.quantity)
     both = (value_of(vehicle, parameter._replace(coordinate=k)) for k in (0, 1))
-    return Target(name, KEY, parameter.quantity, (next(both), next(both)))
+    return VariedTarget(name, KEY, parameter.quantity, (next(both), next(both)))
 
 
 def _grid_of(given: str, text: str) -> tuple[float, ...]:
@@ -240,7 +240,7 @@ def _grid_of(given: str, text: str) -> tuple[float, ...]:
     )
 
 
-def _check(target: Target, values: Floats, text: str) -> None:
+def _check(target: VariedTarget, values: Floats, text: str) -> None:
     """Raise ConfigError where values are not allowed."""
     is_seed = target.kind in (SEED_OF_RUN, DRAW)
     if is_seed and not all(each % 1.0 == 0.0 and SEED.low <= each <= SEED.high for each in values.tolist()):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from liftgate_hil.campaigns.space import Target
+from liftgate_hil.campaigns.space import VariedTarget
 from liftgate_hil.config.parameters import FreeParameter, with_value
 from liftgate_hil.config.settings import Setting
 from liftgate_hil.config.variant import Variant
@@ -21,7 +21,7 @@ class Vehicles:
     vehicle; the loader reads the whole content again for everything else, and for what it would refuse.
     """
 
-    def __init__(self, file: VehicleFile, targets: Sequence[Target]) -> None:
+    def __init__(self, file: VehicleFile, targets: Sequence[VariedTarget]) -> None:
         self._file = file
         self._parameters = _parameters_of(file, targets)
         self._base: tuple[Any, Vehicle] | None = None  # what the base was loaded for, and the base
@@ -56,7 +56,7 @@ class Vehicles:
         return self._file.vehicle([*fixed, *varied], variant)
 
 
-def _parameters_of(file: VehicleFile, targets: Sequence[Target]) -> Mapping[str, FreeParameter]:
+def _parameters_of(file: VehicleFile, targets: Sequence[VariedTarget]) -> Mapping[str, FreeParameter]:
     """Return the parameters by key of those numbers that can be put into a loaded vehicle."""
     found: dict[str, FreeParameter] = {}
     sides: tuple[str, ...]

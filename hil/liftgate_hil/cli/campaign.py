@@ -20,9 +20,9 @@ from liftgate_hil.judging.verdict import ERROR
 from liftgate_hil.plan.request import RunRequest
 
 if TYPE_CHECKING:
-    from liftgate_hil.campaigns.campaign import Progress as State
-    from liftgate_hil.campaigns.run import Outcome
-    from liftgate_hil.cli.progress import Progress
+    from liftgate_hil.campaigns.campaign import CampaignProgress as State
+    from liftgate_hil.campaigns.run import CampaignOutcome
+    from liftgate_hil.cli.progress import ProgressDisplay
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from liftgate_hil.campaigns.command import campaigned
     from liftgate_hil.campaigns.results import arrow
-    from liftgate_hil.campaigns.run import Watcher
+    from liftgate_hil.campaigns.run import CampaignWatcher
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.report.provenance import provenance_of
 
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     request, teller = CampaignRequest.of(**options.given_in(args, CampaignRequest)), Teller(args.quiet)
     stop = StopSignals()
     with _ended_in_order(stop), teller.progress("campaign") as progress:
-        watcher = Watcher(stop, _shown_by(progress), teller.say)
+        watcher = CampaignWatcher(stop, _shown_by(progress), teller.say)
         found = campaigned(request, provenance_of(args.command_line, {}), watcher)
     for each in found.outcomes:
         _summarise(each, args.quiet)
@@ -76,7 +76,7 @@ def _ended_in_order(stop: StopSignals) -> Iterator[None]:
         raise stop.failure(str(error)) from error
 
 
-def _shown_by(shown: Progress) -> Callable[[State], None]:
+def _shown_by(shown: ProgressDisplay) -> Callable[[State], None]:
     """Return what is called with the state of a campaign, and shows it."""
     return lambda state: shown.update(state.done, state.count, line_of(state), before=state.found)
 
@@ -89,7 +89,7 @@ def line_of(state: State) -> str:
     return "  ".join(parts)
 
 
-def _found(outcome: Outcome) -> Iterator[str]:
+def _found(outcome: CampaignOutcome) -> Iterator[str]:
     """Yield what a search for the worst, or for a probability, has found, as lines."""
     from liftgate_hil.campaigns.folder import WORST_FILE, replay_line
     from liftgate_hil.campaigns.prepared import units_of
@@ -123,7 +123,7 @@ def _compared(ecus: Sequence[str], variants: int, differing: int, verdicts: Mapp
     return f"{' / '.join(ecus)}: {differing} of {number_of(variants, 'variant')} differ; verdicts: {pairs}"
 
 
-def _summarise(outcome: Outcome, is_quiet: bool) -> None:
+def _summarise(outcome: CampaignOutcome, is_quiet: bool) -> None:
     """Print how many variants have which verdict, and where the results are."""
     if is_quiet:
         return

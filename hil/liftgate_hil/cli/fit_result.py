@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, TypeVar
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
-    from liftgate_hil.described_result import Result
+    from liftgate_hil.described_result import DescribedResult
 
-    Fit = TypeVar("Fit", bound=Result)
+    Fit = TypeVar("Fit", bound=DescribedResult)
 
 
 def add_printed(parser: argparse.ArgumentParser) -> None:

@@ -8,14 +8,14 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.text import Text
 
-    from liftgate_hil.loop.listener import Status
+    from liftgate_hil.loop.listener import RunStatus
 
 _ROOMY = 64  # columns from which bars have words at their ends
 _NAMES = 9  # columns of the names, with a gap
 _WARNING, _NAME = "bold yellow", "dim"
 
 
-class View(NamedTuple):
+class PanelView(NamedTuple):
     """How a run is seen in a panel."""
 
     open_deg: float = 90.0  # angle of the open gate
@@ -24,7 +24,7 @@ class View(NamedTuple):
     after_s: float = 0.0  # a run that ends earlier is not shown
 
 
-def panel_of(status: Status, view: View, width: int) -> RenderableType:
+def panel_of(status: RunStatus, view: PanelView, width: int) -> RenderableType:
     """Return the panel of a status, in so many columns."""
     from rich.console import Group
 
@@ -39,7 +39,7 @@ def panel_of(status: Status, view: View, width: int) -> RenderableType:
     return Group(_bars(status, view, width >= _ROOMY), *lines)
 
 
-def _bars(status: Status, view: View, is_roomy: bool) -> RenderableType:
+def _bars(status: RunStatus, view: PanelView, is_roomy: bool) -> RenderableType:
     """Return the lines of time and gate, each with its bar."""
     from rich.progress_bar import ProgressBar
     from rich.table import Table
@@ -77,20 +77,20 @@ def _line(name: str | None, parts: list[tuple[str, str]]) -> Text:
     return line
 
 
-def _currents(status: Status, drives: int) -> list[str]:
+def _currents(status: RunStatus, drives: int) -> list[str]:
     if drives == 1:
         return [f"{status.left_current_a:.2f} A"]
     return [f"left {status.left_current_a:6.2f} A", f"right {status.right_current_a:6.2f} A"]
 
 
-def _age(status: Status) -> tuple[str, str]:
+def _age(status: RunStatus) -> tuple[str, str]:
     """Return how old the last valid command is, and its style."""
     if status.command_age_s is None:
         return "no command", _WARNING
     return f"{1e3 * status.command_age_s:.0f} ms old", ""
 
 
-def _wrong(status: Status) -> list[tuple[str, str]]:
+def _wrong(status: RunStatus) -> list[tuple[str, str]]:
     """Return the counts of what goes wrong, those that are not zero, and their style."""
     counts = (
         ("overruns", status.overruns),

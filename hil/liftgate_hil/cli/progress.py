@@ -19,7 +19,7 @@ _TURN_S = 0.25  # of the thread that draws while nothing is reported
 _ROOMY = 50  # columns from which there is room for a bar beside everything else
 
 
-class Progress:
+class ProgressDisplay:
     """Progress of one task: a live display on a terminal, else a line every PLAIN_S, if there is `plain`.
 
     As a context the picture is drawn a few times a second, also while nothing is reported; else only with its
@@ -99,7 +99,7 @@ class Progress:
         if self._thread is not None:
             self._thread.join(_TURN_S)  # a process that is started next is forked without it
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> ProgressDisplay:
         if self._screen.is_there:
             self._thread = threading.Thread(target=self._draw_now_and_then, name="progress", daemon=True)
             self._thread.start()

@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()  # stops between two blocks; what has been simulated is written
     from liftgate_compiler import GivenUpError
-    from liftgate_hil.cli.progress import Progress
+    from liftgate_hil.cli.progress import ProgressDisplay
     from liftgate_hil.cli.screen import Screen
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.drive.compilation import reporting_compilation
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
             raise ConfigError("`output` -: stdout is closed; allowed: a file")
     teller = Teller(is_quiet=False)
     is_seen = request.output is None and sys.stdout.isatty()  # the table is, so that nothing else can be shown
-    progress = Progress(Screen(is_off=True), "") if is_seen else teller.progress("simulate")
+    progress = ProgressDisplay(Screen(is_off=True), "") if is_seen else teller.progress("simulate")
 
     def report(time_s: float, duration_s: float) -> None:
         progress.update(time_s, duration_s, f"{time_s:.1f} s of {duration_s:g} s")

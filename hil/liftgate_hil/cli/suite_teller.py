@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli.options import as_flags
-from liftgate_hil.cli.progress import Progress
+from liftgate_hil.cli.progress import ProgressDisplay
 from liftgate_hil.cli.suite_reports import Output, put_whole
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.config.rig_fit import notes_on_fit
@@ -55,7 +55,7 @@ class SuiteTeller(SuiteListener):
         self._stop = stop
         self._is_quiet = is_quiet
         self._is_silent = is_silent  # stdout is for the JSON alone
-        self._progress: Progress | None = None
+        self._progress: ProgressDisplay | None = None
         self._cases: Sequence[Case] = ()
         self._running: list[str] = []
         self._outcomes: dict[str, Outcome] = {}
@@ -78,7 +78,7 @@ class SuiteTeller(SuiteListener):
         """Print a report."""
         put_whole(text)
 
-    def phase(self, name: str) -> Progress:
+    def phase(self, name: str) -> ProgressDisplay:
         """Return the progress of a phase, as a context."""
         self._progress = self._teller.progress(name)
         return self._progress

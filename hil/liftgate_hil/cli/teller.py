@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from typing import Any
 
 from liftgate_hil.cli.options import as_flags
-from liftgate_hil.cli.panel import View, panel_of
-from liftgate_hil.cli.progress import Progress
+from liftgate_hil.cli.panel import PanelView, panel_of
+from liftgate_hil.cli.progress import ProgressDisplay
 from liftgate_hil.cli.screen import Screen
-from liftgate_hil.loop.listener import Listener, Status
+from liftgate_hil.loop.listener import Listener, RunStatus
 
 _EVERY_S = 0.2  # between two drawings of the panel
 
@@ -24,7 +24,7 @@ class Teller(Listener):
         is_quiet: bool,
         is_json: bool = False,
         how: str = "",
-        view: View = View(),  # noqa: B008  # a tuple
+        view: PanelView = PanelView(),  # noqa: B008  # a tuple
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._is_quiet = is_quiet
@@ -33,10 +33,10 @@ class Teller(Listener):
         self._view = view
         self._clock = clock
         self._next = 0.0  # when the panel is drawn again
-        self._compilation: Progress | None = None
+        self._compilation: ProgressDisplay | None = None
         self._screen = Screen(is_off=is_quiet or is_json)
 
-    def sees(self, view: View) -> None:
+    def sees(self, view: PanelView) -> None:
         """Set how the run is seen in the panel."""
         self._view = view
 
@@ -56,7 +56,7 @@ class Teller(Listener):
         if not self._is_json:
             self.say(f"ecu {time_s:7.3f} s  {text}")
 
-    def status(self, status: Status) -> None:
+    def status(self, status: RunStatus) -> None:
         """Show the run's status in the panel on the terminal."""
         now = self._clock()
         if not self._next:
@@ -85,10 +85,10 @@ class Teller(Listener):
         if not self._screen.is_there:
             self._screen.say(f"ready after {seconds:.1f} s")
 
-    def progress(self, what: str, total: float = 0.0) -> Progress:
+    def progress(self, what: str, total: float = 0.0) -> ProgressDisplay:
         """Return the progress of what may take a while: a picture on a terminal, else a line now and then."""
         plain = None if self._is_quiet or self._is_json else self._screen.say
-        return Progress(self._screen, what, total, clock=self._clock, plain=plain)
+        return ProgressDisplay(self._screen, what, total, clock=self._clock, plain=plain)
 
     @contextmanager
     def aside(self) -> Iterator[None]:

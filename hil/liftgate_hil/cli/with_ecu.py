@@ -17,7 +17,7 @@ from dataclasses import replace
 from typing import IO, TYPE_CHECKING
 
 from liftgate_hil.cli import options
-from liftgate_hil.cli.panel import View
+from liftgate_hil.cli.panel import PanelView
 from liftgate_hil.cli.progress import AFTER_S
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
@@ -70,7 +70,7 @@ def run_loop(
         plan = plan_of(job)
     vehicle = plan.setup.vehicle
     after_s = AFTER_S if args.clock == "free" else 0.0  # in real time the first seconds count, too
-    teller.sees(View(math.degrees(vehicle.gate.open_angle), plan.duration, vehicle.drives, after_s))
+    teller.sees(PanelView(math.degrees(vehicle.gate.open_angle), plan.duration, vehicle.drives, after_s))
     page = _page_process(args, teller)
     is_here = plan.way is None or plan.way.is_interface("virtual")
     try:

@@ -20,7 +20,7 @@ UNSIGNED, SIGNED, FLOAT32, FLOAT64 = 0, 1, 2, 3
 _WORD = 4294967296.0
 
 
-class Place(NamedTuple):
+class BitPlace(NamedTuple):
     """Position of a signal in a frame: byte and shift of its lowest bit, and its number of bits (`length`).
 
     `stride` is the step to the byte with the next higher bits: +1 for Intel byte order, −1 for Motorola. `kind` is
@@ -35,10 +35,10 @@ class Place(NamedTuple):
 
 
 @compilable
-def place_at(places: Any, row: int) -> Place:
+def place_at(places: Any, row: int) -> BitPlace:
     """Return the Place in a row of a table of places."""
     place = places[row]
-    return Place(place.byte, place.shift, place.length, place.stride, place.kind)
+    return BitPlace(place.byte, place.shift, place.length, place.stride, place.kind)
 
 
 @compilable
@@ -69,7 +69,7 @@ def insert(data: NDArray[np.uint8], row: int, byte: int, shift: int, length: int
 
 
 @outlined
-def extract_long(data: NDArray[np.uint8], row: int, place: Place) -> int:
+def extract_long(data: NDArray[np.uint8], row: int, place: BitPlace) -> int:
     """Return up to 64 bits of a frame (row of `data`), unsigned.
 
     All 64 bits are returned as two's complement: compiled code has no larger integer.
@@ -83,7 +83,7 @@ def extract_long(data: NDArray[np.uint8], row: int, place: Place) -> int:
 
 
 @outlined
-def insert_long(data: NDArray[np.uint8], row: int, place: Place, raw: int) -> None:
+def insert_long(data: NDArray[np.uint8], row: int, place: BitPlace, raw: int) -> None:
     """Write up to 64 bits into a frame (row of `data`), leaving the other bits as they are; see `extract_long`."""
     first = min(place.length, 32)
     insert(data, row, place.byte, place.shift, first, place.stride, raw & 0xFFFFFFFF)
@@ -102,7 +102,7 @@ def joined(high: int, low: int) -> int:
 
 
 @outlined
-def read_number(data: NDArray[np.uint8], row: int, place: Place) -> float:
+def read_number(data: NDArray[np.uint8], row: int, place: BitPlace) -> float:
     """Return a signal's raw value as a number (exact up to 53 bits)."""
     length = place.length
     if length <= 32:
@@ -123,7 +123,7 @@ def read_number(data: NDArray[np.uint8], row: int, place: Place) -> float:
 
 
 @compilable
-def write_number(data: NDArray[np.uint8], row: int, place: Place, value: float) -> None:
+def write_number(data: NDArray[np.uint8], row: int, place: BitPlace, value: float) -> None:
     """Write a raw value to its place: an integral number within the signal's range, or any float."""
     length = place.length
     if place.kind == FLOAT32:

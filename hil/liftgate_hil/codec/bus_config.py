@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.bits import Place, write_number
+from liftgate_hil.codec.bits import BitPlace, write_number
 from liftgate_hil.codec.frames import EXTENDED, MAX_BYTES
 from liftgate_hil.codec.multiplexing import MAX_PAGES, is_on, multiplexer_values, pages_of
 from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
@@ -185,14 +185,14 @@ class _Tables:
 
     messages: list[tuple[float, ...]] = field(default_factory=list)
     signals: list[tuple[float, ...]] = field(default_factory=list)
-    places: list[Place] = field(default_factory=list)
+    places: list[BitPlace] = field(default_factory=list)
     selectors: list[tuple[float, ...]] = field(default_factory=list)
     names: list[tuple[float, float]] = field(default_factory=list)
     start: list[NDArray[np.uint8]] = field(default_factory=list)
     own_checksums: list[tuple[Any, ...]] = field(default_factory=list)
     end_to_end: list[tuple[Any, ...]] = field(default_factory=list)
 
-    def add_place(self, place: Place) -> int:
+    def add_place(self, place: BitPlace) -> int:
         """Add a place and return its row."""
         self.places.append(place)
         return len(self.places) - 1
@@ -308,7 +308,7 @@ def _enumeration(wire: SignalMapping, signal: Signal, quantity: signals.Signal) 
     return pairs
 
 
-def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[Place, int], ...]]:
+def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[BitPlace, int], ...]]:
     """Return the alternatives of `multiplexer_values` with the multiplexers' places instead of their names."""
     return [
         tuple((place_of(message.get_signal_by_name(name)), value) for name, value in chain.items())

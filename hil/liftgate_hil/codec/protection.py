@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec import checksum
-from liftgate_hil.codec.bits import FLOAT32, FLOAT64, SIGNED, UNSIGNED, Place
+from liftgate_hil.codec.bits import FLOAT32, FLOAT64, SIGNED, UNSIGNED, BitPlace
 from liftgate_hil.codec.counter import MOST_VALUES, Counting
 from liftgate_hil.codec.e2e import profile_1
 from liftgate_hil.codec.rocksoft import Rocksoft
@@ -53,16 +53,16 @@ class MessageOptions:
     own: Rocksoft | None = None  # replaces `checksum_kind`
 
 
-def place_of(signal: Signal) -> Place:
+def place_of(signal: Signal) -> BitPlace:
     """Return the position of a signal's bits."""
     kind = SIGNED if signal.is_signed else UNSIGNED
     if signal.is_float:
         kind = FLOAT32 if signal.length == 32 else FLOAT64
     if signal.byte_order == "little_endian":
-        return Place(signal.start // 8, signal.start % 8, signal.length, 1, kind)
+        return BitPlace(signal.start // 8, signal.start % 8, signal.length, 1, kind)
     # DBC names a Motorola signal's highest bit; count bits from the frame's first to its last.
     lowest = 8 * (signal.start // 8) + 7 - signal.start % 8 + signal.length - 1
-    return Place(lowest // 8, 7 - lowest % 8, signal.length, -1, kind)
+    return BitPlace(lowest // 8, 7 - lowest % 8, signal.length, -1, kind)
 
 
 def own_bits(message: Message, name: str) -> NDArray[np.uint8]:
@@ -81,7 +81,7 @@ def own_bits(message: Message, name: str) -> NDArray[np.uint8]:
 class ProtectionTables(Protocol):
     """The tables in which protection has rows; each method adds a row and returns its number."""
 
-    def add_place(self, place: Place) -> int:
+    def add_place(self, place: BitPlace) -> int:
         """Add a row to tables.PLACE for the position of a signal's bits, and return the row's number."""
 
     def add_own(self, row: tuple[Any, ...]) -> int:
@@ -134,7 +134,7 @@ def protection_row(
 
 
 def _counter_columns(
-    message: Message, options: MessageOptions, add_place: Callable[[Place], int], issues: ConfigIssues
+    message: Message, options: MessageOptions, add_place: Callable[[BitPlace], int], issues: ConfigIssues
 ) -> dict[str, Any]:
     """Return the columns for the place of a counter and how it counts."""
     if options.counter is None:
@@ -159,7 +159,7 @@ def _counter_columns(
 
 
 def _checksum_columns(
-    message: Message, options: MessageOptions, add_place: Callable[[Place], int], issues: ConfigIssues
+    message: Message, options: MessageOptions, add_place: Callable[[BitPlace], int], issues: ConfigIssues
 ) -> dict[str, Any]:
     """Return the columns for the place of a checksum and its kind."""
     if options.checksum is None:

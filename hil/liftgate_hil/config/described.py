@@ -218,7 +218,7 @@ def _parameter_kind(record: type, name: str) -> inspect._ParameterKind:
     return inspect.Parameter.KEYWORD_ONLY if names_only else inspect.Parameter.POSITIONAL_OR_KEYWORD
 
 
-class Command(Protocol[P, Request_contra, Result_co]):
+class CommandFunction(Protocol[P, Request_contra, Result_co]):
     """Public function of a command: it takes the fields of its request as arguments, or the request itself."""
 
     @overload
@@ -230,7 +230,7 @@ class Command(Protocol[P, Request_contra, Result_co]):
 
 def command(
     request: Callable[P, Request_contra],
-) -> Callable[[Callable[[Request_contra], Result_co]], Command[P, Request_contra, Result_co]]:
+) -> Callable[[Callable[[Request_contra], Result_co]], CommandFunction[P, Request_contra, Result_co]]:
     """Return a decorator that has a function of a request take the request's fields as arguments, too.
 
     They are validated before the function is called: it raises ConfigError, and TypeError for arguments that do
@@ -238,7 +238,9 @@ def command(
     """
     record = cast(Any, request)
 
-    def decorated(function: Callable[[Request_contra], Result_co]) -> Command[P, Request_contra, Result_co]:
+    def decorated(
+        function: Callable[[Request_contra], Result_co],
+    ) -> CommandFunction[P, Request_contra, Result_co]:
         def call(*placed: Any, **given: Any) -> Result_co:
             if len(placed) == 1 and not given and isinstance(placed[0], record):
                 return function(placed[0].validated())
@@ -251,7 +253,7 @@ def command(
         functools.update_wrapper(call, function)
         vars(call)["__signature__"] = signature_of(record)
         call.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\n{_arguments_text(record)}"
-        return cast(Command[P, Request_contra, Result_co], call)
+        return cast(CommandFunction[P, Request_contra, Result_co], call)
 
     return decorated
 

@@ -73,14 +73,14 @@ class Reset:
 
 
 @dataclass(frozen=True)
-class Driver:
+class DriverButtons:
     """The driver's buttons by request, and the reset of the ECU, as a rig defines them; None: never reset."""
 
     buttons: Mapping[str, Press]
     reset: Reset | None = None
 
 
-NO_DRIVER = Driver({})
+NO_DRIVER = DriverButtons({})
 
 
 def buttons_of(given: Table, tables: BusTables, taken: Sequence[str], issues: ConfigIssues) -> dict[str, Press]:

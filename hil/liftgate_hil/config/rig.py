@@ -17,7 +17,7 @@ from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.database import KINDS, find_database, load_messages
 from liftgate_hil.config.described import Field, Record, fields_of, read_record
 from liftgate_hil.config.diagnostics import diagnostics_of
-from liftgate_hil.config.driver import NO_DRIVER, Driver, buttons_of, reset_of
+from liftgate_hil.config.driver import NO_DRIVER, DriverButtons, buttons_of, reset_of
 from liftgate_hil.config.file_kinds import check_kind
 from liftgate_hil.config.inject import SIGNAL, OrderMessage, orders_of
 from liftgate_hil.config.kinds import Number, Subtable, Text
@@ -74,7 +74,7 @@ class Rig:
     is_fd: bool
     source: str
     diagnostics: Diagnostics | None = None  # how trouble codes are read from the ECU
-    driver: Driver = NO_DRIVER
+    driver: DriverButtons = NO_DRIVER
     orders: tuple[OrderMessage, ...] = ()  # messages by which a test bench injects
 
     @property
@@ -249,7 +249,7 @@ def rig_of_content(raw: Table, path: Path, messages: Messages | None = None) -> 
     buttons = buttons_of(given.requests or {}, rig.tables, rig.mapped, issues)
     reset = reset_of(given.reset, rig.tables, rig.mapped, rig.diagnostics is not None, issues)
     orders = orders_of(given.inject or {}, rig.tables, rig.mapped, issues)
-    rig = replace(rig, driver=Driver(buttons, reset), orders=orders)
+    rig = replace(rig, driver=DriverButtons(buttons, reset), orders=orders)
     for make in (rig.input_config, rig.output_config):
         with _collecting(issues):
             make()

@@ -34,7 +34,7 @@ NS = 1_000_000_000
 _DUTY = 0.5  # that every motion needs
 
 
-class Expected(NamedTuple):
+class ExpectedRange(NamedTuple):
     """The range of a quantity in its unit: in every opening and closing (low to high), and at most."""
 
     low: float
@@ -43,16 +43,16 @@ class Expected(NamedTuple):
     highest: float
 
 
-def _whole(low: float, high: float) -> Expected:
-    return Expected(low, high, low, high)
+def _whole(low: float, high: float) -> ExpectedRange:
+    return ExpectedRange(low, high, low, high)
 
 
-def _part(share: float, most: float) -> Expected:
+def _part(share: float, most: float) -> ExpectedRange:
     """Return ranges of both signs: `share` of `most` in every motion, and `most` in the extreme."""
-    return Expected(-share * most, share * most, -most, most)
+    return ExpectedRange(-share * most, share * most, -most, most)
 
 
-def expected_values(vehicle: Vehicle) -> dict[str, Expected]:
+def expected_values(vehicle: Vehicle) -> dict[str, ExpectedRange]:
     """Return the values that outputs of a rig have on this vehicle, as far as they are known beforehand."""
     link = gate.linkage(vehicle.gate)
     open_deg = math.degrees(vehicle.gate.open_angle)
@@ -68,7 +68,7 @@ def expected_values(vehicle: Vehicle) -> dict[str, Expected]:
     found = {
         "gate_angle": _whole(0.0, open_deg),
         "gate_rate": _part(0.1, open_deg),  # at most: opened within a second
-        "terminal_voltage": Expected(max(lowest, 0.8 * supply), supply, lowest, supply),
+        "terminal_voltage": ExpectedRange(max(lowest, 0.8 * supply), supply, lowest, supply),
         "supply_voltage": _whole(supply, supply),
         "ambient_temperature": _whole(ambient, ambient),
         "road_slope": _whole(math.degrees(slope), math.degrees(slope)),
@@ -81,7 +81,7 @@ def expected_values(vehicle: Vehicle) -> dict[str, Expected]:
     return found
 
 
-def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str, Expected]:
+def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str, ExpectedRange]:
     """Return the expected values of one drive, by names without its side.
 
     A stalled motor and one without load are the extremes.
@@ -310,7 +310,7 @@ def _other_scales(rig: Rig) -> Iterator[str]:
                 )
 
 
-def _ranged(rig: Rig, vehicle: Vehicle) -> Iterator[tuple[SignalMapping, Expected, tuple[float, float]]]:
+def _ranged(rig: Rig, vehicle: Vehicle) -> Iterator[tuple[SignalMapping, ExpectedRange, tuple[float, float]]]:
     """Yield outputs with their expected values and the range that their signal holds."""
     expected = expected_values(vehicle)
     for wire in rig.outputs:

@@ -19,7 +19,7 @@ from liftgate_hil.errors import ConfigIssues, with_unit
 from liftgate_plant import gate as gate_body
 from liftgate_plant import hall
 from liftgate_plant.friction_profile import MOST_PLACES, places_of
-from liftgate_plant.gate import Gate
+from liftgate_plant.gate import GateParameters
 from liftgate_plant.latch import Latch
 from liftgate_plant.quantity import Points, Quantity
 from liftgate_plant.sensors import Sensors, encoder_of
@@ -224,7 +224,7 @@ def _check_motors(issues: ConfigIssues, vehicle: Vehicle) -> None:
             )
 
 
-def _check_inertia(issues: ConfigIssues, gate: Gate) -> None:
+def _check_inertia(issues: ConfigIssues, gate: GateParameters) -> None:
     """Check that the inertia of a gate about its hinge is plausible.
 
     It is at least m r² of the centre of gravity, and no part of the gate is further from the hinge than r plus the
@@ -302,7 +302,7 @@ def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:
         )
 
 
-def _check_geometry(issues: ConfigIssues, gate: Gate) -> None:
+def _check_geometry(issues: ConfigIssues, gate: GateParameters) -> None:
     """Check that the actuator gets longer all the way from closed to open."""
     link = gate_body.linkage(gate)
     if text := _geometry_issue(link, gate.open_angle):

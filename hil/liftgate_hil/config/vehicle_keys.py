@@ -11,7 +11,7 @@ from liftgate_plant.clutch import Clutch
 from liftgate_plant.coding import Coding
 from liftgate_plant.cutout import Cutout
 from liftgate_plant.environment import Environment
-from liftgate_plant.gate import Gate
+from liftgate_plant.gate import GateParameters
 from liftgate_plant.latch import Latch
 from liftgate_plant.motor import Motor
 from liftgate_plant.quantity import Quantity
@@ -35,7 +35,7 @@ DRIVE_TABLES: Mapping[str, type] = {
     "cutout": Cutout,
 }
 BODY_TABLES: Mapping[str, type] = {
-    "gate": Gate,
+    "gate": GateParameters,
     "seal": Seal,
     "latch": Latch,
     "supply": Supply,

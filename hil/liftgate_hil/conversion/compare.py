@@ -13,7 +13,7 @@ from liftgate_hil.conversion.held_values import Compared, HeldValues
 from liftgate_hil.conversion.partners import partners
 from liftgate_hil.conversion.table import Window, chosen
 from liftgate_hil.conversion.time_offset import TIME_TOLERANCE_S
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording
 
@@ -36,7 +36,7 @@ class Values(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Difference(Result):
+class Difference(DescribedResult):
     """Difference of one column: second recording minus first."""
 
     name: str
@@ -56,7 +56,7 @@ class Difference(Result):
 
 
 @dataclass(frozen=True)
-class Comparison(Result):
+class Comparison(DescribedResult):
     """Differences between two recordings."""
 
     columns: Annotated[tuple[Difference, ...], Shown("columns that both have", by="name", names=("COLUMN",),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD_FLAGS, REMOTE, no_logged
 from liftgate_hil.conversion.time_offset import TIME_TOLERANCE_S, offset_of
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.formats.recording import Recording
 
 _FIELDS = {"identifier": "identifier", "length": "length", "is_sent": "direction", "payload": "data"}
@@ -20,7 +20,7 @@ _NONE = "none"
 
 # fmt: off
 @dataclass(frozen=True)
-class FramesCompared(Result):
+class FramesCompared(DescribedResult):
     """Result of the comparison of the frames of two recordings."""
 
     counts: Annotated[tuple[int, int], Shown("number of frames: [first, second]")]

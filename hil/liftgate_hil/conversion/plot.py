@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from liftgate_hil.config.described import command, fields_of
 from liftgate_hil.conversion.figures.catalogue import FIGURES, drawn
-from liftgate_hil.conversion.figures.subject import Subject
+from liftgate_hil.conversion.figures.subject import FigureSubject
 from liftgate_hil.conversion.request import COLUMNS, OF_RECORDING, OF_VEHICLE, PlotRequest
 from liftgate_hil.conversion.sheet import check_picture, write_picture
 from liftgate_hil.conversion.table import files_of, open_whole, window_of
@@ -81,7 +81,7 @@ def _target(request: PlotRequest) -> str:
     return f"{request.recording or Path(request.vehicle or _VEHICLE).stem}.{request.figure}.png"
 
 
-def _subject(request: PlotRequest) -> Subject:
+def _subject(request: PlotRequest) -> FigureSubject:
     """Return what the figure is of. Raises ConfigError."""
     kind, name = FIGURES[request.figure], str(request.vehicle or _VEHICLE)
     recorded = RecordedSetup()
@@ -105,7 +105,7 @@ def _subject(request: PlotRequest) -> Subject:
         title = Path(request.recording).name
     if request.figure != COLUMNS:
         title = f"{title}: {kind.meaning}"
-    return Subject(
+    return FigureSubject(
         title=title,
         table=table,
         rig=request.rig,

@@ -22,7 +22,7 @@ from liftgate_hil.dashboard.source import (
     times_of,
     units_of,
 )
-from liftgate_hil.dashboard.trace import Trace
+from liftgate_hil.dashboard.trace import FrameTrace
 from liftgate_hil.errors import RunGoneError
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import bars, distribution
@@ -61,7 +61,7 @@ class Live:
         self._lost_before: int | None = None  # rows and frames that were overwritten before the first look
         self._row = np.full(len(self._names), np.nan)
         self._history: deque[tuple[float, Any, Any]] = deque()
-        self._bus, self._trace = BusView(Path(self._description["rig"])), Trace()
+        self._bus, self._trace = BusView(Path(self._description["rig"])), FrameTrace()
         # As long as the run has not replied.
         nothing: JsonObject = {"in_force": {}, "acting": {}, "verdicts": [], "alarms": []}
         self._news: JsonObject = {"phase": COMPILING, "status": None, **nothing}

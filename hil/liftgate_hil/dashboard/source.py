@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.loop.histogram import Distribution
+from liftgate_hil.loop.histogram import Quantiles
 from liftgate_hil.signals import COLUMNS, SENSED_PREFIX, Bench
 
 JsonObject = dict[str, Any]  # a JSON object
@@ -41,7 +41,7 @@ STATE = {
 }
 
 
-class Source(Protocol):
+class PageSource(Protocol):
     """Data source of a page: a run, a recording, or none."""
 
     def about(self) -> JsonObject:
@@ -134,6 +134,6 @@ def meanings_of(names: list[str]) -> dict[str, str]:
     return {name: COLUMNS[name].meaning for name in names if name in COLUMNS}
 
 
-def times_of(figures: Distribution) -> JsonObject | None:
+def times_of(figures: Quantiles) -> JsonObject | None:
     """Return a distribution of durations [µs]; None: there are none."""
     return figures._asdict() if figures.count else None

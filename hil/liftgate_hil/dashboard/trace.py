@@ -16,7 +16,7 @@ _KEPT = 5000  # frames, of the default rig those of 8 s
 MOST_FRAMES = 1000  # of one reply: the page asks twice a second, and says which of more it has missed
 
 
-class Trace:
+class FrameTrace:
     """The latest frames on a bus, each with its number, from 1.
 
     Frames are kept in the blocks in which they were read, so that they cost nothing while nobody asks.

@@ -12,7 +12,7 @@ RESETS = {"hardReset": 0x01, "keyOffOnReset": 0x02, "softReset": 0x03}  # ECURes
 _ALL = 0xFFFFFF  # group of all trouble codes
 
 
-class Answer(NamedTuple):
+class DecodedResponse(NamedTuple):
     """A decoded response: the trouble codes with their status, or why the ECU refused a request."""
 
     codes: Mapping[int, int] | None  # status by number; None: no reading
@@ -57,7 +57,7 @@ def refusal_of(code: int) -> str:
     return f"{Response.Code.get_name(code)} (0x{code:02X})"
 
 
-def answer_of(message: bytes) -> Answer | None:
+def answer_of(message: bytes) -> DecodedResponse | None:
     """Return the decoded response about trouble codes in a message.
 
     None: there is none, as the message is of another service, says that the response is pending, or is malformed.
@@ -75,11 +75,11 @@ def answer_of(message: bytes) -> Answer | None:
             code = response.code
             if code in (None, Response.Code.RequestCorrectlyReceived_ResponsePending):
                 return None
-            return Answer(None, f"{service.get_name()}: {refusal_of(code)}")
+            return DecodedResponse(None, f"{service.get_name()}: {refusal_of(code)}")
         kind = ReadDTCInformation.Subfunction.reportDTCByStatusMask
         if service.request_id() != READ or not response.data or response.data[0] != kind:
             return None
         found = ReadDTCInformation.interpret_response(response, subfunction=kind).service_data
-        return Answer({each.id: each.status.get_byte_as_int() for each in found.dtcs})
+        return DecodedResponse({each.id: each.status.get_byte_as_int() for each in found.dtcs})
     except (InvalidResponseException, ValueError):  # an ECU may send anything
         return None

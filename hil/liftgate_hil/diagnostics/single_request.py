@@ -24,7 +24,7 @@ _READ, _CLEAR = "ReadDTCInformation", "ClearDiagnosticInformation"
 _LONGEST = 60.0  # s, even if the ECU keeps responding "response pending"
 
 
-class Bench(NamedTuple):
+class CallerLoop(NamedTuple):
     """A caller's loop and the gate in it."""
 
     put: Callable[[Tester], None]  # puts a tester on the gate's bus, in place of the one before
@@ -32,7 +32,7 @@ class Bench(NamedTuple):
     now: Callable[[], float]  # the gate's model time [s]
 
 
-def read_codes(diagnostics: Diagnostics, bench: Bench) -> dict[str, int]:
+def read_codes(diagnostics: Diagnostics, bench: CallerLoop) -> dict[str, int]:
     """Return the status bytes of trouble codes by their texts. Raises like `response_to`."""
     request = services.read_request(diagnostics.status_mask)
     response = response_to(_READ, asking_once(diagnostics, request), bench)
@@ -42,12 +42,12 @@ def read_codes(diagnostics: Diagnostics, bench: Bench) -> dict[str, int]:
     return {text_of(code): status for code, status in answer.codes.items() if status & diagnostics.status_mask}
 
 
-def clear_codes(diagnostics: Diagnostics, bench: Bench) -> None:
+def clear_codes(diagnostics: Diagnostics, bench: CallerLoop) -> None:
     """Clear all trouble codes. Raises like `response_to`."""
     response_to(_CLEAR, asking_once(diagnostics, services.clear_request()), bench)
 
 
-def response_to(service: str, tester: Tester, bench: Bench) -> bytes:
+def response_to(service: str, tester: Tester, bench: CallerLoop) -> bytes:
     """Return the positive response to the single request of a tester for a service.
 
     Raises DiagnosticsError if there is none, ConfigError if a cycle takes no time, and what a cycle raises.

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import liftgate_compiler as compiler
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.doctor import buses, limits, machine, software, timing
 from liftgate_hil.doctor.check import ROOT, Check
-from liftgate_hil.loop.histogram import Distribution
+from liftgate_hil.loop.histogram import Quantiles
 from liftgate_hil.loop.priority import Realtime
 
 
@@ -28,9 +28,9 @@ class Examination:
     tell: Callable[[Check], None]
     say: Callable[[str, float], None]  # called with what takes a while, and how long [s]
     checks: list[Check] = field(default_factory=list)
-    figures: timing.Figures | None = None  # None: not measured yet
+    figures: timing.DoctorFigures | None = None  # None: not measured yet
     _modes: dict[str, timing.Wakeups] = field(default_factory=dict)
-    _tick: Distribution | None = None
+    _tick: Quantiles | None = None
 
     def run(self) -> None:
         """Run all checks; what would disturb the measurements ends before they begin."""
@@ -132,9 +132,9 @@ def user_name() -> str:
 
 # fmt: off
 @dataclass(frozen=True)
-class DoctorReport(Result):
+class DoctorReport(DescribedResult):
     """Report on a machine: its checks, and the measurements behind them."""
 
     is_fit: Annotated[bool, Shown("whether real time is possible: no check is a `problem`", key="fit")]
     checks: Annotated[tuple[Check, ...], Shown("all checks")]
-    figures: Annotated[timing.Figures | None, Shown("the measurements")]
+    figures: Annotated[timing.DoctorFigures | None, Shown("the measurements")]

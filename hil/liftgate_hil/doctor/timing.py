@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.doctor.check import Check, Level, number, read
-from liftgate_hil.loop.histogram import Distribution
+from liftgate_hil.loop.histogram import Quantiles
 
 if TYPE_CHECKING:
     from liftgate_hil.loop.priority import Realtime
@@ -30,7 +30,7 @@ _TICK_TIME = 0.5  # s, duration of the ticks that are timed
 class Wakeups(NamedTuple):
     """A measurement of timer lateness."""
 
-    lateness: Distribution
+    lateness: Quantiles
     missed: int  # periods that were missed
     periods: int
     long: int  # number of wake-ups that were late by more than LONG_NS
@@ -59,7 +59,7 @@ def measure(rate: float, duration: float, realtime: Realtime | None = None) -> W
     return Wakeups(lateness, missed, periods, long, periods / rate)
 
 
-def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
+def measure_tick(rate: float, realtime: Realtime | None = None) -> Quantiles:
     """Measure the time of a tick in a real run of the shipped vehicle without a bus: paced, with cold caches."""
     import numpy as np
 
@@ -143,7 +143,7 @@ def stolen(shares: dict[str, float]) -> Check:
     )
 
 
-def recommended(lateness: Distribution, tick: Distribution | None) -> int:
+def recommended(lateness: Quantiles, tick: Quantiles | None) -> int:
     """Return the highest rate [Hz] at which fewer than one wake-up in a thousand skips ticks; 0: none.
 
     A tick is skipped when it begins or ends more than a period late: p99.9 of the lateness and the time that
@@ -182,7 +182,7 @@ def given(refused: Sequence[str], asked: bool) -> Check:
     )
 
 
-def tick_cost(tick: Distribution | None, rate: float) -> Check:
+def tick_cost(tick: Quantiles | None, rate: float) -> Check:
     """Check whether a tick fits into a period."""
     if tick is None:
         return Check("tick", "ok", "not measured: the model is not compiled yet")
@@ -197,7 +197,7 @@ def tick_cost(tick: Distribution | None, rate: float) -> Check:
     )
 
 
-def verdict(rate: float, modes: dict[str, Wakeups], tick: Distribution | None, problems: int) -> Check:
+def verdict(rate: float, modes: dict[str, Wakeups], tick: Quantiles | None, problems: int) -> Check:
     """Judge this machine at a rate [Hz]; `modes` are WITH and WITHOUT FIFO scheduling."""
     from liftgate_hil.loop.statistics import force_of
 
@@ -259,10 +259,10 @@ def _untimely(wakeups: Wakeups) -> str:
 
 # fmt: off
 @dataclass(frozen=True)
-class LatenessFigures(Result):
+class LatenessFigures(DescribedResult):
     """Lateness of the loop's wake-ups, and what follows from it."""
 
-    lateness: Annotated[Distribution, Shown("distribution", is_flat=True)]
+    lateness: Annotated[Quantiles, Shown("distribution", is_flat=True)]
     missed: Annotated[int, Shown("periods that were skipped")]
     periods: Annotated[int, Shown("periods that were measured")]
     long: Annotated[int, Shown("times that the loop was late by more than 5 ms", key="late_by_5_ms")]
@@ -274,7 +274,7 @@ class LatenessFigures(Result):
 
 
 @dataclass(frozen=True)
-class Figures(Result):
+class DoctorFigures(DescribedResult):
     """Measurements of the doctor."""
 
     rate_hz: Annotated[float, Shown("rate of the measurement [Hz]")]
@@ -282,7 +282,7 @@ class Figures(Result):
     lateness: Annotated[LatenessFigures, Shown("lateness of the loop's wake-ups")]
     lateness_realtime: Annotated[LatenessFigures | None, Shown("the same with FIFO scheduling; null: not "
         "possible, or not measured")]
-    tick: Annotated[Distribution | None, Shown("execution time of a tick; null: not compiled yet (see `compile`)")]
+    tick: Annotated[Quantiles | None, Shown("execution time of a tick; null: not compiled yet (see `compile`)")]
     tick_share_percent: Annotated[float | None, Shown("median execution time as a share of the period [%]; null: "
         "as above")]
     stolen_percent: Annotated[Mapping[str, float], Shown("time that the host of a virtual machine took, by CPU",
@@ -295,9 +295,9 @@ def figures(
     duration: float,
     plain: Wakeups,
     fifo: Wakeups | None,
-    tick: Distribution | None,
+    tick: Quantiles | None,
     stolen_shares: Mapping[str, float],
-) -> Figures:
+) -> DoctorFigures:
     """Return all measurements."""
     from liftgate_hil.loop.statistics import force_of
 
@@ -312,7 +312,7 @@ def figures(
             force_of(wakeups.lateness.p99_us),
         )
 
-    return Figures(
+    return DoctorFigures(
         rate,
         duration,
         of(plain),

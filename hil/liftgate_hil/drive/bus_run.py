@@ -14,7 +14,7 @@ from liftgate_hil.drive.precondition import phases_of
 from liftgate_hil.drive.stepping import CommandLog
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.ecu.peer import Peer
-from liftgate_hil.isolate.signs_of_life import Progress, foreign_code
+from liftgate_hil.isolate.signs_of_life import ProgressSink, foreign_code
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.loop.listener import Relay
 from liftgate_hil.operate.attachment.acting import Acting
@@ -203,7 +203,7 @@ def bus_run_of(execution: Execution, stack: contextlib.ExitStack) -> BusRun:
         state=state,
         phases=[] if peers else list(phases_of(plan.setup, rig, plan.config.step)),
         peers=peers,
-        sinks=[*execution.sinks, *([log] if log else []), *([Progress(memory)] if memory else [])],
+        sinks=[*execution.sinks, *([log] if log else []), *([ProgressSink(memory)] if memory else [])],
         log=log,
         observers=observers,
         restarts=restarts,

@@ -25,7 +25,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario_tables import Fault, fault_of
 from liftgate_hil.config.toml import show
 from liftgate_hil.diagnostics import services
-from liftgate_hil.diagnostics.single_request import Bench, clear_codes, read_codes
+from liftgate_hil.diagnostics.single_request import CallerLoop, clear_codes, read_codes
 from liftgate_hil.diagnostics.tester import Diagnostics, Tester, is_asking_once
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
@@ -303,7 +303,7 @@ class Gate:
         """
         clear_codes(*self._to_be_asked("clear_dtcs", cycle))
 
-    def _to_be_asked(self, name: str, cycle: Callable[[], object]) -> tuple[Diagnostics, Bench]:
+    def _to_be_asked(self, name: str, cycle: Callable[[], object]) -> tuple[Diagnostics, CallerLoop]:
         """Return the rig's diagnostics, and the bench for a request to the ECU. Raises ConfigError."""
         self._check_open()
         own = self.rig.diagnostics
@@ -316,7 +316,7 @@ class Gate:
             raise ConfigError(f"`cycle` {show(cycle)}: allowed: a function without arguments")
         if is_asking_once(self._script.stimuli.tester):
             raise ConfigError(f"`{name}`: the tester waits for a response; allowed: after that")
-        return own, Bench(self._put_tester, cycle, lambda: self.time)
+        return own, CallerLoop(self._put_tester, cycle, lambda: self.time)
 
     def _put_tester(self, tester: Tester) -> None:
         self._script = self._script._replace(stimuli=self._script.stimuli._replace(tester=tester))

@@ -32,7 +32,7 @@ _AFTER = 0.1  # s after a reset: for its signal at rest to be sent, for an ECU t
 _PATIENCE = 10.0  # s for the first command of an ECU
 
 
-class End:
+class PhaseEnd:
     """Sink that determines when a phase is over; after `limit` [s] it gives up."""
 
     def __init__(self, what: str, limit: float, step: float) -> None:
@@ -70,10 +70,10 @@ class Phase:
     """A phase of the precondition: its stimuli, and the sink that ends it."""
 
     stimuli: StimulusPlan
-    end: End
+    end: PhaseEnd
 
 
-class _Elapsed(End):
+class _Elapsed(PhaseEnd):
     """Ends a phase after a time [s]."""
 
     def __init__(self, what: str, seconds: float, step: float) -> None:
@@ -84,7 +84,7 @@ class _Elapsed(End):
         return self.rows * self.step >= self._seconds
 
 
-class _Heard(End):
+class _Heard(PhaseEnd):
     """Ends a phase once the ECU sends commands."""
 
     def __init__(self, what: str, command: int, limit: float, step: float) -> None:
@@ -104,7 +104,7 @@ class _Heard(End):
         return f"no command of the ECU (0x{self._command:X})"
 
 
-class _Answered(End):
+class _Answered(PhaseEnd):
     """Ends a phase once the ECU has answered an ECUReset positively and has had time to shut down."""
 
     def __init__(self, what: str, tester: Tester, reset: Reset, step: float) -> None:
@@ -127,7 +127,7 @@ class _Answered(End):
         return f"no positive response to ECUReset {self._kind}"
 
 
-class _Ready(End):
+class _Ready(PhaseEnd):
     """Ends a phase once the condition that its stimulus plan waits for has come true."""
 
     def __init__(self, what: str, stimuli: StimulusPlan, reset: Reset, step: float) -> None:
@@ -142,7 +142,7 @@ class _Ready(End):
         return f"{self._condition}: not true"
 
 
-class _Stands(End):
+class _Stands(PhaseEnd):
     """Ends a phase once the motion is over."""
 
     def __init__(self, what: str, step: float) -> None:
@@ -160,7 +160,7 @@ class _Stands(End):
         return "the gate does not come to rest"
 
 
-class _Program(End):
+class _Program(PhaseEnd):
     """Ends a phase once the reset program has ended."""
 
     def __init__(self, what: str, reset: Reset, step: float) -> None:

@@ -31,7 +31,7 @@ from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ColumnValues
 
 # fmt: off
 @dataclass(frozen=True)
-class Result(described_result.Result):
+class Result(described_result.DescribedResult):
     """Result of a run. `maxima` and `minima` hold every column of recordings, in its unit."""
 
     verdict: str  # the worst of its expectations; "error": the run did not reach its end

@@ -30,7 +30,7 @@ from liftgate_hil.judging.trace_summary import TraceSummarizer
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, PASS, STOPPED
 from liftgate_hil.loop.episode import Extremes, Trace
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.operate.attachment.server import End
+from liftgate_hil.operate.attachment.server import RunEnd
 
 if TYPE_CHECKING:
     from liftgate_hil.conditions.evaluator import Work
@@ -57,11 +57,11 @@ def run_plan(
         return nothing_of(plan.job, "", 0)
 
 
-def _end_of(result: Result) -> End:
+def _end_of(result: Result) -> RunEnd:
     """Return how a run with this result has ended, for those who are attached to it."""
     force, time = result.maxima["pinch_force_n"], result.pinch_time_s
     peak = (None, None) if math.isnan(time) else (force, time)
-    return End(result.verdict, result.ending, result.reason, tuple(result.expectations.values()), None, *peak)
+    return RunEnd(result.verdict, result.ending, result.reason, tuple(result.expectations.values()), None, *peak)
 
 
 def _sinks_of(plan: Plan, others: Sequence[Sink]) -> list[Sink]:
@@ -126,15 +126,15 @@ class _Run:
         try:
             result = self._result(stack)
         except ConfigError as error:
-            self._tell_end(End(ERROR, ERROR, "; ".join(error.issues)))
+            self._tell_end(RunEnd(ERROR, ERROR, "; ".join(error.issues)))
             raise
         except GivenUpError:
-            self._tell_end(End(PASS, PASS, "stopped before it began"))
+            self._tell_end(RunEnd(PASS, PASS, "stopped before it began"))
             raise
         self._tell_end(_end_of(result))
         return result
 
-    def _tell_end(self, end: End) -> None:
+    def _tell_end(self, end: RunEnd) -> None:
         server = None if self._on_bus is None else self._on_bus.observers.server
         if server is not None:
             is_stopped = self._execution.stopped() and end.verdict != ERROR

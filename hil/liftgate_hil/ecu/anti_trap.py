@@ -15,8 +15,8 @@ import numpy as np
 
 from liftgate_compiler import compilable
 from liftgate_hil.ecu.calibration import BINS, FINE, FINE_FROM, FINE_TO
-from liftgate_hil.ecu.events import NO_VERDICT, Verdict
-from liftgate_hil.ecu.memory import Constants
+from liftgate_hil.ecu.events import NO_VERDICT, TrapDecision
+from liftgate_hil.ecu.memory import EcuConstants
 
 
 @compilable
@@ -83,8 +83,8 @@ def reference_at(guard: Any, place: float) -> tuple[float, float]:
 
 @compilable
 def watch(
-    constants: Constants, guard: Any, load: float, position: float, travel: float, hidden: float, in_seal: bool
-) -> Verdict:
+    constants: EcuConstants, guard: Any, load: float, position: float, travel: float, hidden: float, in_seal: bool
+) -> TrapDecision:
     """Judge one cycle: compare the load with the reference, and update the guard.
 
     `load` [A] is positive against the motion; position and travel are in counts, or NaN; `hidden` [A] is the part
@@ -114,7 +114,7 @@ def watch(
         guard.suspect += 1
         if c.defects.learns_disturbed != 0 and not np.isnan(place):
             guard.total[int(place)], guard.samples[int(place)] = load, 1
-        return Verdict(guard.suspect >= constants.samples, load, reference, limit)
+        return TrapDecision(guard.suspect >= constants.samples, load, reference, limit)
     guard.suspect = 0
     if not in_seal:  # at first the mean so far, later a low-pass filter
         time = min(max(guard.time - c.blank_time, constants.cycle), c.reference_time)

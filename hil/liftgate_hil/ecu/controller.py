@@ -26,8 +26,8 @@ from liftgate_hil.ecu.memory import (
     STOP,
     STOPPED,
     UNKNOWN,
-    Constants,
-    Memory,
+    EcuConstants,
+    EcuMemory,
 )
 from liftgate_hil.ecu.monitor import SOUND, implausible, is_hot, measure_reading, moves_by_itself
 from liftgate_hil.ecu.motion_end import watch_ends, watch_trap
@@ -70,7 +70,7 @@ FULL = DriveCommand(1.0, 1.0, False)
 
 
 @compilable
-def is_releasing(constants: Constants, memory: Memory) -> bool:
+def is_releasing(constants: EcuConstants, memory: EcuMemory) -> bool:
     """Whether the latch shall release the gate, which takes it some time."""
     control = memory.control[0]
     if control.caught == 0 or control.state not in (OPENING, REVERSING):
@@ -79,7 +79,7 @@ def is_releasing(constants: Constants, memory: Memory) -> bool:
 
 
 @compilable
-def obey(constants: Constants, memory: Memory, temperature: float) -> None:
+def obey(constants: EcuConstants, memory: EcuMemory, temperature: float) -> None:
     """Obey the driver's button: open, close or stop.
 
     A request to open a gate that has already opened starts a new search for its end: what stood in the way when
@@ -108,7 +108,7 @@ def obey(constants: Constants, memory: Memory, temperature: float) -> None:
 
 
 @compilable
-def update(constants: Constants, memory: Memory, now: float, feedback: Feedback) -> DriveCommand:
+def update(constants: EcuConstants, memory: EcuMemory, now: float, feedback: Feedback) -> DriveCommand:
     """Run one control cycle at a time [s], and return the command.
 
     A request made since the last cycle acts from the next one on, a stop at once.
@@ -152,7 +152,7 @@ def update(constants: Constants, memory: Memory, now: float, feedback: Feedback)
 
 @compilable
 def take_feedback(
-    constants: Constants, drive: Any, time: float, count: float, turning: float, current: float
+    constants: EcuConstants, drive: Any, time: float, count: float, turning: float, current: float
 ) -> None:
     """Take the feedback of one drive.
 
@@ -168,7 +168,7 @@ def take_feedback(
 
 
 @compilable
-def lose_feedback(constants: Constants, memory: Memory, now: float) -> DriveCommand:
+def lose_feedback(constants: EcuConstants, memory: EcuMemory, now: float) -> DriveCommand:
     """Run a cycle without feedback of the drives: stop, and discard what the driver requests."""
     control = memory.control[0]
     control.now, control.request = now, NO_REQUEST
@@ -178,7 +178,7 @@ def lose_feedback(constants: Constants, memory: Memory, now: float) -> DriveComm
 
 
 @compilable
-def stand(constants: Constants, memory: Memory) -> DriveCommand:
+def stand(constants: EcuConstants, memory: EcuMemory) -> DriveCommand:
     """Run a cycle in which the gate shall stand: brake what still moves, and hold the gate where it comes down."""
     c, control = constants.calibration, memory.control[0]
     is_new = control.now - control.entered < c.settling_time and control.brake_until != _UNBRAKED
@@ -192,14 +192,14 @@ def stand(constants: Constants, memory: Memory) -> DriveCommand:
 
 
 @compilable
-def hold(memory: Memory) -> DriveCommand:
+def hold(memory: EcuMemory) -> DriveCommand:
     """Brake for a moment, then coast: the spindle holds the gate by itself."""
     control = memory.control[0]
     return BRAKING if control.now < control.brake_until else COASTING
 
 
 @compilable
-def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveCommand:
+def move(constants: EcuConstants, memory: EcuMemory, feedback: Feedback) -> DriveCommand:
     """Run a cycle of a motion: check for its end and for something trapped, and return the drives' command."""
     control = memory.control[0]
     defects = constants.calibration.defects
@@ -246,7 +246,7 @@ def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveComma
 
 
 @compilable
-def drive_duty(constants: Constants, memory: Memory, index: int, wanted: float, voltage: float) -> float:
+def drive_duty(constants: EcuConstants, memory: EcuMemory, index: int, wanted: float, voltage: float) -> float:
     """Return one drive's duty for the wanted speed, corrected by how far it is ahead of the drives' mean."""
     drive = memory.drives[index]
     ahead = drive.count - drive.start - gone(memory)

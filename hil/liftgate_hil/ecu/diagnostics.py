@@ -42,7 +42,7 @@ SERVER = np.dtype(
 )
 
 
-class Server(NamedTuple):
+class DiagnosticServer(NamedTuple):
     """Constants of the diagnostic server."""
 
     is_on: int  # 0: the rig defines no diagnostics
@@ -60,10 +60,10 @@ class ServerState(NamedTuple):
     link: Link
 
 
-def server_of(diagnostics: Diagnostics | None) -> Server:
+def server_of(diagnostics: Diagnostics | None) -> DiagnosticServer:
     """Return the diagnostic server of a rig."""
     own = diagnostics or Diagnostics(0, 0)
-    return Server(
+    return DiagnosticServer(
         int(diagnostics is not None),
         np.array([number_of(each.code)[0] for each in TROUBLE_CODES.values()], dtype=np.int64),
         np.array(list(TROUBLE_CODES), dtype=np.int64),
@@ -73,7 +73,7 @@ def server_of(diagnostics: Diagnostics | None) -> Server:
     )
 
 
-def new_server(server: Server) -> ServerState:
+def new_server(server: DiagnosticServer) -> ServerState:
     """Return the server's state in an ECU that has just been switched on."""
     head = np.zeros(1, dtype=SERVER).view(np.recarray)
     head.session = _DEFAULT
@@ -92,7 +92,7 @@ def has_work(state: ServerState, frames: Frames) -> bool:
 
 @outlined
 def serve(
-    server: Server,
+    server: DiagnosticServer,
     state: ServerState,
     statuses: NDArray[np.int64],
     frames: Frames,
@@ -115,7 +115,9 @@ def serve(
 
 
 @compilable
-def answered(server: Server, state: ServerState, statuses: NDArray[np.int64], length: int, now_ns: int) -> int:
+def answered(
+    server: DiagnosticServer, state: ServerState, statuses: NDArray[np.int64], length: int, now_ns: int
+) -> int:
     """Execute the request of `length` bytes in the link; return the length of the response in it; 0: none."""
     head, link = state.head[0], state.link.head[0]
     if head.session != _DEFAULT and now_ns > head.session_by_ns:
@@ -167,7 +169,7 @@ def done(state: ServerState, service: int, length: int) -> int:
 
 
 @compilable
-def clear_codes(server: Server, state: ServerState, statuses: NDArray[np.int64], length: int) -> int:
+def clear_codes(server: DiagnosticServer, state: ServerState, statuses: NDArray[np.int64], length: int) -> int:
     """Clear all trouble codes, or one."""
     if length != 4:
         return -_BAD_LENGTH
@@ -185,7 +187,7 @@ def clear_codes(server: Server, state: ServerState, statuses: NDArray[np.int64],
 
 
 @compilable
-def read_codes(server: Server, state: ServerState, statuses: NDArray[np.int64], length: int) -> int:
+def read_codes(server: DiagnosticServer, state: ServerState, statuses: NDArray[np.int64], length: int) -> int:
     """Report how many trouble codes have one of the requested status bits, or which."""
     out, request = state.link.head[0].out, state.link.head[0].into
     if length < 2:

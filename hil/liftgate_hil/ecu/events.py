@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from liftgate_compiler import compilable, outlined
-from liftgate_hil.ecu.memory import EVENTS, Memory
+from liftgate_hil.ecu.memory import EVENTS, EcuMemory
 from liftgate_hil.ecu.status import begin_tests, end_tests, fail, has_failed
 
 (
@@ -64,7 +64,7 @@ class Event(NamedTuple):
     text: str
 
 
-class Verdict(NamedTuple):
+class TrapDecision(NamedTuple):
     """Whether a run was judged to be trapped, and why."""
 
     is_trapped: bool
@@ -73,11 +73,11 @@ class Verdict(NamedTuple):
     limit: float  # A by which the load may exceed it
 
 
-NO_VERDICT = Verdict(False, 0.0, 0.0, 0.0)
+NO_VERDICT = TrapDecision(False, 0.0, 0.0, 0.0)
 
 
 @compilable
-def note_event(memory: Memory, code: int, verdict: Verdict) -> None:
+def note_event(memory: EcuMemory, code: int, verdict: TrapDecision) -> None:
     """Put an event into the ring."""
     control = memory.control[0]
     event = memory.events[control.events % EVENTS]
@@ -91,7 +91,7 @@ def note_event(memory: Memory, code: int, verdict: Verdict) -> None:
 
 
 @outlined
-def note_statuses(memory: Memory) -> None:
+def note_statuses(memory: EcuMemory) -> None:
     """Update the status of the trouble codes with the events since the last call."""
     control, statuses = memory.control[0], memory.statuses
     for i in range(max(control.noted, control.events - EVENTS), control.events):
@@ -107,7 +107,7 @@ def note_statuses(memory: Memory) -> None:
     control.noted = control.events
 
 
-def events_since(memory: Memory, since: int) -> list[Event]:
+def events_since(memory: EcuMemory, since: int) -> list[Event]:
     """Return the events after the first `since`, as far as the ring still holds them."""
     total = int(memory.control.events[0])
     return [_event(memory.events[i % EVENTS]) for i in range(max(since, total - EVENTS), total)]

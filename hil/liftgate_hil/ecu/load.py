@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from liftgate_compiler import compilable
-from liftgate_hil.ecu.memory import MAX_WINDOW, Constants
+from liftgate_hil.ecu.memory import MAX_WINDOW, EcuConstants
 
 
 @compilable
-def measure_load(constants: Constants, drive: Any, current: float, elapsed: float) -> None:
+def measure_load(constants: EcuConstants, drive: Any, current: float, elapsed: float) -> None:
     """Take a sample of the current [A] into a record of DRIVE, `elapsed` [s] after the last one.
 
     Missing samples are interpolated linearly between the two. The acceleration is not derived from counts, which

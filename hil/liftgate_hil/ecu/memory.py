@@ -108,7 +108,7 @@ EVENT = np.dtype(
 )
 
 
-class Memory(NamedTuple):
+class EcuMemory(NamedTuple):
     """Records of the reference ECU's state."""
 
     control: Any  # (1,) CONTROL
@@ -120,7 +120,7 @@ class Memory(NamedTuple):
     course: Words  # checksums over all control cycles, those of the command first, see `note_course`
 
 
-class Constants(NamedTuple):
+class EcuConstants(NamedTuple):
     """Constants of the reference ECU: the calibration, and what follows from the control cycle."""
 
     calibration: Calibration
@@ -129,14 +129,14 @@ class Constants(NamedTuple):
     samples: int  # cycles in a row for which the load must exceed its limit
 
 
-def constants_of(calibration: Calibration, cycle: float) -> Constants:
+def constants_of(calibration: Calibration, cycle: float) -> EcuConstants:
     """Return the constants for a control cycle [s].
 
     A cycle longer than the filter's time constant leaves a single sample nearly unfiltered: there it takes two.
     """
     window = max(1, round(calibration.speed_window / cycle))
     least = 2 if cycle > calibration.load_filter else 1
-    return Constants(
+    return EcuConstants(
         calibration=calibration,
         cycle=cycle,
         window=min(window, MAX_WINDOW),
@@ -144,7 +144,7 @@ def constants_of(calibration: Calibration, cycle: float) -> Constants:
     )
 
 
-def new_memory(drives: int, shares_clock: bool = True) -> Memory:
+def new_memory(drives: int, shares_clock: bool = True) -> EcuMemory:
     """Return the records of an ECU that has just been switched on.
 
     With `shares_clock` its clock is the gate's; otherwise it begins when the gate is first heard.
@@ -158,7 +158,7 @@ def new_memory(drives: int, shares_clock: bool = True) -> Memory:
     guards["reference"][:] = np.nan
     each = np.zeros(drives, dtype=DRIVE).view(np.recarray)
     each.taken = np.nan
-    return Memory(
+    return EcuMemory(
         control=control,
         drives=each,
         command=np.full(INPUT_COUNT, np.nan),
@@ -170,7 +170,7 @@ def new_memory(drives: int, shares_clock: bool = True) -> Memory:
 
 
 @compilable
-def note_course(memory: Memory, has_changed_state: bool) -> None:
+def note_course(memory: EcuMemory, has_changed_state: bool) -> None:
     """Add a control cycle to the checksums of the course; `has_changed_state`: another state was entered in it.
 
     They tell two ECUs apart that differed in any cycle, in command or state, although they may be equal again. The
@@ -187,7 +187,7 @@ def note_course(memory: Memory, has_changed_state: bool) -> None:
         _add_words(memory.course, at + k * _GUARD, guards, k * _GUARD, count)
 
 
-def command_course(memory: Memory) -> Words:
+def command_course(memory: EcuMemory) -> Words:
     """Return the part of the course (INPUT_COUNT,) that is of the command."""
     return memory.course[:INPUT_COUNT]
 

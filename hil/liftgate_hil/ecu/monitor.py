@@ -11,7 +11,7 @@ import numpy as np
 
 from liftgate_compiler import compilable
 from liftgate_hil.ecu import events
-from liftgate_hil.ecu.memory import Constants, Memory
+from liftgate_hil.ecu.memory import EcuConstants, EcuMemory
 
 SOUND = -1  # no event
 
@@ -26,7 +26,7 @@ def measure_reading(drive: Any, current: float, elapsed: float) -> None:
 
 
 @compilable
-def begin_monitoring(memory: Memory) -> None:
+def begin_monitoring(memory: EcuMemory) -> None:
     """Reset the monitor at the beginning of a motion."""
     control = memory.control[0]
     control.over = control.unlike = 0.0
@@ -42,7 +42,7 @@ def held_for(seconds: float, is_so: bool, cycle: float) -> float:
 
 
 @compilable
-def implausible(constants: Constants, memory: Memory) -> int:
+def implausible(constants: EcuConstants, memory: EcuMemory) -> int:
     """Return the event of what is implausible in a cycle of a motion; SOUND: nothing is."""
     c, control, drives = constants.calibration, memory.control[0], memory.drives
     mean, largest, is_frozen = 0.0, 0.0, False
@@ -69,7 +69,7 @@ def implausible(constants: Constants, memory: Memory) -> int:
 
 
 @compilable
-def moves_by_itself(constants: Constants, memory: Memory) -> bool:
+def moves_by_itself(constants: EcuConstants, memory: EcuMemory) -> bool:
     """Whether the gate, which shall stand, has come down since it stopped.
 
     The position that it is compared with is taken anew after each fall, and while the gate settles: at first it
@@ -89,7 +89,7 @@ def moves_by_itself(constants: Constants, memory: Memory) -> bool:
 
 
 @compilable
-def is_hot(constants: Constants, memory: Memory, temperature: float) -> bool:
+def is_hot(constants: EcuConstants, memory: EcuMemory, temperature: float) -> bool:
     """Whether the motors [°C; NaN: not on the bus] have to cool down before they may run again."""
     c, control = constants.calibration, memory.control[0]
     if np.isnan(temperature):

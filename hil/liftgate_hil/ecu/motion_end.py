@@ -10,14 +10,14 @@ from liftgate_compiler import compilable
 from liftgate_hil.ecu import events
 from liftgate_hil.ecu.anti_trap import forget, learn, watch
 from liftgate_hil.ecu.events import NO_VERDICT
-from liftgate_hil.ecu.memory import CLOSING, OPEN, OPENING, REVERSING, STOPPED, Constants, Memory
+from liftgate_hil.ecu.memory import CLOSING, OPEN, OPENING, REVERSING, STOPPED, EcuConstants, EcuMemory
 from liftgate_hil.ecu.position import gone, is_in_seal, mean_speed, position_of, travel_or
 from liftgate_hil.ecu.speed_control import counts_a_turn
 from liftgate_hil.ecu.states import enter, guard_of
 
 
 @compilable
-def watch_ends(constants: Constants, memory: Memory) -> None:
+def watch_ends(constants: EcuConstants, memory: EcuMemory) -> None:
     """Check for the learned end, a stall in the end stop, and the end of a reversal."""
     c, control = constants.calibration, memory.control[0]
     position, state = position_of(memory), control.state
@@ -39,7 +39,7 @@ def watch_ends(constants: Constants, memory: Memory) -> None:
 
 
 @compilable
-def take_travel(constants: Constants, memory: Memory) -> None:
+def take_travel(constants: EcuConstants, memory: EcuMemory) -> None:
     """Learn the travel when the drives stand in the end stop: it ends where the load began to rise.
 
     Where a travel was known before, only a longer one counts; then the loads learned by position are learned anew.
@@ -57,7 +57,7 @@ def take_travel(constants: Constants, memory: Memory) -> None:
 
 
 @compilable
-def stalled(constants: Constants, memory: Memory) -> None:
+def stalled(constants: EcuConstants, memory: EcuMemory) -> None:
     """React to drives that stand: in the end stop to be learned, or in front of an obstacle."""
     control = memory.control[0]
     if control.state == CLOSING:
@@ -71,7 +71,7 @@ def stalled(constants: Constants, memory: Memory) -> None:
 
 
 @compilable
-def hidden_by(constants: Constants, drive: Any, ramp: float) -> float:
+def hidden_by(constants: EcuConstants, drive: Any, ramp: float) -> float:
     """Return the part of the load [A] that a change of the wanted speed [counts/s²] may cause.
 
     It is the possible error of the inertia, or the whole acceleration where the bus carries no precise speed.
@@ -82,7 +82,7 @@ def hidden_by(constants: Constants, drive: Any, ramp: float) -> float:
 
 
 @compilable
-def watch_trap(constants: Constants, memory: Memory) -> None:
+def watch_trap(constants: EcuConstants, memory: EcuMemory) -> None:
     """Check whether something is in the way, and reverse or stop in that case."""
     control = memory.control[0]
     state, position = control.state, position_of(memory)

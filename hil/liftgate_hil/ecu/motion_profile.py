@@ -8,7 +8,7 @@ import numpy as np
 
 from liftgate_compiler import compilable
 from liftgate_hil.ecu.calibration import PLACES
-from liftgate_hil.ecu.memory import CLOSING, Constants, Memory
+from liftgate_hil.ecu.memory import CLOSING, EcuConstants, EcuMemory
 from liftgate_hil.ecu.position import position_of
 
 
@@ -25,7 +25,7 @@ def speed_over(speeds: tuple[float, ...], place: float) -> float:
 
 
 @compilable
-def wanted_speed(constants: Constants, memory: Memory) -> float:
+def wanted_speed(constants: EcuConstants, memory: EcuMemory) -> float:
     """Return the wanted speed [counts/s]: a soft start over time, then what is calibrated for the position."""
     c, control = constants.calibration, memory.control[0]
     position, travel = position_of(memory), control.travel
@@ -43,7 +43,7 @@ def wanted_speed(constants: Constants, memory: Memory) -> float:
 
 
 @compilable
-def want(constants: Constants, memory: Memory, speed: float) -> None:
+def want(constants: EcuConstants, memory: EcuMemory, speed: float) -> None:
     """Set the wanted speed [counts/s], and track how fast it changes, since the gate feels that for a while."""
     control = memory.control[0]
     fading = control.ramp * math.exp(-constants.cycle / constants.calibration.ramp_time)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from liftgate_compiler import compilable
-from liftgate_hil.ecu.memory import CLOSING, Constants, Memory
+from liftgate_hil.ecu.memory import CLOSING, EcuConstants, EcuMemory
 
 
 @compilable
-def gone(memory: Memory) -> float:
+def gone(memory: EcuMemory) -> float:
     """Return the mean of the drives' counts since the motion began."""
     total = 0.0
     for i in range(len(memory.drives)):
@@ -18,7 +18,7 @@ def gone(memory: Memory) -> float:
 
 
 @compilable
-def position_of(memory: Memory) -> float:
+def position_of(memory: EcuMemory) -> float:
     """Return the mean count above closed; NaN while closed is not known."""
     if not memory.control[0].is_zero_known:
         return np.nan
@@ -29,14 +29,14 @@ def position_of(memory: Memory) -> float:
 
 
 @compilable
-def is_in_seal(constants: Constants, memory: Memory) -> bool:
+def is_in_seal(constants: EcuConstants, memory: EcuMemory) -> bool:
     """Whether the gate closes where the seal is expected; False while its position is not known."""
     is_closing = memory.control[0].state == CLOSING
     return bool(is_closing and position_of(memory) < constants.calibration.seal_zone)
 
 
 @compilable
-def mean_speed(memory: Memory) -> float:
+def mean_speed(memory: EcuMemory) -> float:
     """Return the mean of the drives' speeds [counts/s]."""
     total = 0.0
     for i in range(len(memory.drives)):
@@ -45,7 +45,7 @@ def mean_speed(memory: Memory) -> float:
 
 
 @compilable
-def take_zero(memory: Memory) -> None:
+def take_zero(memory: EcuMemory) -> None:
     """Take the present counts as the closed position."""
     for i in range(len(memory.drives)):
         memory.drives[i].zero = memory.drives[i].count
@@ -53,7 +53,7 @@ def take_zero(memory: Memory) -> None:
 
 
 @compilable
-def travel_or(memory: Memory, default: float) -> float:
+def travel_or(memory: EcuMemory, default: float) -> float:
     """Return the learned travel [counts], or `default` where there is none."""
     travel = memory.control[0].travel
     return default if np.isnan(travel) else float(travel)

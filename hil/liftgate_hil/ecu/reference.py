@@ -23,9 +23,9 @@ from liftgate_hil.diagnostics.isotp import MOST_SPOKEN
 from liftgate_hil.ecu.buttons import Buttons, ButtonState, buttons_of, nothing_pressed, pressed_in
 from liftgate_hil.ecu.calibration import CALIBRATED, Calibration
 from liftgate_hil.ecu.controller import COASTING, DriveCommand, Feedback, lose_feedback, update
-from liftgate_hil.ecu.diagnostics import Server, ServerState, has_work, new_server, serve, server_of
+from liftgate_hil.ecu.diagnostics import DiagnosticServer, ServerState, has_work, new_server, serve, server_of
 from liftgate_hil.ecu.events import note_statuses
-from liftgate_hil.ecu.memory import NO_REQUEST, Constants, Memory, constants_of, new_memory, note_course
+from liftgate_hil.ecu.memory import NO_REQUEST, EcuConstants, EcuMemory, constants_of, new_memory, note_course
 from liftgate_hil.ecu.states import is_moving
 from liftgate_hil.ecu.wire import next_time
 from liftgate_hil.signals import IN, OUT, OUTPUT_COUNT
@@ -37,7 +37,7 @@ _NOMINAL_V = 12.0  # used where the bus does not carry the terminal voltage
 class EcuConfig(NamedTuple):
     """Constants of the reference ECU."""
 
-    constants: Constants
+    constants: EcuConstants
     drives: int
     inputs: BusConfig  # what it receives: the rig's outputs
     outputs: BusConfig  # what it sends: the rig's inputs
@@ -55,7 +55,7 @@ class EcuConfig(NamedTuple):
     signed: int  # 1: the duty's sign is the direction
     cycle_ns: int  # control cycle
     command_ns: int  # cycle of the command message
-    server: Server
+    server: DiagnosticServer
     nothing: Frames  # no frames
 
 
@@ -65,7 +65,7 @@ class EcuState(NamedTuple):
     reception: Reception
     buttons: ButtonState
     counts: Counts
-    memory: Memory
+    memory: EcuMemory
     server: ServerState
     frames: Frames  # frames sent in this cycle
 
@@ -240,7 +240,7 @@ def percent_of(duty: float, signed: int) -> float:
 
 
 @compilable
-def set_command(config: EcuConfig, memory: Memory, command: DriveCommand) -> None:
+def set_command(config: EcuConfig, memory: EcuMemory, command: DriveCommand) -> None:
     """Set the values of the command that is encoded next."""
     values = memory.command
     values[IN.left_duty] = percent_of(command.left_duty, config.signed)

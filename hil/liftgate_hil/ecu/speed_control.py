@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from liftgate_compiler import compilable
-from liftgate_hil.ecu.memory import Constants
+from liftgate_hil.ecu.memory import EcuConstants
 
 
 @compilable
-def measure_speed(constants: Constants, drive: Any, count: float, turning: float, elapsed: float) -> None:
+def measure_speed(constants: EcuConstants, drive: Any, count: float, turning: float, elapsed: float) -> None:
     """Take a sample of the count and of the motor's speed [rev/s], `elapsed` [s] after the last one.
 
     Without the motor's speed (NaN), the speed is the count's difference over a few cycles. `drive` is a record of
@@ -35,7 +35,7 @@ def measure_speed(constants: Constants, drive: Any, count: float, turning: float
 
 
 @compilable
-def note_counts(constants: Constants, drive: Any, count: float, elapsed: float) -> None:
+def note_counts(constants: EcuConstants, drive: Any, count: float, elapsed: float) -> None:
     """Keep the count of each cycle since the last sample, interpolated linearly between the two."""
     drive.due += elapsed / constants.cycle
     cycles = math.floor(drive.due + 0.5) if drive.held > 0 else 1
@@ -50,7 +50,7 @@ def note_counts(constants: Constants, drive: Any, count: float, elapsed: float) 
 
 
 @compilable
-def counts_a_turn(constants: Constants, drive: Any) -> float:
+def counts_a_turn(constants: EcuConstants, drive: Any) -> float:
     """Return how many counts a revolution of the motor has; a measured number is rounded to an integer."""
     c = constants.calibration
     if drive.turned < c.turns_to_count:
@@ -59,7 +59,7 @@ def counts_a_turn(constants: Constants, drive: Any) -> float:
 
 
 @compilable
-def controlled_duty(constants: Constants, drive: Any, wanted: float, voltage: float) -> float:
+def controlled_duty(constants: EcuConstants, drive: Any, wanted: float, voltage: float) -> float:
     """Return the signed duty (−1…1) for a wanted speed [counts/s]; the integral stops at saturation."""
     c = constants.calibration
     boost = c.rated_voltage / max(voltage, 4.0)

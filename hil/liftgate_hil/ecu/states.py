@@ -8,8 +8,8 @@ import numpy as np
 
 from liftgate_compiler import compilable
 from liftgate_hil.ecu.anti_trap import begin_run
-from liftgate_hil.ecu.events import Verdict, note_event
-from liftgate_hil.ecu.memory import CLOSING, OPENING, REVERSING, STOPPED, Constants, Memory
+from liftgate_hil.ecu.events import TrapDecision, note_event
+from liftgate_hil.ecu.memory import CLOSING, OPENING, REVERSING, STOPPED, EcuConstants, EcuMemory
 from liftgate_hil.ecu.monitor import begin_monitoring
 
 SILENT = -1  # no event
@@ -22,13 +22,13 @@ def is_moving(state: int) -> bool:
 
 
 @compilable
-def guard_of(memory: Memory, state: int) -> Any:
+def guard_of(memory: EcuMemory, state: int) -> Any:
     """Return the guard of a direction of motion."""
     return memory.guards[1 if state == CLOSING else 0]
 
 
 @compilable
-def begin_motion(memory: Memory) -> None:
+def begin_motion(memory: EcuMemory) -> None:
     """Reset what the ECU tracks from the start of a motion on.
 
     This is its start time, standstill, ramp, controllers' integrals, monitor and anti-trap guard. Called when any
@@ -48,7 +48,7 @@ def begin_motion(memory: Memory) -> None:
 
 
 @compilable
-def enter(constants: Constants, memory: Memory, state: int, event: int, verdict: Verdict) -> None:
+def enter(constants: EcuConstants, memory: EcuMemory, state: int, event: int, verdict: TrapDecision) -> None:
     """Enter a state, and note its event."""
     control = memory.control[0]
     if is_moving(control.state) and not is_moving(state):

@@ -106,7 +106,7 @@ def _ecu_in_words(ecu: Mapping[str, Any]) -> str:
     return " ".join([ecu["kind"], *known]) + digest
 
 
-class Batch:
+class RowBatch:
     """Blocks that are collected and written together: columnar formats need many rows at a time."""
 
     def __init__(self, size: int) -> None:

@@ -20,7 +20,7 @@ from liftgate_hil.codec.frames import ERROR, REMOTE
 from liftgate_hil.errors import ConfigError, number_of
 from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.bus_log import several_buses
-from liftgate_hil.formats.content import Batch, Content
+from liftgate_hil.formats.content import Content, RowBatch
 from liftgate_hil.formats.mcap_layout import ABOUT
 from liftgate_hil.formats.mf4_content import about_in, columns_in, marks_in, not_read, other_buses_in
 from liftgate_hil.formats.mf4_frames import KINDS, FrameGroup, frame_groups_in, logged, merged, samples_of
@@ -29,9 +29,9 @@ from liftgate_hil.formats.mf4_values import NO_NUMBERS, NOT_NUMERIC, values_of
 from liftgate_hil.formats.ours import MF4_PROGRAM
 from liftgate_hil.formats.recording import (
     FRAME,
+    FileColumn,
     Floats,
     Recording,
-    Series,
     check_width,
     column_signal,
     no_such_bus,
@@ -57,7 +57,7 @@ class Mf4Writer(StreamWriter):
         _make_nameless(self._mdf, folder)
         self._mdf._mdf.identification.program_identification = MF4_PROGRAM
         self._groups: dict[str, int] = {}
-        self._rows, self._frames = Batch(_ROWS), Batch(_FRAMES)
+        self._rows, self._frames = RowBatch(_ROWS), RowBatch(_FRAMES)
         self._extended = 0  # bytes passed to asammdf
 
     @property
@@ -196,7 +196,7 @@ class Mf4File(Recording):
             return self.changed(signals={}, remarks=(*self.remarks, f"its columns are left out: {self.refusal}"))
         return self
 
-    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
+    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, FileColumn]:
         """Read these channels; one without finite numbers at rising times is left out and added to `issues`."""
         result = {}
         self.rows_account.clear()
@@ -209,7 +209,7 @@ class Mf4File(Recording):
                     result[name] = found
         return result
 
-    def _series(self, measured: Any, name: str) -> Series | str:
+    def _series(self, measured: Any, name: str) -> FileColumn | str:
         """Return a channel's samples with their times, or why it has none."""
         if name not in self.columns:
             return NOT_NUMERIC
@@ -235,7 +235,7 @@ class Mf4File(Recording):
                 f"time {times[late[0] + 1]:.9g} s in sample {late[0] + 2} is not "
                 "later than the one before; allowed: finite and rising"
             )
-        return Series(values, times, signal.unit or None)
+        return FileColumn(values, times, signal.unit or None)
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """Yield rows (n, len(wanted)) of these columns, one block at a time; NaN: invalid, or a value text."""

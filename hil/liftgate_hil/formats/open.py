@@ -16,7 +16,7 @@ from liftgate_hil.formats.limit import Limit
 from liftgate_hil.formats.other_forms import check_form
 from liftgate_hil.formats.ours import SIGNED
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
-from liftgate_hil.formats.rotation import Part, Parts
+from liftgate_hil.formats.rotation import Parts, PartWriter
 from liftgate_hil.formats.salvage import SalvagedWriter
 from liftgate_hil.formats.suffixes import BUS_LOGS, FORMATS, RECORDED
 from liftgate_hil.formats.target import check_no_input, is_special, open_free, open_salvage, why
@@ -156,7 +156,7 @@ class _Target(NamedTuple):
     stream: BinaryIO | None  # that gets the content instead of a file
     patience: float | None  # s, with the reader of a pipe
 
-    def part(self, path: Path) -> Part:
+    def part(self, path: Path) -> PartWriter:
         """Open one file of a recording. Raises ConfigError, OSError."""
         form, content = FORMATS[path.suffix], self.content
         texts: list[tuple[Path, Writer]] = []

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.content import Batch, Content
+from liftgate_hil.formats.content import Content, RowBatch
 from liftgate_hil.formats.date_column import Stamp
 from liftgate_hil.formats.mcap_layout import ABOUT_PARQUET, START_PARQUET
 from liftgate_hil.formats.reading import foreign_reader
@@ -52,7 +52,7 @@ class ParquetTableWriter(StreamWriter):
         )
         # Dictionary encoding pays off where values repeat.
         self._writer: Any = parquet.ParquetWriter(stream, self._schema, use_dictionary=whole)
-        self._batch = Batch(_GROUP)
+        self._batch = RowBatch(_GROUP)
 
     @property
     def written(self) -> int:

@@ -30,7 +30,7 @@ COMMAND = "command: "  # with which a mark begins that an operator's command has
 
 
 @dataclass(frozen=True)
-class Series:
+class FileColumn:
     """Column of a file, as the file has it, in the file's unit."""
 
     values: Floats  # NaN where a cell is empty
@@ -130,7 +130,7 @@ class Recording:
         """Yield frames (n,) LOGGED in file order, one block at a time; times count from `start_ns`."""
         return iter(())
 
-    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
+    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, FileColumn]:
         """Read these columns; what is anything but finite numbers, or unreadable, is added to `issues`."""
         if not wanted:
             return {}
@@ -149,7 +149,7 @@ class Recording:
                 text = f"{values[bad[0]]} in row {bad[0] + 1}; allowed: a finite number"
                 issues.append(f"{self.path}: {name}: {text}")
             else:
-                result[name] = Series(
+                result[name] = FileColumn(
                     np.ascontiguousarray(values),
                     unit=self.units.get(name) or None,
                     start_ns=self.starts.get(name, 0),

@@ -20,7 +20,7 @@ from liftgate_hil.formats.writer import Writer
 _SLICE = 512  # rows or frames after which the size is checked
 
 
-class Part(Writer, Protocol):
+class PartWriter(Writer, Protocol):
     """Writer of one file of a recording."""
 
     @property
@@ -39,7 +39,7 @@ class Parts:
     """
 
     def __init__(
-        self, path: Path, open_part: Callable[[Path], Part], limit: Limit | None, inputs: Sequence[Path] = ()
+        self, path: Path, open_part: Callable[[Path], PartWriter], limit: Limit | None, inputs: Sequence[Path] = ()
     ) -> None:
         self._path = path
         self._open_part = open_part
@@ -128,7 +128,7 @@ class Parts:
             oldest = (self._earlier or self._written).pop(0)
             self._closing.append(self._pool.submit(remove, oldest))
 
-    def _next(self) -> Part:
+    def _next(self) -> PartWriter:
         path = self._path
         if self._limit is not None:
             self._number += 1

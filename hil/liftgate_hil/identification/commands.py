@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from liftgate_hil.config.described import command
 from liftgate_hil.config.parameters import find_parameter, with_value
 from liftgate_hil.config.sources import sources_of
-from liftgate_hil.described_result import Result
+from liftgate_hil.described_result import DescribedResult
 from liftgate_hil.errors import ConfigError, NotWrittenError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.target import check_no_input
@@ -187,14 +187,14 @@ def write_plan(request: PlanRequest, result: ExperimentPlan, say: Say = silent) 
 
 
 def _fit_writers(
-    request: MeasuredRequest, result: Result, page: Callable[[], str], say: Say
+    request: MeasuredRequest, result: DescribedResult, page: Callable[[], str], say: Say
 ) -> list[Callable[[], None]]:
     writers = [_json_writer(request.result, result, say)] if request.result else []
     html = [lambda: write_report(str(request.html), "html", page(), say)] if request.html else []
     return [*writers, *html]
 
 
-def _json_writer(path: str | Path, result: Result, say: Say) -> Callable[[], None]:
+def _json_writer(path: str | Path, result: DescribedResult, say: Say) -> Callable[[], None]:
     return lambda: write_report(str(path), "result", f"{result.to_json(indent=2)}\n", say)
 
 
@@ -271,13 +271,13 @@ def _noise(request: IdentifyRequest, columns: Sequence[str]) -> NDArray[np.float
     return np.array([given[name] for name in columns])
 
 
-def _with_result(vehicle: Vehicle, source: str | Path | Result) -> Vehicle:
+def _with_result(vehicle: Vehicle, source: str | Path | DescribedResult) -> Vehicle:
     """Return the vehicle with a result's values that are identifiable, or held by a bound. Raises ConfigError."""
-    path = "a result" if isinstance(source, Result) else source
+    path = "a result" if isinstance(source, DescribedResult) else source
     try:
         content: Any = (
             source.to_dict()
-            if isinstance(source, Result)
+            if isinstance(source, DescribedResult)
             else json.loads(Path(source).read_text(encoding="utf-8"))
         )
         sound = content["identifiable"]

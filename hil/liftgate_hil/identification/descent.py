@@ -42,7 +42,7 @@ _BLIND = 1e-12  # share of an unknown's own curvature that is added, so that an 
 _TRIALS = 8  # steps tried by wide differences, at most
 
 
-class Place(NamedTuple):
+class SearchPoint(NamedTuple):
     """A point of the search, and how well it predicts the measurement."""
 
     point: Floats
@@ -56,7 +56,7 @@ class Place(NamedTuple):
 class Descent(NamedTuple):
     """The end of a descent, or of a search of several ones."""
 
-    place: Place
+    place: SearchPoint
     history: tuple[float, ...]  # loss after each step, the initial loss first
     stop_reason: str
     slopes: Floats  # (rows, outputs, unknowns) near the end, by central differences where it converged
@@ -82,14 +82,14 @@ class Descent(NamedTuple):
         return self.place.deviance
 
 
-def place_at(problem: Problem, point: Floats, given_std: Floats | None) -> Place:
+def place_at(problem: Problem, point: Floats, given_std: Floats | None) -> SearchPoint:
     """Return the prediction at a point, with its errors, weighting, loss and deviance."""
     predicted = problem.predicted(point)
     errors = errors_of(problem.measured, predicted)
     weighting = weighting_of(problem.measured, errors, given_std)
     means, inverse_std = problem.priors()
     prior = float(np.sum(((point - means) * inverse_std) ** 2))
-    return Place(
+    return SearchPoint(
         point,
         predicted,
         errors,
@@ -101,7 +101,7 @@ def place_at(problem: Problem, point: Floats, given_std: Floats | None) -> Place
 
 def descend(
     problem: Problem,
-    place: Place,
+    place: SearchPoint,
     free: Sequence[int],
     given_std: Floats | None,
     rounds: int,
@@ -176,18 +176,18 @@ class _Slopes(NamedTuple):
         return moved > _SHRINKS * self.last or (not self.are_exact() and moved < _GOOD * self.away)
 
 
-def _fresh(problem: Problem, place: Place, moved: float) -> _Slopes:
+def _fresh(problem: Problem, place: SearchPoint, moved: float) -> _Slopes:
     """Return new slopes at a place: near the end central ones, which may be kept."""
     if moved > _NEAR:
         return _one_sided(problem, place)
     return _central(problem, place)
 
 
-def _one_sided(problem: Problem, place: Place) -> _Slopes:
+def _one_sided(problem: Problem, place: SearchPoint) -> _Slopes:
     return _Slopes(_compared(problem, problem.slopes(place.point, place.predicted)), False)
 
 
-def _central(problem: Problem, place: Place) -> _Slopes:
+def _central(problem: Problem, place: SearchPoint) -> _Slopes:
     return _Slopes(_compared(problem, problem.derivative(place.point)), True)
 
 
@@ -196,7 +196,9 @@ def _tell(report: Report | None, history: Sequence[float], moved: float) -> None
         report(len(history) - 1, history[-1], moved)
 
 
-def leap(problem: Problem, place: Place, given_std: Floats | None, widths: Floats) -> tuple[Place, float]:
+def leap(
+    problem: Problem, place: SearchPoint, given_std: Floats | None, widths: Floats
+) -> tuple[SearchPoint, float]:
     """Return (a better place, or the same one; the decrease of −log L that a step promises).
 
     The step uses slopes over differences of these `widths`.
@@ -221,7 +223,7 @@ def _compared(problem: Problem, slopes: Floats) -> Floats:
     return slopes
 
 
-def equations_at(problem: Problem, place: Place, slopes: Floats) -> tuple[Floats, Floats]:
+def equations_at(problem: Problem, place: SearchPoint, slopes: Floats) -> tuple[Floats, Floats]:
     """Return the normal equations at a place by these slopes, priors included: matrix (n, n) and gradient (n,)."""
     means, inverse_std = problem.priors()
     matrix, gradient = normal_equations(slopes, place.errors, place.weighting.root)
@@ -231,7 +233,7 @@ def equations_at(problem: Problem, place: Place, slopes: Floats) -> tuple[Floats
 
 
 def _step(
-    problem: Problem, place: Place, slopes: Floats, free: Sequence[int], damping: float
+    problem: Problem, place: SearchPoint, slopes: Floats, free: Sequence[int], damping: float
 ) -> tuple[Floats, float, float]:
     """Return (step, the decrease of −log L that it promises, its size in standard deviations).
 

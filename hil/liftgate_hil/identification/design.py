@@ -15,7 +15,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.identification import statistics
 from liftgate_hil.identification.data import Data, rows_of
 from liftgate_hil.identification.problem import Problem, Sought
@@ -44,7 +44,7 @@ class Candidate:
 
 # fmt: off
 @dataclass(frozen=True)
-class Ranked(Result):
+class Ranked(DescribedResult):
     """A candidate and the information that it would yield."""
 
     candidate: Candidate
@@ -78,7 +78,7 @@ class Ranked(Result):
 
 
 @dataclass(frozen=True)
-class ExperimentPlan(Result):
+class ExperimentPlan(DescribedResult):
     """Experiments by the information that they give."""
 
     names: Annotated[tuple[str, ...], Shown("names of the parameters to be estimated", key="parameters")]

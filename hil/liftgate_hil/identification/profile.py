@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.identification.descent import Descent
 from liftgate_hil.identification.problem import Problem
-from liftgate_hil.identification.result import Estimate, Profile
+from liftgate_hil.identification.result import Estimate, LikelihoodProfile
 from liftgate_hil.identification.search import search
 
 Floats = NDArray[np.float64]
@@ -22,7 +22,7 @@ def profile(
     estimate: Estimate,
     given_std: Floats | None,
     widening: float = 1.0,
-) -> Profile:
+) -> LikelihoodProfile:
     """Return the profile likelihood: one parameter held around its estimate, all others estimated anew.
 
     Priors count as they do in the search. `widening` is the variance of the estimate over that of white residuals:
@@ -53,7 +53,7 @@ def profile(
             ends.append("")
     order = np.argsort(values)
     x, y = np.array(values)[order], np.array(deviances)[order]
-    return Profile(estimate.name, x, y, _crossing(x, y, -1), _crossing(x, y, 1), (ends[0], ends[1]))
+    return LikelihoodProfile(estimate.name, x, y, _crossing(x, y, -1), _crossing(x, y, 1), (ends[0], ends[1]))
 
 
 def _crossing(values: Floats, deviances: Floats, side: int) -> float:

@@ -14,7 +14,7 @@ from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Paths, 
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle_choice import VehicleChoice
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
-from liftgate_hil.described_result import Result
+from liftgate_hil.described_result import DescribedResult
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import WITH_FRAMES, WITH_ROWS
 from liftgate_hil.measurement.request import MapRequest
@@ -125,7 +125,7 @@ class IdentifiedFile:
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
         """Return the result, or the path of its file."""
-        return value if isinstance(value, Result) else File().read(issues, key, value)
+        return value if isinstance(value, DescribedResult) else File().read(issues, key, value)
 
 
 # fmt: off
@@ -219,7 +219,7 @@ class PlanRequest(SoughtChoice):
 class ValidateRequest(MeasuredRequest):
     """Request to compare a model with measurements."""
 
-    parameters: Annotated[str | Path | Result | None, Field(IdentifiedFile(), "use the parameter values "
+    parameters: Annotated[str | Path | DescribedResult | None, Field(IdentifiedFile(), "use the parameter values "
         "of this identify result", metavar="FILE.json")] = None
 
 

@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.report.numbers import relative_error
 from liftgate_hil.report.provenance import Provenance
 
@@ -25,7 +25,7 @@ Figure = TypeVar("Figure")
 
 
 @dataclass(frozen=True)
-class Estimate(Result):
+class Estimate(DescribedResult):
     """The estimate of one parameter or initial state."""
 
     name: str  # as in the vehicle file: "motor.resistance"
@@ -64,7 +64,7 @@ class PhaseErrors(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Series(Result):
+class Series(DescribedResult):
     """Output of an experiment, measured and simulated."""
 
     output: str  # column name with its unit: "left_current_a"
@@ -100,7 +100,7 @@ class Series(Result):
 
 
 @dataclass(frozen=True)
-class Experiment(Result):
+class Experiment(DescribedResult):
     """Measurement and its simulation by the identified model."""
 
     name: Annotated[str, Shown("name of the experiment")]
@@ -164,7 +164,7 @@ class Experiment(Result):
 
 
 @dataclass(frozen=True)
-class Profile(Result):
+class LikelihoodProfile(DescribedResult):
     """Profile likelihood of one parameter."""
 
     name: str
@@ -178,7 +178,7 @@ class Profile(Result):
 
 
 @dataclass(frozen=True)
-class FixedParameter(Result):
+class FixedParameter(DescribedResult):
     """A parameter of the vehicle that is not estimated, and what depends on its value, by linear theory."""
 
     name: str
@@ -198,7 +198,7 @@ def _by_output(what: str, unit: str) -> Shown:
 
 
 @dataclass(frozen=True)
-class Validation(Result):
+class Validation(DescribedResult):
     """The result of a comparison of a model with measurements; each statistic over all experiments by output."""
 
     model: Annotated[str, Shown("`full`, `third-order` or `second-order`")]
@@ -250,7 +250,7 @@ class Validation(Result):
 
 
 @dataclass(frozen=True)
-class Identification(Result):
+class Identification(DescribedResult):
     """The result of an identification. Values are in the units of the vehicle file."""
 
     model: Annotated[str, Shown("`full`, `third-order` or `second-order`")]
@@ -283,8 +283,8 @@ class Identification(Result):
     history: Annotated[Floats, Shown("list: the loss after each iteration, the initial one first",
         key="loss_history")]  # (iterations + 1,)
     experiments: Annotated[tuple[Experiment, ...], Shown("the measurements, see Experiment")]
-    profiles: Annotated[tuple[Profile, ...], Shown("profile likelihoods; empty without `--profile`", by="name",
-        names=("NAME",), meanings=("profile of a parameter",))] = ()
+    profiles: Annotated[tuple[LikelihoodProfile, ...], Shown("profile likelihoods; empty without `--profile`",
+        by="name", names=("NAME",), meanings=("profile of a parameter",))] = ()
     fixed: Annotated[tuple[FixedParameter, ...], Shown("parameters that are not estimated and have an effect, by "
         "linear theory", key="fixed_parameters", by="name", names=("NAME",), meanings=("fixed parameter",))] = ()
     input_jitter: Annotated[float, Shown("standard deviation of the inputs' time stamps about the time of their "

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.identification.descent import Descent, Place, Report, descend, leap, place_at
+from liftgate_hil.identification.descent import Descent, Report, SearchPoint, descend, leap, place_at
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.statistics import information, pseudo_inverse
 
@@ -34,7 +34,7 @@ def search(
 
 def _from(
     problem: Problem,
-    place: Place,
+    place: SearchPoint,
     report: Report | None,
     given_std: Floats | None,
     fixed: Sequence[int] = (),

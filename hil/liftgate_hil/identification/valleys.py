@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.identification.descent import Descent, Place, Report, equations_at, place_at
+from liftgate_hil.identification.descent import Descent, Report, SearchPoint, equations_at, place_at
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.search import better, past_kinks, search
 from liftgate_hil.identification.statistics import information, pseudo_inverse
@@ -74,7 +74,7 @@ def _valley(
             yield there
 
 
-def _flat(problem: Problem, found: Descent, matrix: Floats, given_std: Floats | None) -> Iterator[Place]:
+def _flat(problem: Problem, found: Descent, matrix: Floats, given_std: Floats | None) -> Iterator[SearchPoint]:
     """Yield places along the longest directions where the loss is far below what the minimum's curvature says."""
     for direction in _longest(problem, pseudo_inverse(matrix)):
         for far in (sign * each for each in _REACH for sign in (-1.0, 1.0)):
@@ -103,7 +103,7 @@ def _longest(problem: Problem, covariance: Floats) -> list[Floats]:
 
 def _adjusted(
     problem: Problem, found: Descent, step: Floats, across: Floats, given_std: Floats | None
-) -> Place | None:
+) -> SearchPoint | None:
     """Return the place a `step` from a minimum after the unknowns have adjusted `across` it; None: not allowed."""
     low, high = problem.bounds
     point = found.point + step
@@ -120,7 +120,7 @@ def _adjusted(
     return place
 
 
-def _across(problem: Problem, found: Descent, place: Place, across: Floats) -> Floats:
+def _across(problem: Problem, found: Descent, place: SearchPoint, across: Floats) -> Floats:
     """Return the Gauss-Newton step (n,) at a place, by the minimum's slopes, that is orthogonal to `across`."""
     matrix, gradient = equations_at(problem, place, found.slopes)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(np.float64).tiny))

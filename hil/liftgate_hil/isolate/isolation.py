@@ -36,7 +36,7 @@ _LOOK_S = 0.05
 _ROWS = 512  # rows of a stretch: at most so many are lost in a crash
 
 
-class Answer(NamedTuple):
+class WorkerReply(NamedTuple):
     """Answer of a worker."""
 
     payload: bytes
@@ -45,7 +45,7 @@ class Answer(NamedTuple):
 
 def run_isolated(
     worker: str, plan: bytes, step: float, stopped: Callable[[], bool] = lambda: False, hang_s: float | None = None
-) -> Answer:
+) -> WorkerReply:
     """Return the answer of a module, the worker, to a pickled plan; early if it is `stopped`.
 
     The ticks of the run are `step` [s] apart. Raises EcuError where the worker crashed or hung, or its answer was
@@ -77,7 +77,7 @@ def run_isolated(
             patience = HANG_S if hang_s is None else hang_s
             watch = _Watch(child, ended, channel, memory, step, stopped, patience)
             payload = watch.answer()
-            return Answer(payload, watch.exit_note())
+            return WorkerReply(payload, watch.exit_note())
         finally:
             _end(child)
             os.close(ended)

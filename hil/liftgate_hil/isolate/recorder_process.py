@@ -36,7 +36,7 @@ from liftgate_hil.formats.guarded import GuardedWriter, Say, failures_of, silent
 from liftgate_hil.formats.limit import Limit
 from liftgate_hil.formats.open import open_writer
 from liftgate_hil.isolate.children import in_memory, keep_nice_value
-from liftgate_hil.isolate.ring_recorder import Place, RingRecorder, place_in
+from liftgate_hil.isolate.ring_recorder import RingPlace, RingRecorder, place_in
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.plan.recording_trigger import Trigger, Triggered
 
@@ -54,8 +54,8 @@ class Order(NamedTuple):
     content: Content
     limit: Limit | None  # of a file's size
     trigger: Trigger | None
-    begin: Place | None  # None: with the run's first row
-    end: Place | None  # None: not known yet
+    begin: RingPlace | None  # None: with the run's first row
+    end: RingPlace | None  # None: not known yet
 
 
 class RecorderProcess:
@@ -111,8 +111,8 @@ class RecorderProcess:
         limit: Limit | None = None,
         say: Say = silent,
         trigger: Trigger | None = None,
-        begin: Place | None = None,
-        end: Place | None = None,
+        begin: RingPlace | None = None,
+        end: RingPlace | None = None,
         ended: Callable[[], None] = lambda: None,
     ) -> None:
         """Have it record; `say` reports at once what fails.
@@ -130,7 +130,7 @@ class RecorderProcess:
         if not self.is_there:  # before it had a file to report of
             ended()
 
-    def end_at(self, place: Place) -> None:
+    def end_at(self, place: RingPlace) -> None:
         """Have the recording end at a place in the rings, if it is not past it; it is completed by `close`."""
         self._tell({"end": place})
 
@@ -285,7 +285,7 @@ def main() -> int:
         tell(ready=True)
 
     try:
-        seen = Place(0, 0)
+        seen = RingPlace(0, 0)
         for told in itertools.chain([first[1:]], lines):
             seen = _take(recorder, told, seen, memory)
             if opening.ended in wakes and opening.has_ended():
@@ -331,7 +331,7 @@ class _Opening:
         self._opening.result()
 
 
-def _take(recorder: RingRecorder, told: Sequence[Any], seen: Place, memory: Memory) -> Place:
+def _take(recorder: RingRecorder, told: Sequence[Any], seen: RingPlace, memory: Memory) -> RingPlace:
     """Have the recorder read the rings, after it was told where to end, and before it is told the marks.
 
     It reads only what had been `seen` before these lines were waited for: an end before that has come by now.
@@ -339,7 +339,7 @@ def _take(recorder: RingRecorder, told: Sequence[Any], seen: Place, memory: Memo
     """
     for each in told:
         if isinstance(each, dict):
-            recorder.end_at(Place(*each["end"]))
+            recorder.end_at(RingPlace(*each["end"]))
     recorder.take(seen)
     seen = place_in(memory)
     for each in told:

@@ -18,20 +18,20 @@ from liftgate_hil.signals import COLUMN_PLACE
 _LATE_NS = 100_000_000  # ns that a frame may be out of order: received ones are logged a tick late
 
 
-class Place(NamedTuple):
+class RingPlace(NamedTuple):
     """Place in the loop's rings: how many rows and frames it has written so far."""
 
     rows: int
     frames: int
 
 
-EVERYWHERE = Place(2**62, 2**62)
+EVERYWHERE = RingPlace(2**62, 2**62)
 
 
-def place_in(memory: Memory) -> Place:
+def place_in(memory: Memory) -> RingPlace:
     """Return where the loop's rings are now."""
     control = memory.shared.control
-    return Place(int(control["rows"][0]), int(control["frames"][0]))
+    return RingPlace(int(control["rows"][0]), int(control["frames"][0]))
 
 
 class RingRecorder:
@@ -41,7 +41,7 @@ class RingRecorder:
     """
 
     def __init__(
-        self, memory: Memory, content: Content, sieve: Sieve | None = None, begin: Place | None = None
+        self, memory: Memory, content: Content, sieve: Sieve | None = None, begin: RingPlace | None = None
     ) -> None:
         shared = memory.shared
         self._rows = RingReader(shared.rows, shared.control, "rows")
@@ -70,7 +70,7 @@ class RingRecorder:
         else:
             write(self._writers)
 
-    def end_at(self, place: Place) -> None:
+    def end_at(self, place: RingPlace) -> None:
         """Read the rings up to this place only."""
         self._rows.end, self._frames.end = place
 
@@ -79,7 +79,7 @@ class RingRecorder:
         """Rows and frames that were overwritten before they were read."""
         return self._rows.lost + self._frames.lost
 
-    def take(self, most: Place = EVERYWHERE, is_last: bool = False) -> None:
+    def take(self, most: RingPlace = EVERYWHERE, is_last: bool = False) -> None:
         """Write what is new up to a place, down to the operating system; frames in the order of time."""
         rows = self._rows.take(most.rows)
         come = self._frames.take(most.frames)

@@ -26,7 +26,7 @@ def foreign_code(memory: Memory | None) -> Iterator[None]:
         memory.shared.control.foreign += 1
 
 
-class Progress:
+class ProgressSink:
     """Sink that notes in the memory the progress of a loop that has a memory of its own."""
 
     def __init__(self, memory: Memory) -> None:

@@ -66,7 +66,7 @@ class Side:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Relation:
     """Two sides and the sign between them."""
 
     left: Side
@@ -98,9 +98,9 @@ def shown_name(column: str) -> str:
 
 
 @functools.lru_cache(_KEPT)
-def comparisons_of(condition: Condition) -> tuple[Comparison, ...]:
+def comparisons_of(condition: Condition) -> tuple[Relation, ...]:
     """Return the comparisons of a condition, in the order of its text, which is that of its units."""
-    found: list[Comparison] = []
+    found: list[Relation] = []
     stack: list[tuple[str, int, tuple[tuple[int, str | float], ...]]] = []
     for code, what in condition.ops:
         own = ((code, what),)
@@ -120,12 +120,12 @@ def comparisons_of(condition: Condition) -> tuple[Comparison, ...]:
         elif code in _SIGNS:
             unit = condition.units[len(found)]
             left, right = (Side(text, ops, unit) for text, _, ops in stack)
-            found.append(Comparison(left, _SIGNS[code], right))
+            found.append(Relation(left, _SIGNS[code], right))
             stack.clear()
     return tuple(found)
 
 
-def sides_of(comparisons: Sequence[Comparison]) -> list[Side]:
+def sides_of(comparisons: Sequence[Relation]) -> list[Side]:
     """Return the sides of comparisons that vary, each once."""
     sides = [side for each in comparisons for side in (each.left, each.right)]
     return list({side.text: side for side in sides if side.constant is None}.values())

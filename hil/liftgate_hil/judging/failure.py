@@ -7,7 +7,7 @@ from typing import Any
 
 from liftgate_hil.conditions.condition import AND, EQ, GE, GT, LE, LT, NE, NOT, OR, Condition
 from liftgate_hil.errors import with_unit
-from liftgate_hil.judging.comparisons import Comparison, comparisons_of
+from liftgate_hil.judging.comparisons import Relation, comparisons_of
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.table import SLACK
 from liftgate_hil.signals import COLUMNS
@@ -81,7 +81,7 @@ def _is_switch(name: str) -> bool:
     return column is not None and column.is_whole and (column.low, column.high) == (0.0, 1.0)
 
 
-def _sides(comparison: Comparison) -> tuple[str, str, float]:
+def _sides(comparison: Relation) -> tuple[str, str, float]:
     """Return what varies in a comparison, the sign between it and a number, and that number.
 
     If both sides vary, their difference is compared with 0.

@@ -17,7 +17,7 @@ from liftgate_compiler import compiled
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.codec.watch import signal_unit
 from liftgate_hil.conditions.condition import COLUMN, SIGNAL, unit_of_column
-from liftgate_hil.judging.comparisons import Comparison, Side, comparisons_of, shown_name, sides_of
+from liftgate_hil.judging.comparisons import Relation, Side, comparisons_of, shown_name, sides_of
 from liftgate_hil.judging.envelope import MOST_BINS, Envelope
 from liftgate_hil.judging.expected import Expected, tables_of
 from liftgate_hil.judging.judge import Judge
@@ -44,7 +44,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class View:
+class EnvelopeView:
     """Envelopes (minimum and maximum per bin) of an expectation's signals over a part of the run."""
 
     times: Floats  # s, (n,) when each bin begins
@@ -57,10 +57,10 @@ class View:
 class TraceSummary:
     """The content of a plot of an expectation."""
 
-    condition: tuple[Comparison, ...]
-    opener: tuple[Comparison, ...]  # of the condition that opens the window; empty: a time does
-    view: View  # around its window, or all of the run if that never opened
-    near: View | None  # around its margin
+    condition: tuple[Relation, ...]
+    opener: tuple[Relation, ...]  # of the condition that opens the window; empty: a time does
+    view: EnvelopeView  # around its window, or all of the run if that never opened
+    near: EnvelopeView | None  # around its margin
     left_out: int  # number of curves beyond MOST_CURVES
 
 
@@ -110,13 +110,13 @@ class TraceSummarizer:
             found[name] = TraceSummary(part.condition, part.opener, view, near, part.left_out)
         return found
 
-    def _view(self, sides: Sequence[Side], envelope: Envelope, columns: Iterable[int]) -> View:
+    def _view(self, sides: Sequence[Side], envelope: Envelope, columns: Iterable[int]) -> EnvelopeView:
         times, low, high, every = envelope.bins()
         curves = tuple(
             Curve(side, low[:, column].copy(), high[:, column].copy())
             for side, column in zip(sides, columns, strict=True)
         )
-        return View(times.copy(), every, every / self._rate, curves)
+        return EnvelopeView(times.copy(), every, every / self._rate, curves)
 
     def _flush(self) -> None:
         waiting, self._waiting, self._waits = self._waiting, [], 0
@@ -147,8 +147,8 @@ class TraceSummarizer:
 class _Part:
     """The trace summary of one expectation while it is collected."""
 
-    condition: tuple[Comparison, ...]
-    opener: tuple[Comparison, ...]
+    condition: tuple[Relation, ...]
+    opener: tuple[Relation, ...]
     sides: list[Side]
     left_out: int
     places: list[int]  # of its sides among those of all expectations

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated
 
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import Entries
 
 PASS, INCONCLUSIVE, FAIL, ERROR = "pass", "inconclusive", "fail", "error"
@@ -19,7 +19,7 @@ VERDICTS = (PASS, INCONCLUSIVE, FAIL, ERROR)  # the worst last
 
 # fmt: off
 @dataclass(frozen=True)
-class Verdict(Result):
+class Verdict(DescribedResult):
     """The verdict on an expectation.
 
     `margin` is how much was left, negative for what failed, in `margin_unit`; None: undecided. `time_s` is when it

@@ -51,7 +51,7 @@ class Buffers(NamedTuple):
     pause: NDArray[np.int64]  # (2,) struct timespec: pause between two attempts to send
 
 
-class Reading(NamedTuple):
+class SocketReading(NamedTuple):
     """Result of reading frames from a socket: how many there were, and what went wrong."""
 
     count: int  # type: ignore[assignment]  # shadows tuple.count
@@ -87,7 +87,7 @@ def make_buffers() -> Buffers:
 
 
 @compilable
-def read_frames(descriptor: int, buffers: Buffers, frames: Frames, stamps: NDArray[np.int64]) -> Reading:
+def read_frames(descriptor: int, buffers: Buffers, frames: Frames, stamps: NDArray[np.int64]) -> SocketReading:
     """Read the datagrams that are there, at most as many as `frames` has room for; never waits.
 
     Datagrams that are no frames are skipped, but count: a socket whose other end is closed returns empty datagrams
@@ -115,7 +115,7 @@ def read_frames(descriptor: int, buffers: Buffers, frames: Frames, stamps: NDArr
             break
     if error in (_AGAIN, _INTERRUPTED):
         error = 0
-    return Reading(count, error, dropped)
+    return SocketReading(count, error, dropped)
 
 
 @compilable

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.signals import COLUMNS
 from liftgate_plant.constants import Constants
-from liftgate_plant.energy import DriveMotion, Motion, Potential, energy, potential
+from liftgate_plant.energy import DriveMotion, Potential, SampledMotion, energy, potential
 from liftgate_plant.rows import AT
 from liftgate_plant.torsion import is_rigid
 
@@ -88,7 +88,7 @@ class EnergyWatch:
         return int(np.argmax(beyond)) if beyond.any() else None
 
 
-def motion_of(rows: Floats) -> Motion:
+def motion_of(rows: Floats) -> SampledMotion:
     """Return the motion in rows (n, columns)."""
 
     def column(name: str) -> Floats:
@@ -99,6 +99,6 @@ def motion_of(rows: Floats) -> Motion:
         names = ("current_a", "speed_rps", "position_rev", "clutch_slip_m")
         return DriveMotion(*(column(f"{side}_{name}") for name in names))
 
-    return Motion(
+    return SampledMotion(
         np.radians(column("gate_angle_deg")), np.radians(column("gate_rate_degps")), drive("left"), drive("right")
     )

@@ -64,7 +64,7 @@ def _lower_end(index: int) -> float:
     return 0.0 if index == 0 else upper_end(index - 1) + 1.0
 
 
-class Distribution(NamedTuple):
+class Quantiles(NamedTuple):
     """Quantiles and maximum of a histogram [µs]; NaN where it is empty."""
 
     count: Annotated[int, Shown("number of measured values")]  # type: ignore[assignment]  # shadows tuple.count
@@ -74,10 +74,10 @@ class Distribution(NamedTuple):
     max_us: Annotated[float, Shown("largest value [µs]")]
 
 
-NOTHING = Distribution(0, math.nan, math.nan, math.nan, math.nan)
+NOTHING = Quantiles(0, math.nan, math.nan, math.nan, math.nan)
 
 
-def distribution(histogram: NDArray[np.int64]) -> Distribution:
+def distribution(histogram: NDArray[np.int64]) -> Quantiles:
     """Return the quantiles (to a bin's width, 1.6 %) and the maximum of a histogram."""
     total = np.cumsum(histogram)
     count = int(total[-1])
@@ -85,4 +85,4 @@ def distribution(histogram: NDArray[np.int64]) -> Distribution:
         return NOTHING
     rows = [int(np.searchsorted(total, share * count)) for share in (0.5, 0.99, 0.999, 1.0)]
     p50, p99, p999, top = (upper_end(row) * 1e-3 for row in rows)
-    return Distribution(count, p50, p99, p999, top)
+    return Quantiles(count, p50, p99, p999, top)

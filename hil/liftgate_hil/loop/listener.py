@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-class Status(NamedTuple):
+class RunStatus(NamedTuple):
     """The status of a run at a moment."""
 
     time_s: float  # model time
@@ -46,7 +46,7 @@ class Listener:
     def happened(self, time_s: float, text: str) -> None:
         """Called with an event that the ECU reports."""
 
-    def status(self, status: Status) -> None:
+    def status(self, status: RunStatus) -> None:
         """Called with the run's status, a few times a second."""
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
@@ -85,7 +85,7 @@ class Relay(Listener):
         """Pass on an event of the ECU."""
         self.listener.happened(time_s, text)
 
-    def status(self, status: Status) -> None:
+    def status(self, status: RunStatus) -> None:
         """Pass on the run's status."""
         self.listener.status(status)
 

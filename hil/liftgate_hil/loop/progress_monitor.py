@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from liftgate_hil.codec.receive import slot_of
 from liftgate_hil.codec.refusals import ACCEPTED, FOREIGN
-from liftgate_hil.loop.listener import Listener, Status
+from liftgate_hil.loop.listener import Listener, RunStatus
 from liftgate_hil.loop.refusal_texts import ANOTHER, REFUSED, RefusalTexts, gaps_text, identifier_text, missing_of
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.transport.base import NO_ERRORS, LinkCounts
@@ -188,12 +188,12 @@ class ProgressMonitor:
         remedy = "" if ANOTHER in first else "; check that `rig` is that of the ECU"
         return f"{first} is on the bus, but not received by this rig{remedy}{self._apart}"
 
-    def _status(self, moment: Moment) -> Status:
+    def _status(self, moment: Moment) -> RunStatus:
         counts = self._reception.refusals["count"]
         seen_ns = int(self._reception.seen_ns[self._row])
         now_s = (moment.tick + self._before) * self._config.step
         age = now_s - seen_ns * 1e-9 if seen_ns >= 0 else None
-        return Status(
+        return RunStatus(
             time_s=moment.tick * self._config.step,
             angle_deg=float(moment.row[_ANGLE]),
             left_current_a=float(moment.row[_LEFT]),

@@ -24,7 +24,7 @@ from liftgate_hil.transport.base import Transport, drained
 _DIVERGED = ("time_s", "gate_angle_deg", "left_current_a")  # reported where the plant diverges
 
 
-class Peer(Protocol):
+class PeerNode(Protocol):
     """A node at the other end of an in-process bus, which gets a turn after every tick."""
 
     @property
@@ -77,7 +77,7 @@ class Loop:
     state: LoopState
     stimuli: StimulusPlan
     transport: Transport
-    peers: Sequence[Peer] = ()
+    peers: Sequence[PeerNode] = ()
     sinks: Sequence[Sink] = ()
     monitor: ProgressMonitor | None = None
     observers: Sequence[Observer] = ()

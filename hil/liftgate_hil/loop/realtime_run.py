@@ -27,9 +27,9 @@ from liftgate_hil.loop.loop_thread import LOOP
 from liftgate_hil.loop.observers import Observer, Sink
 from liftgate_hil.loop.priority import Realtime, name_thread, prepare_thread
 from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
-from liftgate_hil.loop.python_loop import Peer
+from liftgate_hil.loop.python_loop import PeerNode
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, ArrivalReader, Memory, RingReader
-from liftgate_hil.loop.statistics import Summary, Timing
+from liftgate_hil.loop.statistics import LoopTiming, Summary
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
 from liftgate_hil.stimuli.command_queue import post_values
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
@@ -67,7 +67,7 @@ class _Turns:
     not.
     """
 
-    def __init__(self, peer: Peer, control: Any) -> None:
+    def __init__(self, peer: PeerNode, control: Any) -> None:
         self._peer, self._control = peer, control
         self._last = time.monotonic_ns()  # when the last turn ended
         self._kept = 0  # tick until which a late turn is reported
@@ -101,7 +101,7 @@ class RealtimeRun:
     limit_ns: int
     say: Callable[[str], None]
     alarm: Callable[[str], None]  # called when the link is lost, or back
-    peers: Sequence[Peer] = ()
+    peers: Sequence[PeerNode] = ()
     sinks: Sequence[Sink] = ()
     monitor: ProgressMonitor | None = None
     observers: Sequence[Observer] = ()
@@ -177,10 +177,10 @@ class RealtimeRun:
         """Plant steps done since the scenario's time 0."""
         return int(self.state.tick - self.stimuli.origin[0])
 
-    def timing(self) -> Timing:
+    def timing(self) -> LoopTiming:
         """Return how well the run has kept time so far."""
         rows = self.memory.shared.histograms
-        return Timing(*(distribution(rows[row]) for row in (LATENESS, EXECUTION, DELAY)))
+        return LoopTiming(*(distribution(rows[row]) for row in (LATENESS, EXECUTION, DELAY)))
 
     def _link(self) -> LinkCounts:
         """Return the counts of errors on the way to or from the wire: the loop's, and the line's own."""

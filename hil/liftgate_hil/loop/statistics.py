@@ -9,9 +9,9 @@ from typing import Annotated, NamedTuple
 from liftgate_hil import signals
 from liftgate_hil.codec.frames import Frames, bits_of
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, rejected
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import number_of
-from liftgate_hil.loop.histogram import NOTHING, Distribution
+from liftgate_hil.loop.histogram import NOTHING, Quantiles
 from liftgate_hil.transport.base import LinkCounts
 
 
@@ -40,12 +40,12 @@ def force_of(delay_us: float) -> float:
     return delay_us * 1e-6 * EDGE_SPEED * ROD_RATE
 
 
-class Timing(NamedTuple):
+class LoopTiming(NamedTuple):
     """Timing of a real-time loop: lateness, execution time and delay."""
 
-    lateness: Distribution = NOTHING  # how late ticks began
-    execution: Distribution = NOTHING  # how long a tick took
-    delay: Distribution = NOTHING  # from a command on the bus to the first feedback that shows it
+    lateness: Quantiles = NOTHING  # how late ticks began
+    execution: Quantiles = NOTHING  # how long a tick took
+    delay: Quantiles = NOTHING  # from a command on the bus to the first feedback that shows it
 
     def on_bus(self) -> signals.Timing:
         """Return the same figures as the bus carries them; NaN where there is none."""
@@ -63,7 +63,7 @@ class Timing(NamedTuple):
         )
 
 
-NO_TIMING = Timing()
+NO_TIMING = LoopTiming()
 _MOST_LISTED = 5  # injections or commands that are listed, at most
 _CYCLES_S = 0.1  # s in which every message of a rig is usually sent
 # Counters of a link that are printed with words of their own.
@@ -94,14 +94,14 @@ _RECEIVED = {
 
 
 @dataclass
-class Summary(Result):
+class Summary(DescribedResult):
     """The figures of a run."""
 
     clock: Annotated[str, Shown("clock of the run: `realtime`, `lockstep` or `free`")] = "realtime"
     ticks: Annotated[int, Shown("ticks that were done")] = 0
     model_time_s: Annotated[float, Shown("model time at the end [s]")] = 0.0
     overruns: Annotated[int, Shown("ticks that were missed")] = 0
-    timing: Timing = NO_TIMING
+    timing: LoopTiming = NO_TIMING
     bus_load_percent: float = 0.0
     frames_sent: Annotated[int, Shown("frames that the gate sent")] = 0
     command_timeouts: Annotated[int, Shown("times that the ECU's commands failed to come")] = 0
@@ -140,17 +140,17 @@ class Summary(Result):
         return math.nan if 0.0 < self.model_time_s < _CYCLES_S else self.bus_load_percent
 
     @property
-    def lateness(self) -> Annotated[Distribution, Shown("how late ticks began", prefix="lateness")]:
+    def lateness(self) -> Annotated[Quantiles, Shown("how late ticks began", prefix="lateness")]:
         """Lateness with which ticks began."""
         return self.timing.lateness
 
     @property
-    def execution(self) -> Annotated[Distribution, Shown("execution time of a tick", prefix="execution")]:
+    def execution(self) -> Annotated[Quantiles, Shown("execution time of a tick", prefix="execution")]:
         """Execution time of a tick."""
         return self.timing.execution
 
     @property
-    def delay(self) -> Annotated[Distribution, Shown("command delay", prefix="command_delay")]:
+    def delay(self) -> Annotated[Quantiles, Shown("command delay", prefix="command_delay")]:
         """From a command on the bus to the first feedback that shows it."""
         return self.timing.delay
 
@@ -270,7 +270,7 @@ class Summary(Result):
         return lines
 
 
-def in_words(times: Distribution) -> str:
+def in_words(times: Quantiles) -> str:
     """Return a distribution as text."""
     if not times.count:
         return "not known"

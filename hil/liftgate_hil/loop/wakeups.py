@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_compiler import compilable, compiled
-from liftgate_hil.loop.histogram import BINS, Distribution, distribution, note
+from liftgate_hil.loop.histogram import BINS, Quantiles, distribution, note
 from liftgate_hil.loop.priority import Realtime, prepare_thread
 from liftgate_hil.loop.realtime_loop import Room, clock_ns, make_room, wait_until
 
@@ -45,7 +45,7 @@ def note_wakeups(
 
 def measure_wakeups(
     period_ns: int, count: int, realtime: Realtime | None = None, long_ns: int = LONG_NS
-) -> tuple[Distribution, int, int]:
+) -> tuple[Quantiles, int, int]:
     """Measure how late a thread of its own wakes up.
 
     Returns the distribution of the lateness, how many of `count` periods [ns] were skipped, and how often the

@@ -15,7 +15,7 @@ from liftgate_hil.measurement.table import (
     INPUT_KIND,
     RECORDED_NOTE,
     SIDES,
-    Reading,
+    TableReading,
     misspelt,
     read_series,
     shift_inputs,
@@ -53,7 +53,7 @@ def read_samples(path: Path, mapping: ColumnMap) -> tuple[Samples, tuple[str, ..
     return Samples(times - times[0], _as_simulated(reading, columns)), _notes(reading, times)
 
 
-def _as_simulated(reading: Reading, columns: dict[str, Floats]) -> dict[str, Floats]:
+def _as_simulated(reading: TableReading, columns: dict[str, Floats]) -> dict[str, Floats]:
     """Return the columns of the inputs of a step, each holding from its row on."""
     if reading.recorded:
         shift_inputs(columns)
@@ -65,7 +65,7 @@ def _as_simulated(reading: Reading, columns: dict[str, Floats]) -> dict[str, Flo
     return columns
 
 
-def _notes(reading: Reading, times: Floats) -> tuple[str, ...]:
+def _notes(reading: TableReading, times: Floats) -> tuple[str, ...]:
     notes = [*reading.file.notes, *([RECORDED_NOTE] if reading.recorded else [])]
     if times[0] != 0.0:
         notes.append(f"begins at {times[0]:.9g} s, which is time 0 here")

@@ -10,7 +10,7 @@ import numpy as np
 
 from liftgate_hil.config.units import SAME, marked_unit
 from liftgate_hil.errors import ConfigError, allowed_names, printable
-from liftgate_hil.formats.recording import Recording, Series
+from liftgate_hil.formats.recording import FileColumn, Recording
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs, own_column
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 from liftgate_hil.measurement.units import KNOWN, conversion, near_miss, unit_of
@@ -34,7 +34,7 @@ _RATHER = {"_duty": "%", "_a": "mA", "_v": "mV"}
 
 
 @dataclass
-class Reading:
+class TableReading:
     """Intermediate state while one file is read as a measurement."""
 
     path: Path
@@ -57,7 +57,7 @@ def read_table(path: Path, file: Recording, mapping: ColumnMap) -> Measurement:
 
 def read_series(
     path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds
-) -> tuple[Reading, dict[str, Series], Floats | None]:
+) -> tuple[TableReading, dict[str, FileColumn], Floats | None]:
     """Return the columns of these kinds in our units, and the times of the file's rows.
 
     The times are None if each column has its own. Raises ConfigError with all issues.
@@ -80,7 +80,7 @@ def read_series(
     return reading, series, shared
 
 
-def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> Reading:
+def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> TableReading:
     """Resolve which column of the file is which of ours."""
     known = ("time_s", *(name for _, columns in kinds for name in columns))
     mapping = {ours: theirs for ours, theirs in mapping.items() if ours in known}
@@ -119,7 +119,7 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> R
             "others by `maps`"
         )
     issues += _clashes(path, names)
-    return Reading(path, file, names, recorded, issues)
+    return TableReading(path, file, names, recorded, issues)
 
 
 def _choose(names: dict[str, str], mapping: ColumnMap, recorded: bool) -> None:
@@ -173,7 +173,7 @@ def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
     return issues
 
 
-def _converted(reading: Reading, ours: str, series: Series, mapping: ColumnMap) -> Series:
+def _converted(reading: TableReading, ours: str, series: FileColumn, mapping: ColumnMap) -> FileColumn:
     """Return a column in our unit."""
     name = reading.names[ours]
     theirs = mapping.get(ours, Theirs(name))
@@ -186,7 +186,7 @@ def _converted(reading: Reading, ours: str, series: Series, mapping: ColumnMap) 
     return replace(series, values=found)
 
 
-def _check_range(reading: Reading, ours: str, series: Series) -> None:
+def _check_range(reading: TableReading, ours: str, series: FileColumn) -> None:
     if ours == "time_s":
         return
     low, high = KNOWN[ours].low, KNOWN[ours].high
@@ -209,7 +209,7 @@ def _check_range(reading: Reading, ours: str, series: Series) -> None:
         )
 
 
-def _shared_times(reading: Reading, series: Mapping[str, Series]) -> Floats | None:
+def _shared_times(reading: TableReading, series: Mapping[str, FileColumn]) -> Floats | None:
     """Return the times of the file's rows; None if each column has its own."""
     if reading.file.sample != "row":
         return None
@@ -234,7 +234,7 @@ def time_issue(times: Floats, word: str) -> str:
     return ""
 
 
-def _own_samples(series: Series, shared: Floats | None) -> tuple[Floats, Floats]:
+def _own_samples(series: FileColumn, shared: Floats | None) -> tuple[Floats, Floats]:
     """Return times and values where there is a sample."""
     times = series.times if series.times is not None else shared
     if times is None:
@@ -243,7 +243,7 @@ def _own_samples(series: Series, shared: Floats | None) -> tuple[Floats, Floats]
     return times[there], series.values[there]
 
 
-def misspelt(reading: Reading, ours: Iterable[str]) -> dict[str, str]:
+def misspelt(reading: TableReading, ours: Iterable[str]) -> dict[str, str]:
     """Return notes on columns that are not read and nearly have one of our names, by their names in the file."""
     from difflib import get_close_matches  # imported only where used, since the import takes time
 
@@ -259,7 +259,7 @@ def misspelt(reading: Reading, ours: Iterable[str]) -> dict[str, str]:
     return notes
 
 
-def _unread_slope(reading: Reading) -> list[str]:
+def _unread_slope(reading: TableReading) -> list[str]:
     """Return a note on a slope that only a sensor's column states, and that is not read."""
     name = SENSED_PREFIX + _SLOPE
     if _SLOPE in reading.names or name not in reading.file.names:
@@ -272,7 +272,7 @@ def _unread_slope(reading: Reading) -> list[str]:
 
 
 def _measurement(
-    reading: Reading, times: Floats, own: Mapping[str, tuple[Floats, Floats]], by_rows: bool
+    reading: TableReading, times: Floats, own: Mapping[str, tuple[Floats, Floats]], by_rows: bool
 ) -> Measurement:
     """Return the measurement: all columns over one time base."""
     columns: dict[str, Floats] = {}

@@ -11,7 +11,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.operate.loop_target import Target
 
 
-class Buttons:
+class ButtonPresser:
     """Presses buttons, and releases them after their hold time."""
 
     def __init__(self, rig: Rig, target: Target) -> None:

@@ -14,7 +14,7 @@ from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.open import check_file
 from liftgate_hil.formats.suffixes import RECORDED, WITH_MARKS
 from liftgate_hil.isolate.recorder_process import RecorderProcess
-from liftgate_hil.isolate.ring_recorder import Place, place_in
+from liftgate_hil.isolate.ring_recorder import RingPlace, place_in
 from liftgate_hil.plan.provenance import whole_content_of
 from liftgate_hil.signals import COLUMN_PLACE
 
@@ -51,7 +51,7 @@ class FurtherRecording:
         self._spare_lock, self._is_closed = threading.Lock(), False
         self._process: RecorderProcess | None = None  # while it records
         self._early: list[tuple[float, str]] = []  # marks that it gets as soon as it has its order
-        self._end: Place | None = None  # in the rings, where it shall end
+        self._end: RingPlace | None = None  # in the rings, where it shall end
         self._lock = threading.Lock()  # of these
         self._path, self._phase = Path(), ""
         self.files: list[str] = []  # that are complete
@@ -145,7 +145,7 @@ class FurtherRecording:
                 self._spare.close()
                 self._spare = None
 
-    def _next_s(self, place: Place) -> float:
+    def _next_s(self, place: RingPlace) -> float:
         """Return the time [s] of the first row after a place in the rings."""
         if not place.rows:
             return 0.0
@@ -168,7 +168,7 @@ class FurtherRecording:
                 [each.replace(f"`record` {path}", f"record {name}") for each in error.issues]
             ) from error
 
-    def _record(self, stop: threading.Event, begin: Place, begin_s: float) -> None:
+    def _record(self, stop: threading.Event, begin: RingPlace, begin_s: float) -> None:
         """Record from a place in the rings, at a time [s], until `stop` is set.
 
         What goes wrong is reported, and ends this recording only.

@@ -14,7 +14,7 @@ from liftgate_hil.stimuli.restbus import BENCH, OPERATOR
 if TYPE_CHECKING:
     from liftgate_hil.loop.listener import Listener
     from liftgate_hil.loop.observers import Observer
-    from liftgate_hil.loop.python_loop import Peer
+    from liftgate_hil.loop.python_loop import PeerNode
     from liftgate_hil.loop.rings import Memory
     from liftgate_hil.loop.statistics import Summary
     from liftgate_hil.operate.attachment.description import Description
@@ -72,7 +72,7 @@ def observers_of(
     stimuli: StimulusPlan,
     is_real: bool,
     listener: Listener,
-    peers: Sequence[Peer],
+    peers: Sequence[PeerNode],
     restarts: Restarts | None,
     server: Server | None,
 ) -> Observers:

@@ -26,7 +26,7 @@ from liftgate_hil.config.scenario_tables import Fault, fault_of
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError, ConfigIssues, printable
 from liftgate_hil.formats.recording import COMMAND
-from liftgate_hil.operate.buttons import Buttons
+from liftgate_hil.operate.buttons import ButtonPresser
 from liftgate_hil.operate.by_hand import held_obstacle, obstacle_in, surroundings_in
 from liftgate_hil.operate.further_recording import FurtherRecording
 from liftgate_hil.operate.loop_target import Target
@@ -65,7 +65,7 @@ class Operator:
     ) -> None:
         self._rig, self._target, self._edge = rig, target, edge
         self._ask = ask
-        self._buttons = Buttons(rig, target)
+        self._buttons = ButtonPresser(rig, target)
         self._obstacle: dict[str, Any] = {}
         self._set: dict[str, float] = {}
         self._faults: dict[Which, Broken] = {}

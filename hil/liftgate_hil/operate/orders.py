@@ -17,7 +17,7 @@ from liftgate_hil.config.restbus import value_in
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.errors import ConfigError, ConfigIssues
-from liftgate_hil.operate.buttons import Buttons
+from liftgate_hil.operate.buttons import ButtonPresser
 from liftgate_hil.operate.decoding import Decoded, Which, decoded, fault_ordered, value_key, which_ordered
 from liftgate_hil.operate.loop_target import Target
 from liftgate_hil.stimuli.moments import Instant
@@ -36,7 +36,7 @@ class Orders:
         for each in rig.orders:
             self._known.setdefault(each.identifier, []).append(each)
         self._faults: dict[Which, Fault] = {}
-        self._buttons = Buttons(rig, target)
+        self._buttons = ButtonPresser(rig, target)
         self.count = 0  # orders executed
         self.done: list[str] = []  # the first of these, in words, with their times
         self.kinds: set[str] = set()  # of faults that were injected

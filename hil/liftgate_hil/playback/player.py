@@ -20,19 +20,19 @@ from numpy.typing import NDArray
 
 from liftgate_compiler import compiled
 from liftgate_hil.codec.frames import Frames
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import ConfigError, LiftgateError
 from liftgate_hil.formats.open import open_recording
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.loop.datagrams import POSSIBLE
-from liftgate_hil.loop.histogram import BINS, NOTHING, Distribution, distribution, note
+from liftgate_hil.loop.histogram import BINS, NOTHING, Quantiles, distribution, note
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.loop.priority import Realtime, prepare_thread
 from liftgate_hil.loop.realtime_loop import clock_ns, make_room
 from liftgate_hil.loop.replay_loop import TRIAL_NS, Schedule, empty_schedule, params_for, play, put
 from liftgate_hil.loop.rings import LATENESS, Memory
 from liftgate_hil.loop.statistics import in_words
-from liftgate_hil.playback.selection import Course, Selection, has_sent, playable
+from liftgate_hil.playback.selection import DueTimes, Selection, has_sent, playable
 from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.transport.base import Line, LinkCounts, Transport
 from liftgate_hil.transport.find import Way, open_line
@@ -62,7 +62,7 @@ class Replay:
 
 
 @dataclass
-class Played(Result):
+class Played(DescribedResult):
     """The summary of a replay."""
 
     direction: Annotated[str, Shown("which frames were sent: `received`, `sent` or `both`, as they were "
@@ -77,7 +77,7 @@ class Played(Result):
     error_frames_left_out: Annotated[int, Shown("error frames of the recording, which are not sent")] = 0
     clock_set_back: Annotated[int, Shown("times that a time stamp was far behind the one before")] = 0
     ring_empty: Annotated[int, Shown("times that a frame was late because the recording was read too slowly")] = 0
-    lateness: Annotated[Distribution, Shown("from when a frame was due until the wire had it",
+    lateness: Annotated[Quantiles, Shown("from when a frame was due until the wire had it",
         prefix="lateness")] = NOTHING
     link: Annotated[LinkCounts, Shown("errors of the link, see Link")] = field(default_factory=LinkCounts)
     link_error: Annotated[str, Shown("the operating system's text for the link's last error; empty: none")] = ""
@@ -166,7 +166,7 @@ class Player:
         if self._source.channel is None:
             raise ConfigError(f"{self._source.path}: holds only rows; allowed: a recording with frames")
         self._replay = _directed(replay, self._source)
-        self._course = Course(self._replay.speed, self._replay.selection.begin, self._replay.selection.end)
+        self._course = DueTimes(self._replay.speed, self._replay.selection.begin, self._replay.selection.end)
         self.played.direction = self._replay.selection.direction
         self._schedule = empty_schedule()
         self._blocks = self._all_blocks()

@@ -97,7 +97,7 @@ def has_sent(source: Recording) -> bool:
 
 
 @dataclass
-class Course:
+class DueTimes:
     """When frames are due [ns since the beginning], round by round.
 
     `begin` [s] is the recording's time at which a round begins, by default that of the first frame; `end` is that

@@ -16,7 +16,7 @@ from liftgate_hil.described_result import Shown
 Columns = Mapping[str, NDArray[np.float64]]
 
 
-class Limit(NamedTuple):
+class TimedForceLimit(NamedTuple):
     """A force [N] that may be exceeded for at most `longest` [s] without interruption, and its source."""
 
     force: float
@@ -28,9 +28,9 @@ class Limit(NamedTuple):
 # EN 12453: 400 N at most, and after 0.75 s no more than 150 N. UN R21, 5.8: windows, roof panels and partitions
 # turn before 100 N. FMVSS 118 "does not apply to power-operated liftgates" (NHTSA's interpretation of 2001).
 LIMITS = (
-    Limit(400.0, 0.0, "EN 12453, building doors", True),
-    Limit(150.0, 0.75, "EN 12453, building doors", True),
-    Limit(100.0, 0.0, "UN R21 5.8, car windows", False),
+    TimedForceLimit(400.0, 0.0, "EN 12453, building doors", True),
+    TimedForceLimit(150.0, 0.75, "EN 12453, building doors", True),
+    TimedForceLimit(100.0, 0.0, "UN R21 5.8, car windows", False),
 )
 BORROWED = (
     "No regulation that we know specifies a force for power lift gates (QC/T 1148-2021 covers power tailgates; "
@@ -98,11 +98,11 @@ class PinchEvent(NamedTuple):
         )
 
     # fmt: on
-    def over(self, limit: Limit) -> bool:
+    def over(self, limit: TimedForceLimit) -> bool:
         """Whether the force exceeded a limit of LIMITS for longer than is allowed."""
         return self.longest_s[LIMITS.index(limit)] > limit.longest
 
-    def fault(self, limit: Limit) -> str:
+    def fault(self, limit: TimedForceLimit) -> str:
         """Return the message for a force that is over a limit."""
         if not limit.longest:
             return f"pinch force {self.force_n:.1f} N; allowed: up to {limit.force:.0f} N ({limit.source})"

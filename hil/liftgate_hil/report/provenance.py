@@ -11,7 +11,7 @@ from typing import Annotated
 
 import liftgate_compiler as compiler
 from liftgate_hil.config.sources import Source
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.version import versions
 
 # https://reproducible-builds.org/specs/source-date-epoch/: seconds since 1970 that stand for "now".
@@ -23,7 +23,7 @@ _EPOCH = "SOURCE_DATE_EPOCH"
 
 
 @dataclass(frozen=True)
-class Provenance(Result):
+class Provenance(DescribedResult):
     """Provenance of one result: command line, date, versions, files and computer."""
 
     command_line: Annotated[str, Shown("the command with its arguments, or the request of a program")]

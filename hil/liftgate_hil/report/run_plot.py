@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.report.drawing import DRIVES, FINAL, GRID, INITIAL, INK, MARK, line, new_figure, png, style
 from liftgate_hil.report.files import put_report
-from liftgate_hil.report.pinch import LIMITS, Limit, PinchEvent
+from liftgate_hil.report.pinch import LIMITS, PinchEvent, TimedForceLimit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -165,7 +165,7 @@ def window_of(event: PinchEvent) -> tuple[float, float]:
     return event.start_s - _ZOOM[0], max(event.time_s + _ZOOM[1], event.end_s + 0.05)
 
 
-def _limit_text(limit: Limit) -> str:
+def _limit_text(limit: TimedForceLimit) -> str:
     time = f" for {limit.longest:g} s" if limit.longest else ""
     return f"{limit.force:.0f} N{time}: {limit.source}{'' if limit.is_judged else ' (not judged)'}"
 

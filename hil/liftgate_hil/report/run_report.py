@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.drive.result import Result as RunResult
 from liftgate_hil.report.pinch import PinchEvent
 from liftgate_hil.report.provenance import Provenance
@@ -13,7 +13,7 @@ from liftgate_hil.report.provenance import Provenance
 
 # fmt: off
 @dataclass(frozen=True)
-class RunReport(Result):
+class RunReport(DescribedResult):
     """Report on a run: its result, what ended it, and its provenance."""
 
     result: Annotated[RunResult, Shown("its result", is_flat=True)]

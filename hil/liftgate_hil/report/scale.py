@@ -15,7 +15,7 @@ _LEAST = 1e-9  # the same: span that an axis may resolve, at least
 _LARGEST = 1e30  # magnitude of the values that are drawn, at most
 
 
-class Axis(NamedTuple):
+class LinearScale(NamedTuple):
     """A linear mapping from values to pixels."""
 
     low: float

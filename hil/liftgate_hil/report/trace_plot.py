@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.report.numbers import clean
 from liftgate_hil.report.page import text
-from liftgate_hil.report.scale import Axis, range_of, ticks
+from liftgate_hil.report.scale import LinearScale, range_of, ticks
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ _APART = 18.0  # px, from a limit to a value, between which there is room for a 
 _LETTER = 6.0  # px, approximate width of a letter
 
 
-class Line(NamedTuple):
+class SignalLine(NamedTuple):
     """A signal: lowest and highest value (n,) of each bin."""
 
     label: str
@@ -60,7 +60,7 @@ class Line(NamedTuple):
     high: Floats
 
 
-class Level(NamedTuple):
+class ConstantLine(NamedTuple):
     """Constant that a signal is compared with: a limit of the expectation, or a trigger that opens its window."""
 
     value: float
@@ -87,8 +87,8 @@ class Panel:
 
     title: str
     unit: str
-    lines: list[Line] = field(default_factory=list)
-    levels: list[Level] = field(default_factory=list)
+    lines: list[SignalLine] = field(default_factory=list)
+    levels: list[ConstantLine] = field(default_factory=list)
     margin: Margin | None = None
     names: Mapping[float, str] = field(default_factory=dict)  # names of an enumeration's values
 
@@ -110,7 +110,7 @@ def trace_svg(picture: Picture, title: str) -> str:
     top = 34.0 if picture.decided is not None else 18.0 if picture.window is not None else 0.0
     height = top + step * len(picture.panels) + _BOTTOM
     low, high = float(picture.times[0]), float(picture.times[-1])
-    x = Axis(low, high if high > low else low + 1e-3, _LEFT, _WIDTH - _RIGHT)
+    x = LinearScale(low, high if high > low else low + 1e-3, _LEFT, _WIDTH - _RIGHT)
     bottom = top + step * len(picture.panels)
     parts = [
         f'<svg class="trace" role="img" aria-label="{text(title)}" viewBox="0 0 {_WIDTH:g} {height:g}">',
@@ -125,10 +125,10 @@ def trace_svg(picture: Picture, title: str) -> str:
     return "\n".join([*parts, "</svg>\n"])
 
 
-def _panel(panel: Panel, times: Floats, x: Axis, top: float) -> list[str]:
+def _panel(panel: Panel, times: Floats, x: LinearScale, top: float) -> list[str]:
     values = [each for line in panel.lines for each in (line.low, line.high)]
     low, high = range_of(np.concatenate(values), [each.value for each in panel.levels])
-    y = Axis(low, high, top + _HEIGHT, top)
+    y = LinearScale(low, high, top + _HEIGHT, top)
     parts = [
         f'<path class="grid" d="M{_n(x.at(tick))} {_n(top)}V{_n(y.start)}"/>'
         for tick, _ in ticks(x.low, x.high, 9)
@@ -156,7 +156,7 @@ def _panel(panel: Panel, times: Floats, x: Axis, top: float) -> list[str]:
     return parts
 
 
-def _value_ticks(panel: Panel, y: Axis) -> list[tuple[float, str]]:
+def _value_ticks(panel: Panel, y: LinearScale) -> list[tuple[float, str]]:
     if panel.names:
         return [(value, clean(f"{value:g} {name}", 11)) for value, name in panel.names.items() if y.inside(value)][
             :12
@@ -164,7 +164,7 @@ def _value_ticks(panel: Panel, y: Axis) -> list[tuple[float, str]]:
     return ticks(y.low, y.high, 5)
 
 
-def _curve(line: Line, times: Floats, x: Axis, y: Axis, colour: str) -> list[str]:
+def _curve(line: SignalLine, times: Floats, x: LinearScale, y: LinearScale, colour: str) -> list[str]:
     """Return the curve in pieces between gaps, as a band where its bins contain more than one value."""
     low, high = line.low, line.high
     known = np.isfinite(low) & np.isfinite(high)
@@ -188,7 +188,7 @@ def _curve(line: Line, times: Floats, x: Axis, y: Axis, colour: str) -> list[str
     ]
 
 
-def _points(times: Floats, values: Floats, x: Axis, y: Axis) -> list[str]:
+def _points(times: Floats, values: Floats, x: LinearScale, y: LinearScale) -> list[str]:
     """Return points of a curve, without those whose value equals that of both neighbours."""
     needed = np.ones(len(values), dtype=bool)
     needed[1:-1] = (values[1:-1] != values[:-2]) | (values[1:-1] != values[2:])
@@ -198,7 +198,7 @@ def _points(times: Floats, values: Floats, x: Axis, y: Axis) -> list[str]:
     return [f"{_n(a)} {_n(b)}" for a, b in zip(across.tolist(), up.tolist(), strict=True)]
 
 
-def _level(level: Level, x: Axis, y: Axis) -> list[str]:
+def _level(level: ConstantLine, x: LinearScale, y: LinearScale) -> list[str]:
     kind = "trigger" if level.is_trigger else "limit"
     # Limits have their label at the right end, triggers at the left one, so that neither covers the other.
     place, anchor = (x.start + 6, "start") if level.is_trigger else (x.end - 4, "end")
@@ -212,7 +212,7 @@ def _level(level: Level, x: Axis, y: Axis) -> list[str]:
     return [line, _words(place, over, level.label, anchor, kind)]
 
 
-def _margin(margin: Margin, x: Axis, y: Axis) -> list[str]:
+def _margin(margin: Margin, x: LinearScale, y: LinearScale) -> list[str]:
     if not x.inside(margin.time):
         return []
     ends = [min(max(value, y.low), y.high) for value in (margin.limit, margin.value)]
@@ -234,7 +234,7 @@ def _margin(margin: Margin, x: Axis, y: Axis) -> list[str]:
     return [*found, _words(side, middle, margin.label, anchor)]
 
 
-def _window(picture: Picture, x: Axis, top: float, bottom: float) -> list[str]:
+def _window(picture: Picture, x: LinearScale, top: float, bottom: float) -> list[str]:
     """Return the SVG of the evaluation window: a shaded area, and its edges with their times.
 
     An arrow marks an edge outside the axis.
@@ -266,7 +266,7 @@ def _window(picture: Picture, x: Axis, top: float, bottom: float) -> list[str]:
     return [*found, _words(first, 12, opens, anchors[0], "soft"), _words(last, 12, ends, anchors[1], "soft")]
 
 
-def _decided(picture: Picture, x: Axis, top: float, bottom: float) -> list[str]:
+def _decided(picture: Picture, x: LinearScale, top: float, bottom: float) -> list[str]:
     if picture.decided is None or not x.inside(picture.decided[0]):
         return []
     time, label = picture.decided

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.config.described import command
 from liftgate_hil.config.plausibility import notes_on_vehicle
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.edges import EdgeFile
@@ -49,7 +49,7 @@ def _nobody(time_s: float, duration_s: float) -> None:
 
 # fmt: off
 @dataclass(frozen=True, eq=False)  # arrays have no truth value
-class Simulation(Result):
+class Simulation(DescribedResult):
     """The result of a simulation of the plant alone."""
 
     columns: Mapping[str, Floats]  # (n,) each, by name; empty where a file was written

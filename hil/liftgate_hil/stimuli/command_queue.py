@@ -17,7 +17,7 @@ from liftgate_compiler import compilable, outlined
 from liftgate_hil.diagnostics.tester import Tester, wants_reset
 from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.bus_fault_tables import BUS_FAULT, NO_KIND, BusFault, BusFaults, row_of
-from liftgate_hil.stimuli.faults import EDIT, FAULT, FaultTable, Injection
+from liftgate_hil.stimuli.faults import EDIT, FAULT, FaultPlan, Injection
 from liftgate_hil.stimuli.held_values import NAMES
 from liftgate_hil.stimuli.moments import BY_TIME
 from liftgate_hil.stimuli.restbus import Restbus, settle
@@ -66,7 +66,7 @@ class CommandQueue(NamedTuple):
     first: NDArray[np.int64]  # (2,) the first slot's row in `faults`, and in `bus_faults`
 
 
-def command_queue_of(slots: int, faults: FaultTable, bus_faults: BusFaults) -> CommandQueue:
+def command_queue_of(slots: int, faults: FaultPlan, bus_faults: BusFaults) -> CommandQueue:
     """Return the empty command queue of a run whose tables of faults end in `slots` free rows."""
     length, most = (LENGTH, len(faults.sound)) if slots else (0, 0)
     return CommandQueue(
@@ -148,7 +148,7 @@ def _next_of(queue: CommandQueue) -> Any:
 def take_commands(
     queue: CommandQueue,
     held: NDArray[np.float64],
-    faults: FaultTable,
+    faults: FaultPlan,
     bus_faults: BusFaults,
     restbus: Restbus,
     tester: Tester,
@@ -177,7 +177,7 @@ def take_commands(
 
 
 @compilable
-def begin(queue: CommandQueue, faults: FaultTable, bus_faults: BusFaults, at: int, now: float) -> None:
+def begin(queue: CommandQueue, faults: FaultPlan, bus_faults: BusFaults, at: int, now: float) -> None:
     """Begin, change or end the fault in a command's slot now."""
     command, own = queue.commands[at], queue.faults[at]
     row = queue.first[0] + command.place

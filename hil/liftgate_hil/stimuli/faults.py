@@ -61,7 +61,7 @@ class Injection(NamedTuple):
     length: float = math.inf
 
 
-class FaultTable(NamedTuple):
+class FaultPlan(NamedTuple):
     """All faults of a run, and the constants in force."""
 
     rows: Any  # (n,) FAULT
@@ -73,7 +73,7 @@ class FaultTable(NamedTuple):
     in_force: NDArray[np.float64]  # (1,) bits of the faults in force, by their rows
 
 
-def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Sheet, slots: int = 0) -> FaultTable:
+def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Sheet, slots: int = 0) -> FaultPlan:
     """Return the fault tables of a gate, with `slots` free rows at the end; their moments go to the sheet."""
     sound = row_of(constants)
     places = {name: place for place, name in enumerate(numbers_of(constants))} if injections else {}
@@ -90,7 +90,7 @@ def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Shee
         never = (math.nan, BY_TIME, math.inf, BY_TIME)
         rows.append((*never, math.inf, 0.0, 1.0, 0.0, 0, len(edits), 0))
         edits += [(0, SET, 0.0)] * len(sound)
-    return FaultTable(
+    return FaultPlan(
         np.array(rows, dtype=FAULT).view(np.recarray),
         np.array(edits, dtype=EDIT).view(np.recarray),
         sound,
@@ -132,7 +132,7 @@ def share_at(fault: Any, moments: Moments, now: float) -> tuple[float, float]:
 
 
 @outlined
-def look(faults: FaultTable, moments: Moments, now: float) -> bool:
+def look(faults: FaultPlan, moments: Moments, now: float) -> bool:
     """Update the shares of all faults and the row in force; return whether the row has changed."""
     faults.next[0] = _FOREVER
     changed, bits = False, 0
@@ -153,13 +153,13 @@ def look(faults: FaultTable, moments: Moments, now: float) -> bool:
 
 
 @compilable
-def is_changed(faults: FaultTable, moments: Moments, now: float) -> bool:
+def is_changed(faults: FaultPlan, moments: Moments, now: float) -> bool:
     """Whether the row in force changes at a time [s]; if so, it is updated."""
     return now >= faults.next[0] - _SLACK and look(faults, moments, now)
 
 
 @compilable
-def put_together(faults: FaultTable) -> None:
+def put_together(faults: FaultPlan) -> None:
     """Compute the row in force: the constants, changed by one fault after the other.
 
     Faults of the scenario come first, in the order of the file, then injected ones, in the order of their
@@ -182,7 +182,7 @@ def put_together(faults: FaultTable) -> None:
 
 
 @compilable
-def next_injected(faults: FaultTable, first: int, rank: int) -> int:
+def next_injected(faults: FaultPlan, first: int, rank: int) -> int:
     """Return the injected fault in force with the next higher rank, from row `first` on; -1: none."""
     found = -1
     for place in range(first, len(faults.rows)):
@@ -194,7 +194,7 @@ def next_injected(faults: FaultTable, first: int, rank: int) -> int:
 
 
 @compilable
-def change(faults: FaultTable, place: int) -> None:
+def change(faults: FaultPlan, place: int) -> None:
     """Change the row in force by a fault, in proportion to its share."""
     row, fault, share = faults.row, faults.rows[place], faults.shares[place]
     if share == 0.0:

@@ -17,7 +17,7 @@ from liftgate_hil.diagnostics.tester import Tester, no_tester, tester_hears, wan
 from liftgate_hil.stimuli.bus_fault_tables import RECEIVED, SENT, BusFaults, bus_faults_of
 from liftgate_hil.stimuli.bus_faults import note_force, on_bus
 from liftgate_hil.stimuli.command_queue import CLOSED, CommandQueue, Opening, command_queue_of, take_commands
-from liftgate_hil.stimuli.faults import FaultTable, Injection, faults_of, is_changed
+from liftgate_hil.stimuli.faults import FaultPlan, Injection, faults_of, is_changed
 from liftgate_hil.stimuli.held_values import nothing_held
 from liftgate_hil.stimuli.moments import Instant, Moments, Sheet, note_moments
 from liftgate_hil.stimuli.requests import Request, Requests, requests_of, take_due
@@ -37,7 +37,7 @@ class StimulusPlan(NamedTuple):
     timeline: Timeline
     origin: NDArray[np.int64]  # (1,) plant steps before its time 0, see `loop/precondition.py`
     moments: Moments
-    faults: FaultTable
+    faults: FaultPlan
     bus_faults: BusFaults
     held: NDArray[np.float64]  # values set by commands, see `held_values`
     requests: Requests

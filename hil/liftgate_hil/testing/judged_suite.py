@@ -18,7 +18,7 @@ from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import Subject
 from liftgate_hil.plan.request import RunRequest
 from liftgate_hil.testing.outcome import Case, Outcome, not_run
-from liftgate_hil.testing.rejudge import Expectations, StoppedJudgingError, as_recorded, judged
+from liftgate_hil.testing.rejudge import RecordingExpectations, StoppedJudgingError, as_recorded, judged
 
 _CLOCK = "recorded"
 
@@ -45,12 +45,12 @@ def runs_of(files: Sequence[Path], is_one: bool = False) -> list[tuple[Path, ...
 class RecordedCase(Case):
     """A recorded run to be judged, and by what; `differences` are notes on what the recording says otherwise."""
 
-    about: Expectations
+    about: RecordingExpectations
     differences: Sequence[str]
 
 
 def cases_of(
-    runs: Sequence[tuple[Path, ...]], about: Expectations, is_reported: bool = True
+    runs: Sequence[tuple[Path, ...]], about: RecordingExpectations, is_reported: bool = True
 ) -> list[RecordedCase]:
     """Return a case for each run; `is_reported`: with its files' hashes. Raises ConfigError."""
     found = []
@@ -61,7 +61,7 @@ def cases_of(
     return found
 
 
-def _subject_of(paths: tuple[Path, ...], about: Expectations, is_reported: bool) -> Subject:
+def _subject_of(paths: tuple[Path, ...], about: RecordingExpectations, is_reported: bool) -> Subject:
     files = about.setup.files | {"rig": Path(about.rig.source), "dbc": about.rig.database}
     files.pop("vehicle", None)  # the recording may be of another one
     files |= {f"recording {k}": path for k, path in enumerate(paths, 1)}

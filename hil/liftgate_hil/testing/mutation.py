@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.ecu.mutants import MUTANTS, NO_ECU
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS
 from liftgate_hil.plan.job import Job
@@ -26,7 +26,7 @@ SOUND = ""  # in place of a mutant's name: the reference ECU itself
 
 
 @dataclass(frozen=True)
-class NamedExpectation(Result):
+class NamedExpectation(DescribedResult):
     """An expectation of a scenario, by name."""
 
     file: Annotated[str, Shown("scenario")]
@@ -34,7 +34,7 @@ class NamedExpectation(Result):
 
 
 @dataclass(frozen=True)
-class FoundMutant(Result):
+class FoundMutant(DescribedResult):
     """A mutant, where its defect shows, and what kills it."""
 
     name: Annotated[str, Shown("name of the mutant")]
@@ -209,7 +209,7 @@ class Matrix:
 
 # fmt: off
 @dataclass(frozen=True)
-class MutationResult(Result):
+class MutationResult(DescribedResult):
     """Result of mutation testing."""
 
     matrix: Matrix | None  # None: it was stopped before its end

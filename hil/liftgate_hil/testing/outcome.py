@@ -10,7 +10,7 @@ from typing import Annotated
 
 from liftgate_hil.codec.receive import rejected
 from liftgate_hil.config.sources import Source
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.drive.result import Result as RunResult
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict, worst
 from liftgate_hil.loop.refusal_texts import gaps_text
@@ -36,7 +36,7 @@ class Case:
 
 # fmt: off
 @dataclass(frozen=True)
-class EcuName(Result):
+class EcuName(DescribedResult):
     """Name of the ECU under test."""
 
     kind: Annotated[str, Shown("`reference`, `library`, `python` or `bus`")]
@@ -48,7 +48,7 @@ class EcuName(Result):
 
 
 @dataclass(frozen=True)
-class Attempt(Result):
+class Attempt(DescribedResult):
     """An earlier attempt of a scenario, which was inconclusive."""
 
     verdict: Annotated[str, Shown("verdict of the attempt")]
@@ -57,7 +57,7 @@ class Attempt(Result):
 
 
 @dataclass(frozen=True)
-class Outcome(Result):
+class Outcome(DescribedResult):
     """Outcome of a scenario, or of a recorded run."""
 
     case: Case
@@ -180,7 +180,7 @@ class Outcome(Result):
 
 
 @dataclass(frozen=True)
-class Counts(Result):
+class VerdictCounts(DescribedResult):
     """Numbers of expectations by verdict."""
 
     passed: Annotated[int, Shown("number of expectations that passed", key="pass")]
@@ -204,10 +204,10 @@ class Counts(Result):
 
 
 # fmt: on
-def counts_of(outcomes: Sequence[Outcome]) -> Counts:
+def counts_of(outcomes: Sequence[Outcome]) -> VerdictCounts:
     """Return how many expectations have which verdict."""
     verdicts = [each.verdict for outcome in outcomes for each in outcome.expectations]
-    return Counts(*(verdicts.count(name) for name in (PASS, FAIL, INCONCLUSIVE, ERROR)))
+    return VerdictCounts(*(verdicts.count(name) for name in (PASS, FAIL, INCONCLUSIVE, ERROR)))
 
 
 def not_run(case: Case, reason: str) -> Outcome:

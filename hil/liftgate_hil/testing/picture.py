@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
-from liftgate_hil.judging.comparisons import Comparison, Side
+from liftgate_hil.judging.comparisons import Relation, Side
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.shown_verdict import margin_text
-from liftgate_hil.judging.trace_summary import Curve, TraceSummary, View
+from liftgate_hil.judging.trace_summary import Curve, EnvelopeView, TraceSummary
 from liftgate_hil.judging.verdict import FAIL, PASS, Verdict
-from liftgate_hil.report.trace_plot import Level, Line, Margin, Panel, Picture, trace_svg
+from liftgate_hil.report.trace_plot import ConstantLine, Margin, Panel, Picture, SignalLine, trace_svg
 
 MOST_PANELS = 6
 _CLOSE = 3.0  # times as long as the margin's view: then that has a picture of its own
@@ -54,7 +54,7 @@ def _moves(panel: Panel) -> bool:
     return any(bool(np.nanmin(line.low) < np.nanmax(line.high)) for line in panel.lines)
 
 
-def _span(view: View) -> float:
+def _span(view: EnvelopeView) -> float:
     return float(view.times[-1] - view.times[0]) if len(view.times) else 0.0
 
 
@@ -71,7 +71,7 @@ def decided(expectation: Expectation, verdict: Verdict) -> tuple[float, str] | N
     return None
 
 
-def _panels(trace_summary: TraceSummary, view: View, names: Names) -> list[Panel]:
+def _panels(trace_summary: TraceSummary, view: EnvelopeView, names: Names) -> list[Panel]:
     """Return the panels: one for each side compared, then those with the parts of calculated sides."""
     curves = {each.side.text: each for each in view.curves}
     panels: dict[str, Panel] = {}
@@ -99,7 +99,7 @@ def _panels(trace_summary: TraceSummary, view: View, names: Names) -> list[Panel
     return [each for each in found if each.title != "time_s"] or found
 
 
-def _all(trace_summary: TraceSummary) -> Iterable[tuple[Comparison, bool]]:
+def _all(trace_summary: TraceSummary) -> Iterable[tuple[Relation, bool]]:
     yield from ((each, False) for each in trace_summary.condition)
     yield from ((each, True) for each in trace_summary.opener)
 
@@ -114,18 +114,18 @@ def _panel_with(panels: dict[str, Panel], side: Side, names: Names) -> Panel:
 
 def _draw(panel: Panel, curve: Curve) -> None:
     if all(line.label != curve.side.text for line in panel.lines):
-        panel.lines.append(Line(curve.side.text, curve.low, curve.high))
+        panel.lines.append(SignalLine(curve.side.text, curve.low, curve.high))
 
 
-def _level(sign: str, value: float, comparison: Comparison, is_trigger: bool, panel: Panel) -> Level:
+def _level(sign: str, value: float, comparison: Relation, is_trigger: bool, panel: Panel) -> ConstantLine:
     unit = f" {comparison.left.unit}" if comparison.left.unit else ""
     named = panel.names.get(value)
     text = f"{sign} {value:.6g}{unit}" + (f" ({named})" if named else "")
-    return Level(value, f"trigger: {text}" if is_trigger else text, is_trigger)
+    return ConstantLine(value, f"trigger: {text}" if is_trigger else text, is_trigger)
 
 
 def _margin_on(
-    panel: Panel, expectation: Expectation, verdict: Verdict, trace_summary: TraceSummary, view: View
+    panel: Panel, expectation: Expectation, verdict: Verdict, trace_summary: TraceSummary, view: EnvelopeView
 ) -> Margin | None:
     """Return the margin between a signal and its limit, or between two signals; None: not on this panel."""
     decider = next((each for each in trace_summary.condition if each.text == verdict.decided_by), None)
@@ -153,7 +153,7 @@ def _margin_on(
     return Margin(verdict.margin_time_s, ends[0], ends[1], label, stretch)
 
 
-def _bins_of_margin(view: View, expectation: Expectation, time_s: float) -> slice:
+def _bins_of_margin(view: EnvelopeView, expectation: Expectation, time_s: float) -> slice:
     """Return the bins of a margin at a time [s]: the smallest one of a stretch is somewhere in it."""
     first, last = (
         int(np.searchsorted(view.times, time + 1e-7, side="right")) - 1
@@ -163,7 +163,7 @@ def _bins_of_margin(view: View, expectation: Expectation, time_s: float) -> slic
 
 
 def _value_at_margin(
-    expectation: Expectation, verdict: Verdict, trace_summary: TraceSummary, view: View, side: Side
+    expectation: Expectation, verdict: Verdict, trace_summary: TraceSummary, view: EnvelopeView, side: Side
 ) -> float:
     """Return the signal's value at the margin: the limit less, or plus the margin, whichever the signal has.
 
@@ -178,11 +178,11 @@ def _value_at_margin(
     pairs = ((each, curve) for each in views for curve in each.curves if curve.side.text == side.text)
     finest, curve = next(pairs)
     bins = _bins_of_margin(finest, expectation, verdict.margin_time_s)
-    line = Line(side.text, curve.low, curve.high)
+    line = SignalLine(side.text, curve.low, curve.high)
     return min((_distance(line, bins, value)[0], value) for value in (limit - reach, limit + reach))[1]
 
 
-def _distance(line: Line, bins: slice, value: float) -> tuple[float, int]:
+def _distance(line: SignalLine, bins: slice, value: float) -> tuple[float, int]:
     """Return how far from a value the nearest bin is, and which one that is."""
     low, high = line.low[bins], line.high[bins]
     away = np.maximum(np.maximum(low - value, value - high), 0.0)
@@ -192,12 +192,12 @@ def _distance(line: Line, bins: slice, value: float) -> tuple[float, int]:
     return float(away[place]), place
 
 
-def _time_of(view: View, bins: slice, place: int, verdict: Verdict) -> float:
+def _time_of(view: EnvelopeView, bins: slice, place: int, verdict: Verdict) -> float:
     assert verdict.margin_time_s is not None
     if bins.stop - bins.start == 1:
         return verdict.margin_time_s
     return float(view.times[bins][place])
 
 
-def _middle(line: Line, bins: slice) -> float:
+def _middle(line: SignalLine, bins: slice) -> float:
     return float(0.5 * (line.low[bins][-1] + line.high[bins][-1]))

@@ -80,10 +80,12 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
         return None
     from liftgate_hil.testing.scenario_files import may_be_scenario
 
-    return ScenarioFile.from_parent(parent, path=file_path) if may_be_scenario(file_path, is_test=True) else None
+    return (
+        ScenarioCollector.from_parent(parent, path=file_path) if may_be_scenario(file_path, is_test=True) else None
+    )
 
 
-class ScenarioFile(pytest.File):
+class ScenarioCollector(pytest.File):
     """A scenario file: run once, for the first of its expectations that is run."""
 
     _case: Case
@@ -148,7 +150,7 @@ class ExpectationItem(pytest.Item):
 
     def setup(self) -> None:
         """Run the scenario; what cannot be judged is an error of the set-up."""
-        assert isinstance(self.parent, ScenarioFile)
+        assert isinstance(self.parent, ScenarioCollector)
         from liftgate_hil.judging.shown_verdict import line_of
         from liftgate_hil.testing.junit import properties_of
 

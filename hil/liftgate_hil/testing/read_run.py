@@ -23,7 +23,7 @@ from liftgate_hil.measurement.log_frames import SILENT_S, read_frames
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs, own_column
 from liftgate_hil.measurement.units import near_miss
 from liftgate_hil.signals import COLUMNS, OUTPUT_COLUMNS, Bench
-from liftgate_hil.testing.recorded_run import RecordedRun, Track, rounded_to_us
+from liftgate_hil.testing.recorded_run import ColumnSamples, RecordedRun, rounded_to_us
 from liftgate_hil.testing.run_clocks import notes_on_begin, set_clocks
 from liftgate_hil.testing.run_file import RunFile, opened
 
@@ -173,9 +173,9 @@ def _frames(files: Iterable[RunFile]) -> Any:
 
 def _tracks(
     files: Sequence[RunFile], places: Places, frames: Any, asked: Asked, notes: list[str], issues: list[str]
-) -> dict[str, Track]:
+) -> dict[str, ColumnSamples]:
     """Return the samples of all columns found."""
-    tracks: dict[str, Track] = {}
+    tracks: dict[str, ColumnSamples] = {}
     logs = [each.path for each in files if each.has_frames]
     for ours, (file, name) in places.items():
         if ours == "time_s":
@@ -194,7 +194,7 @@ def _tracks(
         if isinstance(found, str):
             issues.append(f"{path}: {ours} ({name}): {found}")
         else:
-            tracks[ours] = Track(times_us, found)
+            tracks[ours] = ColumnSamples(times_us, found)
     return tracks | _by_rig(_wires(places, files, asked), frames, asked.rig, notes)
 
 
@@ -208,7 +208,7 @@ def _on_bus(frames: Any, rig: Rig, name: str) -> tuple[NDArray[np.int64], Floats
     return rounded_to_us(table[there, 0]), values[there]
 
 
-def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> dict[str, Track]:
+def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> dict[str, ColumnSamples]:
     """Return columns as the rig decodes them, by the emulator's own codec."""
     if not wires or not len(frames):
         return {}
@@ -224,7 +224,7 @@ def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> di
             values = samples.values
             if column.endswith("hall_count"):
                 values = unwrapped(values, span_of(rig, wire))
-            tracks[column] = Track((samples.times + 500) // 1000, values)
+            tracks[column] = ColumnSamples((samples.times + 500) // 1000, values)
     return tracks
 
 
@@ -270,7 +270,7 @@ def _silences(files: Sequence[RunFile], asked: Asked) -> Iterable[Gap]:
 
 
 def _by_rows(
-    table: RunFile, tracks: dict[str, Track], frames: Any, has_frames: bool, notes: list[str]
+    table: RunFile, tracks: dict[str, ColumnSamples], frames: Any, has_frames: bool, notes: list[str]
 ) -> RecordedRun:
     """Return the run with the rows of a recording of ours, as they are."""
     times = table.samples["time_s"][0]
@@ -303,7 +303,7 @@ _APART = 1.5  # of a tick: rows that are further apart are not those of each tic
 _OFF_RASTER = 0.01  # of a tick
 
 
-def _holes(times: Floats, tracks: Mapping[str, Track]) -> Iterable[Gap]:
+def _holes(times: Floats, tracks: Mapping[str, ColumnSamples]) -> Iterable[Gap]:
     """Yield gaps where rows of ours have no value of a column: the emulator writes all, so it was removed."""
     for name in sorted({*tracks} - {*Bench._fields}):
         missing = np.flatnonzero(np.isnan(tracks[name].values))
@@ -315,7 +315,7 @@ def _holes(times: Floats, tracks: Mapping[str, Track]) -> Iterable[Gap]:
 
 def _by_raster(
     files: Sequence[RunFile],
-    tracks: dict[str, Track],
+    tracks: dict[str, ColumnSamples],
     frames: Any,
     has_frames: bool,
     notes: list[str],

@@ -27,7 +27,7 @@ _USUAL = 3.0  # times the usual distance of a column's samples; a longer one is 
 _MOSTLY = 0.8  # share of the distances that are usual: a table of five messages has four short ones a cycle
 
 
-class Track(NamedTuple):
+class ColumnSamples(NamedTuple):
     """Samples of a column."""
 
     times_us: Integers  # rising
@@ -59,7 +59,7 @@ class RecordedRun:
 
     times: Floats  # s, of its rows
     rate: float  # Hz; the rows are no denser than that
-    tracks: Mapping[str, Track]  # by column
+    tracks: Mapping[str, ColumnSamples]  # by column
     frames: Any  # (m,) LOGGED, of the requested messages, in the order of time
     has_frames: bool  # whether any are recorded
     gaps: list[Gap] = field(default_factory=list)

@@ -68,7 +68,7 @@ class StoppedJudgingError(Exception):
 
 
 @dataclass(frozen=True)
-class Expectations:
+class RecordingExpectations:
     """Expectations that recordings are judged by, and how these are read."""
 
     request: JudgeRequest
@@ -103,7 +103,7 @@ class Expectations:
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedRecording:
     """Verdicts of the expectations, and what their pictures are made of."""
 
     verdicts: dict[str, Verdict]
@@ -114,13 +114,13 @@ class Judged:
     fault_notes: tuple[str, ...] = ()
 
 
-def expectations_of(request: JudgeRequest) -> Expectations:
+def expectations_of(request: JudgeRequest) -> RecordingExpectations:
     """Return what a request's scenario expects, and how its recordings are read. Raises ConfigError."""
     mapping = parse_maps(request.maps, COLUMNS)
     how = read_options(request.recording_channel, request.timezone)
     setup = _setup_of(request, request.parameters)
     rig = _rig_of(request.rig, setup.scenario)
-    return Expectations(request, setup, rig, _expected_in(setup, rig), mapping, how)
+    return RecordingExpectations(request, setup, rig, _expected_in(setup, rig), mapping, how)
 
 
 def _setup_of(request: JudgeRequest, parameters: Mapping[str, float] | Sequence[str] | None) -> Setup:
@@ -134,7 +134,7 @@ def _expected_in(setup: Setup, rig: Rig) -> Expected:
     return expected
 
 
-def as_recorded(paths: Sequence[Path], about: Expectations) -> tuple[Expectations, list[str]]:
+def as_recorded(paths: Sequence[Path], about: RecordingExpectations) -> tuple[RecordingExpectations, list[str]]:
     """Return the expectations with what the recordings of a run say of it, and notes on what differs.
 
     What was given comes first, then the vehicle, the rig and the parameters that the provenance states, then the
@@ -178,11 +178,11 @@ def as_recorded(paths: Sequence[Path], about: Expectations) -> tuple[Expectation
 
 def judged(
     paths: Sequence[Path],
-    about: Expectations,
+    about: RecordingExpectations,
     differences: Sequence[str] = (),
     is_summarized: bool = False,
     stopped: Callable[[], bool] = lambda: False,
-) -> Judged:
+) -> JudgedRecording:
     """Judge the recordings of one run by what `as_recorded` returns; `is_summarized`: with trace summaries.
 
     Raises ConfigError, and StoppedJudgingError where it is stopped on the way.
@@ -193,7 +193,7 @@ def judged(
         reason = "nothing was recorded"
         nothing = {name: Verdict(name, INCONCLUSIVE, reason=reason) for name in names}
         notes = [f"{path}: {note}" for path in paths for note in open_file(path, how=about.how).notes]
-        return Judged(nothing, {}, 0, 0.0, [*differences, *notes])
+        return JudgedRecording(nothing, {}, 0, 0.0, [*differences, *notes])
     run = read_run(paths, about.asked)
     run.notes[:0] = differences
     scenario = about.setup.scenario
@@ -226,13 +226,13 @@ def judged(
     ]
     trace_summaries = {} if sketcher is None else sketcher.trace_summaries()
     by_name = {each.name: each for each in verdicts}
-    return Judged(
+    return JudgedRecording(
         by_name, trace_summaries, len(run.times), last, [*about.rig.notes, *run.notes], tuple(found.notes())
     )
 
 
 def _stepped_again(
-    paths: Sequence[Path], about: Expectations, judge: Judge, made: list[StepsAgain | None], late: float
+    paths: Sequence[Path], about: RecordingExpectations, judge: Judge, made: list[StepsAgain | None], late: float
 ) -> SteppedAgain | None:
     """Step the gate of a recorded run again, see `judging.stepped_again`; `made` keeps what steps it.
 
@@ -244,7 +244,7 @@ def _stepped_again(
     return None if made[0] is None else made[0](late)
 
 
-def _steps_again(paths: Sequence[Path], about: Expectations, judge: Judge) -> StepsAgain | None:
+def _steps_again(paths: Sequence[Path], about: RecordingExpectations, judge: Judge) -> StepsAgain | None:
     setup, rig = about.setup, about.rig
     if setup.scenario.precondition or not rig.inputs or about.mapping:
         return None
@@ -272,7 +272,7 @@ def _steps_again(paths: Sequence[Path], about: Expectations, judge: Judge) -> St
     )
 
 
-def _not_made(about: Expectations, run: RecordedRun, watch: ResetWatch | None, end: float | None) -> str:
+def _not_made(about: RecordingExpectations, run: RecordedRun, watch: ResetWatch | None, end: float | None) -> str:
     """Return the requests and stimuli that the run, to its `end` [s], could not apply; "": none.
 
     This is as far as its frames show it; its rows show the rest.
@@ -289,7 +289,7 @@ def _not_made(about: Expectations, run: RecordedRun, watch: ResetWatch | None, e
     return ""
 
 
-def _lacking(about: Expectations, run: RecordedRun, last: float) -> Iterator[Gap]:
+def _lacking(about: RecordingExpectations, run: RecordedRun, last: float) -> Iterator[Gap]:
     """Yield gaps of what stimuli wait for, and the run, to `last` [s], has nothing of."""
     expected = about.expected
     for place in range(len(expected.expectations) - expected.awaited, len(expected.expectations)):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.open import open_file
-from liftgate_hil.formats.recording import FRAME, ReadOptions, Recording, Series
+from liftgate_hil.formats.recording import FRAME, FileColumn, ReadOptions, Recording
 from liftgate_hil.formats.suffixes import BUS_LOGS
 from liftgate_hil.measurement.log_frames import LogFrames
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
@@ -145,7 +145,7 @@ def opened(path: Path, how: ReadOptions) -> RunFile:
     return RunFile(path, table, has_frames=FRAME in table.names)
 
 
-def _any_of(file: Recording) -> Mapping[str, Series]:
+def _any_of(file: Recording) -> Mapping[str, FileColumn]:
     """Return the first column that can be read, for a file of which none is requested: its length counts."""
     for name in file.names:
         if name != FRAME and (series := file.read([name], [])):

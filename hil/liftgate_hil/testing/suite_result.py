@@ -6,16 +6,16 @@ import json
 from dataclasses import dataclass
 from typing import Annotated
 
-from liftgate_hil.described_result import Result, Shown
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.judging.verdict import worst
 from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.testing.mutation import MutationResult
-from liftgate_hil.testing.outcome import Counts, Outcome, counts_of, verdict_of
+from liftgate_hil.testing.outcome import Outcome, VerdictCounts, counts_of, verdict_of
 
 
 # fmt: off
 @dataclass(frozen=True)
-class SuiteResult(Result):
+class SuiteResult(DescribedResult):
     """Result of a suite of scenarios, or of recorded runs."""
 
     scenarios: Annotated[tuple[Outcome, ...], Shown("scenarios in the order given; of `judge` recordings")]
@@ -31,7 +31,7 @@ class SuiteResult(Result):
         return worst([verdict_of(self.scenarios), *tested])
 
     @property
-    def expectations(self) -> Annotated[Counts, Shown("how many expectations have which verdict")]:
+    def expectations(self) -> Annotated[VerdictCounts, Shown("how many expectations have which verdict")]:
         """Numbers of expectations by verdict."""
         return counts_of(self.scenarios)
 

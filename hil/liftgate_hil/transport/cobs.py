@@ -65,7 +65,7 @@ def encode(identifier: int, payload: bytes) -> bytes:
     return stuff(covered + crc16(covered).to_bytes(2, "little")) + DELIMITER
 
 
-class Decoder:
+class CobsDecoder:
     """Decoder of bytes into whole frames, however they are cut into pieces. Keeps at most one unfinished frame."""
 
     def __init__(self) -> None:

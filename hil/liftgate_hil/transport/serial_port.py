@@ -19,7 +19,7 @@ import numpy as np
 from liftgate_hil.codec.frames import FD, FD_FLAGS, Frames, empty_frames
 from liftgate_hil.errors import ConfigError, TransportError, words_of
 from liftgate_hil.transport.base import WAIT_S, LinkCounts, age_of
-from liftgate_hil.transport.cobs import DELIMITER, MAX_IDENTIFIER, MAX_PAYLOAD, Decoder, encode
+from liftgate_hil.transport.cobs import DELIMITER, MAX_IDENTIFIER, MAX_PAYLOAD, CobsDecoder, encode
 from liftgate_hil.transport.serial_open import (
     ALLOWED,
     BAUDRATE,
@@ -57,7 +57,7 @@ class SerialTransport:
             if isinstance(error, ValueError) and "not known" in detail:
                 raise ConfigError(f"`serial` {url}: {detail}; {ALLOWED}") from error
             raise TransportError(f"`serial` {url}: cannot be opened: {detail}") from error
-        self._decoder = Decoder()
+        self._decoder = CobsDecoder()
         self._read_last = self._port
         self._arrived: deque[tuple[int, bytes]] = deque()
         self.came_ns = np.zeros(CAPACITY, dtype=np.int64)

@@ -23,7 +23,7 @@ from liftgate_hil.campaigns.adaptive import (
     share_below,
 )
 from liftgate_hil.campaigns.base import Base
-from liftgate_hil.campaigns.campaign import Campaign, Progress, StoppedError
+from liftgate_hil.campaigns.campaign import Campaign, CampaignProgress, CampaignStoppedError
 from liftgate_hil.campaigns.design import shares_of
 from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.evaluation import Row
@@ -96,7 +96,7 @@ def made(tmp_path: Path) -> Callable[..., tuple[Campaign, Formula, Space]]:
     def campaign(margin: Margin, *vary: str, workers: int = 1) -> tuple[Campaign, Formula, Space]:
         found = prepared(CampaignRequest(str(path), vary, worst="soft"))
         executor = Formula(found.base, margin, workers)
-        own = Campaign(found.base, executor, store, lambda: False, Progress(0), lambda progress: None)
+        own = Campaign(found.base, executor, store, lambda: False, CampaignProgress(0), lambda progress: None)
         return own, executor, found.space
 
     return campaign
@@ -163,7 +163,7 @@ def test_a_campaign_that_is_resumed_finds_its_variants_in_the_store(made: Callab
 def test_a_stop_ends_a_search(made: Callable) -> None:
     campaign, executor, space = made(total, *PLANE)
     campaign.stopped = lambda: len(executor.evaluated) >= 20
-    with pytest.raises(StoppedError):
+    with pytest.raises(CampaignStoppedError):
         search_worst(campaign, space, "soft", 100, 5)
     assert 20 <= len(executor.evaluated) < 100
 

@@ -14,7 +14,7 @@ from campaign_support import silent_ecu
 from liftgate_hil.campaigns.base import Base, base_of, batch_name, settings_of
 from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.request import CampaignRequest
-from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, Target
+from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, VariedTarget
 from liftgate_hil.config.vehicle import VehicleFile
 from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import plan_of
@@ -61,28 +61,32 @@ def gravity_point_of(job: Job) -> tuple[float, float]:
 
 
 def test_whole_numbers_are_given_as_whole_numbers() -> None:
-    given = [(Target("a.count", KEY, WHOLE), 24.0), (Target("a.length", KEY, REAL), 24.0)]
+    given = [(VariedTarget("a.count", KEY, WHOLE), 24.0), (VariedTarget("a.length", KEY, REAL), 24.0)]
     assert settings_of(given) == ["a.count=24", "a.length=24.0"]
 
 
 def test_numbers_are_given_to_the_last_bit() -> None:
     value = float(np.nextafter(0.1, 1.0))
-    (setting,) = settings_of([(Target("a.length", KEY, REAL), value)])
+    (setting,) = settings_of([(VariedTarget("a.length", KEY, REAL), value)])
     assert float(setting.partition("=")[2]) == value
 
 
 def test_a_coordinate_is_given_with_the_other_one_of_the_file() -> None:
-    target = Target("a.place[1]", KEY, REAL, (0.25, 0.5))
+    target = VariedTarget("a.place[1]", KEY, REAL, (0.25, 0.5))
     assert settings_of([(target, -1.0)]) == ["a.place=[0.25, -1.0]"]
 
 
 def test_both_coordinates_of_a_point_are_one_setting() -> None:
-    first, second = (Target(f"a.place[{k}]", KEY, REAL, (0.25, 0.5)) for k in (0, 1))
+    first, second = (VariedTarget(f"a.place[{k}]", KEY, REAL, (0.25, 0.5)) for k in (0, 1))
     assert settings_of([(second, 2.0), (first, 1.0)]) == ["a.place=[1.0, 2.0]"]
 
 
 def test_only_keys_of_the_vehicle_are_settings() -> None:
-    given = [(Target("rod", PARAMETER), 1.0), (Target("seed", SEED_OF_RUN), 2.0), (Target("draw", DRAW), 3.0)]
+    given = [
+        (VariedTarget("rod", PARAMETER), 1.0),
+        (VariedTarget("seed", SEED_OF_RUN), 2.0),
+        (VariedTarget("draw", DRAW), 3.0),
+    ]
     assert settings_of(given) == []
 
 

@@ -15,7 +15,7 @@ from campaign_support import VALUES, base_in, campaign_in, evaluated, rows_of, s
 from dask_processes import DaskProcesses
 
 from liftgate_hil.campaigns.base import Base
-from liftgate_hil.campaigns.campaign import Progress, StoppedError, batches_of
+from liftgate_hil.campaigns.campaign import CampaignProgress, CampaignStoppedError, batches_of
 from liftgate_hil.campaigns.executors.cluster import Cluster
 from liftgate_hil.campaigns.executors.executor import Executor
 from liftgate_hil.campaigns.executors.local import Processes, Serial
@@ -73,7 +73,7 @@ def test_a_stop_ends_it_and_keeps_whole_batches(
     campaign.tell = lambda progress: done.append(progress.done)
     # So many batches that they are not all with the workers when the first is done.
     values = np.column_stack([np.linspace(60.0, 80.0, 240), np.linspace(9.5, 15.0, 240)])
-    with pytest.raises(StoppedError):
+    with pytest.raises(CampaignStoppedError):
         campaign.evaluate(batches_of(base, values, 2))
     campaign.executor.close()
     for each in tmp_path.glob("*.parquet"):
@@ -102,7 +102,7 @@ def test_killed_worker_processes_lose_nothing_and_repeat_nothing(
     campaign = campaign_in(tmp_path / "killed", base, executor)
     killed: list[int] = []
 
-    def kill(progress: Progress) -> None:
+    def kill(progress: CampaignProgress) -> None:
         if len(killed) < 4:
             process = executor._slots[len(killed) % 2]._process
             if process is not None and process.pid not in killed:
@@ -130,7 +130,7 @@ def test_killed_workers_of_a_cluster_lose_nothing(
     campaign = campaign_in(tmp_path / "killed", base, executor)
     left = list(cluster.workers)
 
-    def kill(progress: Progress) -> None:
+    def kill(progress: CampaignProgress) -> None:
         if left:
             cluster.replace(left.pop())
 

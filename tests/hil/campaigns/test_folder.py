@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from liftgate_hil.campaigns.campaign import StoppedError
+from liftgate_hil.campaigns.campaign import CampaignStoppedError
 from liftgate_hil.campaigns.folder import BATCHES, LOCK, MANIFEST, OWN, REPORT, RESULTS, Folder
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.store import StoreError
@@ -127,7 +127,7 @@ def test_no_tables_are_no_file(folder: Folder) -> None:
 
 
 @pytest.mark.parametrize(
-    "error", [StoppedError(), StoreError("full"), KeyboardInterrupt(), OSError(28, "No space")]
+    "error", [CampaignStoppedError(), StoreError("full"), KeyboardInterrupt(), OSError(28, "No space")]
 )
 @pytest.mark.parametrize("count", [1, 20_000])
 def test_results_that_cannot_be_completed_leave_the_old_ones(

@@ -16,13 +16,13 @@ from html_page import Page
 from scipy import stats
 
 from liftgate_hil.campaigns.adaptive import Evaluated, Probability, Worst
-from liftgate_hil.campaigns.probability.subset_simulation import Estimate
+from liftgate_hil.campaigns.probability.subset_simulation import SubsetEstimate
 from liftgate_hil.campaigns.reporting import adaptive_sections
 from liftgate_hil.campaigns.reporting.combined import PartResult, by_value, combined_report
 from liftgate_hil.campaigns.reporting.comparison import comparison_of, comparison_section
 from liftgate_hil.campaigns.reporting.heat_map import cells_of, heat_map
 from liftgate_hil.campaigns.reporting.report import heat_section, incomplete, interval, report, worst
-from liftgate_hil.campaigns.reporting.summary import Summary, summary_of
+from liftgate_hil.campaigns.reporting.summary import CampaignSummary, summary_of
 from liftgate_hil.campaigns.search.worst_search import SearchEnd
 from liftgate_hil.report.page import page
 from liftgate_hil.report.provenance import Provenance
@@ -201,7 +201,7 @@ def test_a_heat_map_escapes_its_labels() -> None:
 
 def many(
     tmp_path: Path, name: str = "soft", count: int = 240, limit: float = 100.0, force_limit: float | None = None
-) -> Summary:
+) -> CampaignSummary:
     """Return the summary of a grid of 6 × 40 variants whose force rises with both values."""
     rod = np.repeat(np.arange(6.0), 40)[:count]
     angle = np.tile(np.linspace(10.0, 70.0, 40), 6)[:count]
@@ -213,7 +213,7 @@ def many(
     return summary_of(path, ["rod", "angle"], [name], force_limit=force_limit)
 
 
-def made_report(summary: Summary, more: Sequence[str] = (), title: str = "Campaign: trap") -> str:
+def made_report(summary: CampaignSummary, more: Sequence[str] = (), title: str = "Campaign: trap") -> str:
     return report(title, summary, {"rod": "N/m", "angle": "deg"}, "out/a & b", PROVENANCE, more)
 
 
@@ -361,7 +361,7 @@ def test_the_interval_of_no_variants_is_unknown() -> None:
     assert interval(0, 0) == "unknown"
 
 
-def part(summary: Summary, title: str, is_complete: bool = True) -> PartResult:
+def part(summary: CampaignSummary, title: str, is_complete: bool = True) -> PartResult:
     return PartResult(title, summary, {"angle": "deg"}, f"out/{title}", "about", is_complete)
 
 
@@ -467,10 +467,10 @@ def test_the_section_of_a_search_is_of_a_whole_page(history: list[Evaluated]) ->
     Page(page("Worst", "", [own])).check_alone()
 
 
-def estimate(probability: float, **more: Any) -> Estimate:
+def estimate(probability: float, **more: Any) -> SubsetEstimate:
     own = {"low": 0.5 * probability, "high": 2e-4, "variation": 0.2, "evaluations": 900, "unknown": 3}
     rest = {"bounded": False, "method": "importance sampling", "levels": ()}
-    return Estimate(probability, **{**own, **rest, **more})
+    return SubsetEstimate(probability, **{**own, **rest, **more})
 
 
 def test_a_probability_tells_its_interval_and_what_plain_draws_would_need() -> None:

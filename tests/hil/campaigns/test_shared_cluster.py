@@ -21,7 +21,7 @@ from campaign_support import VALUES, campaign_in, evaluated, rows_of
 from dask_processes import PATIENCE, DaskProcesses
 
 from liftgate_hil.campaigns.base import Base
-from liftgate_hil.campaigns.campaign import Progress, StoppedError, batches_of
+from liftgate_hil.campaigns.campaign import CampaignProgress, CampaignStoppedError, batches_of
 from liftgate_hil.campaigns.executors import cluster as module
 from liftgate_hil.campaigns.executors.cluster import Cluster
 from liftgate_hil.campaigns.store import StoreError
@@ -68,13 +68,13 @@ def endless(count: int) -> np.ndarray:
 
 def rows_beside(
     act: Callable[[], object], base: Base, cluster: DaskProcesses, folder: Path
-) -> tuple[pa.Table, Progress]:
+) -> tuple[pa.Table, CampaignProgress]:
     """The rows of all variants, evaluated while something else is done once, after the first batch."""
     executor = Cluster(base, cluster.address)
     campaign = campaign_in(folder, base, executor)
     left = [act]
 
-    def tell(progress: Progress) -> None:
+    def tell(progress: CampaignProgress) -> None:
         if left:
             left.pop()()
 
@@ -109,7 +109,7 @@ def test_a_client_that_is_stopped_cancels_its_own_batches_alone(
     def run() -> None:
         try:
             campaign.evaluate(batches_of(base, endless(3), ENDLESS))
-        except StoppedError as error:
+        except CampaignStoppedError as error:
             ended.append(error)
 
     thread = threading.Thread(target=run)

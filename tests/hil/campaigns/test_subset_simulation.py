@@ -11,7 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from liftgate_hil.campaigns.probability.subset_simulation import LEAST_EVALUATIONS, Estimate, subset_simulation
+from liftgate_hil.campaigns.probability.subset_simulation import (
+    LEAST_EVALUATIONS,
+    SubsetEstimate,
+    subset_simulation,
+)
 
 Floats = NDArray[np.float64]
 Margin = Callable[[Floats], Floats]
@@ -21,7 +25,7 @@ RARE = 1e-4
 
 def estimate(
     margin: Margin, dimension: int, seed: int = 0, pockets: Floats | None = None, evaluations: int = 5000
-) -> Estimate:
+) -> SubsetEstimate:
     steps = subset_simulation(dimension, seed, pockets, evaluations)
     points = next(steps)
     while True:
@@ -68,11 +72,11 @@ def parabola(curvature: float) -> tuple[Margin, float]:
     return (lambda points: apex + curvature * points[:, 0] ** 2 - points[:, 1]), probability(apex)
 
 
-def holds(found: Estimate, truth: float) -> bool:
+def holds(found: SubsetEstimate, truth: float) -> bool:
     return found.low <= truth <= found.high
 
 
-def most_hold(found: list[Estimate], truth: float) -> bool:
+def most_hold(found: list[SubsetEstimate], truth: float) -> bool:
     """Tell whether nine in ten intervals hold the truth; of 40 that do with 95 %, fewer do in one of 20 cases."""
     return sum(holds(each, truth) for each in found) >= 0.9 * len(found)
 

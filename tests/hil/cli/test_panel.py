@@ -7,21 +7,21 @@ import io
 import pytest
 from rich.console import Console
 
-from liftgate_hil.cli.panel import View, panel_of
-from liftgate_hil.loop.listener import Status
+from liftgate_hil.cli.panel import PanelView, panel_of
+from liftgate_hil.loop.listener import RunStatus
 
-STATUS = Status(12.5, 45.0, 1.5, -0.25, 0.012, 30, 12, 0, 0, 0)
-VIEW = View(open_deg=90.0, duration_s=25.0)
+STATUS = RunStatus(12.5, 45.0, 1.5, -0.25, 0.012, 30, 12, 0, 0, 0)
+VIEW = PanelView(open_deg=90.0, duration_s=25.0)
 
 
-def text_of(status: Status, view: View = VIEW, width: int = 79) -> str:
+def text_of(status: RunStatus, view: PanelView = VIEW, width: int = 79) -> str:
     console = Console(file=io.StringIO(), force_terminal=True, color_system=None, width=width)
     with console.capture() as capture:
         console.print(panel_of(status, view, width), width=width, no_wrap=True)
     return capture.get()
 
 
-def lines_of(status: Status, view: View = VIEW, width: int = 79) -> list[str]:
+def lines_of(status: RunStatus, view: PanelView = VIEW, width: int = 79) -> list[str]:
     return [line.rstrip() for line in text_of(status, view, width).splitlines()]
 
 

@@ -7,7 +7,7 @@ import re
 import pytest
 from pseudo_terminal import as_stderr
 
-from liftgate_hil.cli.progress import Progress, duration_of
+from liftgate_hil.cli.progress import ProgressDisplay, duration_of
 from liftgate_hil.cli.screen import Screen
 
 
@@ -22,7 +22,7 @@ class Clock:
 def test_what_ends_within_two_seconds_is_not_shown(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
-        progress = Progress(Screen(), "convert", clock=clock)
+        progress = ProgressDisplay(Screen(), "convert", clock=clock)
         for _ in range(20):
             progress.update(text="rows")
             clock.now += 0.0999
@@ -33,7 +33,7 @@ def test_what_ends_within_two_seconds_is_not_shown(monkeypatch):
 def test_what_takes_longer_says_how_long_it_takes_and_still_will(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
-        progress = Progress(Screen(), "scenarios", 8, clock=clock)
+        progress = ProgressDisplay(Screen(), "scenarios", 8, clock=clock)
         clock.now += 3.0
         progress.update(2, text="2/8 done")
         line, text = terminal.lines()[1:]
@@ -50,7 +50,7 @@ def test_what_takes_longer_says_how_long_it_takes_and_still_will(monkeypatch):
 def test_it_is_drawn_now_and_then_only(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
-        progress = Progress(Screen(), "convert", clock=clock)
+        progress = ProgressDisplay(Screen(), "convert", clock=clock)
         clock.now += 2.0
         for k in range(10):
             progress.update(text=f"{k} rows")
@@ -61,7 +61,7 @@ def test_it_is_drawn_now_and_then_only(monkeypatch):
 def test_what_was_done_before_does_not_count_as_fast(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
-        progress = Progress(Screen(), "campaign", clock=clock)
+        progress = ProgressDisplay(Screen(), "campaign", clock=clock)
         clock.now += 10.0
         progress.update(60, 100, before=50)
         assert terminal.lines()[1].endswith("10 s, 40 s left")
@@ -70,7 +70,7 @@ def test_what_was_done_before_does_not_count_as_fast(monkeypatch):
 def test_what_takes_a_known_time_needs_no_reports(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
-        progress = Progress(Screen(), "doctor", clock=clock)
+        progress = ProgressDisplay(Screen(), "doctor", clock=clock)
         clock.now += 5.0
         progress.lasts(60.0, "measuring")
         clock.now += 20.0
@@ -82,7 +82,7 @@ def test_what_takes_a_known_time_needs_no_reports(monkeypatch):
 def test_it_has_room_in_forty_columns(monkeypatch):
     with as_stderr(monkeypatch, columns=40) as terminal:
         clock = Clock()
-        progress = Progress(Screen(), "compiling the real-time loop", clock=clock)
+        progress = ProgressDisplay(Screen(), "compiling the real-time loop", clock=clock)
         clock.now += 7.0
         progress.update(7.0, 30.0, "once for this version and machine, which is long")
         line, text = terminal.lines()[1:]
@@ -94,7 +94,7 @@ def test_it_has_room_in_forty_columns(monkeypatch):
 def test_what_has_ended_is_not_drawn_again(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
-        progress = Progress(Screen(), "convert", clock=clock)
+        progress = ProgressDisplay(Screen(), "convert", clock=clock)
         progress.close()
         clock.now += 5.0
         progress.draw()
@@ -103,13 +103,13 @@ def test_what_has_ended_is_not_drawn_again(monkeypatch):
 
 def test_while_nothing_is_reported_a_thread_draws_it(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
-        with Progress(Screen(), "plot", after_s=0.0):
+        with ProgressDisplay(Screen(), "plot", after_s=0.0):
             terminal.wait_for("plot")
         assert terminal.lines() == []
 
 
 def test_without_a_terminal_there_is_no_thread_and_no_text(capsys):
-    with Progress(Screen(), "plot", after_s=0.0) as progress:
+    with ProgressDisplay(Screen(), "plot", after_s=0.0) as progress:
         assert progress._thread is None
         progress.update(text="rows")
     assert capsys.readouterr().err == ""
@@ -123,7 +123,7 @@ def test_durations_are_in_words():
 
 def test_without_a_terminal_there_is_a_plain_line_every_half_minute():
     said, clock = [], Clock()
-    progress = Progress(Screen(is_off=True), "identify", clock=clock, plain=said.append)
+    progress = ProgressDisplay(Screen(is_off=True), "identify", clock=clock, plain=said.append)
     for k in range(70):
         progress.update(text=f"iteration {k}")
         clock.now += 1.0
@@ -132,11 +132,11 @@ def test_without_a_terminal_there_is_a_plain_line_every_half_minute():
     progress.update()
     assert said == ["identify: 30 s, iteration 30", "identify: 1 min 0 s, iteration 60"]
     clock.now += 60.0
-    other = Progress(Screen(is_off=True), "scenarios", 8, clock=clock, plain=said.append)
+    other = ProgressDisplay(Screen(is_off=True), "scenarios", 8, clock=clock, plain=said.append)
     clock.now += 45.0
     other.update(2)
     assert said[2:] == ["scenarios: 45 s, 25%"]
-    Progress(Screen(is_off=True), "nothing", clock=clock).update()
+    ProgressDisplay(Screen(is_off=True), "nothing", clock=clock).update()
     clock.now += 60.0
     other.update(8)  # done: the result comes next
     assert len(said) == 3

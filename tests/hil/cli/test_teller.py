@@ -10,11 +10,11 @@ from types import SimpleNamespace
 import pytest
 from pseudo_terminal import as_stderr
 
-from liftgate_hil.cli.panel import View
+from liftgate_hil.cli.panel import PanelView
 from liftgate_hil.cli.teller import Teller
-from liftgate_hil.loop.listener import Status
+from liftgate_hil.loop.listener import RunStatus
 
-STATUS = Status(1.25, 12.5, 1.5, -0.25, 0.012, 30, 12, 0, 0, 0)
+STATUS = RunStatus(1.25, 12.5, 1.5, -0.25, 0.012, 30, 12, 0, 0, 0)
 
 
 class Clock:
@@ -55,7 +55,7 @@ def test_the_panel_is_drawn_a_few_times_a_second(monkeypatch: pytest.MonkeyPatch
 def test_a_run_that_waits_for_nobody_is_shown_if_it_takes_long(monkeypatch: pytest.MonkeyPatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
-        teller = Teller(is_quiet=False, view=View(after_s=2.0), clock=clock)
+        teller = Teller(is_quiet=False, view=PanelView(after_s=2.0), clock=clock)
         for _ in range(2):
             teller.status(STATUS)
             clock.now += 1.9
@@ -140,7 +140,7 @@ def test_nobody_has_to_listen(monkeypatch: pytest.MonkeyPatch):
 
 def test_it_goes_to_a_worker_without_its_panel(monkeypatch: pytest.MonkeyPatch):
     with as_stderr(monkeypatch) as terminal:
-        teller = Teller(is_quiet=False, view=View(drives=1))
+        teller = Teller(is_quiet=False, view=PanelView(drives=1))
         there = pickle.loads(pickle.dumps(teller))
         there.status(STATUS)
         assert "motors   1.50 A" in terminal.lines()

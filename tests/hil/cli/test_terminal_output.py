@@ -155,18 +155,18 @@ def test_every_command_that_may_take_long_has_progress(
 
     The doctor waits 5 s for drivers to answer.
     """
-    from liftgate_hil.cli.progress import Progress
+    from liftgate_hil.cli.progress import ProgressDisplay
 
     Path("s.toml").write_text('duration = 0.05\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n')
     assert main(["simulate", "--voltage", "5", "--duration", "1", "--output", "run.csv"]) == 0
     ended: list[str] = []
-    closed = Progress.close
+    closed = ProgressDisplay.close
 
-    def close(self: Progress) -> None:
+    def close(self: ProgressDisplay) -> None:
         closed(self)
         ended.append(self._what)
 
-    monkeypatch.setattr(Progress, "close", close)
+    monkeypatch.setattr(ProgressDisplay, "close", close)
     at_once(monkeypatch)
     with as_stderr(monkeypatch) as terminal:
         main(command)

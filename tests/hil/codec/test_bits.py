@@ -17,7 +17,7 @@ from liftgate_hil.codec.bits import (
     FLOAT64,
     SIGNED,
     UNSIGNED,
-    Place,
+    BitPlace,
     extract,
     insert,
     read_number,
@@ -39,7 +39,7 @@ def sum_of(kind: int, identifier: int, frame: np.ndarray, length: int, skip: int
     return checksum(table[0], frame, 0)
 
 
-def bits_of(place: Place) -> list[int]:
+def bits_of(place: BitPlace) -> list[int]:
     """The bit numbers (8 · byte + bit) of a place, lowest first, counted one by one."""
     byte, bit = place.byte, place.shift
     numbers = []
@@ -52,7 +52,7 @@ def bits_of(place: Place) -> list[int]:
 
 
 @st.composite
-def places(draw: st.DrawFn, longest: int = 64) -> Place:
+def places(draw: st.DrawFn, longest: int = 64) -> BitPlace:
     length = draw(st.integers(1, longest))
     shift = draw(st.integers(0, 7))
     stride = draw(st.sampled_from((1, -1)))
@@ -60,7 +60,7 @@ def places(draw: st.DrawFn, longest: int = 64) -> Place:
     byte = draw(st.integers(0, MAX - spanned))
     if stride < 0:
         byte += spanned - 1
-    return Place(byte, shift, length, stride, draw(st.sampled_from((UNSIGNED, SIGNED))))
+    return BitPlace(byte, shift, length, stride, draw(st.sampled_from((UNSIGNED, SIGNED))))
 
 
 payloads = st.binary(min_size=MAX, max_size=MAX)
@@ -72,7 +72,7 @@ def array_of(payload: bytes) -> np.ndarray:
 
 @CALM
 @given(payloads, places(32))
-def test_bits_are_read_one_by_one_from_the_lowest(payload: bytes, place: Place):
+def test_bits_are_read_one_by_one_from_the_lowest(payload: bytes, place: BitPlace):
     expected = sum(
         (payload[number // 8] >> (number % 8) & 1) << index for index, number in enumerate(bits_of(place))
     )
@@ -81,7 +81,7 @@ def test_bits_are_read_one_by_one_from_the_lowest(payload: bytes, place: Place):
 
 @CALM
 @given(payloads, places(32), st.data())
-def test_writing_changes_no_bit_outside_the_place(payload: bytes, place: Place, data: st.DataObject):
+def test_writing_changes_no_bit_outside_the_place(payload: bytes, place: BitPlace, data: st.DataObject):
     raw = data.draw(st.integers(0, (1 << place.length) - 1))
     after = array_of(payload)
     insert(after, 0, *place[:4], np.int64(raw))
@@ -94,7 +94,7 @@ def test_writing_changes_no_bit_outside_the_place(payload: bytes, place: Place, 
 
 @CALM
 @given(places(), st.data())
-def test_an_integer_comes_back_as_it_was_written(place: Place, data: st.DataObject):
+def test_an_integer_comes_back_as_it_was_written(place: BitPlace, data: st.DataObject):
     if place.kind == SIGNED:
         low, high = -(1 << (place.length - 1)), (1 << (place.length - 1)) - 1
     else:
@@ -110,7 +110,7 @@ def test_an_integer_comes_back_as_it_was_written(place: Place, data: st.DataObje
 
 @CALM
 @given(places(), st.floats(width=32), st.booleans())
-def test_floats_come_back_bit_by_bit(place: Place, value: float, double: bool):
+def test_floats_come_back_bit_by_bit(place: BitPlace, value: float, double: bool):
     length, kind, code = (64, FLOAT64, "<d") if double else (32, FLOAT32, "<f")
     place = place._replace(length=length, kind=kind)
     spanned = (place.shift + length + 7) // 8

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.described_result import Result, Shown, json_of, keys_of
+from liftgate_hil.described_result import DescribedResult, Shown, json_of, keys_of
 
 
 class Errors(NamedTuple):
@@ -25,7 +25,7 @@ class Errors(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Part(Result):
+class Part(DescribedResult):
     name: str
     size: Annotated[float, Shown("size [m]")]
     errors: Annotated[
@@ -34,7 +34,7 @@ class Part(Result):
 
 
 @dataclass(frozen=True)
-class Whole(Result):
+class Whole(DescribedResult):
     parts: Annotated[tuple[Part, ...], Shown("parts", by="name", names=("NAME",), meanings=("a part",))]
     listed: Annotated[tuple[Errors, ...], Shown("list")]
     matrix: Annotated[NDArray[np.float64], Shown("matrix")]

@@ -18,7 +18,7 @@ from liftgate_hil.config.rig import load_rig
 from liftgate_hil.conversion import plot
 from liftgate_hil.conversion.figures.catalogue import FIGURES, drawn
 from liftgate_hil.conversion.figures.pinch import contact_of
-from liftgate_hil.conversion.figures.subject import Drawn, Subject, taken
+from liftgate_hil.conversion.figures.subject import Drawn, FigureSubject, taken
 from liftgate_hil.conversion.table import open_table
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
@@ -64,9 +64,9 @@ def recorded(path: Path, names: tuple[str, ...] = COLUMNS, rows: dict[str, np.nd
     return table(path, values, ",".join(name.split()[-1] for name in names) + "\n")
 
 
-def subject(path: Path, rig: str | None = None, limit: float = 100.0) -> Subject:
+def subject(path: Path, rig: str | None = None, limit: float = 100.0) -> FigureSubject:
     vehicle = vehicle_from("suv", [f"gate.pinch_limit={limit}"])
-    return Subject(path.name, open_table(path, rig), rig, vehicle=vehicle, vehicle_name="suv")
+    return FigureSubject(path.name, open_table(path, rig), rig, vehicle=vehicle, vehicle_name="suv")
 
 
 def draw(name: str, path: Path, **more: Any) -> Drawn:
@@ -344,7 +344,7 @@ def test_a_bus_log_names_what_its_rig_does_not_map(tmp_path: Path) -> None:
 def test_the_limit_is_that_of_the_recorded_vehicle_unless_one_is_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flags: list[str], limit: float | None
 ) -> None:
-    path, seen = tmp_path / "run.mf4", list[Subject]()
+    path, seen = tmp_path / "run.mf4", list[FigureSubject]()
     lh.run("demo", ecu="reference", settings=["gate.pinch_limit=77"], record=[path])
     real = plot.drawn
     monkeypatch.setattr(plot, "drawn", lambda name, subject: (seen.append(subject), real(name, subject))[1])

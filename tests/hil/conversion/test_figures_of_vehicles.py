@@ -15,7 +15,7 @@ from test_figures_of_runs import curve, curves_differ_without_colour, legend_hid
 from liftgate_hil.cli.main import main
 from liftgate_hil.conversion.figures import static
 from liftgate_hil.conversion.figures.catalogue import FIGURES, drawn
-from liftgate_hil.conversion.figures.subject import Subject
+from liftgate_hil.conversion.figures.subject import FigureSubject
 from liftgate_hil.conversion.sheet import write_picture
 from liftgate_hil.conversion.table import open_table
 from liftgate_hil.errors import ConfigError
@@ -32,7 +32,7 @@ def rest_of(name: str, *settings: str) -> Rest:
 
 def figure_of(figure: str, name: str, *settings: str) -> Any:
     vehicle = vehicle_from(name, settings)
-    return drawn(figure, Subject(name, vehicle=vehicle, vehicle_name=name)).figure
+    return drawn(figure, FigureSubject(name, vehicle=vehicle, vehicle_name=name)).figure
 
 
 @pytest.mark.parametrize("name", VEHICLES)
@@ -189,7 +189,7 @@ def test_every_figure_is_written_in_every_format_and_names_quantities_and_units(
     table = open_table(recorded(tmp_path / "run.csv")) if kind.of_recording else None
     vehicle = vehicle_from("suv") if kind.of_vehicle else None
     title = f"{'run.csv' if table else 'suv'}: {kind.meaning}" if figure != "columns" else "run.csv"
-    made = drawn(figure, Subject(title, table, vehicle=vehicle, vehicle_name="suv"))
+    made = drawn(figure, FigureSubject(title, table, vehicle=vehicle, vehicle_name="suv"))
     for suffix, begin in BEGINS.items():
         target = tmp_path / f"a{suffix}"
         write_picture(target, made.figure, figure, made.caption)
@@ -299,6 +299,6 @@ def test_the_caption_tells_which_values_are_not_the_file_s(tmp_path: Path) -> No
 
 def test_a_subject_without_its_part_is_an_error() -> None:
     with pytest.raises(ConfigError, match="FILE: missing"):
-        drawn("phase", Subject("x"))
+        drawn("phase", FigureSubject("x"))
     with pytest.raises(ConfigError, match="`vehicle`: missing"):
-        drawn("forces", Subject("x"))
+        drawn("forces", FigureSubject("x"))

@@ -19,7 +19,7 @@ import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.conversion import picture
 from liftgate_hil.conversion.figures.catalogue import drawn
-from liftgate_hil.conversion.figures.subject import Subject
+from liftgate_hil.conversion.figures.subject import FigureSubject
 from liftgate_hil.conversion.table import Window, chosen, columns_in, open_table, open_whole
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
@@ -226,7 +226,7 @@ def test_wrong_arguments_are_reported(
 def test_by_default_what_does_not_change_is_not_drawn_but_told(tmp_path: Path) -> None:
     head = "time_s,gate_angle_deg,left_current_a,pinch_force_n\n"
     run = open_table(table(tmp_path / "a.csv", [(0.01 * k, 1.0 * k, 2.0 * k, 0.0) for k in range(5)], head))
-    subject = Subject("a.csv", run)
+    subject = FigureSubject("a.csv", run)
     made = drawn("columns", subject)
     assert [axis.get_ylabel() for axis in made.figure.axes] == ["gate angle [deg]", "left current [A]"]
     assert made.note == "not drawn, as they do not change: pinch_force_n"
@@ -243,7 +243,7 @@ def test_marks_are_numbered_lines_and_their_texts_a_caption(tmp_path: Path) -> N
     writer.write_mark(5.0, "later")
     writer.close()
     made = drawn(
-        "columns", Subject("a.mf4", open_table(path), columns=["gate_angle_deg"], window=Window(0.0, 0.05))
+        "columns", FigureSubject("a.mf4", open_table(path), columns=["gate_angle_deg"], window=Window(0.0, 0.05))
     )
     (axis,) = made.figure.axes
     assert [each.get_xdata()[0] for each in axis.get_lines() if each.get_linestyle() == ":"] == [0.02]

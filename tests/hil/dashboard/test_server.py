@@ -27,7 +27,7 @@ from liftgate_hil.dashboard.recorded import RecordingSource
 from liftgate_hil.dashboard.source import STATE
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop import statistics
-from liftgate_hil.operate.attachment.server import End, _in_full, _in_short
+from liftgate_hil.operate.attachment.server import RunEnd, _in_full, _in_short
 
 BENCH = ("--bus", "virtual:page", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
 
@@ -112,7 +112,7 @@ def test_the_page_has_exactly_the_keys_of_a_state(client: Client) -> None:
     later = {path for path in STATE_KEYS if path.startswith("end.")}
     assert found == {*STATE_KEYS} - later
     verdict, end = Verdict("moves", "pass"), {*_UNKNOWN_END}
-    assert end == {*End._fields}
+    assert end == {*RunEnd._fields}
     assert {*state["verdicts"][0]} == {*_in_short(verdict)}
     assert later == {
         *(f"end.{name}" for name in end),

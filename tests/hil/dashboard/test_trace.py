@@ -7,7 +7,7 @@ import pytest
 
 from liftgate_hil.codec.frames import LOGGED, no_logged
 from liftgate_hil.dashboard import trace
-from liftgate_hil.dashboard.trace import Trace
+from liftgate_hil.dashboard.trace import FrameTrace
 
 
 def frames(*times: int) -> np.ndarray:
@@ -17,19 +17,19 @@ def frames(*times: int) -> np.ndarray:
 
 
 @pytest.fixture
-def kept(monkeypatch: pytest.MonkeyPatch) -> Trace:
+def kept(monkeypatch: pytest.MonkeyPatch) -> FrameTrace:
     """A trace of ten frames of which six go into one reply."""
     monkeypatch.setattr(trace, "_KEPT", 10)
     monkeypatch.setattr(trace, "MOST_FRAMES", 6)
-    return Trace()
+    return FrameTrace()
 
 
-def after(kept: Trace, number: int) -> tuple[int, list[int]]:
+def after(kept: FrameTrace, number: int) -> tuple[int, list[int]]:
     first, found = kept.after(number)
     return first, found["time_ns"].tolist()
 
 
-def test_each_frame_comes_once_in_its_order(kept: Trace) -> None:
+def test_each_frame_comes_once_in_its_order(kept: FrameTrace) -> None:
     assert after(kept, 0) == (1, [])
     kept.keep(frames(10, 20))
     kept.keep(no_logged())
@@ -41,20 +41,20 @@ def test_each_frame_comes_once_in_its_order(kept: Trace) -> None:
     assert after(kept, 3) == (4, [40])
 
 
-def test_of_more_than_go_into_a_reply_the_latest_come_and_the_number_tells_the_gap(kept: Trace) -> None:
+def test_of_more_than_go_into_a_reply_the_latest_come_and_the_number_tells_the_gap(kept: FrameTrace) -> None:
     kept.keep(frames(*range(1, 10)))
     assert after(kept, 0) == (4, [4, 5, 6, 7, 8, 9])
     assert after(kept, 2) == (4, [4, 5, 6, 7, 8, 9])
     assert after(kept, 6) == (7, [7, 8, 9])
 
 
-def test_the_oldest_are_dropped(kept: Trace) -> None:
+def test_the_oldest_are_dropped(kept: FrameTrace) -> None:
     for k in range(1, 101):
         kept.keep(frames(k))
     assert len(kept._blocks) == 10
     assert after(kept, 0) == (95, [95, 96, 97, 98, 99, 100])
 
 
-def test_a_number_of_another_run_gives_none(kept: Trace) -> None:
+def test_a_number_of_another_run_gives_none(kept: FrameTrace) -> None:
     kept.keep(frames(1, 2))
     assert after(kept, 50) == (3, [])

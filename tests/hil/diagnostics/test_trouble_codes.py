@@ -10,7 +10,7 @@ import pytest
 from liftgate_hil.codec.frames import LOGGED
 from liftgate_hil.diagnostics import services
 from liftgate_hil.diagnostics.answers import NO_ANSWER, Answers
-from liftgate_hil.diagnostics.services import Answer, answer_of
+from liftgate_hil.diagnostics.services import DecodedResponse, answer_of
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.diagnostics.trouble_code import number_of, text_of
 
@@ -91,7 +91,7 @@ def test_other_services_and_refusals_are_no_answers() -> None:
     assert own.marks(frames_of_answers(*others)).tolist() == [NO_ANSWER] * len(others)
     assert own.refused == "ReadDTCInformation: ServiceNotSupported (0x11)"
     assert answer_of(bytes.fromhex("59027F9A0162")) is None  # a code without its status
-    assert answer_of(bytes.fromhex("7F1431")) == Answer(
+    assert answer_of(bytes.fromhex("7F1431")) == DecodedResponse(
         None, "ClearDiagnosticInformation: RequestOutOfRange (0x31)"
     )
 

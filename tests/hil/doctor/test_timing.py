@@ -7,17 +7,17 @@ import pytest
 
 from liftgate_hil.doctor import timing
 from liftgate_hil.doctor.timing import WITH, WITHOUT, Wakeups
-from liftgate_hil.loop.histogram import BINS, NOTHING, Distribution
+from liftgate_hil.loop.histogram import BINS, NOTHING, Quantiles
 from liftgate_hil.loop.realtime_loop import make_room
 from liftgate_hil.loop.wakeups import in_own_thread, measure_wakeups, note_wakeups
 
-CHEAP = Distribution(500, 5.0, 10.0, 20.0, 30.0)
+CHEAP = Quantiles(500, 5.0, 10.0, 20.0, 30.0)
 
 
 def wakeups(
     p999_us: float, missed: int = 0, periods: int = 10_000, long: int = 0, duration: float = 60.0
 ) -> Wakeups:
-    lateness = Distribution(periods, 20.0, 50.0, p999_us, 2 * p999_us)
+    lateness = Quantiles(periods, 20.0, 50.0, p999_us, 2 * p999_us)
     return Wakeups(lateness, missed, periods, long, duration)
 
 

@@ -13,9 +13,9 @@ from liftgate_hil.ecu import memory
 from liftgate_hil.ecu.anti_trap import begin_run, bin_at, learn, reference_at, watch
 from liftgate_hil.ecu.calibration import FINE, FINE_FROM, FINE_TO, PLACES, Calibration
 from liftgate_hil.ecu.controller import DriveCommand, Feedback, take_feedback, update
-from liftgate_hil.ecu.events import Verdict, events_since
+from liftgate_hil.ecu.events import TrapDecision, events_since
 from liftgate_hil.ecu.load import measure_load
-from liftgate_hil.ecu.memory import Memory, constants_of, new_memory
+from liftgate_hil.ecu.memory import EcuMemory, constants_of, new_memory
 from liftgate_hil.ecu.motion_profile import speed_over
 from liftgate_hil.ecu.speed_control import controlled_duty, measure_speed
 
@@ -33,7 +33,9 @@ def new_drive() -> Any:
     return new_memory(1).drives[0]
 
 
-def feed(guard: Any, load: float, cycles: int, position: float = HALFWAY, step: float = 0.0) -> Verdict | None:
+def feed(
+    guard: Any, load: float, cycles: int, position: float = HALFWAY, step: float = 0.0
+) -> TrapDecision | None:
     """A run at a place, or on from there by so many counts a cycle; why it was judged to be trapped, if it was."""
     for cycle in range(cycles):
         place = position + cycle * step
@@ -284,7 +286,7 @@ class Controller:
     """An ECU of one drive by itself."""
 
     def __init__(self) -> None:
-        self.memory: Memory = new_memory(1)
+        self.memory: EcuMemory = new_memory(1)
 
     def request(self, action: int) -> None:
         self.memory.control[0].request = action
@@ -381,7 +383,7 @@ def test_the_last_events_are_kept_however_many_there_were() -> None:
     assert events_since(controller.memory, 98) == told[-1:]
 
 
-def records_of(own: Memory) -> dict[str, Any]:
+def records_of(own: EcuMemory) -> dict[str, Any]:
     """Return what a memory has in a control cycle, word by word, without events, statuses and the course."""
     names = ("command", "control", "drives", "guards")
     return {name: getattr(own, name).view(np.uint64).reshape(-1) for name in names}

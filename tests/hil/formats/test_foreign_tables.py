@@ -13,12 +13,12 @@ from liftgate_hil.cli.main import main
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.csv_header import COMMAS, COMMENTED, NUMBERED
 from liftgate_hil.formats.open import open_file
-from liftgate_hil.formats.recording import ReadOptions, Series
+from liftgate_hil.formats.recording import FileColumn, ReadOptions
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.measurement.table import read_table
 
 
-def series_in(path: Path, *names: str, zone: str | None = None) -> dict[str, Series]:
+def series_in(path: Path, *names: str, zone: str | None = None) -> dict[str, FileColumn]:
     """The columns of a file. Raises ConfigError with all issues."""
     file = open_file(path, how=ReadOptions(zone=None if zone is None else ZoneInfo(zone)))
     issues: list[str] = []

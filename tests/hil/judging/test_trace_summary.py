@@ -14,7 +14,7 @@ from liftgate_hil.judging.envelope import MOST_BINS
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.expected import expected_of
 from liftgate_hil.judging.judge import Judge
-from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary, View
+from liftgate_hil.judging.trace_summary import EnvelopeView, TraceSummarizer, TraceSummary
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 
 RATE = 1000.0
@@ -49,7 +49,7 @@ def sketched(
     return sketcher.trace_summaries()
 
 
-def curve(view: View | None, text: str) -> tuple[Any, Any, Any]:
+def curve(view: EnvelopeView | None, text: str) -> tuple[Any, Any, Any]:
     assert view is not None
     (found,) = (each for each in view.curves if each.side.text == text)
     return view.times, found.low, found.high

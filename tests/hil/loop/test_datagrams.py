@@ -24,7 +24,7 @@ from liftgate_hil.loop.datagrams import (
     BATCH,
     CAPACITY,
     Buffers,
-    Reading,
+    SocketReading,
     Writing,
     make_buffers,
     read_frames,
@@ -48,11 +48,11 @@ def error_of_closing(descriptor: int) -> int:
 class SignalMapping(NamedTuple):
     """Both directions, as Python or as machine code."""
 
-    read_frames: Callable[..., Reading]
+    read_frames: Callable[..., SocketReading]
     write_frames: Callable[..., Writing]
     error_of_closing: Callable[[int], int]
 
-    def read(self, end: socket.socket, room: int = CAPACITY) -> tuple[Rows, list[int], Reading]:
+    def read(self, end: socket.socket, room: int = CAPACITY) -> tuple[Rows, list[int], SocketReading]:
         frames, stamps = empty_frames(room), np.full(room, -1, dtype=np.int64)
         reading = self.read_frames(end.fileno(), make_buffers(), frames, stamps)
         return (rows_of(frames._replace(count=reading.count)), stamps[: reading.count].tolist(), reading)
@@ -110,7 +110,7 @@ def test_the_kernels_structs_arrive_as_frames(wire: SignalMapping, rows: Rows):
     with ours, theirs:
         for row in rows:
             theirs.send(struct_of(*row))
-        assert wire.read(ours) == (rows, [0] * len(rows), Reading(len(rows), 0, -1))
+        assert wire.read(ours) == (rows, [0] * len(rows), SocketReading(len(rows), 0, -1))
 
 
 @pytest.mark.parametrize("size", range(65))
@@ -236,12 +236,12 @@ def test_a_wire_whose_other_end_has_gone_gives_what_came_and_then_nothing(wire: 
         theirs.send(struct_of(0x123, b"abc"))
         theirs.close()
         assert wire.read(ours)[0] == [(0x123, b"abc")]
-        assert wire.read(ours) == ([], [], Reading(0, 0, -1))
+        assert wire.read(ours) == ([], [], SocketReading(0, 0, -1))
         assert wire.write(ours, many(3)) == Writing(0, 0, 3, errno.EPIPE)
 
 
 def test_nothing_there_is_no_error(wire: SignalMapping, pair: Pair):
-    assert wire.read(pair[0]) == ([], [], Reading(0, 0, -1))
+    assert wire.read(pair[0]) == ([], [], SocketReading(0, 0, -1))
 
 
 def test_a_full_queue_is_counted_and_later_frames_go(wire: SignalMapping, pair: Pair):
@@ -264,7 +264,7 @@ def test_a_closed_descriptor_is_an_error_and_no_crash(wire: SignalMapping):
     frames, stamps = empty_frames(8), np.zeros(8, dtype=np.int64)
     for descriptor in (number, -1):
         reading = wire.read_frames(descriptor, make_buffers(), frames, stamps)
-        assert reading == Reading(0, errno.EBADF, -1)
+        assert reading == SocketReading(0, errno.EBADF, -1)
         written = wire.write_frames(descriptor, make_buffers(), frames_of(many(70)), 0)
         assert written == Writing(0, 0, 70, errno.EBADF)
 

@@ -10,7 +10,7 @@ from liftgate_hil.codec.frames import EXTENDED, REMOTE
 from liftgate_hil.codec.receive import NO_COUNTS, receive
 from liftgate_hil.codec.refusals import BAD_CHECKSUM, BAD_COUNTER
 from liftgate_hil.ecu.events import IN_WORDS, Event
-from liftgate_hil.loop.listener import Listener, Status
+from liftgate_hil.loop.listener import Listener, RunStatus
 from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
 from liftgate_hil.plan.loop_start import loop_config_of, start_of
 from liftgate_hil.plan.setup import rig_from, vehicle_from
@@ -25,7 +25,7 @@ REMEDY = "check that `rig` is that of the ECU"
 class NotingListener(Listener):
     def __init__(self) -> None:
         self.said: list[str] = []
-        self.seen: list[Status] = []
+        self.seen: list[RunStatus] = []
 
     def say(self, text: str) -> None:
         self.said.append(text)
@@ -33,7 +33,7 @@ class NotingListener(Listener):
     def happened(self, time_s: float, text: str) -> None:
         self.said.append(f"{time_s} {text}")
 
-    def status(self, status: Status) -> None:
+    def status(self, status: RunStatus) -> None:
         self.seen.append(status)
 
 
@@ -85,7 +85,7 @@ def test_a_sound_command_is_no_news_but_in_the_status(bench: Bench):
     bench.receive(command_payload(bench.rig, 1), tick=10)
     assert bench.look(tick=15) == []
     (status,) = bench.told.seen
-    assert status == Status(0.015, 12.5, 1.5, 0.0, pytest.approx(0.005), 7, 1, 0, 0, 3)
+    assert status == RunStatus(0.015, 12.5, 1.5, 0.0, pytest.approx(0.005), 7, 1, 0, 0, 3)
 
 
 def test_each_first_refusal_is_reported_once_with_what_was_expected(bench: Bench):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.loop.histogram import BINS, NOTHING, bin_of, distribution, note, upper_end
-from liftgate_hil.loop.statistics import BusLoad, Summary, Timing, force_of
+from liftgate_hil.loop.statistics import BusLoad, LoopTiming, Summary, force_of
 from liftgate_hil.transport.base import LinkCounts
 
 
@@ -55,7 +55,7 @@ def test_quantiles_never_fall(late: list[int]):
 
 def test_no_duration_has_no_quantile():
     assert distribution(histogram_of([])) is NOTHING
-    assert Timing().on_bus() == pytest.approx([math.nan] * 9, nan_ok=True)
+    assert LoopTiming().on_bus() == pytest.approx([math.nan] * 9, nan_ok=True)
 
 
 def test_a_millisecond_of_delay_is_2_newtons():

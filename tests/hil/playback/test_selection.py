@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, logged
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.playback.selection import Course, Selection, identifiers_of, playable
+from liftgate_hil.playback.selection import DueTimes, Selection, identifiers_of, playable
 
 NS = 1_000_000_000
 
@@ -34,7 +34,7 @@ def test_frames_in_order_are_due_as_far_apart_as_they_were_however_they_are_read
 ) -> None:
     times = sorted(times)
     frames = recorded(times)
-    course = Course(speed)
+    course = DueTimes(speed)
     parts = [part for part in (frames[:cut], frames[cut:]) if len(part)]
     due = np.concatenate([course.due(part) for part in parts])
     assert due == pytest.approx((frames["time_ns"] - frames["time_ns"][0]) / speed, abs=1.0)
@@ -42,15 +42,15 @@ def test_frames_in_order_are_due_as_far_apart_as_they_were_however_they_are_read
 
 
 def test_with_a_begin_it_counts_from_there_not_from_the_first_frame() -> None:
-    assert Course(begin=2.0).due(recorded([2.5, 3.0])).tolist() == [NS // 2, NS]
+    assert DueTimes(begin=2.0).due(recorded([2.5, 3.0])).tolist() == [NS // 2, NS]
 
 
 def test_a_frame_out_of_turn_goes_at_once_and_moves_none_behind_it() -> None:
-    assert Course().due(recorded([0.0, 1.0, 0.95, 2.0])).tolist() == [0, NS, NS, 2 * NS]
+    assert DueTimes().due(recorded([0.0, 1.0, 0.95, 2.0])).tolist() == [0, NS, NS, 2 * NS]
 
 
 def test_where_the_loggers_clock_was_set_back_time_goes_on() -> None:
-    course = Course()
+    course = DueTimes()
     first = course.due(recorded([100.0, 101.0, 95.0, 96.0]))
     assert first.tolist() == [0, NS, NS, 2 * NS]
     assert course.due(recorded([97.0, 90.0])).tolist() == [3 * NS, 3 * NS]
@@ -58,18 +58,18 @@ def test_where_the_loggers_clock_was_set_back_time_goes_on() -> None:
 
 
 def test_the_next_round_begins_where_this_one_ends() -> None:
-    course = Course(2.0)
+    course = DueTimes(2.0)
     assert course.due(recorded([1.0, 2.0])).tolist() == [0, NS // 2]
     course.begin_again()
     assert course.due(recorded([1.0, 2.0])).tolist() == [NS // 2, NS]
-    course = Course(begin=1.0, end=5.0)
+    course = DueTimes(begin=1.0, end=5.0)
     course.due(recorded([2.0, 3.0]))
     course.begin_again()
     assert course.due(recorded([2.0])).tolist() == [5 * NS]
 
 
 def test_a_round_that_takes_no_time_cannot_be_repeated() -> None:
-    course = Course()
+    course = DueTimes()
     course.due(recorded([1.0, 1.0]))
     with pytest.raises(ConfigError, match="all frames have the same time"):
         course.begin_again()

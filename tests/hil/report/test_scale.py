@@ -9,7 +9,7 @@ from hil_support import CALM
 from hypothesis import given
 from hypothesis import strategies as st
 
-from liftgate_hil.report.scale import Axis, range_of, ticks
+from liftgate_hil.report.scale import LinearScale, range_of, ticks
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
@@ -21,7 +21,7 @@ def test_there_is_an_axis_for_everything(values: list[float], levels: list[float
     assert math.isfinite(low)
     assert math.isfinite(high)
     assert low < high
-    axis = Axis(low, high, 100.0, 0.0)
+    axis = LinearScale(low, high, 100.0, 0.0)
     assert all(axis.inside(each) for each in values if abs(each) < 1e30)
     found = ticks(low, high, most)
     assert len(found) <= most + 2

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from html_page import Page
 
-from liftgate_hil.report.trace_plot import Level, Line, Margin, Panel, Picture, trace_svg
+from liftgate_hil.report.trace_plot import ConstantLine, Margin, Panel, Picture, SignalLine, trace_svg
 
 TIMES = np.linspace(1.0, 3.0, 201)
 
 
-def panel(values: np.ndarray, *levels: Level, margin: Margin | None = None) -> Panel:
-    return Panel("force_n", "N", [Line("force_n", values, values)], list(levels), margin)
+def panel(values: np.ndarray, *levels: ConstantLine, margin: Margin | None = None) -> Panel:
+    return Panel("force_n", "N", [SignalLine("force_n", values, values)], list(levels), margin)
 
 
 def drawn(*panels: Panel, window: tuple[float, float] | None = None) -> str:
@@ -35,7 +35,9 @@ def test_axes_have_names_units_and_round_numbers() -> None:
 
 
 def test_limits_are_lines_with_their_texts() -> None:
-    svg = drawn(panel(np.zeros(201), Level(80.0, "< 80 N", False), Level(5.0, "trigger: > 5 N", True)))
+    svg = drawn(
+        panel(np.zeros(201), ConstantLine(80.0, "< 80 N", False), ConstantLine(5.0, "trigger: > 5 N", True))
+    )
     assert "< 80 N" in Page(svg).text
     (limit,) = heights(svg, "limit")
     (trigger,) = heights(svg, "trigger")
@@ -44,19 +46,19 @@ def test_limits_are_lines_with_their_texts() -> None:
 
 def test_a_limit_far_away_does_not_crush_the_signal() -> None:
     values = np.sin(TIMES)
-    svg = drawn(panel(values, Level(1e4, "< 10000 N", False)))
+    svg = drawn(panel(values, ConstantLine(1e4, "< 10000 N", False)))
     assert heights(svg, "limit") == []
     assert "↑ < 10000 N" in Page(svg).text
     points = re.findall(r"[\d.]+ (-?[\d.]+)(?=L|\")", svg)
     assert max(map(float, points)) - min(map(float, points)) > 80.0
     # Beside a signal that does not move there is nothing to be crushed.
-    assert len(heights(drawn(panel(np.zeros(201), Level(1e4, "", False))), "limit")) == 1
+    assert len(heights(drawn(panel(np.zeros(201), ConstantLine(1e4, "", False))), "limit")) == 1
 
 
 def test_a_margin_reaches_from_the_limit_to_the_value() -> None:
     values = np.where(np.arange(201) == 100, 90.0, 0.0)
     margin = Margin(float(TIMES[100]), 100.0, 90.0, "margin 10 N")
-    svg = drawn(panel(values, Level(100.0, "< 100 N", False), margin=margin))
+    svg = drawn(panel(values, ConstantLine(100.0, "< 100 N", False), margin=margin))
     assert "margin 10 N" in Page(svg).text
     (limit,) = heights(svg, "limit")
     found = re.search(r'class="margin" d="M([\d.]+) ([\d.]+)V([\d.]+)"', svg)
@@ -70,7 +72,7 @@ def test_a_margin_reaches_from_the_limit_to_the_value() -> None:
 def test_the_label_of_a_margin_lies_on_no_limit(value: float) -> None:
     values = np.where(np.arange(201) == 100, value, 0.0)
     margin = Margin(float(TIMES[100]), 100.0, value, "margin here")
-    svg = drawn(panel(values, Level(100.0, "< 100 N", False), margin=margin))
+    svg = drawn(panel(values, ConstantLine(100.0, "< 100 N", False), margin=margin))
     (limit,) = heights(svg, "limit")
     found = re.search(r'<text x="[\d.]+" y="([\d.]+)"[^>]*>margin here<', svg)
     assert found is not None
@@ -98,7 +100,7 @@ def test_a_step_keeps_its_corners_and_a_level_line_has_no_more_than_two_points()
 
 
 def test_a_bin_of_several_values_is_a_band() -> None:
-    band = Panel("x", "", [Line("x", np.zeros(201), np.ones(201))])
+    band = Panel("x", "", [SignalLine("x", np.zeros(201), np.ones(201))])
     (path,) = re.findall(r'class="k k0 b" d="([^"]*)"', drawn(band))
     assert path.endswith("Z")
     assert path.count(" ") == 4  # a rectangle
@@ -117,7 +119,7 @@ def test_a_window_is_reported_with_both_ends(window: tuple[float, float]) -> Non
 
 
 def test_names_of_values_stand_at_the_axis() -> None:
-    own = Panel("latched", "", [Line("latched", np.zeros(201), np.ones(201))])
+    own = Panel("latched", "", [SignalLine("latched", np.zeros(201), np.ones(201))])
     own.names = {0.0: "open", 1.0: "latched & <shut>"}
     words = Page(drawn(own)).text
     assert "0 open" in words
@@ -129,11 +131,11 @@ def test_a_picture_of_noise_stays_small() -> None:
     rng = np.random.default_rng(1)
     times = np.arange(1000) * 0.001
     low, high = rng.normal(-5, 1, 1000), rng.normal(5, 1, 1000)
-    picture = Picture(times, [Panel("x", "", [Line("x", low, high)])])
+    picture = Picture(times, [Panel("x", "", [SignalLine("x", low, high)])])
     assert len(trace_svg(picture, "noise")) < 30_000
 
 
 def test_a_single_tick_is_a_picture_too() -> None:
     one = np.array([1.0])
-    picture = Picture(one, [Panel("x", "", [Line("x", one, one)])], (1.0, 1.0), "window opens")
+    picture = Picture(one, [Panel("x", "", [SignalLine("x", one, one)])], (1.0, 1.0), "window opens")
     assert "nan" not in trace_svg(picture, "<one & only>")

@@ -17,7 +17,7 @@ import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.testing.judged_suite import cases_of, judge_suite
-from liftgate_hil.testing.recorded_run import Track
+from liftgate_hil.testing.recorded_run import ColumnSamples
 from liftgate_hil.testing.rejudge import expectations_of
 from liftgate_hil.testing.request import JudgeRequest
 
@@ -235,7 +235,7 @@ def test_a_rig_refuses_what_its_protection_refuses_on_the_bus(tmp_path: Path) ->
     assert lh.judge([tmp_path / "m.log"], own, rig=CAR / "theirs.toml")["x"].verdict == "fail"
 
 
-def by_hand(track: Track, at: list[int]) -> list[float]:
+def by_hand(track: ColumnSamples, at: list[int]) -> list[float]:
     seen: Callable[[int], list[float]] = lambda now: [  # noqa: E731
         value for time, value in zip(track.times_us.tolist(), track.values.tolist(), strict=True) if time <= now
     ]
@@ -245,7 +245,7 @@ def by_hand(track: Track, at: list[int]) -> list[float]:
 @CALM
 @given(st.lists(st.integers(0, 40), unique=True, max_size=12), st.lists(st.integers(-5, 45), max_size=12))
 def test_a_column_has_its_last_sample_in_each_tick(times: list[int], at: list[int]) -> None:
-    track = Track(np.array(sorted(times), dtype=np.int64), np.arange(len(times), dtype=float))
+    track = ColumnSamples(np.array(sorted(times), dtype=np.int64), np.arange(len(times), dtype=float))
     np.testing.assert_equal(track.held(np.array(at, dtype=np.int64)), by_hand(track, at))
 
 

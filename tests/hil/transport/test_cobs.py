@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from serial_lines import line_of, noisy_line
 
-from liftgate_hil.transport.cobs import BadFrames, Decoder, crc16, encode, stuff, unstuff
+from liftgate_hil.transport.cobs import BadFrames, CobsDecoder, crc16, encode, stuff, unstuff
 
 PAGE = Path(__file__).parents[3] / "docs" / "serial-line.md"
 identifiers = st.integers(0, 0x7FF)
@@ -79,7 +79,7 @@ def test_what_the_line_has_no_room_for_is_refused(identifier: int, size: int):
 def test_frames_come_out_as_they_went_in_however_they_are_cut(rows: list[tuple[int, bytes]], cuts: list[int]):
     line = line_of(rows)
     assert line.count(0) == len(rows)
-    decoder = Decoder()
+    decoder = CobsDecoder()
     places = sorted({0, len(line), *(cut for cut in cuts if cut < len(line))})
     got = [row for start, end in pairwise(places) for row in decoder.feed(line[start:end])]
     assert got == rows
@@ -89,7 +89,7 @@ def test_frames_come_out_as_they_went_in_however_they_are_cut(rows: list[tuple[i
 @CALM
 @given(st.lists(frames, min_size=1), st.integers(1, 5))
 def test_zeros_between_frames_are_nothing(rows: list[tuple[int, bytes]], zeros: int):
-    decoder = Decoder()
+    decoder = CobsDecoder()
     line = bytes(zeros) + b"".join(encode(*row) + bytes(zeros) for row in rows)
     assert decoder.feed(line) == rows
     assert decoder.counts == BadFrames()
@@ -101,7 +101,7 @@ def test_zeros_between_frames_are_nothing(rows: list[tuple[int, bytes]], zeros: 
 @CALM
 @given(st.binary(max_size=300), frames)
 def test_the_next_whole_frame_after_garbage_gets_through(garbage: bytes, frame: tuple[int, bytes]):
-    decoder = Decoder()
+    decoder = CobsDecoder()
     decoder.feed(garbage + b"\0")
     assert decoder.feed(encode(*frame)) == [frame]
 
@@ -113,7 +113,7 @@ def test_a_frame_cut_inside_costs_itself_only(
 ):
     whole = encode(*frame)
     at = data.draw(st.integers(1, len(whole) - 2))
-    decoder = Decoder()
+    decoder = CobsDecoder()
     got = decoder.feed(whole[:at] + b"\0" + encode(*following))
     assert got == [following]
     assert sum(decoder.counts) == 1
@@ -127,7 +127,7 @@ def test_one_flipped_bit_is_never_taken_for_a_frame(
     line = bytearray(encode(*frame) + b"\0" + encode(*following))
     bit = data.draw(st.integers(0, 8 * len(encode(*frame)) - 1))
     line[bit // 8] ^= 1 << bit % 8
-    decoder = Decoder()
+    decoder = CobsDecoder()
     got = decoder.feed(bytes(line))
     # A flip in the first delimiter joins the frame with the empty one after it: still not accepted.
     assert got == [following]
@@ -149,16 +149,16 @@ def test_one_flipped_bit_is_never_taken_for_a_frame(
     ],
 )  # fmt: skip
 def test_each_bad_frame_counts_under_its_cause(line: bytes, cause: BadFrames):
-    decoder = Decoder()
+    decoder = CobsDecoder()
     assert decoder.feed(line) == []
     assert decoder.counts == cause
-    one_by_one = Decoder()
+    one_by_one = CobsDecoder()
     assert [one_by_one.feed(line[i : i + 1]) for i in range(len(line))] == [[]] * len(line)
     assert one_by_one.counts == cause
 
 
 def test_garbage_without_any_zero_takes_no_memory_and_counts_once():
-    decoder = Decoder()
+    decoder = CobsDecoder()
     for _ in range(1000):
         assert decoder.feed(b"\xaa" * 1000) == []
         assert len(decoder._pending) < 70
@@ -169,7 +169,7 @@ def test_garbage_without_any_zero_takes_no_memory_and_counts_once():
 @pytest.mark.parametrize("seed", range(20))
 def test_a_bad_line_delivers_nothing_that_was_not_sent(seed: int):
     sent, line = noisy_line(seed)
-    decoder = Decoder()
+    decoder = CobsDecoder()
     got = decoder.feed(line)
     remaining = iter(sent)
     assert all(frame in remaining for frame in got)  # in order, none made up

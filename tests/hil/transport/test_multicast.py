@@ -20,7 +20,7 @@ from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.errors import ConfigError, TransportError
-from liftgate_hil.loop.datagrams import CAPACITY, Reading, make_buffers, read_frames
+from liftgate_hil.loop.datagrams import CAPACITY, SocketReading, make_buffers, read_frames
 from liftgate_hil.transport import multicast
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.can_arguments import bus_arguments
@@ -129,7 +129,7 @@ def test_dropped_frames_come_to_the_loop_with_the_next_one_those_before_the_star
     assert pump.dropped() == 0
     transport._receiving = transport._receiving._replace(dropped=before + 123)  # the kernel's count goes on
     other.send(GOOD)
-    frames, stamps, reading = empty_frames(CAPACITY), np.zeros(CAPACITY, dtype=np.int64), Reading(0, 0, -1)
+    frames, stamps, reading = empty_frames(CAPACITY), np.zeros(CAPACITY, dtype=np.int64), SocketReading(0, 0, -1)
     while reading.count == 0:
         reading = read_frames(pump.descriptor, make_buffers(), frames, stamps)
     assert (reading.count, reading.dropped) == (1, 123)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from serial_lines import line_of, noisy_line
 
 import liftgate_hil.transport
-from liftgate_hil.transport.cobs import Decoder, encode, stuff
+from liftgate_hil.transport.cobs import CobsDecoder, encode, stuff
 
 HEADERS = Path(liftgate_hil.transport.__file__).parent
 
@@ -150,7 +150,7 @@ def c_decode(header: ctypes.CDLL, line: bytes) -> tuple[list[tuple[int, bytes]],
     return got, dict(zip(COUNTERS, counters, strict=True))
 
 
-def said_alike(decoder: Decoder, counters: dict[str, int]) -> bool:
+def said_alike(decoder: CobsDecoder, counters: dict[str, int]) -> bool:
     return tuple(decoder.counts) == tuple(counters[name] for name in COUNTERS[1:])
 
 
@@ -161,14 +161,14 @@ def test_c_and_python_agree_on_every_size(header: ctypes.CDLL, fill: Callable[[i
     for row in rows:
         assert c_encode(header, *row) == encode(*row)
     assert c_decode(header, line_of(rows))[0] == rows
-    assert Decoder().feed(b"".join(c_encode(header, *row) for row in rows)) == rows
+    assert CobsDecoder().feed(b"".join(c_encode(header, *row) for row in rows)) == rows
 
 
 @needs_compiler
 @pytest.mark.parametrize("seed", range(20))
 def test_c_and_python_agree_on_a_bad_line(header: ctypes.CDLL, seed: int):
     _, line = noisy_line(seed)
-    decoder = Decoder()
+    decoder = CobsDecoder()
     got, counters = c_decode(header, line)
     assert got == decoder.feed(line)
     assert said_alike(decoder, counters)
@@ -180,7 +180,7 @@ def test_c_and_python_agree_on_any_bytes(header: ctypes.CDLL):
     @CALM
     @given(st.binary(max_size=300) | st.binary(max_size=80).map(lambda raw: stuff(raw) + b"\0"))
     def agree(line: bytes) -> None:
-        decoder = Decoder()
+        decoder = CobsDecoder()
         got, counters = c_decode(header, line)
         assert got == decoder.feed(line)
         assert said_alike(decoder, counters)

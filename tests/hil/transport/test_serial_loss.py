@@ -12,7 +12,7 @@ from serial_peers import Server, Terminal, descriptors, opened, wait_for
 
 from liftgate_hil.transport import serial_open
 from liftgate_hil.transport.base import LinkCounts
-from liftgate_hil.transport.cobs import Decoder, encode
+from liftgate_hil.transport.cobs import CobsDecoder, encode
 from liftgate_hil.transport.serial_port import SerialTransport
 
 
@@ -38,7 +38,7 @@ def test_a_terminal_that_vanishes_and_returns_a_hundred_times_leaks_nothing(
             terminal.plug()
             wait_for(lambda: (line.receive(), line.is_up)[1], "the port did not come back")
             line.send(frames_of(ROWS))
-            assert Decoder().feed(terminal.read()) == ROWS
+            assert CobsDecoder().feed(terminal.read()) == ROWS
             terminal.write(line_of(ROWS))
             assert rows_of(line.receive(timeout=5.0)) == ROWS
             assert (descriptors(), threading.active_count()) == (files, threads)
@@ -86,7 +86,7 @@ def test_a_socket_that_is_closed_and_back_goes_on(server: Server):
             wait_for(lambda: (line.receive(), line.is_up)[1], "the socket did not come back")
             line.send(frames_of(ROWS))
             server.client.settimeout(5.0)
-            assert Decoder().feed(server.client.recv(4096)) == ROWS
+            assert CobsDecoder().feed(server.client.recv(4096)) == ROWS
             server.drop()
             wait_for(lambda: not (line.receive(), line.is_up)[1], "the loss was not noticed")
             assert line.counts().losses == cycle + 1

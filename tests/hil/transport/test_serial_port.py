@@ -19,7 +19,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError, TransportError
 from liftgate_hil.transport import serial_port
 from liftgate_hil.transport.base import LinkCounts
-from liftgate_hil.transport.cobs import Decoder, encode
+from liftgate_hil.transport.cobs import CobsDecoder, encode
 from liftgate_hil.transport.find import WireChoice, check_serial, find_way, open_transport
 from liftgate_hil.transport.serial_open import parse_serial
 from liftgate_hil.transport.serial_port import CAPACITY, SerialTransport
@@ -179,7 +179,7 @@ def test_a_long_payload_is_marked_as_can_fd(terminal: Terminal, line: SerialTran
     got = rows_of(line.receive(timeout=5.0))
     assert got == [(0x100 | FD, bytes(9)), (0x101 | FD, bytes(64)), (0x102, bytes(8))]
     line.send(frames_of([(0x101 | FD, bytes(64))]))
-    assert Decoder().feed(terminal.read()) == [(0x101, bytes(64))]
+    assert CobsDecoder().feed(terminal.read()) == [(0x101, bytes(64))]
 
 
 @pytest.mark.parametrize("identifier", [0x123 | EXTENDED, 0x123 | REMOTE, 0x123 | ERROR, 0x800])
@@ -187,7 +187,7 @@ def test_what_the_line_cannot_carry_is_counted_and_the_others_go(
     terminal: Terminal, line: SerialTransport, identifier: int
 ):
     line.send(frames_of([(1, b"a"), (identifier, b""), (2, b"b")]))
-    assert Decoder().feed(terminal.read()) == [(1, b"a"), (2, b"b")]
+    assert CobsDecoder().feed(terminal.read()) == [(1, b"a"), (2, b"b")]
     assert line.counts() == LinkCounts(send_failures=1)
 
 
@@ -225,7 +225,7 @@ def test_frames_for_a_stalled_reader_are_dropped_whole_and_counted(terminal: Ter
         line.send(frames_of(rows[start : start + 10]))
     failed = line.counts().send_failures
     assert 0 < failed < len(rows)
-    decoder = Decoder()
+    decoder = CobsDecoder()
     got = decoder.feed(terminal.read())
     line.send(frames_of(ROWS))
     got += decoder.feed(terminal.read())
@@ -271,7 +271,7 @@ def test_wherever_a_write_is_cut_the_next_frame_is_whole(first: int, second: int
         rows = [(number, bytes([number]) * 8) for number in range(1, 10)]
         for start in (0, 3, 6):
             transport.send(frames_of(rows[start : start + 3]))
-        decoder = Decoder()
+        decoder = CobsDecoder()
         got = decoder.feed(narrow.line)
         assert got[-3:] == rows[6:]
         assert all(row in rows for row in got)

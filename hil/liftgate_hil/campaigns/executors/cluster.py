@@ -20,7 +20,7 @@ from typing import Any
 
 from liftgate_hil.campaigns.base import Base
 from liftgate_hil.campaigns.executors.executor import Batch, Done
-from liftgate_hil.campaigns.executors.task import Answer, Content, differs, end_slots, evaluated
+from liftgate_hil.campaigns.executors.task import PickledBase, TaskResult, differs, end_slots, evaluated
 from liftgate_hil.campaigns.store import KEPT, Store, StoreError, unpacked
 from liftgate_hil.errors import ConfigError, LiftgateError, text_of, words_of
 from liftgate_hil.version import versions
@@ -62,7 +62,7 @@ class Cluster:
                 f"`scheduler` {address}: {words_of(error)}; allowed: the address of a Dask scheduler"
             ) from None
         self._refused: set[str] = set()
-        self._content = Content.of(base)
+        self._content = PickledBase.of(base)
         try:
             self._prepare()
         except BaseException:
@@ -144,18 +144,18 @@ class Cluster:
             pure=False, retries=0, workers=allowed,
         )  # fmt: skip
 
-    def _answers(self, futures: list[Any]) -> Iterator[tuple[Any, Answer | None]]:
+    def _answers(self, futures: list[Any]) -> Iterator[tuple[Any, TaskResult | None]]:
         """Yield tasks that have ended, with their answers; see `_answer`. Those without a fault come at once."""
         futures = futures[:_TOGETHER]
         good = [each for each in futures if each.status == "finished"]
-        fetched: dict[Any, Answer] = {}
+        fetched: dict[Any, TaskResult] = {}
         with contextlib.suppress(Exception):  # they are fetched one by one then, which tells whose it is
             answers = within(_CONNECT_S, partial(self._client.gather, good))
             fetched = dict(zip(good, answers, strict=True))
         for each in futures:
             yield each, self._answer(each, fetched.get(each))
 
-    def _answer(self, future: Any, answer: Answer | None = None) -> Answer | None:
+    def _answer(self, future: Any, answer: TaskResult | None = None) -> TaskResult | None:
         """Return the answer of a task; None: its batch is to be submitted again. Raises LiftgateError."""
         try:
             answer = answer or future.result(timeout=_CONNECT_S)

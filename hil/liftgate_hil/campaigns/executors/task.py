@@ -24,7 +24,7 @@ _COMPARED = ("liftgate-hil", "python", "numba", "llvmlite", "numpy")  # packages
 _idle = IdleSlots()  # of this worker of the cluster
 
 
-class Answer(NamedTuple):
+class TaskResult(NamedTuple):
     """Answer of a task; either the batch is stored, or its table is here, or it was refused."""
 
     retried: int
@@ -32,13 +32,13 @@ class Answer(NamedTuple):
     refused: str = ""  # why this worker does not take part, with its name
 
 
-class Content(NamedTuple):
+class PickledBase(NamedTuple):
     """A pickled base, compressed, as each task carries it: what is scattered is lost with those that hold it."""
 
     packed: bytes
 
     @classmethod
-    def of(cls, base: Base) -> Content:
+    def of(cls, base: Base) -> PickledBase:
         """Return the content of a base."""
         return cls(zlib.compress(pickle.dumps(base)))
 
@@ -47,7 +47,7 @@ class Content(NamedTuple):
         return zlib.decompress(self.packed)
 
 
-def evaluated(content: Content, token: str, values: Floats, name: str, store: Store, mark: str) -> Answer:
+def evaluated(content: PickledBase, token: str, values: Floats, name: str, store: Store, mark: str) -> TaskResult:
     """Evaluate a batch in this worker of the cluster, in a slot of the client that `token` names.
 
     Raises LiftgateError, StoreError; Reschedule, on which the scheduler has the task run again, where nobody waits
@@ -58,10 +58,10 @@ def evaluated(content: Content, token: str, values: Floats, name: str, store: St
     pickled = content.pickled()
     base: Base = unpickled(pickled)
     if text := differs(versions(), base.versions):
-        return Answer(0, refused=f"worker {get_worker().address}: {text}")
+        return TaskResult(0, refused=f"worker {get_worker().address}: {text}")
     is_shared = store.is_shared(mark)
     if is_shared and store.get(name) is not None:  # evaluated by a worker that died before it could say so
-        return Answer(0)
+        return TaskResult(0)
     slot = _idle.take(token) or Slot(base, pickled)
     before = slot.retried
     try:
@@ -74,8 +74,8 @@ def evaluated(content: Content, token: str, values: Floats, name: str, store: St
     table = table_of(base, values, rows)
     if is_shared:
         store.put(name, table)
-        return Answer(retried)
-    return Answer(retried, packed(table))
+        return TaskResult(retried)
+    return TaskResult(retried, packed(table))
 
 
 def _evaluate(slot: Slot, values: Floats) -> None:

@@ -31,7 +31,7 @@ _FIRST_LENGTH = 0.6  # of a move, in standard deviations (the same); adapted fro
 _LEAST_LENGTH = 0.02  # where nothing is accepted, for example on a thin plateau: moves must not come to rest
 
 
-class Level(NamedTuple):
+class SubsetLevel(NamedTuple):
     """Level of subset simulation: a threshold that a run has reached; the last one of a run is the failure."""
 
     cell: int
@@ -45,7 +45,7 @@ class Level(NamedTuple):
 class Population(NamedTuple):
     """A run's end in its cell."""
 
-    levels: tuple[Level, ...]
+    levels: tuple[SubsetLevel, ...]
     reached: float  # probability of the cell and the last level before failure
     probability: float  # of the cell and failure; 0 where no point has failed
     variance: float  # of `probability`, relative to its square
@@ -84,21 +84,21 @@ def populate(run: Run, rng: np.random.Generator) -> Generator[Floats, Floats, Po
     own = np.arange(run.size)
     state = _State(points, (yield points), own, own, _FIRST_LENGTH)
     left = run.allowance - run.size
-    levels: list[Level] = []
+    levels: list[SubsetLevel] = []
     reached, variance = float(run.cells.probabilities[run.cell]), 0.0
     while np.mean(state.margins < 0.0) < SHARE:
         threshold = _next_threshold(state.margins)
         if threshold is None or left < (cost := run.size - int(np.sum(state.margins <= threshold))):
             break
         kept = state.margins <= threshold
-        levels.append(Level(run.cell, run.number, threshold, float(np.mean(kept))))
+        levels.append(SubsetLevel(run.cell, run.number, threshold, float(np.mean(kept))))
         reached *= float(np.mean(kept))
         variance += _relative_variance(kept, state.parents)
         left -= cost
         state = yield from _moved(run, state.part(kept), threshold, run.size, rng)
     failed = state.margins < 0.0
     share = float(np.mean(failed))
-    levels.append(Level(run.cell, run.number, 0.0, share))
+    levels.append(SubsetLevel(run.cell, run.number, 0.0, share))
     end, ancestors = state.part(failed), len(np.unique(state.chains))
     if share > 0.0:
         variance += _relative_variance(failed, state.parents)

@@ -24,7 +24,14 @@ from numpy.typing import NDArray
 
 from liftgate_hil.campaigns.probability.cells import Cells, between
 from liftgate_hil.campaigns.probability.mixture import Mixture, Sample
-from liftgate_hil.campaigns.probability.population import SHARE, Level, Population, Run, populate, side_by_side
+from liftgate_hil.campaigns.probability.population import (
+    SHARE,
+    Population,
+    Run,
+    SubsetLevel,
+    populate,
+    side_by_side,
+)
 from liftgate_hil.campaigns.share import clopper_pearson
 
 Floats = NDArray[np.float64]
@@ -48,7 +55,7 @@ _NONE_SEEN = 3.0  # over n: 95 % upper limit of a probability of which n indepen
 
 
 @dataclass(frozen=True)
-class Estimate:
+class SubsetEstimate:
     """A probability of failure."""
 
     probability: float  # 0 where nothing has failed: `high` is then all that is known
@@ -59,7 +66,7 @@ class Estimate:
     unknown: int  # evaluations without a verdict, taken as not failed
     bounded: bool  # whether the levels ended before any failure: `high` is no more than an upper bound
     method: str  # "Monte Carlo", "importance sampling" or "subset simulation"
-    levels: tuple[Level, ...]  # of each run
+    levels: tuple[SubsetLevel, ...]  # of each run
 
 
 class _Coverage(NamedTuple):
@@ -72,7 +79,7 @@ class _Coverage(NamedTuple):
 
 def subset_simulation(
     dimension: int, seed: int, pockets: Floats | None = None, evaluations: int = 5000
-) -> Generator[Floats, Floats, Estimate]:
+) -> Generator[Floats, Floats, SubsetEstimate]:
     """Estimate the probability that a margin is negative; yields points (n, d), is sent their margins (n,).
 
     The points are in standard normal space, d = `dimension`. A margin that is NaN is no verdict. `pockets` (k, d)
@@ -98,7 +105,7 @@ def subset_simulation(
         try:
             points = steps.send(np.where(np.isnan(margins), np.inf, margins))
         except StopIteration as end:
-            estimate: Estimate = end.value
+            estimate: SubsetEstimate = end.value
             return estimate
 
 
@@ -112,9 +119,9 @@ class _Simulation:
         self._seed = seed
         self._pockets = pockets[np.any(pockets != 0.0, axis=1)]  # the origin has no direction
         self._evaluations = evaluations
-        self._levels: tuple[Level, ...] = ()
+        self._levels: tuple[SubsetLevel, ...] = ()
 
-    def steps(self) -> Generator[Floats, Floats, Estimate]:
+    def steps(self) -> Generator[Floats, Floats, SubsetEstimate]:
         """Yield points, be sent margins without NaN, and return the estimate."""
         connected: list[tuple[int, int]] = []
         if len(self._pockets) > 1:
@@ -156,7 +163,7 @@ class _Simulation:
         self._levels += tuple(level for each in populations for level in each.levels)
         return [populations[i * cells.count : (i + 1) * cells.count] for i in range(len(numbers))]
 
-    def _monte_carlo(self) -> Generator[Floats, Floats, Estimate]:
+    def _monte_carlo(self) -> Generator[Floats, Floats, SubsetEstimate]:
         """Return the share of failures among independent points, with Clopper and Pearson's interval."""
         count = self._left
         margins = yield self._rng(2).standard_normal((count, self._dimension))
@@ -164,7 +171,7 @@ class _Simulation:
         variation = math.sqrt((1.0 - failed / count) / failed) if failed else math.inf
         return self._estimate("Monte Carlo", failed / count, variation, clopper_pearson(failed, count))
 
-    def _bound(self, runs: Sequence[Cellwise]) -> Estimate:
+    def _bound(self, runs: Sequence[Cellwise]) -> SubsetEstimate:
         """Return the upper bound when no point has failed: the last levels' probability, none failing there."""
         high = 0.0
         for cell in zip(*runs, strict=True):
@@ -172,7 +179,7 @@ class _Simulation:
             high += reached * min(1.0, _NONE_SEEN / sum(each.ancestors for each in cell))
         return self._estimate("subset simulation", 0.0, math.inf, (0.0, high))
 
-    def _about_pockets(self, bound: Estimate) -> Generator[Floats, Floats, Estimate]:
+    def _about_pockets(self, bound: SubsetEstimate) -> Generator[Floats, Floats, SubsetEstimate]:
         """Return the probability about the pockets, to which no level leads: that of others is only bounded."""
         if not len(self._pockets):
             return bound
@@ -186,7 +193,9 @@ class _Simulation:
         found = self._estimate("importance sampling", mean, variation)
         return replace(found, high=min(1.0, found.high + bound.high), bounded=True)
 
-    def _importance(self, cells: Cells, runs: Sequence[Cellwise]) -> Generator[Floats, Floats, Estimate | None]:
+    def _importance(
+        self, cells: Cells, runs: Sequence[Cellwise]
+    ) -> Generator[Floats, Floats, SubsetEstimate | None]:
         """Return the estimate of importance sampling, or None where the mixtures do not cover the failures."""
         limit = _LIMIT * float(np.mean([_probability(run) for run in runs]))
         if all(_probability(run) > 0.0 for run in runs):
@@ -223,7 +232,7 @@ class _Simulation:
 
     def _larger(
         self, cells: Cells, runs: list[list[Population]], size: int
-    ) -> Generator[Floats, Floats, Estimate]:
+    ) -> Generator[Floats, Floats, SubsetEstimate]:
         """Return the estimate of the populations, and of another one for what is left of the evaluations."""
         spent = sum(1.0 + (len(each.levels) - 1) * (1.0 - SHARE) for run in runs for each in run) / len(runs)
         larger = int(_LEFT * self._left / spent)
@@ -238,14 +247,14 @@ class _Simulation:
 
     def _estimate(
         self, method: str, probability: float, variation: float, interval: tuple[float, float] | None = None
-    ) -> Estimate:
+    ) -> SubsetEstimate:
         """Return the estimate with its interval, log-normal where none is given."""
         if interval is None:
             width = _QUANTILE * math.sqrt(math.log1p(variation**2))
             interval = probability * math.exp(-width), min(1.0, probability * math.exp(width))
         bounded = probability == 0.0 and method != "Monte Carlo"
         counts = self.used, self.unknown
-        return Estimate(probability, *interval, variation, *counts, bounded, method, self._levels)
+        return SubsetEstimate(probability, *interval, variation, *counts, bounded, method, self._levels)
 
 
 def _probability(run: Cellwise) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from liftgate_hil.campaigns.reporting import report as single
 from liftgate_hil.campaigns.reporting.heat_map import label_of
 from liftgate_hil.campaigns.reporting.report import Choice
-from liftgate_hil.campaigns.reporting.summary import Summary
+from liftgate_hil.campaigns.reporting.summary import CampaignSummary
 from liftgate_hil.report.page import page, pairs, section, table, text
 from liftgate_hil.report.provenance import Provenance
 
@@ -21,7 +21,7 @@ class PartResult(NamedTuple):
     """Results of one campaign of the report."""
 
     title: str
-    summary: Summary
+    summary: CampaignSummary
     units: Mapping[str, str]
     folder: str
     description: str
@@ -73,7 +73,7 @@ def _evidence(part: PartResult, number: int) -> str:
     )
 
 
-def by_value(summary: Summary, units: Mapping[str, str]) -> str:
+def by_value(summary: CampaignSummary, units: Mapping[str, str]) -> str:
     """Return the forces by the values of the name that explains most of them; "": it has too many values."""
     top = next(iter(summary.force_indices), None)
     if top is None:

@@ -23,7 +23,7 @@ DIFFERENCE = "largest_difference"
 _SHOWN = 20
 
 
-class Comparison(NamedTuple):
+class ResultsComparison(NamedTuple):
     """Comparison of two files of results."""
 
     variants: int  # in both
@@ -43,7 +43,7 @@ class Comparison(NamedTuple):
 
 def comparison_of(
     own: Path, other: Path, varied: Sequence[str], expectations: Sequence[str], names: tuple[str, str]
-) -> Comparison:
+) -> ResultsComparison:
     """Return the comparison of two files of results with the same variants in the same order.
 
     Verdicts that differ come first, then margins, by their largest difference in an expectation's unit.
@@ -75,10 +75,10 @@ def comparison_of(
     for name in (VARIANT, VERDICT, *judged, *margins):
         found = found.append_column(f"{AGAINST}{name}", two[name].take(kept))
     pairs = Counter(zip(verdicts[0].tolist(), verdicts[1].tolist(), strict=True))
-    return Comparison(one.num_rows, dict(pairs), found, names)
+    return ResultsComparison(one.num_rows, dict(pairs), found, names)
 
 
-def comparison_section(found: Comparison, units: Mapping[str, str]) -> str:
+def comparison_section(found: ResultsComparison, units: Mapping[str, str]) -> str:
     """Return the report's section on a comparison; `units` are those of all varied names, in their order."""
     one, other = found.names
     if not found.differing.num_rows:

@@ -30,7 +30,7 @@ p.key { color: var(--soft); font-size: .85rem; margin: .1rem 0 .8rem; }
 """
 
 
-class Cells(NamedTuple):
+class HeatMapCells(NamedTuple):
     """Cells of a heat map: the worst result in each, and how the rows and columns are called."""
 
     rows: tuple[str, ...]
@@ -38,7 +38,7 @@ class Cells(NamedTuple):
     worst: Floats  # (rows, columns), NaN: no variant there
 
 
-def cells_of(across: Floats, down: Floats, results: Floats, is_low_worst: bool) -> Cells:
+def cells_of(across: Floats, down: Floats, results: Floats, is_low_worst: bool) -> HeatMapCells:
     """Return the worst result (n,) in each cell over two varied values (n,)."""
     columns, column_of = _classes(across, _CLASSES)
     rows, row_of = _classes(down, _CLASSES)
@@ -46,7 +46,7 @@ def cells_of(across: Floats, down: Floats, results: Floats, is_low_worst: bool) 
     worst = np.full((len(rows), len(columns)), -np.inf)
     known = np.isfinite(results)
     np.maximum.at(worst, (row_of[known], column_of[known]), sign * results[known])
-    return Cells(rows, columns, np.where(np.isfinite(worst), sign * worst, np.nan))
+    return HeatMapCells(rows, columns, np.where(np.isfinite(worst), sign * worst, np.nan))
 
 
 def _classes(values: Floats, most: int) -> tuple[tuple[str, ...], np.ndarray]:
@@ -70,7 +70,14 @@ def _is_logarithmic(values: Floats) -> bool:
 
 
 def heat_map(
-    cells: Cells, across: str, down: str, good: float, bad: float, digits: int = 0, *, is_judged: bool = True
+    cells: HeatMapCells,
+    across: str,
+    down: str,
+    good: float,
+    bad: float,
+    digits: int = 0,
+    *,
+    is_judged: bool = True,
 ) -> str:
     """Return the heat map as HTML; a cell is green at `good`, yellow at `bad`, and red and framed beyond it.
 

@@ -10,9 +10,9 @@ import numpy as np
 from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.folder import replay_line
 from liftgate_hil.campaigns.reporting.heat_map import STYLE as HEAT_STYLE
-from liftgate_hil.campaigns.reporting.heat_map import Cells, breakable, cells_of, heat_map, label_of
+from liftgate_hil.campaigns.reporting.heat_map import HeatMapCells, breakable, cells_of, heat_map, label_of
 from liftgate_hil.campaigns.reporting.sensitivity import Index, rest_of
-from liftgate_hil.campaigns.reporting.summary import FORCE, Summary
+from liftgate_hil.campaigns.reporting.summary import FORCE, CampaignSummary
 from liftgate_hil.campaigns.results import MARGIN
 from liftgate_hil.campaigns.share import clopper_pearson
 from liftgate_hil.ecu.names import REFERENCE
@@ -54,7 +54,7 @@ def tile(number: str, words: str, kind: str = "") -> str:
 
 def report(
     title: str,
-    summary: Summary,
+    summary: CampaignSummary,
     units: Mapping[str, str],
     folder: str,
     provenance: Provenance,
@@ -88,17 +88,17 @@ def report(
     )
 
 
-def lead(summary: Summary, units: Mapping[str, str]) -> str:
+def lead(summary: CampaignSummary, units: Mapping[str, str]) -> str:
     """Return the result in a sentence or two; `units` are those of varied names."""
     return f'<p class="lead">{text(_story(summary, units))}</p>'
 
 
-def has_forces(summary: Summary) -> bool:
+def has_forces(summary: CampaignSummary) -> bool:
     """Whether anything was pinched in any variant."""
     return bool(np.nanmax(summary.force, initial=0.0) > 0.0)
 
 
-def tiles(summary: Summary, choice: Choice = "sample") -> str:
+def tiles(summary: CampaignSummary, choice: Choice = "sample") -> str:
     """Return the most important numbers; `choice` as for `report`."""
     total, failed = summary.count, summary.counts.get("fail", 0)
     wrong = summary.counts.get("error", 0)
@@ -120,7 +120,7 @@ def tiles(summary: Summary, choice: Choice = "sample") -> str:
     return f'<div class="tiles">{"".join(parts)}</div>'
 
 
-def _force_tiles(summary: Summary) -> list[str]:
+def _force_tiles(summary: CampaignSummary) -> list[str]:
     """Return the largest force; it is good or bad only by a limit that is judged."""
     force = summary.force[np.isfinite(summary.force)]
     largest, limit = float(force.max()), summary.force_limit
@@ -142,7 +142,7 @@ def interval(failed: int, count: int) -> str:
     return f"{significant(100.0 * low, 2)} to {significant(100.0 * high, 2)} %"
 
 
-def _story(summary: Summary, units: Mapping[str, str]) -> str:
+def _story(summary: CampaignSummary, units: Mapping[str, str]) -> str:
     """Return the result in a sentence or two."""
     counts = summary.counts
     failed = counts.get("fail", 0)
@@ -157,7 +157,7 @@ def _story(summary: Summary, units: Mapping[str, str]) -> str:
     return " ".join(part for part in parts if part)
 
 
-def _forces(summary: Summary, units: Mapping[str, str]) -> str:
+def _forces(summary: CampaignSummary, units: Mapping[str, str]) -> str:
     """Return the largest forces by the value that explains most of them, in a sentence."""
     top = next(iter(summary.force_indices), None)
     if top is None or not has_forces(summary) or top.first_order < _TELLING:
@@ -172,7 +172,7 @@ def _forces(summary: Summary, units: Mapping[str, str]) -> str:
     return f"Largest force by {top.name}: {shown}."
 
 
-def heat_section(summary: Summary, units: Mapping[str, str], has_margin: bool = True) -> str:
+def heat_section(summary: CampaignSummary, units: Mapping[str, str], has_margin: bool = True) -> str:
     """Return the heat maps over the two values that matter most; "": fewer than two vary."""
     indices = {each.name: each.first_order for each in (summary.force_indices or summary.indices)}
     varying = [name for name, each in summary.values.items() if len(np.unique(each)) > 1]
@@ -209,7 +209,7 @@ def heat_section(summary: Summary, units: Mapping[str, str], has_margin: bool = 
     return "".join(parts)
 
 
-def _empty(cells: Cells, why: str) -> str:
+def _empty(cells: HeatMapCells, why: str) -> str:
     return f" ·: no variant, or {why}." if np.isnan(cells.worst).any() else ""
 
 
@@ -218,7 +218,7 @@ def _digits(values: Floats) -> int:
     return 0 if largest >= 100.0 else 1 if largest >= 10.0 else 2
 
 
-def requirements(summary: Summary) -> str:
+def requirements(summary: CampaignSummary) -> str:
     """Return the table of expectations."""
     rows = [
         (
@@ -236,7 +236,7 @@ def requirements(summary: Summary) -> str:
     return table(heads, rows, ("name", "r", "r", "r", "r", "")) + note
 
 
-def drivers(summary: Summary, units: Mapping[str, str], choice: Choice = "sample") -> list[str]:
+def drivers(summary: CampaignSummary, units: Mapping[str, str], choice: Choice = "sample") -> list[str]:
     """Return the tables of first-order indices; `units` and `choice` as for `report`.
 
     Variants that a search has chosen have none: their values depend on each other.
@@ -263,14 +263,14 @@ def drivers(summary: Summary, units: Mapping[str, str], choice: Choice = "sample
     return parts
 
 
-def _unit_of(column: str, summary: Summary) -> str:
+def _unit_of(column: str, summary: CampaignSummary) -> str:
     """Return the unit of a result; "": none, or several."""
     if column == FORCE:
         return "N"
     return next((each.unit for each in summary.expectations if f"{MARGIN}{each.name}" == column), "")
 
 
-def _margin_label(summary: Summary) -> str:
+def _margin_label(summary: CampaignSummary) -> str:
     """Return the label of the margin that drives the summary, with its unit."""
     return _with_unit(_margin_words(summary.driver), summary.driver, summary)
 
@@ -280,7 +280,7 @@ def _margin_words(column: str) -> str:
     return f"margin of “{column.removeprefix(MARGIN)}”"
 
 
-def _with_unit(words: str, column: str, summary: Summary) -> str:
+def _with_unit(words: str, column: str, summary: CampaignSummary) -> str:
     """Return words with the unit of a result."""
     return label_of(words, {words: _unit_of(column, summary)})
 
@@ -295,7 +295,7 @@ def _bar(share: float) -> Markup:
     return Markup(f'<span class="bar" style="width:{12.0 * share:.2f}rem"></span> {100.0 * share:.0f} %')
 
 
-def distributions(summary: Summary, prefix: str = "") -> list[str]:
+def distributions(summary: CampaignSummary, prefix: str = "") -> list[str]:
     """Return the histograms; `prefix` makes their identifiers unique on a page with several."""
     parts = []
     if summary.every > 1:
@@ -330,7 +330,7 @@ def _histogram(values: Floats, label: str, line: float) -> Figure:
     return drawn
 
 
-def worst(summary: Summary, units: Mapping[str, str], folder: str) -> str:
+def worst(summary: CampaignSummary, units: Mapping[str, str], folder: str) -> str:
     """Return the table of the worst variants, with the command that runs one again."""
     has_margin = summary.driver != FORCE
     margin = [_with_unit("margin", summary.driver, summary)] if has_margin else []

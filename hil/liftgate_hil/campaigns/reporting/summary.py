@@ -24,7 +24,7 @@ _WORST = 10  # variants that are listed
 _ERRORS = 5  # kinds of errors that are listed
 
 
-class Expected(NamedTuple):
+class ExpectationResults(NamedTuple):
     """Results of one expectation."""
 
     name: str
@@ -36,7 +36,7 @@ class Expected(NamedTuple):
     unit: str = ""  # of the margin; "": none, or several
 
 
-class Case(NamedTuple):
+class WorstVariant(NamedTuple):
     """Variant in the list of the worst ones, with its values and its result."""
 
     variant: str
@@ -47,14 +47,14 @@ class Case(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Summary:
+class CampaignSummary:
     """Summary of results."""
 
     count: int
     counts: dict[str, int]  # by verdict
-    expectations: Sequence[Expected]
+    expectations: Sequence[ExpectationResults]
     driver: str  # column of the result that cases and sensitivity are about
-    worst: Sequence[Case]
+    worst: Sequence[WorstVariant]
     errors: Sequence[tuple[str, int]]  # most frequent ones, with their numbers
     every: int  # of so many variants one is in the following
     values: dict[str, Floats]  # (n,) by varied name
@@ -72,7 +72,7 @@ def summary_of(
     preferred: str = "",
     margin_units: Sequence[str] = (),
     force_limit: float | None = None,
-) -> Summary:
+) -> CampaignSummary:
     """Return the summary of a file of results, which is read in parts.
 
     `preferred` is the expectation that the campaign is about; "": the one that fails most, else the largest force.
@@ -98,7 +98,7 @@ def summary_of(
         columns = list(dict.fromkeys((*varied, driver, FORCE)))
         kept = _kept(file, columns, every)
         values = {name: kept[name] for name in varied}
-        return Summary(
+        return CampaignSummary(
             count=file.metadata.num_rows,
             counts={name: verdicts[name] for name in VERDICTS if name in verdicts},
             expectations=results,
@@ -149,14 +149,14 @@ class _Judged:
             if not margins[place] >= self._least:
                 self._least, self._variant = float(margins[place]), part[VARIANT][place].as_py()
 
-    def result(self) -> Expected:
+    def result(self) -> ExpectationResults:
         """Return the results."""
         passed, failed = self._counts[PASS], self._counts[FAIL]
         undecided = self._counts.total() - passed - failed
-        return Expected(self._name, passed, failed, undecided, self._least, self._variant, self._unit)
+        return ExpectationResults(self._name, passed, failed, undecided, self._least, self._variant, self._unit)
 
 
-def _driver_of(judged: Sequence[Expected]) -> str:
+def _driver_of(judged: Sequence[ExpectationResults]) -> str:
     """Return the column that the report is about: the margin of what fails most, or else the force."""
     failing = [each for each in judged if each.failed and math.isfinite(each.least)]
     if not failing:
@@ -164,11 +164,11 @@ def _driver_of(judged: Sequence[Expected]) -> str:
     return f"{MARGIN}{max(failing, key=lambda each: each.failed).name}"
 
 
-def _worst(file: Any, varied: Sequence[str], driver: str) -> list[Case]:
+def _worst(file: Any, varied: Sequence[str], driver: str) -> list[WorstVariant]:
     """Return the variants with the smallest margins, or the largest forces."""
     is_margin = driver.startswith(MARGIN)
     columns = list(dict.fromkeys((VARIANT, *varied, VERDICT, driver, FORCE)))
-    found: list[tuple[float, int, Case]] = []
+    found: list[tuple[float, int, WorstVariant]] = []
     first = 0
     for part in file.iter_batches(_PART, columns=columns):
         result = _floats(part[driver])
@@ -177,7 +177,7 @@ def _worst(file: Any, varied: Sequence[str], driver: str) -> list[Case]:
         order = known[np.argsort(-badness[known], kind="stable")][:_WORST]
         for place, row in zip(order.tolist(), part.take(order).to_pylist(), strict=True):
             force = math.nan if row[FORCE] is None else float(row[FORCE])
-            case = Case(
+            case = WorstVariant(
                 row[VARIANT], tuple(float(row[name]) for name in varied), row[VERDICT], float(result[place]), force
             )
             found.append((-float(badness[place]), first + place, case))

@@ -32,7 +32,7 @@ def _numpy_state(state: dict[str, Any]) -> Iterator[None]:
         np.random.set_state(callers)
 
 
-class Descent:
+class CmaDescent:
     """A descent of cma from one point; discrete dimensions are integers in it, and snapped by the caller."""
 
     def __init__(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from liftgate_hil.campaigns.search.descent import Descent
+from liftgate_hil.campaigns.search.descent import CmaDescent
 from liftgate_hil.campaigns.search.surrogate import Surrogate
 from liftgate_hil.errors import number_of
 
@@ -89,7 +89,7 @@ class _Search:
         self._surrogate = Surrogate(len(levels), np.random.default_rng([seed, 2]))
         self._predicted: dict[bytes, float] = {}
         self._checks: list[tuple[float, float, Array]] = []  # predicted and warped margin of an exploring point
-        self._descent: Descent | None = None
+        self._descent: CmaDescent | None = None
         self._origins: list[Array] = []
         self._ends: list[Array] = []
         self._turn = self._restarts = self._descended = self._modelled = 0
@@ -239,7 +239,7 @@ class _Search:
         d.asked = self._snap(d.ask())
         return list(d.asked)
 
-    def _start(self, x: Array, f: Array, dip: Array | None) -> Descent | None:
+    def _start(self, x: Array, f: Array, dip: Array | None) -> CmaDescent | None:
         """Begin a descent: in a dip, late at the worst point, or at the worst one far from earlier ones."""
         known, sigma, start = math.inf, SIGMA, None
         order = np.argsort(f, kind="stable")
@@ -256,7 +256,7 @@ class _Search:
             return None
         self._restarts += 1
         self._origins.append(start)
-        descent = Descent(start, self._levels, sigma, [self._seed, 3, self._restarts], known)
+        descent = CmaDescent(start, self._levels, sigma, [self._seed, 3, self._restarts], known)
         descent.urgent = sigma != SIGMA
         return descent
 

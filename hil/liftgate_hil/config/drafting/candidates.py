@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
 
-class Kind(NamedTuple):
+class QuantityWords(NamedTuple):
     """Words by which a signal for a quantity is recognized; without `sides` the quantity is the whole gate's."""
 
     section: str  # section of a rig, or `panel`: those inputs that a test bench sets
@@ -34,46 +34,47 @@ NOBODY = {"XXX", "Vector__XXX"}  # what databases name an unknown sender
 _NO_LIMIT = frozenset({"limit"})
 _NO_DRIVE = _NO_LIMIT | {"motor", "left", "right"}
 KINDS = (
-    Kind("inputs", "{side}_duty", _needs("duty"), _NO_LIMIT | {"actual"}, ("share",)),
-    Kind("inputs", "{side}_direction", _needs("direction"), _SENSORS | _NO_LIMIT | {"actual"}),
-    Kind("inputs", "latch_release", _needs("latch"), _SENSORS | {"actual"}),
-    Kind("outputs", "{side}_current", _needs("current"), _NO_LIMIT | {"duty"}, ("current",)),
-    Kind("outputs", "{side}_hall_count", _needs("hall+count"), _NO_LIMIT | {"speed"}, ("number",)),
-    Kind("outputs", "{side}_hall_speed", _needs("hall+speed"), _NO_LIMIT, ("number",)),
-    Kind("outputs", "{side}_hall_a", _needs("hall+channel a"), _NO_LIMIT | {"count"}, is_flag=True),
-    Kind("outputs", "{side}_hall_b", _needs("hall+channel b"), _NO_LIMIT | {"count"}, is_flag=True),
-    Kind("outputs", "{side}_period_speed", _needs("period+speed"), _NO_LIMIT, ("rate of turning",)),
-    Kind("outputs", "{side}_edge_age", _needs("edge+age"), _NO_LIMIT, ("time",)),
-    Kind("outputs", "true_{side}_speed", _needs("motor+speed", "hall+speed", "left+speed", "right+speed"),
+    QuantityWords("inputs", "{side}_duty", _needs("duty"), _NO_LIMIT | {"actual"}, ("share",)),
+    QuantityWords("inputs", "{side}_direction", _needs("direction"), _SENSORS | _NO_LIMIT | {"actual"}),
+    QuantityWords("inputs", "latch_release", _needs("latch"), _SENSORS | {"actual"}),
+    QuantityWords("outputs", "{side}_current", _needs("current"), _NO_LIMIT | {"duty"}, ("current",)),
+    QuantityWords("outputs", "{side}_hall_count", _needs("hall+count"), _NO_LIMIT | {"speed"}, ("number",)),
+    QuantityWords("outputs", "{side}_hall_speed", _needs("hall+speed"), _NO_LIMIT, ("number",)),
+    QuantityWords("outputs", "{side}_hall_a", _needs("hall+channel a"), _NO_LIMIT | {"count"}, is_flag=True),
+    QuantityWords("outputs", "{side}_hall_b", _needs("hall+channel b"), _NO_LIMIT | {"count"}, is_flag=True),
+    QuantityWords("outputs", "{side}_period_speed", _needs("period+speed"), _NO_LIMIT, ("rate of turning",)),
+    QuantityWords("outputs", "{side}_edge_age", _needs("edge+age"), _NO_LIMIT, ("time",)),
+    QuantityWords("outputs", "true_{side}_speed", _needs("motor+speed", "hall+speed", "left+speed", "right+speed"),
          _NO_LIMIT | {"period"}, ("rate of turning",)),
-    Kind("outputs", "true_{side}_position", _needs("motor+position", "left+position", "right+position"),
+    QuantityWords("outputs", "true_{side}_position", _needs("motor+position", "left+position", "right+position"),
          _NO_LIMIT | {"hall"}, ("angle",)),
-    Kind("outputs", "gate_angle", _needs("angle", "position+gate"), _NO_DRIVE | {"slope", "speed"}, ("angle",)),
-    Kind("outputs", "true_gate_rate", _needs("angle+speed", "speed+gate"), _NO_DRIVE | {"hall"},
+    QuantityWords("outputs", "gate_angle", _needs("angle", "position+gate"), _NO_DRIVE | {"slope", "speed"},
+         ("angle",)),
+    QuantityWords("outputs", "true_gate_rate", _needs("angle+speed", "speed+gate"), _NO_DRIVE | {"hall"},
          ("rate of turning",)),
-    Kind("outputs", "latch_state", _needs("latch"), _SENSORS | {"release"}),
-    Kind("outputs", "terminal_voltage", _needs("voltage"), _NO_LIMIT | {"motor"}, ("voltage",)),
-    Kind("outputs", "true_{side}_voltage", _needs("motor+voltage"), _NO_LIMIT, ("voltage",)),
-    Kind("outputs", "ambient_temperature", _needs("ambient+temperature"), _NO_LIMIT, ("temperature",)),
-    Kind("outputs", "{side}_motor_temperature", _needs("motor+temperature"), _NO_LIMIT | {"ambient"},
+    QuantityWords("outputs", "latch_state", _needs("latch"), _SENSORS | {"release"}),
+    QuantityWords("outputs", "terminal_voltage", _needs("voltage"), _NO_LIMIT | {"motor"}, ("voltage",)),
+    QuantityWords("outputs", "true_{side}_voltage", _needs("motor+voltage"), _NO_LIMIT, ("voltage",)),
+    QuantityWords("outputs", "ambient_temperature", _needs("ambient+temperature"), _NO_LIMIT, ("temperature",)),
+    QuantityWords("outputs", "{side}_motor_temperature", _needs("motor+temperature"), _NO_LIMIT | {"ambient"},
          ("temperature",)),
-    Kind("outputs", "road_slope", _needs("slope"), _NO_LIMIT, ("angle",)),
-    Kind("outputs", "gate_acceleration", _needs("acceleration+gate"), _NO_LIMIT, ("acceleration",)),
-    Kind("outputs", "{side}_pinch_strip", _needs("pinch strip"), _NO_LIMIT, is_flag=True),
-    Kind("outputs", "handle_pulled", _needs("handle"), _NO_LIMIT, is_flag=True),
-    Kind("outputs", "button_pressed", _needs("button"), _NO_LIMIT, is_flag=True),
-    Kind("outputs", "true_hand_force", _needs("hand force"), _NO_LIMIT, ("force",)),
-    Kind("panel", "road_slope", _needs("slope"), _NO_LIMIT, ("angle",)),
-    Kind("panel", "hand_force", _needs("hand force"), _NO_LIMIT, ("force",)),
-    Kind("panel", "supply_voltage", _needs("voltage"), _NO_LIMIT | {"motor"}, ("voltage",)),
-    Kind("panel", "ambient_temperature", _needs("ambient+temperature"), _NO_LIMIT, ("temperature",)),
-    Kind("panel", "handle_pulled", _needs("handle"), _NO_LIMIT, is_flag=True),
-    Kind("panel", "button_pressed", _needs("button"), _NO_LIMIT, is_flag=True),
+    QuantityWords("outputs", "road_slope", _needs("slope"), _NO_LIMIT, ("angle",)),
+    QuantityWords("outputs", "gate_acceleration", _needs("acceleration+gate"), _NO_LIMIT, ("acceleration",)),
+    QuantityWords("outputs", "{side}_pinch_strip", _needs("pinch strip"), _NO_LIMIT, is_flag=True),
+    QuantityWords("outputs", "handle_pulled", _needs("handle"), _NO_LIMIT, is_flag=True),
+    QuantityWords("outputs", "button_pressed", _needs("button"), _NO_LIMIT, is_flag=True),
+    QuantityWords("outputs", "true_hand_force", _needs("hand force"), _NO_LIMIT, ("force",)),
+    QuantityWords("panel", "road_slope", _needs("slope"), _NO_LIMIT, ("angle",)),
+    QuantityWords("panel", "hand_force", _needs("hand force"), _NO_LIMIT, ("force",)),
+    QuantityWords("panel", "supply_voltage", _needs("voltage"), _NO_LIMIT | {"motor"}, ("voltage",)),
+    QuantityWords("panel", "ambient_temperature", _needs("ambient+temperature"), _NO_LIMIT, ("temperature",)),
+    QuantityWords("panel", "handle_pulled", _needs("handle"), _NO_LIMIT, is_flag=True),
+    QuantityWords("panel", "button_pressed", _needs("button"), _NO_LIMIT, is_flag=True),
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Candidate:
+class SignalCandidate:
     """A signal that may carry a quantity."""
 
     quantity: str
@@ -94,7 +95,7 @@ class Candidate:
         return (self.signal.unit or "").strip()
 
 
-Found = dict[str, dict[str, list[Candidate]]]  # section: quantity: candidates
+Found = dict[str, dict[str, list[SignalCandidate]]]  # section: quantity: candidates
 
 
 class Search(NamedTuple):
@@ -139,7 +140,7 @@ def _not_chosen(found: Found, best: Found) -> dict[str, tuple[str, str]]:
     }
 
 
-def _why_rather(one: Candidate, chosen: Candidate) -> str:
+def _why_rather(one: SignalCandidate, chosen: SignalCandidate) -> str:
     """Return why another candidate was chosen, see `_best`."""
     if chosen.fits and not one.fits:
         return f"{chosen.name} has a fitting unit"
@@ -148,11 +149,11 @@ def _why_rather(one: Candidate, chosen: Candidate) -> str:
     )
 
 
-def _panel(message: Message) -> dict[str, Candidate]:
+def _panel(message: Message) -> dict[str, SignalCandidate]:
     """Return what a test bench's panel moves, by the exact names; empty if it does not move the obstacle."""
     names = {"".join(words_of(signal.name)): signal for signal in message.signals}
     found = {
-        quantity: Candidate(quantity, message, names[_joined(quantity)], True, True)
+        quantity: SignalCandidate(quantity, message, names[_joined(quantity)], True, True)
         for quantity in PANEL
         if _joined(quantity) in names
     }
@@ -189,7 +190,7 @@ def _sensors(messages: Mapping[str, Message]) -> list[str]:
     return [name for name in found if _speaks_of_gate(messages[name])] or found
 
 
-def _is_of_a_drive(candidate: Candidate) -> bool:
+def _is_of_a_drive(candidate: SignalCandidate) -> bool:
     return candidate.quantity.endswith(("_current", "_hall_count", "_hall_speed"))
 
 
@@ -198,7 +199,7 @@ def _speaks_of_gate(message: Message) -> bool:
     return any("gate" in concepts_in(name) for name in names)
 
 
-def _all_of(message: Message, section: str) -> Iterator[Candidate]:
+def _all_of(message: Message, section: str) -> Iterator[SignalCandidate]:
     for signal in message.signals:
         yield from _of(message, signal, section)
 
@@ -228,7 +229,7 @@ def is_protection(message: Message, signal: Signal) -> str:
     return ""
 
 
-def _of(message: Message, signal: Signal, section: str) -> Iterator[Candidate]:
+def _of(message: Message, signal: Signal, section: str) -> Iterator[SignalCandidate]:
     """Yield the candidates of one signal."""
     quantities = {"inputs": BUS_INPUTS, "outputs": BUS_OUTPUTS, "panel": PANEL}[section]
     own = concepts_in(signal.name)
@@ -246,11 +247,11 @@ def _of(message: Message, signal: Signal, section: str) -> Iterator[Candidate]:
         if not is_named and not _fits(kind, own, all_said, signal):
             continue
         is_found = is_found or _is_of(kind, signal)
-        yield Candidate(quantity, message, signal, _is_of(kind, signal), is_named)
+        yield SignalCandidate(quantity, message, signal, _is_of(kind, signal), is_named)
     # Other quantities of the catalogue match by their exact names only.
     for quantity in quantities:
         if plain in (_joined(quantity), _joined(_plain(quantity))) and not is_found:
-            yield Candidate(quantity, message, signal, True, True)
+            yield SignalCandidate(quantity, message, signal, True, True)
 
 
 def _plain(quantity: str) -> str:
@@ -263,20 +264,20 @@ def _joined(quantity: str) -> str:
     return quantity.replace("_", "")
 
 
-def _fits(kind: Kind, own: frozenset[str], concepts: frozenset[str], signal: Signal) -> bool:
+def _fits(kind: QuantityWords, own: frozenset[str], concepts: frozenset[str], signal: Signal) -> bool:
     """Whether the name and the length of a signal may be those of a kind."""
     if own & kind.avoids or not any(need <= concepts and need & own for need in kind.needs):
         return False
     return not kind.is_flag or signal.length == 1
 
 
-def _is_of(kind: Kind, signal: Signal) -> bool:
+def _is_of(kind: QuantityWords, signal: Signal) -> bool:
     """Whether a signal's unit, if known, is one of a kind's."""
     dimensions = dimensions_named((signal.unit or "").strip())
     return not kind.dimensions or not dimensions or bool({*dimensions} & {*kind.dimensions})
 
 
-def _best(candidates: Sequence[Candidate], speaks_of_gate: bool) -> list[Candidate]:
+def _best(candidates: Sequence[SignalCandidate], speaks_of_gate: bool) -> list[SignalCandidate]:
     """Return the best candidates: those that fit, have the exact name and name a gate, if there are such."""
     tests = (
         lambda each: each.fits,

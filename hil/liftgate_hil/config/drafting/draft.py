@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.config.database import database_file, load_messages
-from liftgate_hil.config.drafting.candidates import Candidate, find_candidates
+from liftgate_hil.config.drafting.candidates import SignalCandidate, find_candidates
 from liftgate_hil.config.drafting.j1939 import notes_on_j1939
-from liftgate_hil.config.drafting.lines import Line, line_for, quoted
+from liftgate_hil.config.drafting.lines import DraftLine, line_for, quoted
 from liftgate_hil.config.drafting.protections import checksums_of, open_counters_of, protection_lines
 from liftgate_hil.config.drafting.words import named_values
 from liftgate_hil.config.rig import rig_of_content
@@ -88,7 +88,7 @@ def draft_rig(database: str | Path, target: Path) -> Draft:
     return Draft(text, mapped, [*waiting.items(), *_missing(faults, waiting, mapped)], notes)
 
 
-def _buttons(lines: Mapping[str, list[Line]], messages: Mapping[str, Message]) -> Iterator[str]:
+def _buttons(lines: Mapping[str, list[DraftLine]], messages: Mapping[str, Message]) -> Iterator[str]:
     """Yield comments on `[requests]`, and on what the ECU receives and may be a driver's button by its labels."""
     yield "\n# Not drafted: [requests], see docs/rig.md. Without it no request reaches an ECU on a bus.\n"
     commands = [line.message for line in lines["inputs"] if line.quantity.endswith(("_duty", "_direction"))]
@@ -139,17 +139,17 @@ def _unused(text: str, messages: Mapping[str, Message], used: set[str], told: Co
         yield "\n".join(tables) + "\n"
 
 
-def _all(lines: Mapping[str, list[Line]]) -> list[Line]:
+def _all(lines: Mapping[str, list[DraftLine]]) -> list[DraftLine]:
     return [line for each in lines.values() for line in each]
 
 
-def _by_side(found: Mapping[str, list[Candidate]], tells_sides: bool) -> dict[str, list[Candidate]]:
+def _by_side(found: Mapping[str, list[SignalCandidate]], tells_sides: bool) -> dict[str, list[SignalCandidate]]:
     """Return the candidates with those of no side assigned to the drives.
 
     A single one goes to the left drive, which a gate with one drive has. Several go to either drive, and so does a
     single one of a database that distinguishes sides.
     """
-    result: dict[str, list[Candidate]] = {}
+    result: dict[str, list[SignalCandidate]] = {}
     for quantity, candidates in found.items():
         head, is_either, rest = quantity.rpartition("either_")
         left, right = f"{head}left_{rest}", f"{head}right_{rest}"
@@ -164,7 +164,7 @@ def _by_side(found: Mapping[str, list[Candidate]], tells_sides: bool) -> dict[st
     return result
 
 
-def _lines_of(section: str, found: Mapping[str, list[Candidate]]) -> Iterator[Line]:
+def _lines_of(section: str, found: Mapping[str, list[SignalCandidate]]) -> Iterator[DraftLine]:
     for quantity, candidates in found.items():
         for candidate in candidates[:_MOST]:
             line = line_for(section, quantity, candidate)
@@ -177,13 +177,13 @@ def _lines_of(section: str, found: Mapping[str, list[Candidate]]) -> Iterator[Li
             yield line
 
 
-def _only(found: Mapping[str, list[Candidate]], quantity: str) -> Candidate | None:
+def _only(found: Mapping[str, list[SignalCandidate]], quantity: str) -> SignalCandidate | None:
     """Return the candidate of a quantity; None if the other drive has the same candidates."""
     other = quantity.replace("left_", "right_") if "left_" in quantity else quantity.replace("right_", "left_")
     return None if found.get(other) == found[quantity] else found[quantity][0]
 
 
-def _one_quantity_a_signal(lines: dict[str, list[Line]]) -> None:
+def _one_quantity_a_signal(lines: dict[str, list[DraftLine]]) -> None:
     """Withdraw the lines of a signal that may be two quantities, as neither is certain."""
     for section, each in lines.items():
         for i, line in enumerate(each):
@@ -194,7 +194,7 @@ def _one_quantity_a_signal(lines: dict[str, list[Line]]) -> None:
 
 
 def _text(
-    head: list[str], lines: Mapping[str, list[Line]], messages: Messages, target: Path
+    head: list[str], lines: Mapping[str, list[DraftLine]], messages: Messages, target: Path
 ) -> tuple[str, dict[str, str]]:
     """Return the file's text, and why a rig made of it is refused: reasons by key."""
     parts = list(head)
@@ -218,7 +218,7 @@ def _text(
     return text, faults
 
 
-def _withdraw(lines: dict[str, list[Line]], faults: Mapping[str, str]) -> bool:
+def _withdraw(lines: dict[str, list[DraftLine]], faults: Mapping[str, str]) -> bool:
     """Comment out lines that are refused; return whether there were any."""
     is_changed = False
     for each in lines.values():

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from liftgate_hil.codec.bus_config import physical_range
-from liftgate_hil.config.drafting.candidates import Candidate
+from liftgate_hil.config.drafting.candidates import SignalCandidate
 from liftgate_hil.config.drafting.words import concepts_in, named_values, words_of
 from liftgate_hil.config.units import allowed_units, conversion, dimension_of
 from liftgate_hil.errors import printable
@@ -36,7 +36,7 @@ _NO_VALUE = {
 
 
 @dataclass(frozen=True)
-class Line:
+class DraftLine:
     """A line `quantity = …`; with a reason it is commented out."""
 
     section: str
@@ -52,7 +52,7 @@ class Line:
         """Whether the quantity is mapped."""
         return not self.reason
 
-    def withdrawn(self, reason: str) -> Line:
+    def withdrawn(self, reason: str) -> DraftLine:
         """Return the line with a reason added, which comments it out."""
         return replace(self, reason="; ".join(filter(None, (self.reason, reason))))
 
@@ -73,13 +73,13 @@ def quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
+def line_for(section: str, quantity: str, candidate: SignalCandidate) -> DraftLine:
     """Return the line that maps a quantity of a rig's `section` (inputs or outputs) to a candidate's signal.
 
     The line is commented out, with the reason, if the signal's unit, labels or range leave a doubt.
     """
     ours = (BUS_INPUTS if section == "inputs" else BUS_OUTPUTS)[quantity]
-    line = Line(section, quantity, candidate.message, candidate.name, {})
+    line = DraftLine(section, quantity, candidate.message, candidate.name, {})
     if ours.values:
         return _enumeration(line, candidate.signal, ours.values)
     if quantity.endswith("hall_speed"):
@@ -117,7 +117,7 @@ def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
     return replace(line, remark="; ".join(remarks))
 
 
-def _share_by_range(line: Line, signal: Signal) -> Line:
+def _share_by_range(line: DraftLine, signal: Signal) -> DraftLine:
     """Return the line of a duty without a unit: 0 to 100 is per cent, 0 to 1 a share, another range is unclear."""
     low, high = physical_range(signal)
     for top, unit in ((100.0, "%"), (1.0, "1")):
@@ -131,7 +131,7 @@ def _share_by_range(line: Line, signal: Signal) -> Line:
     )
 
 
-def _enumeration(line: Line, signal: Signal, ours: tuple[str, ...]) -> Line:
+def _enumeration(line: DraftLine, signal: Signal, ours: tuple[str, ...]) -> DraftLine:
     """Return the line of an enumeration: by labels that name our values, or by one bit that its name explains."""
     kind = next((kind for end, kind in _ENUMERATIONS.items() if line.quantity.endswith(end)), "")
     choices = {int(raw): str(label) for raw, label in (signal.choices or {}).items()}
@@ -162,7 +162,7 @@ def _enumeration(line: Line, signal: Signal, ours: tuple[str, ...]) -> Line:
     return replace(line, keys={"values": "{ " + ", ".join(known) + " }"})
 
 
-def _flag(line: Line, signal: Signal, kind: str) -> str:
+def _flag(line: DraftLine, signal: Signal, kind: str) -> str:
     """Return the values of one bit whose name says what 1 means; "" if it does not."""
     concepts = concepts_in(signal.name)
     words = {*words_of(signal.name)}

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from liftgate_hil.conversion import picture
-from liftgate_hil.conversion.figures.subject import Drawn, Subject
+from liftgate_hil.conversion.figures.subject import Drawn, FigureSubject
 from liftgate_hil.conversion.table import Floats, chosen, columns_in
 from liftgate_hil.errors import ConfigError
 
 
-def draw(subject: Subject) -> Drawn:
+def draw(subject: FigureSubject) -> Drawn:
     """Draw the requested columns, or the usual ones. Raises ConfigError."""
     table = subject.recording()
     names = chosen(table, subject.columns) or picture.usual_columns(table, subject.rig)

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.conversion.figures.subject import Drawn, Subject
+from liftgate_hil.conversion.figures.subject import Drawn, FigureSubject
 from liftgate_hil.conversion.sheet import FONT, WIDTH, finish, legend_above, settings
 from liftgate_hil.conversion.table import Floats
 from liftgate_hil.report.drawing import DRIVES, FINAL, GRID, INITIAL, INK, MARK, PURPLE, SKY, new_figure, style
 from liftgate_hil.report.numbers import clean
 from liftgate_plant import friction, gate, statics
-from liftgate_plant.statics import CLOSING, OPENING, Balance, Rest, Turning
+from liftgate_plant.statics import CLOSING, OPENING, Balance, Rest, SteadyTurning
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +31,7 @@ _PARTS: dict[str, tuple[str, str, Any, float]] = {
 }
 
 
-def draw(subject: Subject) -> Drawn:
+def draw(subject: FigureSubject) -> Drawn:
     """Draw the balance over the travel, and beside it where the seal acts. Raises ConfigError."""
     rest = statics.rest_of(subject.car())
     link = rest.plant.link
@@ -90,7 +90,7 @@ def _draw_balance(axis: Axes, angles: Floats, balance: Balance) -> None:
 
 
 def _draw_drives(
-    axis: Axes, angles: Floats, rest: Rest, balance: Balance, stalled: Turning, rated: Turning
+    axis: Axes, angles: Floats, rest: Rest, balance: Balance, stalled: SteadyTurning, rated: SteadyTurning
 ) -> None:
     """Draw what the drives give at stall and rated, after their friction, and what the gate asks for."""
     for along, word, colour in ((OPENING, "opening", FINAL), (CLOSING, "closing", INITIAL)):
@@ -109,7 +109,7 @@ def _draw_drives(
     axis.axhline(0.0, color=GRID, linewidth=1.0, zorder=0)
 
 
-def _caption(rest: Rest, stalled: Turning, rated: Turning) -> str:
+def _caption(rest: Rest, stalled: SteadyTurning, rated: SteadyTurning) -> str:
     load, hinge = rest.load, friction.level(rest.plant.hinge, 0.0)
     drives = "both drives" if rest.plant.right.active else "the drive"
     return (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.conversion.figures.subject import Columns, Drawn, Subject, complete, taken
+from liftgate_hil.conversion.figures.subject import Columns, Drawn, FigureSubject, complete, taken
 from liftgate_hil.conversion.sheet import FONT, WIDTH, finish, legend_above, settings
 from liftgate_hil.conversion.table import Floats
 from liftgate_hil.errors import ConfigError
@@ -27,7 +27,7 @@ _CAPTION = (
 )
 
 
-def draw(subject: Subject) -> Drawn:
+def draw(subject: FigureSubject) -> Drawn:
     """Draw the gate's rate over its angle, with start and end of the time window. Raises ConfigError."""
     found, remark = taken(subject, _NEEDED)
     columns = complete(found, _NEEDED)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.conversion.figures.subject import Columns, Drawn, Subject, complete, taken
+from liftgate_hil.conversion.figures.subject import Columns, Drawn, FigureSubject, complete, taken
 from liftgate_hil.conversion.sheet import FONT, WIDTH, finish, legend_above, settings
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.drawing import INITIAL, INK, new_figure, style
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _NEEDED = ("gate_angle_deg", "gate_rate_degps", "pinch_force_n")
 
 
-def draw(subject: Subject) -> Drawn:
+def draw(subject: FigureSubject) -> Drawn:
     """Draw force, angle and currents around the contact, on one time axis. Raises ConfigError."""
     path, limit = subject.recording().path, subject.car().gate.pinch_limit
     found, remark = taken(subject, [*_NEEDED, "left_current_a"], ["right_current_a"])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.conversion.figures.subject import Drawn, Subject
+from liftgate_hil.conversion.figures.subject import Drawn, FigureSubject
 from liftgate_hil.conversion.sheet import FONT, WIDTH, finish, legend_above, settings
 from liftgate_hil.conversion.table import Floats
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, MEASURED, new_figure, style
@@ -35,7 +35,7 @@ _DRIVEN: tuple[tuple[str, str, str], ...] = (
 )
 
 
-def draw(subject: Subject) -> Drawn:
+def draw(subject: FigureSubject) -> Drawn:
     """Draw the gate left alone over angle and slope, and driven over supply and slope. Raises ConfigError."""
     rest = statics.rest_of(subject.car())
     found = map_of(rest)

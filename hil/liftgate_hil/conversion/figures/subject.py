@@ -33,7 +33,7 @@ class Drawn(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Subject:
+class FigureSubject:
     """Subject of a figure; which parts it has, the figure's row in the catalogue says."""
 
     title: str
@@ -64,7 +64,7 @@ class Taken(NamedTuple):
     remark: str  # a sentence; "": all of them are true values
 
 
-def taken(subject: Subject, wanted: Sequence[str], optional: Sequence[str] = ()) -> Taken:
+def taken(subject: FigureSubject, wanted: Sequence[str], optional: Sequence[str] = ()) -> Taken:
     """Return the times, as `time_s`, and these columns by our names, in our units, (n,).
 
     A column that the recording lacks is replaced by its sensor's. A bus log has those that its rig maps. Times

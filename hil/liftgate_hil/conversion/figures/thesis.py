@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.conversion.figures.subject import Columns, Drawn, Subject, taken
+from liftgate_hil.conversion.figures.subject import Columns, Drawn, FigureSubject, taken
 from liftgate_hil.conversion.sheet import FONT, WIDTH, finish, legend_above, settings
 from liftgate_hil.report.drawing import DRIVES, GRID, INK, MARK, MEASURED, line, new_figure, style
 from liftgate_hil.report.numbers import clean
@@ -30,7 +30,7 @@ _CAPTION = (
 )
 
 
-def draw(subject: Subject) -> Drawn:
+def draw(subject: FigureSubject) -> Drawn:
     """Draw voltage, current, Hall speed, Hall count, gate angle and drive force over time. Raises ConfigError."""
     wanted = ["gate_angle_deg", *(f"left{ending}" for ending in _ENDINGS)]
     columns, remark = taken(subject, wanted, [f"right{ending}" for ending in _ENDINGS])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from liftgate_hil.identification.result import Identification, Profile
+from liftgate_hil.identification.result import Identification, LikelihoodProfile
 from liftgate_hil.report.drawing import (
     FINAL,
     INITIAL,
@@ -148,7 +148,7 @@ def profile_figure(result: Identification) -> Figure:
     return figure
 
 
-def _profile(axis: Axes, profile: Profile, unit: str) -> None:
+def _profile(axis: Axes, profile: LikelihoodProfile, unit: str) -> None:
     deviance = np.where(np.isfinite(profile.deviance), profile.deviance, np.nan)
     values = np.asarray(profile.values, dtype=np.float64)
     axis.plot(values, deviance, ".-", color=FINAL, markersize=4.0)

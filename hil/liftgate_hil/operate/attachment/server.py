@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 from liftgate_hil.errors import ConfigError, printable
 from liftgate_hil.judging.shown_verdict import margin_text, times_text
 from liftgate_hil.judging.verdict import Verdict
-from liftgate_hil.loop.listener import Listener, Relay, Status
+from liftgate_hil.loop.listener import Listener, Relay, RunStatus
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.operate.attachment import endpoint
 from liftgate_hil.operate.attachment.acting import Acting
@@ -41,7 +41,7 @@ _MOST_VERDICTS = 500  # expectations that clients are told about
 _AT_ONCE = 20  # commands executed between two turns of an ECU in this process
 
 
-class End(NamedTuple):
+class RunEnd(NamedTuple):
     """End of a run, as its clients are told it.
 
     `ending` is its verdict, or what stands in its place: STOPPED or GIVEN_UP. `exit_code` is that of its process;
@@ -71,7 +71,7 @@ class Server(Relay):
         self._lines: deque[tuple[int, float, str]] = deque(maxlen=_LINES)  # number, Unix time, text
         self._alarms: deque[tuple[int, float, str]] = deque(maxlen=_ALARMS)  # of these lines
         self._count = 0
-        self._status: Status | None = None
+        self._status: RunStatus | None = None
         self._operator: Operator | None = None
         self.acting: Acting | None = None  # set once the run has its stimuli
         self._waiting: queue.SimpleQueue[tuple[_Connection, Any]] = queue.SimpleQueue()
@@ -102,7 +102,7 @@ class Server(Relay):
         self._note(f"ecu {time_s:.3f} s: {text}")
         self.listener.happened(time_s, text)
 
-    def status(self, status: Status) -> None:
+    def status(self, status: RunStatus) -> None:
         """Keep the latest status for clients, and pass it on."""
         self._status = status
         self._phases.runs(status.overruns)
@@ -154,7 +154,7 @@ class Server(Relay):
         """Whether any client is attached."""
         return bool(self._connections)
 
-    def ends(self, end: End) -> None:
+    def ends(self, end: RunEnd) -> None:
         """Keep how the run has ended, for the clients."""
         self._phases.has_ended()
         self._end_report = {

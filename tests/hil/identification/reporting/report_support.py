@@ -6,8 +6,8 @@ from liftgate_hil.identification.result import (
     Estimate,
     Experiment,
     Identification,
+    LikelihoodProfile,
     PhaseErrors,
-    Profile,
     Series,
     Validation,
 )
@@ -116,8 +116,8 @@ def profiles():
     values = np.linspace(2.05, 2.2, 21)
     flat = np.geomspace(1e-6, 1e-3, 21)
     return (
-        Profile("motor.resistance", values, ((values - 2.12797) / 0.0218) ** 2, 2.085, 2.171),
-        Profile(
+        LikelihoodProfile("motor.resistance", values, ((values - 2.12797) / 0.0218) ** 2, 2.085, 2.171),
+        LikelihoodProfile(
             "motor.inductance", flat, np.clip((flat - 4e-5) / 6e-4, 0, None) ** 2,
             float("nan"), float("nan"),
         ),
