@@ -181,14 +181,14 @@ import math
 from liftgate_compiler import compiled
 from liftgate_plant.faults import SOUND_HALL
 from liftgate_plant.edge_ring import edge_ring
-from liftgate_plant.hall import Encoder, Shaft, Tick, initial_halls, read_hall
+from liftgate_plant.hall import Encoder, MotorShaft, Tick, initial_halls, read_hall
 wheel, ring = Encoder(4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, True), edge_ring(16)
-still = Shaft(0.0, 0.0)
+still = MotorShaft(0.0, 0.0)
 halls = initial_halls(wheel, still, still)
 before = halls.copy()
 for position in (math.nan, math.inf, -math.inf, 1e30, -1e30, 1e300):
     for speed in (0.0, math.nan, math.inf):
-        shaft = Shaft(position, speed)
+        shaft = MotorShaft(position, speed)
         compiled(read_hall)(wheel, SOUND_HALL, halls, shaft, Tick(0.0, 1e-3, 0, False), 0, ring)
         assert (halls == before).all(), shaft
 """
