@@ -15,7 +15,7 @@ from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.drive.run_plan import run_plan
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.loop.episode import Episode
+from liftgate_hil.loop.episode import Episode, LoopStart
 from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import plan_of
 from liftgate_hil.plan.request import RunRequest
@@ -126,4 +126,4 @@ def episode_of(sinks: Sequence[Any], adapter: Adapter, **more: Any) -> Episode:
     state = start_of(config, np.radians(39.0), latched=False)
     scenario = reversing()
     around = stimulus_plan(config, scenario.stimuli, scenario.requests)
-    return Episode(config, state, around, adapter, sinks, **more)
+    return Episode(LoopStart(config, state, around), adapter, sinks, **more)

@@ -20,7 +20,7 @@ from liftgate_hil.config.variant import Variant
 from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.ecu.calibration import Calibration, coded
 from liftgate_hil.ecu.events import BLOCKED_CLOSING, BLOCKED_OPENING, TRAPPED_CLOSING, TRAPPED_OPENING, Event
-from liftgate_hil.loop.episode import Episode
+from liftgate_hil.loop.episode import Episode, LoopStart
 from liftgate_hil.loop.tick import constants_in
 from liftgate_hil.plan.loop_start import loop_config_of, start_of
 from liftgate_hil.plan.setup import rig_of, setup_of
@@ -115,9 +115,9 @@ def run(car: Car, trial: Trial, calibration: Calibration) -> Outcome:
     kept = _Kept()
     own = coded(calibration, setup.vehicle.coding)
     with ReferenceEcu(_rig(), setup.vehicle.drives, calibration=own) as ecu:
-        start = start_of(config, setup.start_angle)
+        state = start_of(config, setup.start_angle)
         stimuli = stimulus_plan_of(constants_in(config), scenario.stimuli, scenario.requests)
-        episode = Episode(config, start, stimuli, ecu, [kept], is_recorded=False)
+        episode = Episode(LoopStart(config, state, stimuli), ecu, [kept], is_recorded=False)
         events: list[list[Event]] = []
         for k in range(periods):
             episode.run(round(PERIOD * (k + 1) * RATE))

@@ -25,7 +25,8 @@ from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.library import LibraryEcu
 from liftgate_hil.ecu.python_object import PythonEcu
-from liftgate_hil.loop.episode import FRAMES, ROWS, Episode, Sink, Trace
+from liftgate_hil.loop.episode import FRAMES, ROWS, Episode, LoopStart
+from liftgate_hil.loop.observers import Sink, Trace
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.tick import LoopConfig, constants_in
 from liftgate_hil.plan.loop_start import loop_config_of, start_of
@@ -158,7 +159,7 @@ def run_episode(bench: Bench, case: Case, sinks: Sequence[Sink] = ()) -> tuple[f
     control.rows = control.frames = control.bits = 0
     with case.make(bench.rig, bench.drives) as adapter:
         episode = Episode(
-            bench.config, start_of(bench.config), bench.stimulus_plan(), adapter,
+            LoopStart(bench.config, start_of(bench.config), bench.stimulus_plan()), adapter,
             sinks, case.is_recorded or bool(sinks), bench.memory,
         )  # fmt: skip
         start = time.thread_time()

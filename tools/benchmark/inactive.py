@@ -17,14 +17,13 @@ import numpy as np
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.judging.judge import Judge
-from liftgate_hil.loop.episode import FRAMES, ROWS, Episode, Extremes
-from liftgate_hil.loop.observers import Sink
+from liftgate_hil.loop.episode import FRAMES, ROWS, Episode
+from liftgate_hil.loop.observers import Extremes, Sink
 from liftgate_hil.loop.rings import Memory
-from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.loop_start import loop_start_of
 from liftgate_hil.plan.plan import expected_in
 from liftgate_hil.plan.request import ticks_of
 from liftgate_hil.plan.setup import rig_of, setup_of
-from liftgate_hil.plan.stimulation import planned_stimuli
 
 ROUNDS = 21
 _RATE = 1000.0
@@ -90,7 +89,6 @@ class Figures(NamedTuple):
 def tick_of(path: Path, memory: Memory, ticks: int | None = None) -> float:
     """Run one episode of a scenario; return its CPU seconds per tick, including its judge and the extremes."""
     setup, rig = setup_of(path), rig_of(None)
-    config = loop_config_of(setup.vehicle, rig, _RATE, setup.seed)
     count = ticks or ticks_of(setup.scenario.duration, _RATE)
     assert count is not None
     sinks: list[Sink] = [Extremes()]
@@ -99,7 +97,7 @@ def tick_of(path: Path, memory: Memory, ticks: int | None = None) -> float:
     control = memory.shared.control[0]
     control.rows = control.frames = control.bits = 0
     with ReferenceEcu(rig, setup.vehicle.drives) as adapter:
-        episode = Episode(config, start_of(config), planned_stimuli(setup, rig), adapter, sinks, False, memory)
+        episode = Episode(loop_start_of(setup, rig, _RATE), adapter, sinks, False, memory)
         episode.begin()
         if setup.scenario.expectations:  # compiles the judge, too
             sinks[-1].take(np.zeros((0, memory.shared.rows.shape[1])), memory.shared.frames[:0])

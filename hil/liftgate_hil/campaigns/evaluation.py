@@ -19,9 +19,8 @@ from liftgate_hil.campaigns.vehicles import Vehicles
 from liftgate_hil.conditions.evaluator import work_for
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.vehicle import VehicleFile
-from liftgate_hil.drive.execution import Execution
 from liftgate_hil.drive.run_plan import adapter_of, judge_of
-from liftgate_hil.drive.shared_starts import SharedStarts, reference_copied
+from liftgate_hil.drive.start import SharedStarts, reference_copied, started
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.node import PORT, REFERENCE, NodeState
 from liftgate_hil.errors import ConfigError, LiftgateError, PreconditionError, causes
@@ -29,13 +28,12 @@ from liftgate_hil.isolate.signs_of_life import foreign_code
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.table import BLOCK
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, Verdict, worst
-from liftgate_hil.loop.episode import FRAMES, ROWS, Episode
+from liftgate_hil.loop.episode import FRAMES, ROWS, Episode, LoopStart
 from liftgate_hil.loop.observers import Sink
 from liftgate_hil.loop.rings import Memory
-from liftgate_hil.loop.tick import LoopState
+from liftgate_hil.loop.tick import copied
 from liftgate_hil.plan.plan import Plan, plan_of
 from liftgate_hil.plan.setup import scenario_of, variant_of
-from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_plant.coding import Coding
 
 GROUP = 32  # variants that are prepared together; with 16 the rest of the time is 2 % of the run's more
@@ -74,8 +72,7 @@ class _Trial:
     plan: Plan | None = None
     judge: Judge | None = None
     adapter: Adapter | None = None
-    stimuli: StimulusPlan | None = None  # at time 0, as are the states of loop and ECU
-    loop: LoopState | None = None
+    start: LoopStart | None = None  # at time 0, as is the state of the ECU
     node: NodeState | None = None
     figures: Figures = NO_FIGURES
     stack: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)  # closes a user's ECU
@@ -107,8 +104,7 @@ class Evaluator:
         """Load the machine code that all variants run, before processes are forked from this one."""
         plan = self._plan
         adapter = Adapter(plan.rig, plan.setup.vehicle.drives)
-        stimuli, state = Execution(plan, adapter, (), lambda: False, None).start()
-        Episode(plan.config, state, stimuli, adapter, (), memory=self.memory).begin()
+        Episode(started(plan, adapter, copied(plan.stimuli)), adapter, memory=self.memory).begin()
         judge_of(plan)
 
     def close(self) -> None:
@@ -151,9 +147,8 @@ class Evaluator:
             trial.plan = plan = self.plan(values)
             trial.judge = judge_of(plan, self._work)
             trial.adapter = adapter = self.adapter_of(plan, trial.stack)
-            execution = Execution(plan, adapter, (), stopped, self.memory, self._starts)
-            trial.stimuli = plan.stimuli  # this plan is run once
-            trial.loop = execution.started(trial.stimuli)
+            # This plan is run once: its stimuli need no copy.
+            trial.start = started(plan, adapter, plan.stimuli, stopped, self.memory, self._starts)
             trial.node = adapter.state
         except PreconditionError as failure:
             trial.given_up = str(failure)
@@ -168,8 +163,7 @@ class Evaluator:
         if trial.error or trial.given_up or plan is None or adapter is None:
             return
         began = time.perf_counter()
-        assert trial.stimuli is not None
-        assert trial.loop is not None
+        assert trial.start is not None
         assert trial.node is not None
         assert plan.ticks is not None
         sinks: list[Sink] = [self._figures] if judge is None else [self._figures, judge]
@@ -181,7 +175,7 @@ class Evaluator:
             with trial.stack:
                 if adapter.kind == PORT:
                     trial.stack.enter_context(foreign_code(self.memory))
-                episode = Episode(plan.config, trial.loop, trial.stimuli, adapter, sinks, is_recorded, self.memory)
+                episode = Episode(trial.start, adapter, sinks, is_recorded, self.memory)
                 episode.complete(plan.ticks, stopped)
         except LiftgateError as failure:
             trial.error = "; ".join(causes(failure))

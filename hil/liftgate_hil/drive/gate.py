@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from liftgate_compiler import compiled
 from liftgate_hil.codec.frames import with_frame_flags
 from liftgate_hil.config.described import value_of
 from liftgate_hil.config.restbus import value_in
@@ -29,19 +29,19 @@ from liftgate_hil.diagnostics.single_request import CallerLoop, clear_codes, rea
 from liftgate_hil.diagnostics.tester import Diagnostics, Tester, is_asking_once
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.errors import ConfigError, ConfigIssues, PlantDivergedError
+from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.edges import DRIVES, Edge, edges_since
-from liftgate_hil.loop.closed_loop import DIVERGED, Script, Stretch, run_stretch
+from liftgate_hil.loop.episode import Episode
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.operate.by_hand import STIFFNESS, held_obstacle, obstacle_in, surroundings_in
 from liftgate_hil.operate.cyclic_command import CyclicCommand
 from liftgate_hil.operate.loop_target import LoopTarget
 from liftgate_hil.operate.orders import Orders
-from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.loop_start import loop_start_of
 from liftgate_hil.plan.request import RATE
 from liftgate_hil.plan.setup import rig_of, setup_of, variant_of
-from liftgate_hil.plan.stimulation import opening_of, planned_stimuli
+from liftgate_hil.plan.stimulation import opening_of
 from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX, ColumnValues, columns_of
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.restbus import BENCH, OPERATOR, start_value_of
@@ -78,10 +78,12 @@ class Gate:
         setup = setup_of(vehicle=vehicle, settings=settings, initial=initial, seed=seed, variant=variant)
         self.rig = rig = rig_of(rig)
         self._vehicle = vehicle = setup.vehicle
-        self._config = loop_config_of(vehicle, rig, value_of("rate", rate, RATE), setup.seed)
         opening = opening_of(rig, has_operator=True)
-        stimuli = planned_stimuli(setup, rig, opening=opening)
-        target = LoopTarget(stimuli, setup, rig, opening.signals, restart=_cannot_reset, make_room=self._make_room)
+        start = loop_start_of(setup, rig, value_of("rate", rate, RATE), opening, RING_SIZE)
+        self._config = start.config
+        target = LoopTarget(
+            start.stimuli, setup, rig, opening.signals, restart=_cannot_reset, make_room=self._make_room
+        )
         self._orders = Orders(rig, target.layer(BENCH))
         self._target = target.layer(OPERATOR)
         self._faults: list[InjectedFault] = []
@@ -90,12 +92,12 @@ class Gate:
         self._is_closed = False
         self._bus = Adapter(rig, vehicle.drives)
         self._command = CyclicCommand(rig, self._config, self._bus.node.reference)
-        self._script = Script(stimuli=stimuli, ticks=0, is_last=0, is_recorded=1, edges=RING_SIZE // 2)
-        self._now = Stretch(start_of(self._config, setup.start_angle, RING_SIZE), self._bus.state, 1, 0, 0)
-        self._run = compiled(run_stretch)
+        self._episode = Episode(start, self._bus, [_StepSink(self)], memory=self._memory, edges=RING_SIZE // 2)
         self._row = np.full(len(COLUMN_PLACE), np.nan)
         self._waiting: list[tuple[int, int, bytes]] = []
+        self._sent: list[can.Message] = []  # in this step, as are the edges
         self._edges: list[Edge] = []
+        self._edges_seen = 0
 
     def __enter__(self) -> Gate:
         return self
@@ -119,7 +121,7 @@ class Gate:
     @property
     def time(self) -> float:
         """Model time [s]."""
-        return self._now.loop.tick * self._config.step
+        return self._episode.time
 
     @property
     def truth(self) -> ColumnValues:
@@ -132,7 +134,7 @@ class Gate:
         return self._columns(SENSED_PREFIX)
 
     def _columns(self, prefix: str) -> ColumnValues:
-        if self._now.loop.tick == 0:
+        if self._episode.ticks == 0:
             return ColumnValues()
         columns = columns_of(self._vehicle.drives)
         names = [name for name in columns if name.startswith(SENSED_PREFIX) == bool(prefix)]
@@ -141,7 +143,7 @@ class Gate:
     @property
     def summary(self) -> Summary:
         """Figures of all frames so far."""
-        loop = self._now.loop
+        loop = self._episode.state
         return Summary(
             clock="lockstep",
             ticks=loop.tick,
@@ -227,7 +229,7 @@ class Gate:
 
     def _make_room(self) -> None:
         """Take the commands that wait for the next tick, so that more can be posted."""
-        take_posted(self._script.stimuli, self.time)
+        take_posted(self._episode.stimuli, self.time)
 
     def signal(self, name: str, value: float | str | None) -> None:
         """Set a signal that another control unit sends, from now on.
@@ -314,39 +316,41 @@ class Gate:
             raise ConfigError(f"`{name}`: trouble codes {services.MISSING}")
         if not callable(cycle):
             raise ConfigError(f"`cycle` {show(cycle)}: allowed: a function without arguments")
-        if is_asking_once(self._script.stimuli.tester):
+        if is_asking_once(self._episode.stimuli.tester):
             raise ConfigError(f"`{name}`: the tester waits for a response; allowed: after that")
         return own, CallerLoop(self._put_tester, cycle, lambda: self.time)
 
     def _put_tester(self, tester: Tester) -> None:
-        self._script = self._script._replace(stimuli=self._script.stimuli._replace(tester=tester))
+        self._episode.follow(self._episode.stimuli._replace(tester=tester))
 
     def step(self, seconds: float) -> list[can.Message]:
         """Advance by a time [s], rounded to ticks, at least one; return the frames that the gate sent meanwhile.
 
         Raises PlantDivergedError, ConfigError.
         """
-        from liftgate_hil.transport.messages import logged_message
-
         self._check_open()
         if not isinstance(seconds, Real) or isinstance(seconds, bool) or not 0.0 < seconds <= 1e6:
             raise ConfigError(f"`seconds` {show(seconds)}: allowed: above 0, up to 1e6 s")
-        end = self._now.loop.tick + max(1, round(seconds / self._config.step))
-        messages: list[can.Message] = []
-        self._edges = []
-        while self._now.loop.tick < end:
-            seen = int(self._now.loop.sensors.edges.written[0])
-            self._advance(self._next_stop(end))
-            control = self._memory.shared.control[0]
-            self._row[:] = self._memory.shared.rows[control.rows - 1]
-            frames = self._memory.shared.frames[: control.frames]
-            messages += map(logged_message, frames[frames.is_sent != 0])
-            self._orders.look(frames, self.time)
-            control.rows = control.frames = 0
-            self._edges += edges_since(self._now.loop.sensors.edges, seen)
-            if self._now.outcome == DIVERGED:
-                raise PlantDivergedError.at(self.time)
-        return messages
+        end = self._episode.ticks + max(1, round(seconds / self._config.step))
+        self._sent, self._edges = [], []
+        while self._episode.ticks < end:
+            stop = self._next_stop(end)
+            self._waiting += self._command.frames_at(self._episode.ticks)
+            given, self._waiting = self._waiting[: wire.CAPACITY], self._waiting[wire.CAPACITY :]
+            self._episode.give(given)
+            self._episode.run(stop)
+        return self._sent
+
+    def _note(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """Note what happened in a stretch of a step."""
+        from liftgate_hil.transport.messages import logged_message
+
+        self._row[:] = rows[-1]
+        self._sent += map(logged_message, frames[frames.is_sent != 0])
+        self._orders.look(frames, self.time)
+        edges = self._episode.state.sensors.edges
+        self._edges += edges_since(edges, self._edges_seen)
+        self._edges_seen = int(edges.written[0])
 
     def edges(self, drive: str) -> list[Edge]:
         """Return the Hall edges of a drive, `left` or `right`, during the last `step`, in the order of time.
@@ -360,7 +364,7 @@ class Gate:
 
     def _next_stop(self, end: int) -> int:
         """Return the tick up to which the gate can run without interruption, at most `end`."""
-        tick = self._now.loop.tick
+        tick = self._episode.ticks
         is_ordered = any(self._orders.is_one(identifier) for identifier, _, _ in self._waiting)
         if len(self._waiting) > wire.CAPACITY or is_ordered:
             return tick + 1
@@ -371,17 +375,16 @@ class Gate:
         cycle = self._command.cycle
         return min(end, (tick // cycle + 1) * cycle, tick + _ROWS)
 
-    def _advance(self, stop: int) -> None:
-        """Pass the queued frames to the gate, and run until the tick `stop`."""
-        self._waiting += self._command.frames_at(self._now.loop.tick)
-        sent = self._now.node.port.sent
-        given, self._waiting = self._waiting[: wire.CAPACITY], self._waiting[wire.CAPACITY :]
-        for place, (identifier, length, data) in enumerate(given):
-            sent.identifiers[place], sent.lengths[place] = identifier, length
-            sent.data[place, : len(data)] = np.frombuffer(data, dtype=np.uint8)
-        start = self._now._replace(pending=len(given))
-        script = self._script._replace(ticks=stop)
-        self._now = self._run(self._config, self._bus.node, start, script, self._memory.shared)
+
+class _StepSink:
+    """Sink that passes what happened to its gate."""
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate = gate
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """Pass rows and frames on."""
+        self._gate._note(rows, frames)
 
 
 def _cannot_reset() -> None:

@@ -1,4 +1,4 @@
-"""The driver of a run in real time: the loop in a thread of machine code, recordings in a process of their own."""
+"""Driver of a run in real time: the loop in a thread of machine code, recordings in a process of their own."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from liftgate_hil.drive.bus_driver import BusDriver
 from liftgate_hil.isolate.recorder_process import RecorderProcess
-from liftgate_hil.loop.begun import Begun
 from liftgate_hil.loop.priority import Realtime
 from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
 from liftgate_hil.loop.statistics import Summary
@@ -17,78 +17,74 @@ from liftgate_hil.plan.request import NS
 from liftgate_hil.transport.find import open_line
 
 if TYPE_CHECKING:
-    from liftgate_hil.drive.bus_run import BusRun, Going
+    from liftgate_hil.drive.bus_driver import Going
     from liftgate_hil.drive.precondition import Phase
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
     from liftgate_hil.transport.base import Line
 
 
-class RealtimeDriver:
-    """Runs a plan on its bus in real time; see `driver.Driver`."""
+class RealtimeDriver(BusDriver):
+    """Driver of a run on its bus in real time."""
 
-    def __init__(self, run: BusRun) -> None:
-        self._run = run
-        request = run.plan.request
-        self._realtime = None if request.realtime is False else Realtime(request.cpu, bool(request.realtime))
-        self._loop: RealtimeRun | None = None
-        self._recorder: RecorderProcess | None = None
-        self.begun: Begun | None = None
+    _realtime: Realtime | None = None
+    _loop: RealtimeRun | None = None
+    _recorder: RecorderProcess | None = None
 
     def begin(self, stack: contextlib.ExitStack) -> None:
         """Open the line, start the recorder's process, compile, and run the phases before time 0."""
-        run, plan = self._run, self._run.plan
-        line = run.opened(open_line, stack)
-        channel = run.channel(line)
+        plan = self.plan
+        if plan.request.realtime is not False:
+            self._realtime = Realtime(plan.request.cpu, bool(plan.request.realtime))
+        line = self.opened(open_line, stack)
+        channel = self.channel(line)
         made = functools.partial(self._made, line, stack)
-        self._loop = loop = made(run.stimuli)
-        loop.peers, loop.sinks, loop.observers = run.peers, run.sinks, run.observers.in_order()
-        run.let_in(channel, loop.memory, self._mark, stack)
+        self._loop = loop = made(self.start.stimuli)
+        loop.peers, loop.sinks, loop.observers = self.peers, self.sinks, self.observers.in_order()
+        self.let_in(channel, loop.memory, self._mark, stack)
         if plan.request.recordings:
             self._recorder = RecorderProcess(loop.memory, list(map(str, plan.request.recordings)))
             stack.callback(self._recorder.close)
             self._recorder.order(
                 plan.request.recordings,
-                content_of(plan, channel, run.way.interface),
+                content_of(plan, channel, self.way.interface),
                 plan.request.limit(),
-                run.listener.alarm,
+                self.listener.alarm,
                 plan.trigger,
             )
-        run.listener.starts(f"{plan.setup.vehicle_name} on {channel}")
+        self.listener.starts(f"{plan.setup.vehicle_name} on {channel}")
         loop.begin()
         if self._realtime is not None:
             stack.callback(self._realtime.release)
             self._realtime.prepare()
         if self._recorder is not None:
             self._recorder.wait_until_ready()
-        run.listener.ready()
-        has_run = run.prepare(functools.partial(self._phase_begun, made))
-        loop.state, loop.monitor = run.state, run.monitor()
+        self.listener.ready()
+        has_run = self.run_phases(functools.partial(self._phase_begun, made))
+        loop.state, loop.monitor = self.start.state, self.monitor()
         loop.is_first = not has_run
-        if plan.job.gives_up_late:
-            judge = run.execution.judge
-            loop.spoilt = loop.spoilt if judge is None else judge.spoilt
-        self.begun = Begun.at(plan.config, run.state, run.stimuli)
+        if plan.job.gives_up_late and self.judge is not None:
+            loop.spoilt = self.judge.spoilt
 
     def _mark(self, time_s: float, text: str) -> bool:
         return self._recorder is None or self._recorder.mark(time_s, text)
 
     def _made(self, line: Line, stack: contextlib.ExitStack, stimuli: StimulusPlan) -> RealtimeRun:
         """A run on the line with these stimuli, with a memory of its own until the stack is left."""
-        run, plan = self._run, self._run.plan
+        plan = self.plan
         memory = memory_for(plan.request.rate)
         stack.callback(memory.close)
         return RealtimeRun(
             config=plan.config,
-            state=run.state,
+            state=self.start.state,
             stimuli=stimuli,
             line=line,
             memory=memory,
             rig=plan.rig,
-            bitrate=run.way.bitrate(plan.rig),
+            bitrate=self.way.bitrate(plan.rig),
             limit_ns=round(plan.request.overrun_limit * NS),
-            say=run.listener.say,
-            alarm=run.listener.alarm,
+            say=self.listener.say,
+            alarm=self.listener.alarm,
             realtime=self._realtime,
         )
 
@@ -105,13 +101,13 @@ class RealtimeDriver:
 
         return go
 
-    def advance(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
+    def advance(self, ticks: int | None) -> None:
         """Run the loop to its end, the last tick with the motors off included."""
         assert self._loop is not None
         try:
-            self._loop.run(ticks, stopped)
+            self._loop.run(ticks, self.stopped)
         finally:
-            self._run.observers.end()
+            self.observers.end()
 
     def finish(self) -> None:
         """Do nothing: the loop has switched the motors off itself, without waiting for this thread."""
@@ -123,13 +119,10 @@ class RealtimeDriver:
         """
         summary = Summary(clock="realtime")
         if self._loop is not None:
-            summary = self._run.execution.told(self._loop.summary(), self._run.state, self._run.stimuli)
+            summary = self.told(self._loop.summary(), self.start.state, self.start.stimuli)
         if self._recorder is not None:
             summary.recording_lost_rows = self._recorder.lost_rows
             summary.recordings = self._recorder.files
             summary.recording_windows = self._recorder.windows
+        self.observers.note(summary)
         return summary
-
-    def recording_failures(self) -> list[str]:
-        """Say nothing: closing the recorder's process raises what failed."""
-        return []

@@ -28,10 +28,8 @@ from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.stepped_again import SteppedAgain
 from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary
 from liftgate_hil.judging.verdict import Verdict
-from liftgate_hil.loop.begun import Begun
-from liftgate_hil.loop.episode import Episode
+from liftgate_hil.loop.episode import Episode, LoopStart
 from liftgate_hil.loop.observers import Sink
-from liftgate_hil.loop.tick import copied
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.bus_fault_tables import RECEIVED
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
@@ -110,7 +108,7 @@ class _Angles:
 class StepsAgain:
     """Steps the gate of a run again for a lateness [s]: see `judging.stepped_again.StepAgain`."""
 
-    begun: Begun
+    begun: LoopStart
     frames: Any  # (n,) LOGGED, see `relevant_frames`
     ticks: int  # of the run
     rig: Rig
@@ -148,13 +146,13 @@ class StepsAgain:
 
     def _stepped(self, shift: float) -> _Stepped | None:
         """Return the verdicts with the commands later by a shift [s]; None: stopped, or another motion."""
-        config, state = self.begun.config, copied(self.begun.state)
-        stimuli = _without_received_faults(copied(self.begun.stimuli))
+        start = self.begun.with_own_arrays()
+        start.stimuli.bus_faults.rows["direction"] &= ~RECEIVED  # what was received is known
         judge = Judge(self.expected, self.rate, self.end)
         sketcher, angles = TraceSummarizer(judge, self.rate), _Angles(self.angles)
         sinks: list[Sink] = [judge] if shift else [judge, sketcher, angles]
         player = _CommandPlayer(self.rig, self.drives, self.frames, shift, self.begun)
-        episode = Episode(config, state, stimuli, player, sinks, is_recorded=judge.reads_the_bus)
+        episode = Episode(start, player, sinks, is_recorded=judge.reads_the_bus)
         try:
             episode.begin()
             episode.run(self.ticks, self.stopped)
@@ -175,12 +173,6 @@ class _Stepped(NamedTuple):
     trace_summaries: Mapping[str, TraceSummary]
 
 
-def _without_received_faults(stimuli: StimulusPlan) -> StimulusPlan:
-    """Remove bus faults on received frames from a stimulus plan: what was received is known."""
-    stimuli.bus_faults.rows["direction"] &= ~RECEIVED
-    return stimuli
-
-
 class _CommandPlayer(Adapter):
     """Adapter that plays recorded frames to the gate in place of an ECU.
 
@@ -190,7 +182,7 @@ class _CommandPlayer(Adapter):
 
     kind = PORT
 
-    def __init__(self, rig: Rig, drives: int, frames: Any, shift: float, begun: Begun) -> None:
+    def __init__(self, rig: Rig, drives: int, frames: Any, shift: float, begun: LoopStart) -> None:
         super().__init__(rig, drives)
         self._frames, self._next = frames, 0
         step_ns = begun.config.step_ns

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_compiler import compiled
 from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.node import NO_ECU
 from liftgate_hil.errors import EcuError, PlantDivergedError
 from liftgate_hil.loop.closed_loop import (
     ANY,
@@ -27,7 +27,6 @@ from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
-from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_hil.transport.base import NO_ERRORS
 
@@ -35,23 +34,35 @@ ROWS = 4096  # rows of a stretch, few enough to stay in the processor's cache
 FRAMES = 16384
 
 
+class LoopStart(NamedTuple):
+    """Constants, state and stimuli of a loop that is about to run."""
+
+    config: LoopConfig
+    state: LoopState
+    stimuli: StimulusPlan
+
+    def with_own_arrays(self) -> LoopStart:
+        """Return a copy that no loop changes."""
+        return LoopStart(self.config, copied(self.state), copied(self.stimuli))
+
+
 class Episode:
     """Closed loop of gate and ECU in this process, in machine code, which runs as fast as possible.
 
-    `memory` may be read by others. Raises ValueError if its ring of frames has no room for two ticks.
+    `memory` may be read by others; a stretch of machine code ends after so many Hall `edges`. Raises ValueError if
+    the memory's ring of frames has no room for two ticks.
     """
 
     def __init__(
         self,
-        config: LoopConfig,
-        state: LoopState,
-        stimuli: StimulusPlan,
+        start: LoopStart,
         adapter: Adapter,
         sinks: Sequence[Sink] = (),
         is_recorded: bool = True,
         memory: Memory | None = None,
+        edges: int = ANY,
     ) -> None:
-        self.config = config
+        self.config = config = start.config
         least = 2 * most_frames(config)
         if memory is not None and memory.sizes[1] <= least:
             raise ValueError(f"a ring of {memory.sizes[1]} frames; allowed: more than {least}")
@@ -59,10 +70,10 @@ class Episode:
         self._owns_memory = memory is None
         self._adapter = adapter
         self._sinks = sinks
-        self._script = Script(stimuli=stimuli, ticks=0, is_last=0, is_recorded=int(is_recorded), edges=ANY)
-        # After a precondition the ECU has already had its turn at this time.
-        has_begun = int(stimuli.origin[0] > 0)
-        self._now = Stretch(state, adapter.state, has_begun=has_begun, pending=0, outcome=DONE)
+        self._script = Script(start.stimuli, ticks=0, is_last=0, is_recorded=int(is_recorded), edges=edges)
+        # After a precondition the ECU has already had its turn at this time; none has one where there is no ECU.
+        has_begun = int(start.stimuli.origin[0] > 0 or adapter.kind == NO_ECU)
+        self._now = Stretch(start.state, adapter.state, has_begun=has_begun, pending=0, outcome=DONE)
         self._run = compiled(run_stretch)
         self.monitor: ProgressMonitor | None = None
         self.bits = 0
@@ -71,6 +82,11 @@ class Episode:
     def state(self) -> LoopState:
         """The loop's state after the last tick."""
         return self._now.loop
+
+    @property
+    def stimuli(self) -> StimulusPlan:
+        """The stimulus plan that the loop uses."""
+        return self._script.stimuli
 
     @property
     def in_flight(self) -> int:
@@ -108,6 +124,17 @@ class Episode:
     def follow(self, stimuli: StimulusPlan) -> None:
         """Use another stimulus plan from now on."""
         self._script = self._script._replace(stimuli=stimuli)
+
+    def give(self, frames: Sequence[tuple[int, int, bytes]]) -> None:
+        """Let the gate read frames (identifier with flags, length, data) in the next tick, CAPACITY at most.
+
+        They come instead of what the ECU has sent in the last one.
+        """
+        sent = self._now.node.port.sent
+        for place, (identifier, length, data) in enumerate(frames):
+            sent.identifiers[place], sent.lengths[place] = identifier, length
+            sent.data[place, : len(data)] = np.frombuffer(data, dtype=np.uint8)
+        self._now = self._now._replace(pending=len(frames))
 
     def finish(self) -> None:
         """Run one more tick with the motors off, in which every message is sent."""
@@ -164,50 +191,3 @@ class Episode:
             self.monitor.look(moment, is_last=self._now.outcome not in (DONE, RESET))
         self.bits += int(control.bits)
         control.rows = control.frames = control.bits = 0
-
-
-class Extremes:
-    """A sink that keeps each column's extremes, and the time of the largest pinch force."""
-
-    def __init__(self) -> None:
-        self.high: NDArray[np.float64] | None = None
-        self.low: NDArray[np.float64] | None = None
-        self.pinch_time = np.nan  # s; NaN: nothing was pinched
-
-    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Update the extremes with rows (n, ROW_WIDTH)."""
-        if not len(rows):
-            return
-        high, low = rows.max(axis=0), rows.min(axis=0)
-        force = COLUMN_PLACE["pinch_force_n"]
-        if high[force] > (0.0 if self.high is None else self.high[force]):
-            peak = int(np.argmax(rows[:, force]))
-            self.pinch_time = float(rows[peak, COLUMN_PLACE["time_s"]])
-        self.high = high if self.high is None else np.maximum(self.high, high)
-        self.low = low if self.low is None else np.minimum(self.low, low)
-
-
-class Trace:
-    """A sink that keeps every `every`-th row."""
-
-    def __init__(self, every: int = 1) -> None:
-        self._every = every
-        self._seen = 0
-        self._parts: list[NDArray[np.float64]] = []
-
-    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Keep copies of every `every`-th of the rows (n, ROW_WIDTH)."""
-        first = -self._seen % self._every
-        self._parts.append(rows[first :: self._every].copy())
-        self._seen += len(rows)
-
-    def rows(self) -> NDArray[np.float64]:
-        """Return the kept rows (n, ROW_WIDTH) in the order of signals.COLUMNS."""
-        if not self._parts:
-            return np.empty((0, len(COLUMN_PLACE)))
-        return np.concatenate(self._parts)
-
-    def columns(self) -> dict[str, NDArray[np.float64]]:
-        """Return the kept columns by name, (n,) each."""
-        rows = self.rows()
-        return {name: rows[:, place] for name, place in COLUMN_PLACE.items()}

@@ -17,12 +17,10 @@ from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.diagnostics.tester import quiet
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.errors import EcuError, PreconditionError
-from liftgate_hil.loop.episode import Episode
-from liftgate_hil.loop.tick import LoopConfig, LoopState
+from liftgate_hil.loop.episode import Episode, LoopStart
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.moments import Instant, Sheet
 from liftgate_hil.stimuli.requests import Request, requests_of
-from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 
 _LONG_AGO = 2**36  # ticks until the scenario's time 0, assumed while that is not known
 _AGES = 2e9  # s before time 0, earlier than all of these ticks: due at once
@@ -60,24 +58,24 @@ class StandstillDetector:
 
 
 def after_precondition(
-    config: LoopConfig,
-    state: LoopState,
-    stimuli: StimulusPlan,
+    start: LoopStart,
     adapter: Adapter,
     actions: Sequence[str],
     stopped: Callable[[], bool] = lambda: False,
     guard: Callable[[], AbstractContextManager[None]] = nullcontext,
-) -> LoopState:
-    """Return the gate's state after a sequence of requests, each made when the motion of the last one is over.
+) -> LoopStart:
+    """Return the loop after a sequence of requests, each made when the motion of the last one is over.
 
-    `stimuli` begins there. The ECU runs within a `guard`. Raises PreconditionError, EcuError, PlantDivergedError.
+    Its stimuli, which are those of `start`, begin there. The ECU runs within a `guard`. Raises PreconditionError,
+    EcuError, PlantDivergedError.
     """
     if not actions:
-        return state
+        return start
+    config, stimuli = start.config, start.stimuli
     look = max(1, round(_LOOK / config.step))
     sinks: list[StandstillDetector] = []
-    episode = Episode(config, state, stimuli, adapter, sinks, is_recorded=False)
-    stimuli.origin[0] = state.tick + _LONG_AGO
+    episode = Episode(start, adapter, sinks, is_recorded=False)
+    stimuli.origin[0] = start.state.tick + _LONG_AGO
     try:
         episode.begin()
         for action in actions:
@@ -100,4 +98,4 @@ def after_precondition(
         episode.close()
     stimuli.origin[0] = episode.state.tick
     adapter.begins_anew(episode.state.tick * config.step, episode.in_flight)
-    return episode.state._replace(counts=NO_COUNTS, timeouts=0)
+    return start._replace(state=episode.state._replace(counts=NO_COUNTS, timeouts=0))

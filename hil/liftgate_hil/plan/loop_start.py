@@ -6,13 +6,19 @@ from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.codec.transmit import message_of
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import check_fit
+from liftgate_hil.loop.episode import LoopStart
 from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop
 from liftgate_hil.plan.request import NS
+from liftgate_hil.plan.setup import Setup
+from liftgate_hil.plan.stimulation import planned_stimuli
 from liftgate_hil.signals import OUT
+from liftgate_hil.stimuli.command_queue import CLOSED, Opening
 from liftgate_plant.faults import SOUND
 from liftgate_plant.friction_profile import friction_profile
 from liftgate_plant.initial import closed_state, initial_state
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
+
+_EDGES = 64  # of the ring of Hall edges
 
 
 def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopConfig:
@@ -44,7 +50,16 @@ def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopCo
     )
 
 
-def start_of(config: LoopConfig, angle: float = 0.0, edges: int = 64) -> LoopState:
+def loop_start_of(
+    setup: Setup, rig: Rig, rate: float, opening: Opening = CLOSED, edges: int = _EDGES
+) -> LoopStart:
+    """Return a loop at rest with a setup's stimuli, for an ECU that has no bus. Raises ConfigError."""
+    config = loop_config_of(setup.vehicle, rig, rate, setup.seed)
+    state = start_of(config, setup.start_angle, edges)
+    return LoopStart(config, state, planned_stimuli(setup, rig, opening=opening))
+
+
+def start_of(config: LoopConfig, angle: float = 0.0, edges: int = _EDGES) -> LoopState:
     """Return the state of a loop whose gate rests at an angle [rad]; at 0 it is closed and latched.
 
     There is a ring for the last `edges` Hall edges.

@@ -27,13 +27,12 @@ from liftgate_hil.judging.judge import Gap, Judge
 from liftgate_hil.judging.stepped_again import SteppedAgain
 from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary
 from liftgate_hil.judging.verdict import INCONCLUSIVE, Verdict
-from liftgate_hil.loop.begun import Begun
 from liftgate_hil.measurement.mapping import ColumnMap, parse_maps
-from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.loop_start import loop_start_of
 from liftgate_hil.plan.plan import expected_in
 from liftgate_hil.plan.recorded_setup import recorded_setup
 from liftgate_hil.plan.setup import Setup, rig_of, setup_of
-from liftgate_hil.plan.stimulation import planned_stimuli, reset_failure
+from liftgate_hil.plan.stimulation import reset_failure
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.testing.read_run import Asked, read_run
 from liftgate_hil.testing.recorded_run import RecordedRun, rounded_to_us
@@ -256,12 +255,10 @@ def _steps_again(paths: Sequence[Path], about: RecordingExpectations, judge: Jud
     if not run.has_frames or run.lacks("gate_angle_deg") or run.lacks("ticks_missed"):
         return None
     rate = float(f"{run.rate:.6g}")  # an estimate, from times in microseconds
-    config = loop_config_of(setup.vehicle, rig, rate, setup.seed)
-    stimuli = planned_stimuli(setup, rig, is_on_bus=False)
-    start = start_of(config, setup.start_angle)
+    start = loop_start_of(setup, rig, rate)
     return StepsAgain(
-        begun=Begun(config, start, stimuli),
-        frames=relevant_frames(rig, run.frames, judge.expected, stimuli),
+        begun=start,
+        frames=relevant_frames(rig, run.frames, judge.expected, start.stimuli),
         ticks=len(run.times) - 1,
         rig=rig,
         drives=setup.vehicle.drives,

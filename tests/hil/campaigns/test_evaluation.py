@@ -97,11 +97,11 @@ def test_variants_share_a_precondition_and_are_as_runs_of_their_own(tmp_path: Pa
 
 
 def test_a_shared_precondition_is_gone_through_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from liftgate_hil.drive import execution
+    from liftgate_hil.drive import start
 
     calls = []
-    whole = execution.after_precondition
-    monkeypatch.setattr(execution, "after_precondition", lambda *args: calls.append(1) or whole(*args))
+    whole = start.after_precondition
+    monkeypatch.setattr(start, "after_precondition", lambda *args: calls.append(1) or whole(*args))
     path = scenario(tmp_path, '["open"]', '"closed"')
     base, _ = base_and_space(path, "rod=10000,65000", "environment.road_slope_deg=0,8")
     evaluator = Evaluator(base)
@@ -134,11 +134,11 @@ def test_each_scenario_of_the_pack_is_the_same_after_a_shared_precondition(path:
 def test_variants_of_a_fault_and_a_profile_share_their_precondition(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from liftgate_hil.drive import execution
+    from liftgate_hil.drive import start
 
     calls = []
-    whole = execution.after_precondition
-    monkeypatch.setattr(execution, "after_precondition", lambda *args: calls.append(1) or whole(*args))
+    whole = start.after_precondition
+    monkeypatch.setattr(start, "after_precondition", lambda *args: calls.append(1) or whole(*args))
     path = scenario(tmp_path, '["open"]', '"closed"')
     more = """
 [parameters]

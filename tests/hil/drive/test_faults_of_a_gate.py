@@ -557,10 +557,10 @@ def test_a_fault_goes_on_while_others_come_and_go() -> None:
         gate.step(0.4)
         other = gate.fault("parameter", key="gate.gravity_point[0]", value=0.5)
         gate.step(0.2)
-        both = gate._script.stimuli.faults.row.copy()
+        both = gate._episode.stimuli.faults.row.copy()
         other.clear()
         gate.step(0.2)
-        alone = gate._script.stimuli.faults.row.copy()
+        alone = gate._episode.stimuli.faults.row.copy()
         for row, time, faults in ((both, 0.599, [slow.fault, other.fault]), (alone, 0.799, [slow.fault])):
             planned = stimulus_plan_of(
                 constants_of(gate._vehicle), injections=injections_of(faults, gate._vehicle, gate.rig)

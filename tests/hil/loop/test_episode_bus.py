@@ -46,7 +46,8 @@ from liftgate_hil.ecu.python_object import PythonEcu
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.isolate.recording_sink import RecordingSink
-from liftgate_hil.loop.episode import Episode, Extremes, Trace
+from liftgate_hil.loop.episode import Episode, LoopStart
+from liftgate_hil.loop.observers import Extremes, Trace
 from liftgate_hil.plan.setup import vehicle_from
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_hil.stimuli.moments import Instant
@@ -228,7 +229,7 @@ def test_a_diverged_drive_is_noticed_even_where_the_gate_stands(rig: Rig) -> Non
     keeper = Keeper()
     with ReferenceEcu(rig, 2) as adapter:
         broken = state._replace(plant=state.plant._replace(right=right))
-        episode = Episode(config, broken, stimulus_plan(config), adapter, sinks=[keeper])
+        episode = Episode(LoopStart(config, broken, stimulus_plan(config)), adapter, sinks=[keeper])
         with pytest.raises(PlantDivergedError, match=r"0\.001 s"):
             episode.run(100)
         episode.close()

@@ -40,8 +40,8 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop.arrivals import arrival_of
 from liftgate_hil.loop.datagrams import make_buffers, read_frames, write_frames
-from liftgate_hil.loop.episode import Trace
 from liftgate_hil.loop.histogram import BINS, bin_of
+from liftgate_hil.loop.observers import Trace
 from liftgate_hil.loop.python_loop import Loop
 from liftgate_hil.loop.realtime_loop import DIVERGED, ENDED, OVERRUN, RunParams, make_room, run_realtime
 from liftgate_hil.loop.realtime_run import RealtimeRun, feedback_identifiers

@@ -21,7 +21,7 @@ from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.loop import advance
 from liftgate_hil.loop import tick as tick_module
-from liftgate_hil.loop.episode import Trace
+from liftgate_hil.loop.observers import Trace
 from liftgate_hil.loop.python_loop import Loop, scheduled_tick
 from liftgate_hil.loop.rings import Memory, RingReader, next_row
 from liftgate_hil.loop.row import write_row

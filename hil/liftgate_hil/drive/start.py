@@ -1,21 +1,54 @@
-"""States of gate and ECU after a precondition, copied for the next runs that have the same one."""
+"""Start of a run: gate and ECU at the scenario's time 0, after the precondition, which runs may share."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.ecu.node import REFERENCE
+from liftgate_hil.ecu.node import NO_ECU, REFERENCE
+from liftgate_hil.isolate.signs_of_life import foreign_code
+from liftgate_hil.loop.episode import LoopStart
+from liftgate_hil.loop.precondition import after_precondition
 from liftgate_hil.loop.tick import copied
+from liftgate_hil.plan.loop_start import start_of
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.adapter import Adapter
     from liftgate_hil.ecu.node import NodeState
+    from liftgate_hil.loop.rings import Memory
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.plan.plan import Plan
     from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
+
+
+def started(
+    plan: Plan,
+    adapter: Adapter,
+    stimuli: StimulusPlan,
+    stopped: Callable[[], bool] = lambda: False,
+    memory: Memory | None = None,
+    shared: SharedStarts | None = None,
+) -> LoopStart:
+    """Return a plan's loop at time 0, where `stimuli`, the plan's or a copy of them, begin.
+
+    An ECU in this process goes through the precondition, from which `shared` keeps the state for other runs; that
+    of an ECU on a bus is on the wire. Raises as `after_precondition`.
+    """
+    begin = LoopStart(plan.config, start_of(plan.config, plan.setup.start_angle), stimuli)
+    if adapter.kind == NO_ECU:
+        return begin
+    if shared is not None and (kept := shared.restored(plan, adapter, begin)) is not None:
+        return kept
+    actions = plan.setup.scenario.precondition
+    before = copied(stimuli) if shared is not None and actions else None
+    found = after_precondition(begin, adapter, actions, stopped, partial(foreign_code, memory))
+    if shared is not None and before is not None:
+        shared.keep(plan, adapter, before, found)
+    return found
 
 
 @dataclass(frozen=True)
@@ -39,32 +72,25 @@ class SharedStarts:
     def __init__(self) -> None:
         self._kept: _Kept | None = None
 
-    def restore(self, plan: Plan, adapter: Adapter, stimuli: StimulusPlan) -> bool:
-        """Put the ECU, and the origin of `stimuli`, into the kept state; False: there is none for this run."""
+    def restored(self, plan: Plan, adapter: Adapter, begin: LoopStart) -> LoopStart | None:
+        """Put the ECU, and the origin of the stimuli, into the kept state; None: there is none for this run."""
         kept = self._kept
         if kept is None or kept.key != _key_of(plan):
-            return False
+            return None
         adapter.state = reference_copied(kept.node)
         adapter.begins_anew(kept.origin * plan.config.step, kept.in_flight)
-        stimuli.origin[0] = kept.origin
-        return True
+        begin.stimuli.origin[0] = kept.origin
+        return begin._replace(state=copied(kept.loop))
 
-    def loop_state(self) -> LoopState:
-        """Return a copy of the loop's state that was restored last."""
-        assert self._kept is not None
-        return copied(self._kept.loop)
-
-    def keep(
-        self, plan: Plan, adapter: Adapter, before: StimulusPlan, stimuli: StimulusPlan, loop: LoopState
-    ) -> None:
+    def keep(self, plan: Plan, adapter: Adapter, before: StimulusPlan, after: LoopStart) -> None:
         """Keep the state after a precondition, unless that has changed more of the stimuli than their origin."""
-        origin = int(stimuli.origin[0])
+        stimuli = after.stimuli
         # When faults are looked at next is found anew at time 0, with the same result.
         faults = before.faults._replace(next=stimuli.faults.next)
         same = before._replace(origin=stimuli.origin, faults=faults)
         is_shared = adapter.kind == REFERENCE and _are_equal(stimuli, same)
-        node = reference_copied(adapter.state)
-        kept = _Kept(_key_of(plan), copied(loop), node, origin, adapter.in_flight)
+        node, origin = reference_copied(adapter.state), int(stimuli.origin[0])
+        kept = _Kept(_key_of(plan), copied(after.state), node, origin, adapter.in_flight)
         self._kept = kept if is_shared else None
 
 
