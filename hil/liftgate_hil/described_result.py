@@ -75,7 +75,8 @@ def _object_of(record: Any) -> dict[str, Any]:
     for name, (_, shown) in shown_in(type(record)).items():
         value = getattr(record, name)
         value = {getattr(each, shown.by): each for each in value} if shown.by else value
-        value = json_of({part: getattr(value, part) for part in shown.parts} or value)
+        has_parts = bool(shown.parts) and value is not None
+        value = json_of({part: getattr(value, part) for part in shown.parts} if has_parts else value)
         if shown.is_flat:
             found |= value
         elif shown.prefix:

@@ -148,7 +148,9 @@ def test_the_keys_of_the_doctor(printed: Any, monkeypatch: pytest.MonkeyPatch) -
 
     def run(self: examination.Examination) -> None:
         self.checks.append(check.judged("kernel", "a kernel"))
-        self.figures = timing.figures(self.rate, self.duration, late, late, late.lateness, {"cpu0": 0.0})
+        self.figures = timing.figures(
+            self.request.rate, self.request.duration, late, late, late.lateness, {"cpu0": 0.0}
+        )
 
     monkeypatch.setattr(examination.Examination, "run", run)
     assert_documented(DOCTOR, printed("doctor", "--json"))

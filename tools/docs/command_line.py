@@ -6,8 +6,8 @@ import argparse
 import importlib
 import re
 
+from liftgate_hil.cli.command import DEMO_EXIT_CODES, EXIT_CODES, RUN_EXIT_CODES
 from liftgate_hil.cli.examples import EXAMPLES
-from liftgate_hil.cli.exit_codes import DEMO_EXIT_CODES, EXIT_CODES, RUN_EXIT_CODES
 from liftgate_hil.cli.main import COMMANDS, whole_parser
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS
 from tools.docs.markdown import code, page, table

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.campaigns.request import CampaignRequest
-from liftgate_hil.cli import options
+from liftgate_hil.cli.command import Call, add_flags, add_printed
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import ConfigError, LiftgateError, number_of, printable, with_unit
 from liftgate_hil.judging.verdict import ERROR
@@ -22,42 +22,41 @@ from liftgate_hil.plan.request import RunRequest
 if TYPE_CHECKING:
     from liftgate_hil.campaigns.campaign import CampaignProgress as State
     from liftgate_hil.campaigns.run import CampaignOutcome
-    from liftgate_hil.cli.progress import ProgressDisplay
+    from liftgate_hil.cli.terminal.progress import ProgressDisplay
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    options.add_flags(parser, CampaignRequest)
+    add_flags(parser, CampaignRequest)
     parser.add_argument("--replay", metavar="VARIANT", help="run a variant again and compare it bit by bit")
-    options.add_flags(parser, RunRequest, "record")
-    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+    add_flags(parser, RunRequest, "record")
+    add_printed(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
     # Before numpy is loaded: on busy CPUs, threads of the BLAS make a search of small matrices 15 times slower.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from liftgate_hil.campaigns.command import campaigned
     from liftgate_hil.campaigns.results import arrow
     from liftgate_hil.campaigns.run import CampaignWatcher
-    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.report.provenance import provenance_of
 
-    if args.replay is not None:
+    if call.values["replay"] is not None:
         arrow()
-        return _replay(args)
-    if args.record:
+        return _replay(call)
+    if call.values["record"]:
         raise ConfigError("`record`: allowed together with `replay`")
-    options.ecu_of(args)
-    request, teller = CampaignRequest.of(**options.given_in(args, CampaignRequest)), Teller(args.quiet)
+    request, teller = call.request(CampaignRequest), Teller(call.is_quiet)
     stop = StopSignals()
     with _ended_in_order(stop), teller.progress("campaign") as progress:
         watcher = CampaignWatcher(stop, _shown_by(progress), teller.say)
-        found = campaigned(request, provenance_of(args.command_line, {}), watcher)
+        found = campaigned(request, provenance_of(call.command_line, {}), watcher)
     for each in found.outcomes:
-        _summarise(each, args.quiet)
-    if found.is_of_parts and not args.quiet:
-        print(f"{printable(str(args.output))}: report.html", flush=True)
+        _summarise(each, call.is_quiet)
+    if found.is_of_parts and not call.is_quiet:
+        print(f"{printable(str(request.output))}: report.html", flush=True)
     return 0 if found.is_complete else stop.exit_code
 
 
@@ -145,15 +144,15 @@ def _summarise(outcome: CampaignOutcome, is_quiet: bool) -> None:
     print(f"{printable(str(outcome.folder.path))}: {', '.join(files)}{state}", flush=True)
 
 
-def _replay(args: argparse.Namespace) -> int:
+def _replay(call: Call) -> int:
     """Run a variant of a campaign again; exit code 0: it is as the campaign saw it, to the bit."""
     from liftgate_hil.campaigns.replay import replayed
-    from liftgate_hil.cli.suite_teller import QuietListener
-    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.cli.terminal.suite_teller import QuietListener
+    from liftgate_hil.cli.terminal.teller import Teller
 
-    record, teller = RunRequest.of(record=args.record).recordings, Teller(args.quiet)
+    record, teller = RunRequest.of(record=call.values["record"]).recordings, Teller(call.is_quiet)
     with teller.progress("replay"):
-        found = replayed(Path(args.scenario), args.replay, record, QuietListener(teller))
+        found = replayed(Path(call.values["scenario"]), call.values["replay"], record, QuietListener(teller))
     for line in found.lines:
         print(printable(line), flush=True)
     return 0 if found.is_equal else 1

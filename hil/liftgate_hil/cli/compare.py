@@ -11,7 +11,7 @@ import math
 import sys
 from typing import TYPE_CHECKING
 
-from liftgate_hil.cli.options import add_flags, given_in
+from liftgate_hil.cli.command import Call, add_flags, add_printed
 from liftgate_hil.conversion.request import CompareRequest
 from liftgate_hil.errors import number_of, printable, with_unit
 
@@ -23,26 +23,25 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     add_flags(parser, CompareRequest)
-    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
-    parser.add_argument("--json", action="store_true", help="print the differences as JSON")
+    add_printed(parser, json="print the differences as JSON")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
-    request = CompareRequest.of(**given_in(args, CompareRequest))
-    from liftgate_hil.cli.teller import Teller
+    request = call.request(CompareRequest)
+    from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.conversion.compare_recordings import compared
 
-    teller = Teller(args.quiet, args.json)
+    teller = Teller(call.is_quiet, call.is_json)
     with teller.progress("compare") as progress:
         found = compared(request, lambda text: progress.update(text=text), teller.say)
-    for note in [] if args.quiet else found.notes:
+    for note in [] if call.is_quiet else found.notes:
         print(printable(f"liftgate-hil compare: note: {note}"), file=sys.stderr)
-    if args.json:
+    if call.is_json:
         print(found.to_json(indent=2))
-    elif not args.quiet:
+    elif not call.is_quiet:
         written = [] if request.output is None else [f"written: {request.output}"]
-        for line in [*_lines(found, (args.first, args.second)), *written]:
+        for line in [*_lines(found, (request.first, request.second)), *written]:
             print(printable(line))
     return 0 if found.is_equal else 1
 

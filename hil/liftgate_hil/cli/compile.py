@@ -12,6 +12,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from liftgate_hil.cli.command import Call, add_printed
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.judging.verdict import ERROR
 from liftgate_hil.loop.listener import Listener
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 # Modules of all entry points of machine code, by their functions.
 _MODULES = {
     "run_realtime": "liftgate_hil.loop.realtime_loop",
-    "run_stretch": "liftgate_hil.loop.episode",
+    "run_stretch": "liftgate_hil.loop.closed_loop",
     "scheduled_tick": "liftgate_hil.loop.python_loop",
     "turn": "liftgate_hil.ecu.node",
     "block": "liftgate_hil.loop.simulation",
@@ -38,17 +39,17 @@ _MODULES = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+    add_printed(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
     import liftgate_compiler as compiler
     from liftgate_hil.cli.stopping import StopSignals
-    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.drive.compilation import ENTRY_POINTS, reporting_compilation
 
-    stopped, teller = StopSignals(), Teller(args.quiet)
+    stopped, teller = StopSignals(), Teller(call.is_quiet)
     listener = _Compiling(teller, sum(not compiler.is_cached(function_of(name)) for name in _MODULES))
     if not compiler.enabled():
         raise LiftgateError("the compiler is switched off (LIFTGATE_COMPILE=0); allowed: LIFTGATE_COMPILE not set")
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
             raise LiftgateError(
                 f"machine code of the {ENTRY_POINTS[name]} could not be saved; see the message above"
             )
-    if not args.quiet:
+    if not call.is_quiet:
         size = sum(file.stat().st_size for file in files) / 1e6
         print(f"{compiler.cache_folder()}: {len(files)} files, {size:.1f} MB", file=sys.stdout)
     return 0

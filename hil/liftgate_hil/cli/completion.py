@@ -7,6 +7,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
+from liftgate_hil.cli.command import Call
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 
 SHELLS = ("bash", "zsh", "fish")
@@ -19,9 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("shell", choices=SHELLS, help="print the script for this shell")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
-    print(script(args.shell))
+    print(script(call.values["shell"]))
     return 0
 
 

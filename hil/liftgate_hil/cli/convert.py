@@ -12,7 +12,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from liftgate_hil.cli.options import add_flags, given_in
+from liftgate_hil.cli.command import Call, add_flags, add_printed
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.conversion.request import ConvertRequest
 from liftgate_hil.errors import number_of, printable
@@ -21,32 +21,32 @@ from liftgate_hil.errors import number_of, printable
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     add_flags(parser, ConvertRequest)
-    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+    add_printed(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()  # stops between two blocks; an unfinished file is removed
-    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.conversion.convert import converted
     from liftgate_hil.formats.target import set_aside_text
 
-    request = ConvertRequest.of(**given_in(args, ConvertRequest))
-    with Teller(args.quiet).progress("convert") as progress:
+    request = call.request(ConvertRequest)
+    with Teller(call.is_quiet).progress("convert") as progress:
 
         def tell(rows: int, frames: int) -> None:
             progress.update(text=f"{rows} rows, {frames} frames")
 
         done = converted(request, stopped, tell)
     if not done.is_complete:
-        print(f"liftgate-hil convert: {stopped.name}: {args.target} is not written", file=sys.stderr)
+        print(f"liftgate-hil convert: {stopped.name}: {request.target} is not written", file=sys.stderr)
         return stopped.exit_code
-    if not args.quiet:
+    if not call.is_quiet:
         for note in done.notes:
-            print(printable(f"{args.source}: {note}"), file=sys.stderr)
+            print(printable(f"{request.source}: {note}"), file=sys.stderr)
         if done.aside is not None:
-            print(printable(set_aside_text(Path(args.target), done.aside)), file=sys.stderr)
+            print(printable(set_aside_text(Path(request.target), done.aside)), file=sys.stderr)
         counts = {"row": done.rows, "frame": done.frames, "mark": done.marks}
         what = [number_of(n, name) for name, n in counts.items() if n]
-        print(printable(f"{args.target}: {', '.join(what) or 'nothing'}"))
+        print(printable(f"{request.target}: {', '.join(what) or 'nothing'}"))
     return 0

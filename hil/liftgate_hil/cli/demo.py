@@ -12,29 +12,28 @@ import argparse
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from liftgate_hil.cli import options
-from liftgate_hil.cli.exit_codes import DEMO_EXIT_CODES
-from liftgate_hil.cli.run import ending, exit_code_of, print_summary, raise_error
+from liftgate_hil.cli.command import DEMO_EXIT_CODES, Call, add_flags, as_flags
+from liftgate_hil.cli.run import ShownRun, add_run, print_summary
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.teller import Teller
-from liftgate_hil.cli.with_ecu import run_loop
+from liftgate_hil.cli.terminal.teller import Teller
+from liftgate_hil.config.described import Field, Record
+from liftgate_hil.config.kinds import File, Flag, Text
 from liftgate_hil.dashboard.listening import hold_token
+from liftgate_hil.dashboard.request import LISTEN, DashboardRequest, RunPage
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
-from liftgate_hil.errors import ConfigError, number_of, printable
-from liftgate_hil.judging.verdict import FAIL, INCONCLUSIVE
+from liftgate_hil.errors import ConfigError, printable
+from liftgate_hil.judging.verdict import INCONCLUSIVE
+from liftgate_hil.plan.request import RunRequest
 
 if TYPE_CHECKING:
     from liftgate_hil.drive.result import Result
     from liftgate_hil.plan.setup import Setup
     from liftgate_hil.report.pinch import PinchEvent
-    from liftgate_hil.report.run_plot import DrawnObstacle
 
 _MOST_ROWS = 100_000  # rows of the picture, at most
 _USUAL_EVERY = 10  # of a run of unknown length, one row in so many is kept
-_FREE_DEG = 5.0  # a reversal must move back by more than this
-_MOVED_DEG = 1.0  # a gate that moves by less only settles
 _JUDGED = "parts/demo_judged"  # the demo with its expectations
 _LEARNED = "parts/demo_learned"  # the same, for a reference ECU that has learned the gate
 _NOT_REAL_TIME = "not in real time: the machine was too busy"  # marks a picture
@@ -44,271 +43,221 @@ _AGAIN = (
     "The run is repeated on the free clock, which needs no real time; liftgate-hil doctor checks whether this "
     "machine is fit for real time"
 )
-_ON_THE_FREE_CLOCK = {
-    "clock": "free", "bus": None, "interface": None, "channel": None, "serial": None, "realtime": False,
-    "cpu": None, "dashboard": False, "listen": None, "read_only": False,
-}  # fmt: skip
 
 
+# fmt: off
+class DemoFiles(Record):
+    """What the demo writes, and where its ECU is on a serial line."""
+
+    ecu_serial: Annotated[str | None, Field(Text("PORT[@BAUD]"), "the other end of --serial, for the ECU",
+        metavar="PORT[@BAUD]")] = None
+    output: Annotated[str, Field(File(), "folder for demo.log, demo.csv and demo.png, created if missing",
+        metavar="FOLDER")] = "."
+    no_record: Annotated[bool, Field(Flag(), "write no demo.log, demo.csv and demo.png")] = False
+
+
+# fmt: on
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    options.add_run(parser, REFERENCE)
-    parser.add_argument("--ecu-serial", metavar="PORT[@BAUD]", help="the other end of --serial, for the ECU")
-    parser.add_argument(
-        "--output",
-        default=".",
-        metavar="FOLDER",
-        help="folder for demo.log, demo.csv and demo.png, created if missing; default: .",
-    )
-    parser.add_argument("--no-record", action="store_true", help="write no demo.log, demo.csv and demo.png")
+    add_run(parser, REFERENCE)
+    add_flags(parser, DemoFiles)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
-    stopped = StopSignals()
-    folder, page = _folder(args), args
-    if args.dashboard:
-        hold_token()  # so that the page of a repeated run has that of the first one
-    is_whole = args.scenario in (None, "demo") and args.duration is None
-    is_ours, mark = args.ecu == REFERENCE, ""
-    judged = _LEARNED if is_ours else _JUDGED
-    args.scenario = judged if is_whole else args.scenario or "demo"
-    shown = _shown(args, stopped, is_whole)
-    if shown.is_given_up and not shown.summary.ticks:  # the precondition was not reached
-        return exit_code_of(shown, DEMO_EXIT_CODES)
-    busy = ""
-    if is_whole and not _is_stopped(args, shown, stopped):
-        busy = options.as_flags(busy_with(shown, is_ours))
-    if busy and args.ecu == ON_A_BUS:
-        print(f"{_TOO_BUSY}: {busy}. The run says nothing about the ECU", file=sys.stderr, flush=True)
-        mark = _DOES_NOT_COUNT
-    elif busy:
-        print(f"{_TOO_BUSY}: {busy}. {_AGAIN}", file=sys.stderr, flush=True)
-        mark = _NOT_REAL_TIME
-        args = argparse.Namespace(**{**vars(args), **_ON_THE_FREE_CLOCK})
-        shown = _shown(args, stopped, is_whole)
-    is_stopped = _is_stopped(args, shown, stopped)
-    reasons = failures(shown, event_of(shown), is_ours) if is_whole and not is_stopped else []
-    if reasons and not mark:
-        mark = _DOES_NOT_COUNT
-    _present(args, shown, stopped, folder, mark)
-    if is_stopped:
-        time, whole = shown.summary.model_time_s, _whole(args)
-        print(f"liftgate-hil demo: stopped at {time:.3f} s of {whole:g} s", file=sys.stderr)
-        return stopped.exit_code
-    if busy and args.ecu == ON_A_BUS:
-        return DEMO_EXIT_CODES[INCONCLUSIVE]
-    if busy and page.dashboard and not page.no_record:
-        _show_on_page(page, folder)
-    for reason in reasons:
-        print(f"liftgate-hil demo: failed: {reason}", file=sys.stderr)
-    last = "" if reasons or args.quiet or args.json else _last_line(page.scenario, shown, is_whole, bool(busy))
-    if last:
-        print(printable(last))
-    return 1 if reasons else exit_code_of(shown, DEMO_EXIT_CODES)
+    request = call.request(RunRequest)
+    is_whole = request.scenario in (None, "demo") and request.duration is None
+    return _Demo(call, request, is_whole).exit_code()
 
 
-def _last_line(scenario: str | None, shown: Result, is_whole: bool, is_repeated: bool) -> str:
-    """Return what the output of a run that has not failed ends with; "": the expectations say it."""
-    if is_whole:
-        where = " (repeated on the free clock)" if is_repeated else ""
-        return f"the demo has passed{where}: the gate met the rod, was reversed, and was latched at the end"
-    if scenario in (None, "demo"):
-        return "not judged: the demo was shortened, and the ECU had learned nothing before"
-    return "" if shown.expectations else f"not judged: {scenario} states no expectations"
+class _Demo:
+    """The demo: a run, in real time perhaps a second one, and what is shown of them.
 
-
-def _shown(args: argparse.Namespace, stopped: StopSignals, is_whole: bool) -> Result:
-    """Run the demo and return its result. Raises LiftgateError."""
-    wire = options.wire_choice(args)
-    every = _every(args, options.setup_of(args))
-    shown = run_loop(
-        args, stopped, DEMO_EXIT_CODES, wire if wire.is_given else None, every, gives_up_late=is_whole
-    )
-    raise_error(args, shown, stopped)
-    return shown
-
-
-def _show_on_page(args: argparse.Namespace, folder: Path) -> None:
-    """Serve the page of the repeated run, at the address of the first one, until it is stopped.
-
-    Raises ConfigError.
+    Only one that `is_whole` is judged.
     """
-    from liftgate_hil.cli import dashboard
 
-    print("liftgate-hil demo: the page shows the repeated run; Ctrl-C ends it", file=sys.stderr, flush=True)
-    given = ["--recording", str(folder / "demo.csv"), "--vehicle", options.setup_of(args).vehicle_name]
-    given += ["--listen", args.listen or options.LISTEN, *["--read-only"] * args.read_only]
-    parser = argparse.ArgumentParser()
-    dashboard.add_arguments(parser)
-    dashboard.run(parser.parse_args(given))
+    def __init__(self, call: Call, request: RunRequest, is_whole: bool) -> None:
+        self._call, self._is_whole = call, is_whole
+        self._run = ShownRun(call, StopSignals(), DEMO_EXIT_CODES)
+        self._files, self._page = call.request(DemoFiles), call.request(RunPage)
+        self._folder = Path(self._files.output)
+        self._is_ours = request.ecu == REFERENCE
+        self._given = request.scenario
+        judged = _LEARNED if self._is_ours else _JUDGED
+        self._request = request.replaced(
+            scenario=judged if is_whole else request.scenario or "demo",
+            record=(*request.recordings, *self._made_files(request)),
+        )
 
-
-def _present(args: argparse.Namespace, shown: Result, stopped: StopSignals, folder: Path, mark: str) -> None:
-    """Write the pictures of the result `shown` and print it; `mark` is put into the pictures' title.
-
-    --no-record, --quiet and --json each leave out a part. `stopped` is for the report only.
-    """
-    event = event_of(shown)
-    if not args.no_record and len(shown.trace["time_s"]) > 1:  # not stopped before it began
-        teller = Teller(args.quiet, args.json)
-        with teller.progress("picture"):
-            _draw(options.setup_of(args), shown, event, folder, mark, teller)
-    if not args.quiet and not args.json:
-        _tell(args, shown, event, folder)
-    if args.json:
-        from liftgate_hil.report.run_report import DemoReport
-
-        print(DemoReport(shown, *ending(args, shown, stopped), event).to_json())
-    elif not args.quiet:
-        print_summary(shown)
-
-
-def _is_stopped(args: argparse.Namespace, shown: Result, stopped: StopSignals) -> bool:
-    """Whether the run was stopped before its end."""
-    whole = _whole(args)
-    return whole is not None and shown.summary.model_time_s < whole and stopped()
-
-
-def event_of(shown: Result) -> PinchEvent | None:
-    """Return the contact with the largest pinch force, if there was one."""
-    from liftgate_hil.report.pinch import pinch_event
-
-    return pinch_event(shown.trace)
-
-
-def _whole(args: argparse.Namespace) -> float | None:
-    """Return the length of the whole run [s]; None: until stopped."""
-    return options.setup_of(args).scenario.duration if args.duration is None else float(args.duration)
-
-
-def _every(args: argparse.Namespace, setup: Setup) -> int:
-    """Return the decimation of rows for the picture: 1, all rows, for the usual demo."""
-    duration = setup.scenario.duration if args.duration is None else args.duration
-    if duration is None:
-        return _USUAL_EVERY
-    return int(max(1, math.ceil(duration * args.rate / _MOST_ROWS)))
-
-
-def _folder(args: argparse.Namespace) -> Path:
-    """Return the output folder, which is created, and add the demo's recordings. Raises ConfigError."""
-    folder = Path(args.output)
-    if (args.serial is None) != (args.ecu_serial is None):
-        raise ConfigError("`serial` and `ecu_serial`: allowed: both ends of the line, or neither")
-    if not args.no_record:
+    def _made_files(self, request: RunRequest) -> list[Path]:
+        """Return the demo's own recordings in its folder, which is created. Raises ConfigError."""
+        files = self._files
+        if (request.serial is None) != (files.ecu_serial is None):
+            raise ConfigError("`serial` and `ecu_serial`: allowed: both ends of the line, or neither")
+        if files.no_record:
+            return []
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ConfigError(
-                f"`output` {args.output}: cannot be created: {error.strerror}; allowed: a folder"
+                f"`output` {files.output}: cannot be created: {error.strerror}; allowed: a folder"
             ) from error
-        args.record = [*args.record, str(folder / "demo.log"), str(folder / "demo.csv")]
-    return folder
+        return [self._folder / "demo.log", self._folder / "demo.csv"]
 
+    def exit_code(self) -> int:
+        """Run and show the demo, and return the exit code. Raises LiftgateError."""
+        from liftgate_hil.report.pinch import pinch_event
+        from liftgate_hil.testing.demo_verdict import busy_with, failures
 
-def _draw(setup: Setup, shown: Result, event: PinchEvent | None, folder: Path, mark: str, teller: Teller) -> None:
-    """Write the picture. Raises ConfigError."""
-    from liftgate_hil.report.run_plot import RunPicture, plot_run
-    from liftgate_hil.signals import columns_of
+        stopped, is_on_bus = self._run.stopped, self._request.ecu == ON_A_BUS
+        if self._page.dashboard:
+            hold_token()  # so that the page of a repeated run has that of the first one
+        shown = self._shown(self._request, self._page)
+        if shown.is_given_up and not shown.summary.ticks:  # the precondition was not reached
+            return self._run.exit_code(shown)
+        busy = mark = ""
+        if self._is_whole and not self._is_stopped(shown):
+            busy = as_flags(busy_with(shown, self._is_ours))
+        if busy and is_on_bus:
+            print(f"{_TOO_BUSY}: {busy}. The run says nothing about the ECU", file=sys.stderr, flush=True)
+            mark = _DOES_NOT_COUNT
+        elif busy:
+            print(f"{_TOO_BUSY}: {busy}. {_AGAIN}", file=sys.stderr, flush=True)
+            mark = _NOT_REAL_TIME
+            here = dict.fromkeys(("bus", "interface", "channel", "serial", "cpu"))
+            self._request = self._request.replaced(clock="free", realtime=False, **here)
+            shown = self._shown(self._request, RunPage())
+        is_stopped = self._is_stopped(shown)
+        event = pinch_event(shown.trace)
+        reasons = failures(shown, event, self._is_ours) if self._is_whole and not is_stopped else []
+        if reasons and not mark:
+            mark = _DOES_NOT_COUNT
+        self._present(shown, event, mark)
+        if is_stopped:
+            time, whole = shown.summary.model_time_s, self._whole()
+            print(f"liftgate-hil demo: stopped at {time:.3f} s of {whole:g} s", file=sys.stderr)
+            return stopped.exit_code
+        if busy and is_on_bus:
+            return DEMO_EXIT_CODES[INCONCLUSIVE]
+        if busy and self._page.dashboard and not self._files.no_record:
+            self._show_on_page()
+        for reason in reasons:
+            print(f"liftgate-hil demo: failed: {reason}", file=sys.stderr)
+        last = "" if reasons or self._call.is_quiet or self._call.is_json else self._last_line(shown, bool(busy))
+        if last:
+            print(printable(last))
+        return 1 if reasons else self._run.exit_code(shown)
 
-    title = f"liftgate-hil demo: {setup.vehicle_name}, clock {shown.summary.clock}"
-    picture = RunPicture(
-        title=f"{title} ({mark})" if mark else title,
-        columns={name: shown.trace[name] for name in columns_of(setup.vehicle.drives)},
-        event=event,
-        obstacles=_obstacles(setup),
-        marks=[(each.time, "ECU reverses") for each in shown.events if "reversing" in each.text],
-    )
-    try:
-        plot_run(folder / "demo.png", picture, teller.say)
-    except OSError as error:
-        raise ConfigError(f"`output` {folder}: demo.png: {error.strerror}") from error
-
-
-def _obstacles(setup: Setup) -> list[DrawnObstacle]:
-    """Return the obstacles of the scenario, as they are drawn."""
-    from liftgate_hil.report.run_plot import DrawnObstacle
-
-    return [
-        DrawnObstacle(math.degrees(each.obstacle.angle), each.start.time, each.end.time)
-        for each in setup.scenario.stimuli.obstacles
-    ]
-
-
-def _tell(args: argparse.Namespace, shown: Result, event: PinchEvent | None, folder: Path) -> None:
-    """Print what happened."""
-    import numpy as np
-
-    columns = shown.trace
-    if len(columns["time_s"]) < 2:
-        return
-    # In real time the events have been printed as they happened.
-    events = [] if args.clock == "realtime" else shown.events
-    for each in events:
-        angle = float(np.interp(each.time, columns["time_s"], columns["gate_angle_deg"]))
-        print(f"{each.time:7.3f} s  {angle:6.2f} deg  {each.text}")
-    if event is not None:
-        print("\n".join(event.lines()))
-    if not args.no_record:
-        print(f"picture: {folder / 'demo.png'}")
-
-
-def failures(shown: Result, event: PinchEvent | None, is_ours: bool) -> list[str]:
-    """Return the failures of a whole demo.
-
-    An ECU that `is_ours` must also report its reversal as an event. In real time it is late only where its machine
-    is, which the scenario's tolerance covers; another one must be in time.
-    """
-    from liftgate_hil.report.pinch import LIMITS
-
-    found = _standstill(shown)
-    columns, summary = shown.trace, shown.summary
-    if event is None:
-        found.append("the gate never met the obstacle")
-    elif math.isnan(event.turn_s):
-        found.append("the gate did not reverse")
-    elif event.back_deg <= _FREE_DEG:
-        found.append(
-            f"the gate reversed, but moved back by {event.back_deg:.1f} deg only; allowed: more than "
-            f"{_FREE_DEG:g} deg"
+    def _shown(self, request: RunRequest, page: RunPage) -> Result:
+        """Run the demo and return its result. Raises LiftgateError."""
+        shown = self._run.result(
+            request,
+            page,
+            is_wired=request.is_given,
+            ecu_serial=self._files.ecu_serial,
+            trace=self._every(),
+            gives_up_late=self._is_whole,
         )
-    for limit in LIMITS:
-        if event is not None and limit.is_judged and event.over(limit):
-            found.append(event.fault(limit))
-    if is_ours and not any("reversing" in event.text for event in shown.events):
-        found.append("the ECU did not detect the obstacle")
-    if columns["latched"][-1] < 0.5:
-        angle = columns["gate_angle_deg"][-1]
-        found.append(f"the gate did not close and latch at the end (it stands at {angle:.1f} deg)")
-    if summary.command_timeouts and not (is_ours and summary.clock == "realtime"):
-        found.append(f"{number_of(summary.command_timeouts, 'command time-out')}: the ECU was too late")
-    if not found and shown.verdict == FAIL:
-        found.append(shown.reason)
-    return found
+        self._run.raise_error(shown)
+        return shown
 
+    def _last_line(self, shown: Result, is_repeated: bool) -> str:
+        """Return what the output of a run that has not failed ends with; "": the expectations say it."""
+        if self._is_whole:
+            where = " (repeated on the free clock)" if is_repeated else ""
+            return f"the demo has passed{where}: the gate met the rod, was reversed, and was latched at the end"
+        if self._given in (None, "demo"):
+            return "not judged: the demo was shortened, and the ECU had learned nothing before"
+        return "" if shown.expectations else f"not judged: {self._given} states no expectations"
 
-def busy_with(shown: Result, is_ours: bool) -> str:
-    """Return the reason why a run in real time does not count because the machine was too busy; "": it counts.
+    def _show_on_page(self) -> None:
+        """Serve the page of the repeated run, at the address of the first one, until it is stopped."""
+        from liftgate_hil.cli.dashboard import serve_page
 
-    A reason is a verdict that the machine's lateness may have decided, and, with an ECU that `is_ours` and so is
-    late only where its machine is, any failure of a late run. Such a run is repeated on the free clock.
-    """
-    if shown.summary.clock != "realtime":
-        return ""
-    verdicts = shown.expectations.values()
-    doubtful = [each for each in verdicts if each.verdict == INCONCLUSIVE]
-    is_failed = bool(failures(shown, event_of(shown), is_ours))
-    late = shown.late.removeprefix("the bench was late: ")
-    if doubtful:
-        return late or f"{doubtful[0].name}: {doubtful[0].reason}"
-    return late if is_failed and is_ours else ""
+        print("liftgate-hil demo: the page shows the repeated run; Ctrl-C ends it", file=sys.stderr, flush=True)
+        serve_page(
+            DashboardRequest(
+                recording=str(self._folder / "demo.csv"),
+                vehicle=self._setup().vehicle_name,
+                listen=self._page.listen or LISTEN,
+                read_only=self._page.read_only,
+            )
+        )
 
+    def _present(self, shown: Result, event: PinchEvent | None, mark: str) -> None:
+        """Write the picture of a result and print it; `mark` is put into the picture's title.
 
-def _standstill(shown: Result) -> list[str]:
-    """Return why a gate never moved, as far as the commands show it; empty where it moved."""
-    accepted, angles = shown.summary.received.accepted, shown.trace["gate_angle_deg"]
-    if angles.max() - angles.min() >= _MOVED_DEG:
-        return []
-    if accepted:
-        return [f"{number_of(accepted, 'command')} accepted, and no drive moved"]
-    return [shown.summary.silence_reported()]
+        --no-record, --quiet and --json each leave out a part.
+        """
+        if not self._files.no_record and len(shown.trace["time_s"]) > 1:  # not stopped before it began
+            teller = Teller(self._call.is_quiet, self._call.is_json)
+            with teller.progress("picture"):
+                self._draw(shown, event, mark, teller)
+        if self._call.is_json:
+            from liftgate_hil.report.run_report import DemoReport
+
+            print(DemoReport(shown, *self._run.ending(shown), event).to_json())
+        elif not self._call.is_quiet:
+            self._tell(shown, event)
+            print_summary(shown)
+
+    def _is_stopped(self, shown: Result) -> bool:
+        """Whether the run was stopped before its end."""
+        whole = self._whole()
+        return whole is not None and shown.summary.model_time_s < whole and self._run.stopped()
+
+    def _setup(self) -> Setup:
+        from liftgate_hil.plan.setup import setup_for
+
+        return setup_for(self._request)
+
+    def _whole(self) -> float | None:
+        """Return the length of the whole run [s]; None: until stopped."""
+        given = self._request.duration
+        return self._setup().scenario.duration if given is None else given
+
+    def _every(self) -> int:
+        """Return the decimation of rows for the picture: 1, all rows, for the usual demo."""
+        duration = self._whole()
+        if duration is None:
+            return _USUAL_EVERY
+        return int(max(1, math.ceil(duration * self._request.rate / _MOST_ROWS)))
+
+    def _draw(self, shown: Result, event: PinchEvent | None, mark: str, teller: Teller) -> None:
+        """Write the picture. Raises ConfigError."""
+        from liftgate_hil.report.run_plot import DrawnObstacle, RunPicture, plot_run
+        from liftgate_hil.signals import columns_of
+
+        setup = self._setup()
+        title = f"liftgate-hil demo: {setup.vehicle_name}, clock {shown.summary.clock}"
+        picture = RunPicture(
+            title=f"{title} ({mark})" if mark else title,
+            columns={name: shown.trace[name] for name in columns_of(setup.vehicle.drives)},
+            event=event,
+            obstacles=[
+                DrawnObstacle(math.degrees(each.obstacle.angle), each.start.time, each.end.time)
+                for each in setup.scenario.stimuli.obstacles
+            ],
+            marks=[(each.time, "ECU reverses") for each in shown.events if "reversing" in each.text],
+        )
+        try:
+            plot_run(self._folder / "demo.png", picture, teller.say)
+        except OSError as error:
+            raise ConfigError(f"`output` {self._folder}: demo.png: {error.strerror}") from error
+
+    def _tell(self, shown: Result, event: PinchEvent | None) -> None:
+        """Print what happened."""
+        import numpy as np
+
+        columns = shown.trace
+        if len(columns["time_s"]) < 2:
+            return
+        # In real time the events have been printed as they happened.
+        events = [] if self._request.clock == "realtime" else shown.events
+        for each in events:
+            angle = float(np.interp(each.time, columns["time_s"], columns["gate_angle_deg"]))
+            print(f"{each.time:7.3f} s  {angle:6.2f} deg  {each.text}")
+        if event is not None:
+            print("\n".join(event.lines()))
+        if not self._files.no_record:
+            print(f"picture: {self._folder / 'demo.png'}")

@@ -12,22 +12,25 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from liftgate_hil.cli.command import Call, add_printed
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     parser.add_argument(
         "folder", metavar="FOLDER", help="the folder to create; an existing one must be empty or a git repository"
     )
-    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+    add_printed(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
     from liftgate_hil.config.starter import create_starter
 
-    written = create_starter(Path(args.folder))
-    if not args.quiet:
-        print("\n".join([*_contents(args.folder, written), "", *_next_steps(args.folder)]))
+    folder = str(call.values["folder"])
+    written = create_starter(Path(folder))
+    if not call.is_quiet:
+        print("\n".join([*_contents(folder, written), "", *_next_steps(folder)]))
     return 0
 
 

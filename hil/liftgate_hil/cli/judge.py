@@ -14,10 +14,10 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from liftgate_hil.cli import options
-from liftgate_hil.cli.exit_codes import EXIT_CODES
+from liftgate_hil.cli.command import EXIT_CODES, Call, add_flags, add_printed, as_flags
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_reports import Output, put_whole, say, summary_of
+from liftgate_hil.cli.terminal import streams
+from liftgate_hil.cli.terminal.streams import Output, put_whole
 from liftgate_hil.errors import printable
 from liftgate_hil.testing.request import JudgeRequest, ReportsChoice
 
@@ -29,16 +29,17 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    options.add_flags(parser, JudgeRequest)
+    add_flags(parser, JudgeRequest)
     parser.add_argument("--one-run", action="store_true", help="all files belong to one run, whatever their names")
-    options.add_flags(parser, ReportsChoice)
-    parser.add_argument("--quiet", action="store_true", help="print only what does not pass")
+    add_flags(parser, ReportsChoice)
+    add_printed(parser, "print only what does not pass")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
     stop = StopSignals()
-    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.cli.terminal.suite_teller import summary_of
+    from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.report.provenance import provenance_of
     from liftgate_hil.testing import judged_suite
     from liftgate_hil.testing.html_report import SuiteReport
@@ -47,15 +48,16 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.testing.suite_result import SuiteResult
     from liftgate_hil.testing.tested import write_reports
 
-    is_silent = str(args.json) == "-"
-    targets = targets_of(ReportsChoice(**options.given_in(args, ReportsChoice)), options.as_flags, say)
+    is_silent = str(call.values["json"]) == "-"
+    targets = targets_of(call.request(ReportsChoice), as_flags, streams.say)
     out, report, outcomes = Output(), SuiteReport(), []
-    teller = Teller(args.quiet, is_silent)
-    with reporting_issues(targets, options.as_flags, say):
-        read = (*args.recordings, *args.maps, args.scenario, args.vehicle, args.rig)
+    teller = Teller(call.is_quiet, is_silent)
+    with reporting_issues(targets, as_flags, streams.say):
+        given = call.values
+        read = (*given["recordings"], *given["maps"], given["scenario"], given["vehicle"], given["rig"])
         refuse_inputs(targets, [each for each in read if each])
-        request = JudgeRequest.of(**options.given_in(args, JudgeRequest))
-        about, runs = expectations_of(request), judged_suite.runs_of(paths_of(request), args.one_run)
+        request = call.request(JudgeRequest)
+        about, runs = expectations_of(request), judged_suite.runs_of(paths_of(request), given["one_run"])
         cases = judged_suite.cases_of(runs, about, is_reported=any(targets.values()))
         refuse_inputs(targets, [path for case in cases for path in case.plan.inputs])
         clear_the_way(targets, teller.say)
@@ -64,11 +66,11 @@ def run(args: argparse.Namespace) -> int:
                 outcomes.append(report.take(outcome))
                 with teller.aside():
                     _tell(notes)
-                    out.put([] if is_silent else _lines_of(outcome, len(runs) > 1, args.quiet))
+                    out.put([] if is_silent else _lines_of(outcome, len(runs) > 1, call.is_quiet))
                 progress.update(len(outcomes), text=f"{len(outcomes)}/{len(cases)} runs" if len(cases) > 1 else "")
-    found = SuiteResult(tuple(outcomes), provenance_of(args.command_line, {}))
+    found = SuiteResult(tuple(outcomes), provenance_of(call.command_line, {}))
     with teller.progress("report"):
-        write_reports(targets, found, report, put_whole, say)
+        write_reports(targets, found, report, put_whole, streams.say)
     out.put([] if is_silent else summary_of(outcomes, "recording" if len(runs) == 1 else "recordings"))
     out.raise_if_lost()
     return stop.exit_code if stop.received else EXIT_CODES[found.verdict]
@@ -88,9 +90,9 @@ def _lines_of(outcome: Outcome, is_named: bool, is_quiet: bool) -> list[str]:
     if is_named and not (is_quiet and outcome.verdict == "pass"):
         lines.append(printable(f"{outcome.verdict:<12} {', '.join(map(str, outcome.case.recordings))}"))
     if outcome.reason:
-        return [*lines, f"{indent}{printable(options.as_flags(outcome.reason))}"]
+        return [*lines, f"{indent}{printable(as_flags(outcome.reason))}"]
     return lines + [
-        f"{indent}{printable(each.name)}: {line_of(replace(each, reason=options.as_flags(each.reason)))}"
+        f"{indent}{printable(each.name)}: {line_of(replace(each, reason=as_flags(each.reason)))}"
         for each in outcome.expectations
         if not (is_quiet and each.verdict == "pass")
     ]

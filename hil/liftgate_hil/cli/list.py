@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import itertools
 
+from liftgate_hil.cli.command import Call
 from liftgate_hil.errors import ConfigError, allowed_names
 
 _FLAGS = {
@@ -28,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code. Raises ConfigError."""
     from liftgate_hil.config.shipped_list import Shipped, shipped_list
     from liftgate_hil.ecu.mutants import MUTANTS
@@ -36,12 +37,13 @@ def run(args: argparse.Namespace) -> int:
 
     every = [*shipped_list(), Shipped("ECUs", REFERENCE, "the reference ECU")]
     every += [Shipped("ECUs", f"mutant:{name}", each.meaning) for name, each in MUTANTS.items()]
+    prefix = str(call.values["prefix"])
     groups = {kind.casefold(): kind for kind in _FLAGS}
-    kind = groups.get(args.prefix.casefold())
-    found = [each for each in every if (each.kind == kind if kind else _begins(each.name, args.prefix))]
+    kind = groups.get(prefix.casefold())
+    found = [each for each in every if (each.kind == kind if kind else _begins(each.name, prefix))]
     if not found:
-        kinds, names = ", ".join(_FLAGS), allowed_names(args.prefix, [each.name for each in every])
-        raise ConfigError(f"PREFIX {args.prefix}: no name begins so; allowed: {names}, or one of {kinds}")
+        kinds, names = ", ".join(_FLAGS), allowed_names(prefix, [each.name for each in every])
+        raise ConfigError(f"PREFIX {prefix}: no name begins so; allowed: {names}, or one of {kinds}")
     width = max(len(each.name) for each in found)
     for number, (kind, those) in enumerate(itertools.groupby(found, lambda each: each.kind)):
         print(f"{chr(10) * bool(number)}{kind} ({_FLAGS[kind]})")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import errno
 import functools
 import importlib
@@ -11,13 +12,15 @@ import shlex
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
 
-from liftgate_hil.cli import stopping, streams
+from liftgate_hil.cli import stopping
+from liftgate_hil.cli.command import Call, as_flags, forget_flags
 from liftgate_hil.cli.examples import EXAMPLES
 from liftgate_hil.cli.help import Formatter, arrange
-from liftgate_hil.cli.options import as_flags, forget_flags
+from liftgate_hil.cli.terminal import streams
 from liftgate_hil.errors import ConfigError, LiftgateError, allowed_names, causes
 
 COMMANDS = {
@@ -156,11 +159,17 @@ def _command(argv: Sequence[str] | None) -> int:
             )
         allowed = allowed_names(arguments[0], [*COMMANDS, *_WORDS])
         parser.error(f"no subcommand {arguments[0]!r}; allowed: {allowed}")
-    args = parser.parse_args(arguments)
-    args.owns_process = argv is None
-    args.command_line = shlex.join(["liftgate-hil", *(sys.argv[1:] if argv is None else argv)])
+    values = vars(parser.parse_args(arguments))
+    if ":" in str(values.get("ecu")):
+        sys.path.append(str(Path.cwd()))  # last, so that installed modules take precedence over a user's own
+    whole_line = shlex.join(["liftgate-hil", *(sys.argv[1:] if argv is None else argv)])
+    return _run(module, Call(values, argv is None, whole_line), is_bare, _error_code(argv))
+
+
+def _run(module: ModuleType, call: Call, is_bare: bool, error_code: int) -> int:
+    """Run a subcommand and return the exit code; what it raises is printed."""
     try:
-        return int(module.run(args))
+        return int(module.run(call))
     except ConfigError as error:
         is_lost = is_bare and error.issues[0].startswith("`bus`: missing")
         issues = [f"liftgate-hil: {as_flags(fault)}" for fault in error.issues]
@@ -172,21 +181,34 @@ def _command(argv: Sequence[str] | None) -> int:
             streams.say(f"liftgate-hil: {as_flags(text)}")
         if isinstance(error, stopping.StoppedError):
             return error.exit_code
-        return _error_code(argv)
+        return error_code
     except RuntimeError as error:
         from liftgate_compiler import CompileError
 
         if not isinstance(error, CompileError):
             raise
         streams.say(f"liftgate-hil: {error}")
-        return _error_code(argv)
+        return error_code
 
 
 def _report_flags(arguments: Sequence[str], message: str) -> None:
-    """Write an error of the flags into the reports that they name."""
-    from liftgate_hil.cli.suite_reports import report_flags
+    """Write an error of the flags, which could not be parsed, into the reports that they name."""
+    from liftgate_hil.testing import report_files
+    from liftgate_hil.testing.request import ReportsChoice
 
-    report_flags(arguments, message)
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+    for name in ("json", "junit", "html", "results"):
+        parser.add_argument(f"--{name}", nargs="?")  # the value may be what is missing
+    with contextlib.suppress(argparse.ArgumentError, ConfigError):
+        args, _ = parser.parse_known_args(arguments)
+        others = list(arguments)
+        for given in (args.json, args.junit, args.html):
+            if given in others:
+                others.remove(given)
+        targets = report_files.targets_of(ReportsChoice(**vars(args)), as_flags, streams.say)
+        with report_files.reporting_issues(targets, as_flags, streams.say):
+            report_files.refuse_inputs(targets, others)
+            raise ConfigError(message)
 
 
 def _fault_of(error: OSError) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from liftgate_hil.cli.options import add_flags, given_in
+from liftgate_hil.cli.command import Call, add_flags, add_printed
 from liftgate_hil.conversion.request import PlotRequest
 from liftgate_hil.errors import printable
 
@@ -13,19 +13,19 @@ from liftgate_hil.errors import printable
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     add_flags(parser, PlotRequest, placed="recording")
-    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+    add_printed(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
-    request = PlotRequest.of(**given_in(args, PlotRequest))
-    from liftgate_hil.cli.teller import Teller
+    request = call.request(PlotRequest)
+    from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.conversion.plot import plotted
 
-    teller = Teller(args.quiet)
+    teller = Teller(call.is_quiet)
     with teller.progress("plot"):
         made = plotted(request, teller.say)
-    if not args.quiet:
+    if not call.is_quiet:
         print(printable(f"written: {made.path}"))
         if made.note:
             print(made.note)

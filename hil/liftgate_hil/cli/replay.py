@@ -14,7 +14,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from liftgate_hil.cli.options import add_flags, given_in
+from liftgate_hil.cli.command import Call, add_flags, add_printed
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.playback.request import ReplayRequest
 
@@ -25,21 +25,20 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
     add_flags(parser, ReplayRequest)
-    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+    add_printed(parser, json="print the summary as JSON")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()
     from liftgate_compiler import GivenUpError
-    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.drive.compilation import reporting_compilation
     from liftgate_hil.errors import LiftgateError
     from liftgate_hil.playback.replay import NotingRelay, player_for, summed_up
 
-    request = ReplayRequest.of(**given_in(args, ReplayRequest))
-    teller = Teller(args.quiet, args.json)
+    request = call.request(ReplayRequest)
+    teller = Teller(call.is_quiet, call.is_json)
     shown = teller.progress("replay")
 
     def tell(seconds: float, end: float, sent: int) -> None:
@@ -49,11 +48,11 @@ def run(args: argparse.Namespace) -> int:
     player = player_for(request, noted, stopped, tell)
 
     def tell_all() -> None:
-        if args.json:
+        if call.is_json:
             player.played.stop_reason = stopped.name or "end"
-            print(summed_up(request, player.played, args.command_line, noted.notes).to_json())
+            print(summed_up(request, player.played, call.command_line, noted.notes).to_json())
         else:
-            _tell(args, player.played, stopped)
+            _tell(call, request, player.played, stopped)
 
     try:
         with shown, reporting_compilation(teller, stopped):
@@ -65,21 +64,21 @@ def run(args: argparse.Namespace) -> int:
             tell_all()
         raise
     tell_all()
-    return _exit_code(args, player.played, stopped)
+    return _exit_code(request, player.played, stopped)
 
 
-def _tell(args: argparse.Namespace, played: Played, stopped: StopSignals) -> None:
-    if not played.is_complete and stopped() and not args.loop:
+def _tell(call: Call, request: ReplayRequest, played: Played, stopped: StopSignals) -> None:
+    if not played.is_complete and stopped() and not request.loop:
         text = f"{stopped.name} after {played.played_s:.3f} s and {played.frames_sent} frames"
         print(f"liftgate-hil replay: {text}", file=sys.stderr)
     elif played.frames_not_sent:
         text = f"{played.frames_not_sent} of {played.frames_due} frames were not sent"
         print(f"liftgate-hil replay: {text}", file=sys.stderr)
-    if not args.quiet:
+    if not call.is_quiet:
         print("\n".join(played.lines()))
 
 
-def _exit_code(args: argparse.Namespace, played: Played, stopped: StopSignals) -> int:
-    if stopped() and not played.is_complete and not args.loop:
+def _exit_code(request: ReplayRequest, played: Played, stopped: StopSignals) -> int:
+    if stopped() and not played.is_complete and not request.loop:
         return stopped.exit_code
     return 1 if played.frames_not_sent else 0

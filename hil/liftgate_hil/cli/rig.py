@@ -7,22 +7,18 @@ Exit code 0: the rig fits the vehicle and the rate; 2: it doesn't, or cannot be 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.cli import options
+from liftgate_hil.cli.command import Call, add_flags
 from liftgate_hil.config.files import is_there
-from liftgate_hil.config.vehicle_choice import VehicleChoice
 from liftgate_hil.errors import ConfigError, printable
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import RigCheckRequest
 
 if TYPE_CHECKING:
-    from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.rig_table import MappedMessage, MappedSignal
-    from liftgate_plant.vehicle import Vehicle
+    from liftgate_hil.diagnostics.tester import Diagnostics
 
 _MOST_UNMAPPED = 12  # signals of a message without a quantity that are named
 
@@ -37,8 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         description="What a rig maps, and whether it fits.",
     )
     check.add_argument("file", metavar="FILE", help="a rig, or the name of a shipped one")
-    options.add_flags(check, VehicleChoice)
-    options.add_flags(check, RunRequest, "rate")
+    add_flags(check, RigCheckRequest)
     check.add_argument("--json", action="store_true", help="print the table as JSON")
     draft = actions.add_parser(
         "draft",
@@ -52,81 +47,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     draft.add_argument("--output", metavar="FILE", help="the file to write; default, and with -: stdout")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the action `check` or `draft` and return the exit code."""
-    return _draft(args) if args.action == "draft" else _check(args)
-
-
-def _check(args: argparse.Namespace) -> int:
-    from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.config.rig import read_rig
-    from liftgate_hil.config.rig_fit import check_fit, notes_on_fit
-    from liftgate_hil.config.rig_table import asked_by, injected_by, mapped_messages, protected_besides
-    from liftgate_hil.config.shipped import find_config
-    from liftgate_hil.plan.setup import vehicle_from
-
-    path = find_config("rigs", args.file, "FILE")
-    choice = VehicleChoice.of(**options.given_in(args, VehicleChoice))
-    vehicle = vehicle_from(choice.vehicle, choice.settings, draw=choice.draw, ideal=choice.ideal)
-    with Teller(is_quiet=False, is_json=args.json).progress(f"reading {printable(path.name)}"):
-        rig, issues = read_rig(path)
-    # What follows from a mapping that could not be read is no news beside the reason.
-    notes = list(rig.notes)
-    if not issues.lines:
-        notes += [*notes_on_fit(rig, vehicle, args.rate), *_not_for_ours(rig, vehicle), *_without_buttons(rig)]
-    try:
-        check_fit(rig, vehicle, args.rate)
-    except ConfigError as error:
-        issues.take(error.issues)
-    messages, asked, injected = mapped_messages(rig), asked_by(rig), injected_by(rig)
-    others = protected_besides(rig)
-    if args.json:
-        answer = {
-            "file": str(path),
-            "database": str(rig.database),
-            "vehicle": str(args.vehicle),
-            "rate": args.rate,
-            "messages": [
-                {**each._asdict(), "signals": [signal._asdict() for signal in each.signals]} for each in messages
-            ],
-            "restbus_protection": others,
-            "requests": asked,
-            "inject": injected,
-            "diagnostics": rig.diagnostics and asdict(rig.diagnostics),
-            "notes": notes,
-            "issues": issues.lines,
-        }
-        print(json.dumps(answer, indent=1))
+    if call.values["action"] == "draft":
+        _draft(call.values["database"], call.values["output"])
     else:
-        lines = _lines(messages)
-        lines += [f"restbus {name}; protection: {how}" for name, how in others.items()]
-        lines += _asked(rig)
-        lines += [f"request {action} on a bus: {how}" for action, how in asked.items()]
-        lines += [f"inject {what} by {how}" for what, how in injected.items()]
-        lines += [f"note: {note}" for note in notes]
-        for line in lines:
-            print(printable(line))
-    issues.raise_if_any()
-    if not args.json:
-        print(f"{path}: fits {args.vehicle} at {args.rate:g} Hz")
+        _check(call.values["file"], call)
     return 0
 
 
-def _not_for_ours(rig: Rig, vehicle: Vehicle) -> list[str]:
-    """Return a note where the reference ECU cannot use a rig, whose feedback may be enough for another one."""
-    from liftgate_hil.ecu.needs import lacking_feedback
+def _check(file: str, call: Call) -> None:
+    from liftgate_hil.cli.terminal.teller import Teller
+    from liftgate_hil.config.shipped import find_config
+    from liftgate_hil.plan.rig_check import checked_rig
 
-    lacking = lacking_feedback(rig, vehicle.drives)
-    text = f"{rig.source}: the reference ECU cannot use this rig, as it lacks {', '.join(lacking)}; yours may"
-    return [text] if lacking else []
-
-
-def _without_buttons(rig: Rig) -> list[str]:
-    """Return a note where a rig maps no button of the driver."""
-    if rig.driver.buttons:
-        return []
-    text = "a scenario's requests and the page's driver buttons cannot reach an ECU on the bus"
-    return [f"{rig.source}: {text}: [requests] maps them, see docs/rig.md"]
+    path, request = find_config("rigs", file, "FILE"), call.request(RigCheckRequest)
+    with Teller(is_quiet=False, is_json=call.is_json).progress(f"reading {printable(path.name)}"):
+        found = checked_rig(path, request)
+    if call.is_json:
+        print(found.to_json(indent=1))
+    else:
+        lines = _lines(found.messages)
+        lines += [f"restbus {name}; protection: {how}" for name, how in found.restbus_protection.items()]
+        lines += _asked(found.diagnostics)
+        lines += [f"request {action} on a bus: {how}" for action, how in found.requests.items()]
+        lines += [f"inject {what} by {how}" for what, how in found.inject.items()]
+        lines += [f"note: {note}" for note in found.notes]
+        for line in lines:
+            print(printable(line))
+    if found.issues:
+        raise ConfigError(list(found.issues))
+    if not call.is_json:
+        print(f"{path}: fits {found.vehicle} at {found.rate:g} Hz")
 
 
 def _lines(messages: list[MappedMessage]) -> list[str]:
@@ -153,11 +105,10 @@ def _lines(messages: list[MappedMessage]) -> list[str]:
     return lines
 
 
-def _asked(rig: Rig) -> list[str]:
+def _asked(own: Diagnostics | None) -> list[str]:
     """Return the line on how the ECU's trouble codes are read, in a list; without [diagnostics] an empty list."""
     from liftgate_hil.codec.frames import EXTENDED
 
-    own = rig.diagnostics
     if own is None:
         return []
     request, response = (
@@ -184,20 +135,20 @@ def _cells(signal: MappedSignal) -> tuple[str, ...]:
     )
 
 
-def _draft(args: argparse.Namespace) -> int:
+def _draft(given: str, output: str | None) -> None:
     from liftgate_compiler.files import write_whole
-    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.config.database import database_file
     from liftgate_hil.config.drafting.draft import draft_rig
 
-    database = database_file(args.database).path
+    database = database_file(given).path
     beside = database.with_suffix(".toml") if database.name else database / "rig.toml"
-    is_file = args.output not in (None, "-")
-    target = Path(args.output) if is_file else beside
+    is_file = output is not None and output != "-"
+    target = Path(output) if is_file and output is not None else beside
     if is_file and is_there(target):
         raise ConfigError(f"`output` {target}: already exists; allowed: a new file")
     with Teller(is_quiet=False).progress(f"reading {printable(database.name)}"):
-        draft = draft_rig(args.database, target)
+        draft = draft_rig(given, target)
     if is_file:
         try:
             write_whole(target, draft.text.encode(), is_new=True)
@@ -210,4 +161,3 @@ def _draft(args: argparse.Namespace) -> int:
     lines += [f"to be filled in: {key}: {reason}" for key, reason in draft.open]
     for line in lines:
         print(printable(line), file=sys.stderr)
-    return 0

@@ -6,79 +6,142 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import sys
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from liftgate_hil.cli import options
-from liftgate_hil.cli.exit_codes import RUN_EXIT_CODES
+from liftgate_hil.cli.command import RUN_EXIT_CODES, Call, add_flags, add_printed, as_flags
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.with_ecu import run_loop
+from liftgate_hil.cli.terminal.panel import PanelView
+from liftgate_hil.cli.terminal.progress import AFTER_S
+from liftgate_hil.cli.terminal.teller import Teller
+from liftgate_hil.config.described import fields_of
+from liftgate_hil.dashboard.request import RunPage
 from liftgate_hil.ecu.names import ON_A_BUS
-from liftgate_hil.errors import printable
+from liftgate_hil.errors import EcuError, printable
 from liftgate_hil.judging.verdict import ERROR, GIVEN_UP
+from liftgate_hil.plan.request import RunRequest
 
 if TYPE_CHECKING:
-    from liftgate_hil.config.wire_choice import WireChoice
     from liftgate_hil.drive.result import Result
     from liftgate_hil.report.provenance import Provenance
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    options.add_run(parser, ON_A_BUS)
+    add_run(parser, ON_A_BUS)
 
 
-def run(args: argparse.Namespace) -> int:
+def add_run(parser: argparse.ArgumentParser, ecu: str) -> None:
+    """Add the flags of a run, in real time by default, of its page and of what is printed."""
+    names = [each.name for each in fields_of(RunRequest) if each.name != "trace"]
+    add_flags(parser, RunRequest, *names, ecu=ecu, clock="realtime")
+    add_printed(parser, json="print the summary as JSON")
+    add_flags(parser, RunPage)
+
+
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
-    stopped = StopSignals()
-    result = run_loop(args, stopped, RUN_EXIT_CODES, _wire_of(args))
-    raise_error(args, result, stopped)
-    report(args, result, stopped)
-    return exit_code_of(result, RUN_EXIT_CODES)
+    shown = ShownRun(call, StopSignals(), RUN_EXIT_CODES)
+    request = call.request(RunRequest)
+    is_wired = request.is_given or request.ecu == ON_A_BUS
+    is_wired |= request.clock != "free" and request.is_configured
+    result = shown.result(request, call.request(RunPage), is_wired=is_wired)
+    shown.raise_error(result)
+    shown.report(result)
+    return shown.exit_code(result)
 
 
-def _wire_of(args: argparse.Namespace) -> WireChoice | None:
-    """Return the choice of the wire; None: the ECU and the bus are in this process. Raises ConfigError."""
-    wire = options.wire_choice(args)
-    if wire.is_given or args.ecu == ON_A_BUS:
-        return wire
-    return wire if args.clock != "free" and wire.is_configured else None
+class ShownRun(NamedTuple):
+    """A run of `run` or `demo`, with what is printed of it."""
 
+    call: Call
+    stopped: StopSignals
+    exit_codes: Mapping[str, int]  # of the command; told on the page, too
 
-def raise_error(args: argparse.Namespace, result: Result, stopped: StopSignals) -> None:
-    """Raise what went wrong in a run, if something did, after its summary where that is known."""
-    if result.verdict != ERROR:
-        return
-    if math.isfinite(result.maxima["time_s"]):
-        report(args, result, stopped)
-    raise stopped.failure(result.reason)
+    def result(
+        self, request: RunRequest, page: RunPage, *, is_wired: bool, ecu_serial: str | None = None, **more: Any
+    ) -> Result:
+        """Run the gate with its ECU; `more` is of its `Job`.
 
+        Where it is not `is_wired`, and on a virtual bus, the ECU is in this process, or in a worker of its own; on
+        any other bus it is a second process there. Raises LiftgateError; what went wrong in the run is in the
+        result.
+        """
+        from liftgate_hil.config.after_the_end import stimuli_after
+        from liftgate_hil.config.rig_fit import notes_on_fit
+        from liftgate_hil.dashboard.page_process import page_process
+        from liftgate_hil.drive.ecu_process import execute_with_process
+        from liftgate_hil.drive.run import execute
+        from liftgate_hil.ecu.find import is_foreign
+        from liftgate_hil.plan.job import Job
+        from liftgate_hil.plan.plan import plan_of
 
-def exit_code_of(result: Result, exit_codes: Mapping[str, int]) -> int:
-    """Return the exit code of a run that was not stopped; print the reason unless it is 0."""
-    code = exit_codes[result.ending]
-    if code and result.reason:
-        print(f"liftgate-hil: {options.as_flags(result.reason)}", file=sys.stderr)
-    return code
+        teller = Teller(self.call.is_quiet, self.call.is_json, f"{request.rate:g} Hz, clock {request.clock}")
+        job = Job(
+            request,
+            request if is_wired else None,
+            is_isolated=is_foreign(request.ecu),
+            attachable_as=os.getpid(),
+            exit_codes=self.exit_codes,
+            listener=teller,
+            **more,
+        )
+        with teller.progress("preparing the run"):
+            plan = plan_of(job)
+        vehicle = plan.setup.vehicle
+        after_s = AFTER_S if request.clock == "free" else 0.0  # in real time the first seconds count, too
+        teller.sees(PanelView(math.degrees(vehicle.gate.open_angle), plan.duration, vehicle.drives, after_s))
+        is_here = plan.way is None or plan.way.is_interface("virtual")
+        try:
+            with page_process(page, request.clock, teller):
+                if request.ecu == ON_A_BUS or is_here:
+                    found = execute(plan, self.stopped)
+                else:
+                    found = execute_with_process(plan, ecu_serial, self.stopped)
+        except EcuError as error:  # the ECU could not be created, or its process failed
+            raise self.stopped.failure(str(error)) from error
+        finally:
+            teller.clear()
+        # Who shortens a run with --duration knows that it ends before the rest of its scenario.
+        known = [] if request.duration is None else stimuli_after(plan.setup.scenario, request.duration)
+        known += notes_on_fit(plan.rig, plan.setup.vehicle, plan.request.rate)  # said before the run
+        for note in found.notes:
+            if note not in known:
+                teller.say(f"note: {note}")
+        return found
 
+    def raise_error(self, result: Result) -> None:
+        """Raise what went wrong in a run, if something did, after its summary where that is known."""
+        if result.verdict != ERROR:
+            return
+        if math.isfinite(result.maxima["time_s"]):
+            self.report(result)
+        raise self.stopped.failure(result.reason)
 
-def report(args: argparse.Namespace, result: Result, stopped: StopSignals) -> None:
-    """Print the summary of a run."""
-    if args.json:
-        from liftgate_hil.report.run_report import RunReport
+    def exit_code(self, result: Result) -> int:
+        """Return the exit code of a run that was not stopped; print the reason unless it is 0."""
+        code = self.exit_codes[result.ending]
+        if code and result.reason:
+            print(f"liftgate-hil: {as_flags(result.reason)}", file=sys.stderr)
+        return code
 
-        print(RunReport(result, *ending(args, result, stopped)).to_json())
-    elif not args.quiet:
-        print_summary(result)
+    def report(self, result: Result) -> None:
+        """Print the summary of a run."""
+        if self.call.is_json:
+            from liftgate_hil.report.run_report import RunReport
 
+            print(RunReport(result, *self.ending(result)).to_json())
+        elif not self.call.is_quiet:
+            print_summary(result)
 
-def ending(args: argparse.Namespace, result: Result, stopped: StopSignals) -> tuple[str, Provenance]:
-    """Return what ended a run, and its provenance, for its report."""
-    from liftgate_hil.report.provenance import provenance_of
+    def ending(self, result: Result) -> tuple[str, Provenance]:
+        """Return what ended a run, and its provenance, for its report."""
+        from liftgate_hil.report.provenance import provenance_of
 
-    reason = stopped.name or (GIVEN_UP if result.is_given_up else "duration")
-    return reason, provenance_of(args.command_line, result.sources)
+        reason = self.stopped.name or (GIVEN_UP if result.is_given_up else "duration")
+        return reason, provenance_of(self.call.command_line, result.sources)
 
 
 def print_summary(result: Result) -> None:

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from liftgate_hil.cli.options import add_flags, as_flags, given_in
+from liftgate_hil.cli.command import Call, add_flags, as_flags
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.simulation.request import SimulateRequest
@@ -30,17 +30,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_flags(parser, SimulateRequest)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
     stopped = StopSignals()  # stops between two blocks; what has been simulated is written
     from liftgate_compiler import GivenUpError
-    from liftgate_hil.cli.progress import ProgressDisplay
-    from liftgate_hil.cli.screen import Screen
-    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.cli.terminal.progress import ProgressDisplay
+    from liftgate_hil.cli.terminal.screen import Screen
+    from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.drive.compilation import reporting_compilation
     from liftgate_hil.simulation.simulate import simulated
 
-    request = SimulateRequest.of(**given_in(args, SimulateRequest))
+    request = call.request(SimulateRequest)
     if str(request.output or _STDOUT) == _STDOUT:
         request = request.replaced(output=None)
         if sys.stdout is None:
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
             if request.output is not None and sys.stderr is not None and sys.stderr.isatty():  # to a person
                 teller.say(f"written: {request.output}, {found.rows} rows to {found.time_s:.3f} s")
             return 0
-        names = " and ".join(str(name) for name in (args.output or _STDOUT, args.edges) if name)
+        names = " and ".join(str(name) for name in (request.output or _STDOUT, request.edges) if name)
         print(f"liftgate-hil simulate: {names} {found.remark}", file=sys.stderr)
     return stopped.exit_code
 

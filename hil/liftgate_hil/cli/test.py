@@ -9,8 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from liftgate_hil.cli import options
-from liftgate_hil.cli.exit_codes import EXIT_CODES
+from liftgate_hil.cli.command import EXIT_CODES, Call, add_flags, add_printed
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import printable
 from liftgate_hil.judging.verdict import PASS
@@ -19,22 +18,20 @@ from liftgate_hil.testing.request import SuiteRequest
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
-    options.add_flags(parser, SuiteRequest)
-    parser.add_argument("--quiet", action="store_true", help="print only what does not pass")
+    add_flags(parser, SuiteRequest)
+    add_printed(parser, "print only what does not pass")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(call: Call) -> int:
     """Run the command and return the exit code."""
     stop = StopSignals()
-    from liftgate_hil.cli.suite_reports import summary_of
-    from liftgate_hil.cli.suite_teller import SuiteTeller
-    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.cli.terminal.suite_teller import SuiteTeller, summary_of
+    from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.testing.tested import report_on
 
-    options.ecu_of(args)
-    is_silent = str(args.json) == "-"
-    heard = SuiteTeller(Teller(args.quiet, is_silent), stop, args.quiet, is_silent)
-    found = report_on(SuiteRequest(**options.given_in(args, SuiteRequest)), heard, args.command_line)
+    is_silent = str(call.values["json"]) == "-"
+    heard = SuiteTeller(Teller(call.is_quiet, is_silent), stop, call.is_quiet, is_silent)
+    found = report_on(call.request(SuiteRequest), heard, call.command_line)
     out = heard.out
     mutation = found.mutation
     if not is_silent:

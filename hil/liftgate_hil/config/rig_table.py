@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from liftgate_hil.codec.bus_config import SignalMapping, start_value
 from liftgate_hil.codec.counter import Counting
@@ -15,6 +15,7 @@ from liftgate_hil.codec.sending import cycle_of, format_of, send_type_of, timeou
 from liftgate_hil.config.inject import REQUEST, SIGNAL
 from liftgate_hil.config.restbus import Press
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.described_result import Shown
 from liftgate_hil.diagnostics.services import RESETS
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL
 from liftgate_plant.signals import Signal
@@ -25,17 +26,18 @@ if TYPE_CHECKING:
 _MOST = 1.7976931348623157e308
 
 
+# fmt: off
 class MappedSignal(NamedTuple):
     """A quantity on the bus. Range and step are the signal's, in the quantity's unit."""
 
-    quantity: str
-    signal: str
-    database_unit: str
-    unit: str
-    conversion: str
-    low: float
-    high: float
-    step: float  # 0: a floating-point signal
+    quantity: Annotated[str, Shown("quantity of the [rig file](rig.md)")]
+    signal: Annotated[str, Shown("signal in the database")]
+    database_unit: Annotated[str, Shown("unit in the database")]
+    unit: Annotated[str, Shown("unit of the quantity")]
+    conversion: Annotated[str, Shown("conversion between the two, in words; empty: none")]
+    low: Annotated[float, Shown("lowest value, in `unit`")]
+    high: Annotated[float, Shown("highest value, in `unit`")]
+    step: Annotated[float, Shown("step, in `unit`; 0: a floating-point signal")]
 
 
 _FORMATS = {0: "classic", FD: "CAN FD", FD | BRS: "CAN FD with BRS"}
@@ -44,21 +46,23 @@ _FORMATS = {0: "classic", FD: "CAN FD", FD | BRS: "CAN FD with BRS"}
 class MappedMessage(NamedTuple):
     """A message that carries quantities."""
 
-    message: str
-    identifier: int
-    is_extended: bool
-    direction: str  # "received" or "sent" by the gate
-    length: int  # bytes
-    format: str  # of its frames as the gate sends them: "classic", "CAN FD" or "CAN FD with BRS"
-    cycle_ms: float  # 0: none
-    pages: int  # number of multiplexer values with which it is sent in turn
-    timeout_ms: float  # 0: its values never expire
-    send_type: str  # one of sending.SendType
-    protection: str
-    signals: Sequence[MappedSignal]
-    unmapped: Mapping[str, str]  # its other signals with the value that is sent; "": they are not read
+    message: Annotated[str, Shown("name in the database")]
+    identifier: Annotated[int, Shown("CAN identifier, as a number")]
+    is_extended: Annotated[bool, Shown("whether the identifier has 29 bits")]
+    direction: Annotated[str, Shown("`received` or `sent` by the gate")]
+    length: Annotated[int, Shown("length [bytes]")]
+    format: Annotated[str, Shown("of the frames as the gate sends them: `classic`, `CAN FD`, `CAN FD with BRS`")]
+    cycle_ms: Annotated[float, Shown("cycle time [ms]; 0: none")]
+    pages: Annotated[int, Shown("number of multiplexer values with which it is sent in turn")]
+    timeout_ms: Annotated[float, Shown("timeout [ms]; 0: its values never expire")]
+    send_type: Annotated[str, Shown("`cyclic`, `cyclic while active`, `on events`")]
+    protection: Annotated[str, Shown("counter and checksum, in words")]
+    signals: Annotated[list[MappedSignal], Shown("its mapped signals")]
+    unmapped: Annotated[Mapping[str, str], Shown("its other signals: by name the value with which each is sent; "
+        "empty: not read")]
 
 
+# fmt: on
 def mapped_messages(rig: Rig) -> list[MappedMessage]:
     """Return the messages that a rig maps, those that the gate receives first."""
     return [*_messages(rig, "received", rig.inputs, BUS_INPUTS), *_messages(rig, "sent", rig.outputs, BUS_OUTPUTS)]

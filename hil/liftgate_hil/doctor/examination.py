@@ -13,18 +13,16 @@ import liftgate_compiler as compiler
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.doctor import buses, limits, machine, software, timing
 from liftgate_hil.doctor.check import ROOT, Check
+from liftgate_hil.doctor.request import DoctorRequest
 from liftgate_hil.loop.histogram import Quantiles
 from liftgate_hil.loop.priority import Realtime
 
 
 @dataclass
 class Examination:
-    """Settings and results of an examination; `tell` is called with each check as soon as it is done."""
+    """Request and results of an examination; `tell` is called with each check as soon as it is done."""
 
-    rate: float  # Hz
-    duration: float  # s, of each measurement
-    realtime: bool
-    cpu: int | None
+    request: DoctorRequest
     tell: Callable[[Check], None]
     say: Callable[[str, float], None]  # called with what takes a while, and how long [s]
     checks: list[Check] = field(default_factory=list)
@@ -42,7 +40,7 @@ class Examination:
                 self._look_at_buses(detection)
             if all(check.check != "software" or check.level == "ok" for check in self.checks):
                 self._measure()
-        self._add(timing.verdict(self.rate, self._modes, self._tick, self.problems()))
+        self._add(timing.verdict(self.request.rate, self._modes, self._tick, self.problems()))
 
     def problems(self) -> int:
         """Return the number of problems so far."""
@@ -59,7 +57,7 @@ class Examination:
         self._add(
             machine.kernel(ROOT),
             machine.cpus(ROOT, allowed),
-            machine.isolated(ROOT, allowed, self.cpu),
+            machine.isolated(ROOT, allowed, self.request.cpu),
             machine.quota(ROOT),
             machine.governor(ROOT),
             machine.virtual(ROOT),
@@ -83,35 +81,36 @@ class Examination:
 
     def _measure(self) -> None:
         may = limits.may_have_fifo(ROOT)
-        times = 2 if may or self.realtime else 1
+        times = 2 if may or self.request.realtime else 1
         often = ("once", "twice")[times - 1]
-        self.say(f"measuring timer lateness, {often} {self.duration:g} s …", times * self.duration)
+        rate, duration = self.request.rate, self.request.duration
+        self.say(f"measuring timer lateness, {often} {duration:g} s …", times * duration)
         before = timing.steal(ROOT)
-        plain = timing.measure(self.rate, self.duration)
+        plain = timing.measure(rate, duration)
         self._modes[timing.WITHOUT] = plain
-        fifo = self._measure_fifo() if may or self.realtime else None
+        fifo = self._measure_fifo() if may or self.request.realtime else None
         if fifo is None:
-            self._add(timing.lateness("lateness", plain, self.rate, "allow the FIFO priority as advised above"))
+            self._add(timing.lateness("lateness", plain, rate, "allow the FIFO priority as advised above"))
         else:  # as runs are not unless --no-realtime is given
-            found = timing.lateness("without FIFO", plain, self.rate)
+            found = timing.lateness("without FIFO", plain, rate)
             self._add(found._replace(level="ok", found=f"{found.found}; concerns runs with --no-realtime only"))
         shares = timing.stolen_percent(before, timing.steal(ROOT))
         self._add(timing.stolen(shares))
         if compiler.enabled() and _is_compiled():
-            self._tick = timing.measure_tick(self.rate, Realtime(self.cpu) if fifo else None)
-        self._add(timing.tick_cost(self._tick, self.rate))
-        self.figures = timing.figures(self.rate, self.duration, plain, fifo, self._tick, shares)
+            self._tick = timing.measure_tick(rate, Realtime(self.request.cpu) if fifo else None)
+        self._add(timing.tick_cost(self._tick, rate))
+        self.figures = timing.figures(rate, duration, plain, fifo, self._tick, shares)
 
     def _measure_fifo(self) -> timing.Wakeups | None:
         """Measure lateness as runs in real time request it; None where FIFO scheduling was refused."""
-        realtime = Realtime(self.cpu, self.realtime)
-        wakeups = timing.measure(self.rate, self.duration, realtime)
-        self._add(timing.given(realtime.refused, asked=self.realtime))
+        realtime = Realtime(self.request.cpu, bool(self.request.realtime))
+        wakeups = timing.measure(self.request.rate, self.request.duration, realtime)
+        self._add(timing.given(realtime.refused, asked=bool(self.request.realtime)))
         if any(text.startswith("FIFO") for text in realtime.refused):
             return None
         self._modes[timing.WITH] = wakeups
         mend = "end other programs, isolate a CPU (isolcpus=), or boot a PREEMPT_RT kernel"
-        self._add(timing.lateness("lateness", wakeups, self.rate, mend))
+        self._add(timing.lateness("lateness", wakeups, self.request.rate, mend))
         return wakeups
 
 

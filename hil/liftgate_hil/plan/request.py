@@ -1,4 +1,4 @@
-"""Request of a run: allowed values, meaning and default of each argument stand here once.
+"""Requests of a run, and of an ECU alone: allowed values, meaning and default of each argument stand here once.
 
 Flags of the command line with their help, arguments of `liftgate_hil.run`, and their validation derive from it.
 """
@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from liftgate_hil.config.described import Field, Record, value_of
-from liftgate_hil.config.kinds import Choice, Flag, Number, Raw, Size, Texts, Whole, listed
+from liftgate_hil.config.kinds import Choice, Flag, Number, Raw, Size, Text, Texts, Whole, listed
 from liftgate_hil.config.toml import show
-from liftgate_hil.config.vehicle_choice import SCENARIO, AnyScenario, OwnRig, SetupChoice
+from liftgate_hil.config.vehicle_choice import SCENARIO, AnyScenario, OwnRig, SetupChoice, VehicleChoice
 from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError, ConfigIssues
@@ -137,6 +137,34 @@ class RunRequest(RunSubject, SetupChoice, WireChoice):
         check_cpu(self.cpu)
 
 
+# fmt: off
+class EcuRequest(WireChoice):
+    """Request to run an ECU alone, on a bus."""
+
+    rig: OwnRig = None
+    ecu: Annotated[Any, Field(Raw("reference, LIBRARY, MODULE:CLASS"), "what closes the loop: the reference ECU, "
+        "a C library, a Python class", metavar="reference|LIBRARY|MODULE:CLASS")] = REFERENCE
+    scenario: Annotated[AnyScenario, Field(SCENARIO, "what happens over time", metavar="NAME|FILE")] = "demo"
+    request: Annotated[Sequence[str], Field(Texts("a list of TIME:ACTION"), "request instead of the scenario's: "
+        "seconds after the gate's first frame, and open, close, stop or reset (repeatable)",
+        metavar="TIME:ACTION")] = ()
+    no_requests: Annotated[bool, Field(Flag(), "ignore the scenario's requests, obey only those on the bus (the "
+        "rig's [requests])")] = False
+    drives: Annotated[int, Field(Whole(1, 2), "drives of the gate", metavar="1|2")] = 2
+    coding: Annotated[str, Field(Text("SPEED,LIMITS"), "closing_speed and anti_trap_limits of the vehicle file's "
+        "[coding]", metavar="SPEED,LIMITS")] = "1,1"
+    duration: Annotated[float | None, Field(_SECONDS, "seconds after the start", "until stopped", "S")] = None
+    realtime: Annotated[bool | None, Field(Flag(), "request FIFO scheduling, and report a refusal in full; "
+        "--no-realtime: do not; default: where it is granted")] = None
+
+
+class RigCheckRequest(VehicleChoice):
+    """Request to check a rig: whether it fits a vehicle and a rate."""
+
+    rate: Rate = 1000.0
+
+
+# fmt: on
 def check_cpu(cpu: int | None) -> None:
     """Raise ConfigError where a CPU is not one of those that this process may use."""
     if cpu is None or not hasattr(os, "sched_getaffinity") or cpu in os.sched_getaffinity(0):

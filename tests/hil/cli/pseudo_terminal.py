@@ -120,5 +120,5 @@ def as_stderr(monkeypatch: pytest.MonkeyPatch, columns: int = 80, rows: int = 24
 
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Show progress of whatever takes any time at all, at each of its reports."""
-    monkeypatch.setattr("liftgate_hil.cli.progress.AFTER_S", 0.0)
-    monkeypatch.setattr("liftgate_hil.cli.progress.EVERY_S", 0.0)
+    monkeypatch.setattr("liftgate_hil.cli.terminal.progress.AFTER_S", 0.0)
+    monkeypatch.setattr("liftgate_hil.cli.terminal.progress.EVERY_S", 0.0)

@@ -7,7 +7,6 @@ import json
 import subprocess
 import sys
 import uuid
-from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 
@@ -463,7 +462,7 @@ def test_every_subcommand_has_a_help(capsys: pytest.CaptureFixture[str]):
 def test_a_run_that_falls_too_far_behind_says_so_and_is_inconclusive(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, bus: str
 ) -> None:
-    def behind(self: RealtimeDriver, ticks: int | None, stopped: Callable[[], bool]) -> None:
+    def behind(self: RealtimeDriver, ticks: int | None) -> None:
         raise OverrunError("the bench was late: the loop fell more than `overrun_limit` (1 ms) behind")
 
     monkeypatch.setattr(RealtimeDriver, "advance", behind)

@@ -21,21 +21,22 @@ import pytest
 from c_library import build, needs_compiler
 
 from liftgate_compiler import GivenUpError
-from liftgate_hil.cli import demo as demo_command
-from liftgate_hil.cli.demo import busy_with, failures
+from liftgate_hil.cli.demo import _Demo
 from liftgate_hil.cli.main import main
-from liftgate_hil.cli.teller import Teller
-from liftgate_hil.cli.with_ecu import EcuProcess
+from liftgate_hil.cli.terminal.teller import Teller
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.dashboard.listening import new_token
+from liftgate_hil.drive.ecu_process import EcuProcess
 from liftgate_hil.drive.result import Result
 from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
 from liftgate_hil.errors import EcuError
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.plan.request import RunRequest
 from liftgate_hil.plan.setup import scenario_from
 from liftgate_hil.report.pinch import pinch_event
+from liftgate_hil.testing.demo_verdict import busy_with, failures
 
 TEXT = """
 import os
@@ -228,10 +229,14 @@ def test_the_page_shows_the_repeated_run_at_the_same_address_with_the_same_token
 ) -> None:
     served: list[Any] = []
     monkeypatch.delenv("LIFTGATE_HIL_TOKEN", raising=False)
-    monkeypatch.setattr(demo_command, "_shown", lambda args, *_: shown(summary=Summary(clock=args.clock)))
-    monkeypatch.setattr(demo_command, "_present", lambda *_: None)
-    monkeypatch.setattr(demo_command, "busy_with", lambda *_: "it was late")
-    monkeypatch.setattr("liftgate_hil.cli.dashboard.run", served.append)
+
+    def clocked(self: _Demo, request: RunRequest, page: object) -> Any:
+        return shown(summary=Summary(clock=request.clock))
+
+    monkeypatch.setattr(_Demo, "_shown", clocked)
+    monkeypatch.setattr(_Demo, "_present", lambda *_: None)
+    monkeypatch.setattr("liftgate_hil.testing.demo_verdict.busy_with", lambda *_: "it was late")
+    monkeypatch.setattr("liftgate_hil.cli.dashboard.serve_page", served.append)
     given = ["--output", "here", "--dashboard", "--listen", "127.0.0.1:8899", "--read-only"]
     try:
         assert main(["demo", *given]) == 0
@@ -653,8 +658,10 @@ def test_the_code_of_the_ecus_process_is_ready_before_the_run(monkeypatch: pytes
         raise EcuError("no further")
         yield
 
-    monkeypatch.setattr("liftgate_hil.ecu.peer.machine_code", lambda adapter: order.append("machine code"))
-    monkeypatch.setattr("liftgate_hil.cli.with_ecu._ecu_process", process)
+    monkeypatch.setattr(
+        "liftgate_hil.drive.ecu_process.machine_code", lambda adapter: order.append("machine code")
+    )
+    monkeypatch.setattr("liftgate_hil.drive.ecu_process._ecu_process", process)
     assert main(["demo", "--bus", "udp_multicast:239.74.163.9", "--no-record", "--duration", "1"]) == 1
     assert order == ["machine code", "process"]
 

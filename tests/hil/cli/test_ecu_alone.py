@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from liftgate_hil.cli.ecu import _Losses
+from liftgate_hil.drive.ecu_alone import _Losses
 
 
 def test_the_first_frames_that_are_dropped_are_told_once_those_before_it_began_are_not():

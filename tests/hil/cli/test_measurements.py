@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from liftgate_hil.cli.options import add_flags, given_in
+from liftgate_hil.cli.command import Call, add_flags
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.identification.measurements import measurements_of
 from liftgate_hil.identification.request import MeasuredRequest
@@ -24,8 +24,8 @@ COUNT = 3001
 def measure(*arguments: object, vehicle: str = "suv") -> list[Measurement]:
     parser = argparse.ArgumentParser(allow_abbrev=False)
     add_flags(parser, MeasuredRequest)
-    args = parser.parse_args([str(each) for each in arguments])
-    return measurements_of(MeasuredRequest.of(**given_in(args, MeasuredRequest)), vehicle_from(vehicle))
+    call = Call(vars(parser.parse_args([str(each) for each in arguments])))
+    return measurements_of(call.request(MeasuredRequest), vehicle_from(vehicle))
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import io
 import pytest
 from rich.console import Console
 
-from liftgate_hil.cli.panel import PanelView, panel_of
+from liftgate_hil.cli.terminal.panel import PanelView, panel_of
 from liftgate_hil.loop.listener import RunStatus
 
 STATUS = RunStatus(12.5, 45.0, 1.5, -0.25, 0.012, 30, 12, 0, 0, 0)

@@ -7,8 +7,8 @@ import re
 import pytest
 from pseudo_terminal import as_stderr
 
-from liftgate_hil.cli.progress import ProgressDisplay, duration_of
-from liftgate_hil.cli.screen import Screen
+from liftgate_hil.cli.terminal.progress import ProgressDisplay, duration_of
+from liftgate_hil.cli.terminal.screen import Screen
 
 
 class Clock:
@@ -152,8 +152,8 @@ def test_the_plain_line_is_none_of_a_quiet_command_or_one_with_json(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ):
-    from liftgate_hil.cli import progress as module
-    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.cli.terminal import progress as module
+    from liftgate_hil.cli.terminal.teller import Teller
 
     monkeypatch.setattr(module, "PLAIN_S", 0.0)
     Teller(is_quiet, is_json).progress("identify").update(text="iteration 1")

@@ -8,7 +8,7 @@ import re
 import pytest
 from pseudo_terminal import as_stderr
 
-from liftgate_hil.cli.screen import Screen
+from liftgate_hil.cli.terminal.screen import Screen
 
 COLOUR = re.compile(r"\x1b\[[\d;]*(3[1-7]|9[0-7])m")
 

@@ -14,8 +14,8 @@ from pseudo_terminal import as_stderr, at_once
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_teller import QuietListener, SuiteTeller
-from liftgate_hil.cli.teller import Teller
+from liftgate_hil.cli.terminal.suite_teller import QuietListener, SuiteTeller
+from liftgate_hil.cli.terminal.teller import Teller
 
 PASSES = 'duration = 0.05\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n'
 FAILS = PASSES.replace("< 1", "> 1")
@@ -47,7 +47,7 @@ def test_a_terminal_sees_how_far_the_suite_is(monkeypatch: pytest.MonkeyPatch, t
 
 def test_what_ends_soon_is_not_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("liftgate_hil.cli.progress.AFTER_S", 1e9)
+    monkeypatch.setattr("liftgate_hil.cli.terminal.progress.AFTER_S", 1e9)
     with as_stderr(monkeypatch) as terminal:
         assert suite() == 1
         assert terminal.raw() == ""

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import pytest
 from pseudo_terminal import as_stderr
 
-from liftgate_hil.cli.panel import PanelView
-from liftgate_hil.cli.teller import Teller
+from liftgate_hil.cli.terminal.panel import PanelView
+from liftgate_hil.cli.terminal.teller import Teller
 from liftgate_hil.loop.listener import RunStatus
 
 STATUS = RunStatus(1.25, 12.5, 1.5, -0.25, 0.012, 30, 12, 0, 0, 0)

@@ -30,7 +30,7 @@ def _in_a_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 def test_a_run_has_a_panel_below_its_messages(
     columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("liftgate_hil.cli.teller._EVERY_S", 0.0)
+    monkeypatch.setattr("liftgate_hil.cli.terminal.teller._EVERY_S", 0.0)
     with as_stderr(monkeypatch, columns) as terminal:
         assert main(RUN) == 0
         pictures = [each for each in terminal.pictures() if names_of(each) == PANEL]
@@ -48,7 +48,7 @@ def test_a_run_has_a_panel_below_its_messages(
 def test_a_run_goes_on_without_its_terminal(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.cli.terminal.teller import Teller
 
     with as_stderr(monkeypatch) as terminal:
         shown = Teller.status
@@ -155,7 +155,7 @@ def test_every_command_that_may_take_long_has_progress(
 
     The doctor waits 5 s for drivers to answer.
     """
-    from liftgate_hil.cli.progress import ProgressDisplay
+    from liftgate_hil.cli.terminal.progress import ProgressDisplay
 
     Path("s.toml").write_text('duration = 0.05\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n')
     assert main(["simulate", "--voltage", "5", "--duration", "1", "--output", "run.csv"]) == 0

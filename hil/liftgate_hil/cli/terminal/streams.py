@@ -6,7 +6,10 @@ import contextlib
 import io
 import os
 import sys
+from collections.abc import Iterable
 from typing import Any
+
+from liftgate_hil.errors import ConfigError
 
 
 def prepare() -> None:
@@ -57,3 +60,34 @@ def say(text: str) -> None:
         put_line(text, sys.stderr)
     except (OSError, AttributeError, ValueError):  # closed before the start, or since
         abandon(sys.stderr)
+
+
+class Output:
+    """Lines to stdout; where nobody takes them, the program goes on, so that its reports are written."""
+
+    def __init__(self) -> None:
+        self._lost: OSError | None = None
+
+    def put(self, lines: Iterable[str]) -> None:
+        """Print lines at once."""
+        text = "\n".join(lines)
+        if text and self._lost is None:
+            try:
+                print(text, flush=True)
+            except OSError as error:
+                self._lost = error
+                abandon(sys.stdout)
+
+    def raise_if_lost(self) -> None:
+        """Raise the error with which stdout was lost: ConfigError, or BrokenPipeError where nobody reads."""
+        if self._lost is not None and not isinstance(self._lost, BrokenPipeError):
+            raise ConfigError(f"stdout: {self._lost.strerror}") from self._lost
+        if self._lost is not None:
+            raise self._lost
+
+
+def put_whole(text: str) -> None:
+    """Print a report. Raises as `Output.raise_if_lost`."""
+    out = Output()
+    out.put([text])
+    out.raise_if_lost()

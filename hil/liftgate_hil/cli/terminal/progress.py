@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from liftgate_hil.cli.screen import Screen
+    from liftgate_hil.cli.terminal.screen import Screen
 
 AFTER_S = 2.0  # what ends earlier is not shown
 EVERY_S = 0.25  # between two drawings

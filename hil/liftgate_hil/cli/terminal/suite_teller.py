@@ -9,17 +9,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.cli.options import as_flags
-from liftgate_hil.cli.progress import ProgressDisplay
-from liftgate_hil.cli.suite_reports import Output, put_whole
-from liftgate_hil.cli.teller import Teller
+from liftgate_hil.cli.command import as_flags
+from liftgate_hil.cli.terminal.progress import ProgressDisplay
+from liftgate_hil.cli.terminal.streams import Output, put_whole
+from liftgate_hil.cli.terminal.teller import Teller
 from liftgate_hil.config.rig_fit import notes_on_fit
-from liftgate_hil.errors import printable
+from liftgate_hil.errors import number_of, printable
 from liftgate_hil.judging.shown_verdict import line_of
 from liftgate_hil.judging.verdict import PASS
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.loop.priority import in_one_line, refused_here
-from liftgate_hil.testing.outcome import Case, Outcome
+from liftgate_hil.testing.outcome import Case, Outcome, counts_of
 from liftgate_hil.testing.tested import SuiteListener
 
 if TYPE_CHECKING:
@@ -158,3 +158,14 @@ class SuiteTeller(SuiteListener):
 def _fit_of(case: Case) -> list[str]:
     """Return the notes on how the rig and the vehicle of a scenario fit."""
     return notes_on_fit(case.plan.rig, case.plan.setup.vehicle, case.plan.request.rate)
+
+
+def summary_of(outcomes: Sequence[Outcome], what: str) -> list[str]:
+    """Return the last line: how many expectations have which verdict.
+
+    `what` names what was judged, in the plural: "scenarios", "recordings".
+    """
+    counts = counts_of(outcomes)
+    text = ", ".join(f"{number} {name}" for name, number in counts.by_verdict().items() if number)
+    runs, judged = number_of(len(outcomes), what.removesuffix("s")), number_of(counts.total, "expectation")
+    return [f"{runs}, {judged}: {text}; {100.0 * counts.inconclusive_share:.0f} % inconclusive"]

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from liftgate_hil.cli.options import as_flags
-from liftgate_hil.cli.panel import PanelView, panel_of
-from liftgate_hil.cli.progress import ProgressDisplay
-from liftgate_hil.cli.screen import Screen
+from liftgate_hil.cli.command import as_flags
+from liftgate_hil.cli.terminal.panel import PanelView, panel_of
+from liftgate_hil.cli.terminal.progress import ProgressDisplay
+from liftgate_hil.cli.terminal.screen import Screen
 from liftgate_hil.loop.listener import Listener, RunStatus
 
 _EVERY_S = 0.2  # between two drawings of the panel

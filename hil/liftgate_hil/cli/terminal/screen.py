@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from liftgate_hil.cli.streams import put_line
+from liftgate_hil.cli.terminal.streams import put_line
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

@@ -1,0 +1,21 @@
+"""Request to examine whether this machine is fit for real time."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from liftgate_hil.config.described import Field, Record
+from liftgate_hil.config.kinds import Number, Whole
+from liftgate_hil.plan.request import AskForRealtime, Rate
+
+
+# fmt: off
+class DoctorRequest(Record):
+    """Request to examine this machine."""
+
+    duration: Annotated[float, Field(Number(0.1, 86_400.0, "s"), "duration of each lateness measurement; an hour "
+        "shows rare delays", metavar="S")] = 2.0
+    rate: Rate = 1000.0
+    realtime: AskForRealtime = None
+    cpu: Annotated[int | None, Field(Whole(0, 1023), "the CPU of the loop in real time",
+        "an isolated one, else the last", "N")] = None
