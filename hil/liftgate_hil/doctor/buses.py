@@ -10,7 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +72,7 @@ def interfaces(root: Path, details: Callable[[str], str]) -> list[Check]:
     return [_interface(root, name, link_of(details(name))) for name in names]
 
 
-def link_of(text: str) -> dict[str, Any]:
+def link_of(text: str) -> Mapping[str, object]:
     """Return `ip`'s answer for an interface: kind, bitrate [bit/s], state; empty where there is none."""
     try:
         link = json.loads(text)[0]["linkinfo"]
@@ -83,7 +83,7 @@ def link_of(text: str) -> dict[str, Any]:
         return {}
 
 
-def _interface(root: Path, name: str, link: dict[str, Any]) -> Check:
+def _interface(root: Path, name: str, link: Mapping[str, object]) -> Check:
     folder = root / "sys/class/net" / name
     is_real = link.get("kind", "vcan" if name.startswith("vcan") else "can") == "can"
     is_up = bool(int(read(folder, "flags") or "0", 16) & _UP)

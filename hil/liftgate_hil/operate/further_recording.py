@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError, RecordingError
@@ -75,7 +75,7 @@ class FurtherRecording:
         """Whether a recording is open, or being opened or completed."""
         return self._thread is not None and self._thread.is_alive()
 
-    def in_force(self) -> dict[str, Any] | None:
+    def in_force(self) -> Mapping[str, object] | None:
         """Return the file's name and whether it is STARTING, RECORDING or COMPLETING; None: there is none."""
         return {"file": self._path.name, "phase": self._phase} if self.is_on else None
 

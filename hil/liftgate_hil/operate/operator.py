@@ -50,7 +50,7 @@ class Broken(NamedTuple):
     """A fault that an operator has injected, and the content of the command for it."""
 
     fault: Fault
-    content: Mapping[str, Any]
+    content: Mapping[str, object]
 
 
 class Operator:
@@ -66,10 +66,10 @@ class Operator:
         self._rig, self._target, self._edge = rig, target, edge
         self._ask = ask
         self._buttons = ButtonPresser(rig, target)
-        self._obstacle: dict[str, Any] = {}
+        self._obstacle: Mapping[str, object] = {}
         self._set: dict[str, float] = {}
         self._faults: dict[Which, Broken] = {}
-        self._signals: dict[str, float | str] = {}
+        self._signals: dict[str, object] = {}
         self.recording: FurtherRecording | None = None  # set once the run has a memory
         self.report: Callable[[float, str], None] = lambda now, done: None  # told what was done, and when
         self.kinds: set[str] = set()  # of faults that were injected
@@ -80,7 +80,7 @@ class Operator:
         self.count = 0  # commands executed that act on the gate
         self.done: list[str] = []  # the first of these in words, with their times; of a series the last one
 
-    def in_force(self) -> dict[str, Any]:
+    def in_force(self) -> Mapping[str, object]:
         """Return what was commanded and has not been cleared, in the form of commands."""
         return {
             "obstacle": dict(self._obstacle) or None,
@@ -157,7 +157,7 @@ class Operator:
             return self._beside(name, content, now)
         if not isinstance(content, dict) or not content:
             raise ConfigError(f"{name} {show(content)[:200]}; allowed: a table with its keys")
-        do: dict[str, Callable[[dict[str, Any], float], str]] = {
+        do: dict[str, Callable[[Mapping[str, object], float], str]] = {
             "obstacle": self._put, "set": self._surround, "fault": self._break, "signal": self._send,
         }  # fmt: skip
         return do[name](content, now)
@@ -176,20 +176,20 @@ class Operator:
         self.recording.start(content["file"])
         return f"recording to {content['file']}"
 
-    def _put(self, content: dict[str, Any], now: float) -> str:
+    def _put(self, content: Mapping[str, object], now: float) -> str:
         self._target.hold(held_obstacle(obstacle_in(content, self._edge)))
         self._obstacle = dict(content)
         units = {name: signal.unit for name, signal in OBSTACLE.items() if name != "angle_deg"}
         return "obstacle " + _words(content, units)
 
-    def _surround(self, content: dict[str, Any], now: float) -> str:
+    def _surround(self, content: Mapping[str, object], now: float) -> str:
         held = surroundings_in(content)
         self._target.hold(held)
         both = {**self._set, **held}
         self._set = {name: value for name, value in both.items() if not math.isnan(value)}
         return "set " + _words(content)
 
-    def _send(self, content: dict[str, Any], now: float) -> str:
+    def _send(self, content: Mapping[str, object], now: float) -> str:
         issues, numbers = ConfigIssues("signal"), {}
         for name, value in content.items():
             if value is None and name in self._signals:
@@ -209,7 +209,7 @@ class Operator:
         self._signals = {name: value for name, value in both.items() if value is not None}
         return "signal " + _words(content)
 
-    def _break(self, content: dict[str, Any], now: float) -> str:
+    def _break(self, content: Mapping[str, Any], now: float) -> str:
         values = {str(name): value for name, value in content.items()}
         kind, where = str(values.pop("kind", "")), values.pop("where", None)
         fault = located(replace(fault_of(kind, where, values), start=Instant(now)), self._rig)
@@ -244,7 +244,7 @@ class Operator:
             self._send(dict.fromkeys(self._signals), 0.0)
         return f"clear {content}"
 
-    def _mend(self, one: dict[str, Any]) -> str:
+    def _mend(self, one: Mapping[str, object]) -> str:
         found = [
             which
             for which, (_, content) in self._faults.items()
@@ -268,7 +268,7 @@ def _series_of(command: object) -> str:
     return str(next(iter(content))) if isinstance(content, dict) and len(content) == 1 else ""
 
 
-def _words(content: Mapping[str, Any], units: Mapping[str, str] | None = None) -> str:
+def _words(content: Mapping[str, object], units: Mapping[str, str] | None = None) -> str:
     """Return the values of a command in words; `units` are those that are not in the names."""
     parts = []
     for name, value in content.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from liftgate_hil.signals import FAULT_PREFIX, MOST_FAULTS
 
@@ -23,7 +23,7 @@ def fault_columns_of(faults: Sequence[Fault], is_open: bool = False) -> dict[str
     return known | ({INJECTED: 1 << MOST_FAULTS} if is_open else {})
 
 
-def faults_by_column(faults: Sequence[Fault]) -> dict[str, Mapping[str, Any]]:
+def faults_by_column(faults: Sequence[Fault]) -> dict[str, Mapping[str, object]]:
     """Return a scenario's faults by their columns: kind, place, and the keys of the kind."""
     return {
         name: {"kind": each.kind, "where": each.where, **each.values}

@@ -59,7 +59,7 @@ def origin_of(plan: Plan, bus: str = "") -> str:
     and the recording trigger, where not all was recorded.
     """
     request = plan.request
-    more: dict[str, Any] = {"ecu": _plain(plan.ecu_identity)}
+    more: dict[str, object] = {"ecu": _plain(plan.ecu_identity)}
     if bus:
         more["bus"] = bus
     if request.record_when:
@@ -80,7 +80,7 @@ def _origin(
     rate: float,
     duration: float | None,
     files: Mapping[str, Source],
-    more: Mapping[str, Any],
+    more: Mapping[str, object],
 ) -> str:
     processor, features = compiler.processor()
     origin = {

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from liftgate_compiler import picked
 from liftgate_hil.loop.tick import panel_obstacle
@@ -30,7 +31,7 @@ class Acting:
     stimuli: StimulusPlan
     reception: Reception
 
-    def at(self, time_s: float) -> dict[str, Any]:
+    def at(self, time_s: float) -> Mapping[str, object]:
         """Return obstacle and springs at a time [s] of the scenario.
 
         `obstacle` has angle_deg, distance [m] and meets, None: there is none; `spring_health` the share of its
@@ -59,7 +60,7 @@ class Acting:
         return {side: names.index(f"plant.{side}.spring.health") for side in sides}
 
 
-def _described(rod: Obstacle) -> dict[str, Any]:
+def _described(rod: Obstacle) -> Mapping[str, object]:
     return {
         "angle_deg": round(math.degrees(rod.angle), 9),
         "distance": float(rod.distance),

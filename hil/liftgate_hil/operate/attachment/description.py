@@ -97,7 +97,7 @@ def expectations_of(scenario: Scenario) -> dict[str, str]:
     return {each.name: each.with_numbers(scenario.parameters).formula for each in scenario.expectations}
 
 
-def limits_of(scenario: Scenario, vehicle: Vehicle, rig: Rig) -> list[dict[str, Any]]:
+def limits_of(scenario: Scenario, vehicle: Vehicle, rig: Rig) -> list[Mapping[str, object]]:
     """Return the upper limits of the pinch force in a scenario's expectations, see ForceLimit."""
     return [each._asdict() for each in force_limits_of(scenario, vehicle, rig)]
 
@@ -118,7 +118,7 @@ def _span(start: Instant, end: Instant) -> str:
     return begin + ("" if end == NEVER else f"; until{_when(end).removeprefix(',')}")
 
 
-def commands_of(setup: Setup, rig: Rig, has_ecu: bool) -> dict[str, Any]:
+def commands_of(setup: Setup, rig: Rig, has_ecu: bool) -> Mapping[str, object]:
     """Return what an operator can command, with the ranges.
 
     To an ECU in the run's process all requests can be made, to another one those that the rig defines buttons or a
@@ -137,7 +137,7 @@ def commands_of(setup: Setup, rig: Rig, has_ecu: bool) -> dict[str, Any]:
     }
 
 
-def _of(signal: Signal) -> dict[str, Any]:
+def _of(signal: Signal) -> Mapping[str, object]:
     return {
         "unit": signal.unit,
         "low": signal.low,
@@ -147,7 +147,7 @@ def _of(signal: Signal) -> dict[str, Any]:
     }
 
 
-def _kind(kind: FaultKind, setup: Setup, rig: Rig) -> dict[str, Any]:
+def _kind(kind: FaultKind, setup: Setup, rig: Rig) -> Mapping[str, object]:
     places: list[str] = []
     if kind.of == DRIVE:
         places = list(WHERE) if setup.vehicle.drives == 2 else ["left"]
@@ -157,9 +157,9 @@ def _kind(kind: FaultKind, setup: Setup, rig: Rig) -> dict[str, Any]:
     return {"meaning": kind.meaning, "group": kind.group, "of": kind.of, "where": places, "keys": keys}
 
 
-def _key(key: Field) -> dict[str, Any]:
+def _key(key: Field) -> Mapping[str, object]:
     kind = key.kind
-    content: dict[str, Any] = {"meaning": key.meaning, "allowed": kind.allowed, "labels": [], "unit": ""}
+    content: dict[str, object] = {"meaning": key.meaning, "allowed": kind.allowed, "labels": [], "unit": ""}
     if isinstance(kind, Number | Whole):
         content |= {"low": kind.low, "high": kind.high, "unit": getattr(kind, "unit", "")}
     elif isinstance(kind, Choice | Level):
@@ -168,7 +168,7 @@ def _key(key: Field) -> dict[str, Any]:
     return content
 
 
-def _signal(rig: Rig, name: str) -> dict[str, Any]:
+def _signal(rig: Rig, name: str) -> Mapping[str, object]:
     message, _, signal = name.partition(".")
     found = rig.messages[message].get_signal_by_name(signal)
     low, high = physical_range(found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from liftgate_plant.vehicle import Vehicle
 _ANGLES = 41  # at which the moving points are given
 
 
-def geometry_of(vehicle: Vehicle) -> dict[str, Any]:
+def geometry_of(vehicle: Vehicle) -> Mapping[str, object]:
     """Return the geometry of a vehicle [m, deg] in its plane, x rearward and y up, as `GET /api/geometry` does.
 
     `angles_deg` (n,) are angles of the gate from closed to open; `edge`, and of each drive `gate_point`,

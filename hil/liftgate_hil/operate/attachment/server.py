@@ -77,7 +77,7 @@ class Server(Relay):
         self._waiting: queue.SimpleQueue[tuple[_Connection, Any]] = queue.SimpleQueue()
         self._connections: list[_Connection] = []
         self._lock = threading.Lock()
-        self._end_report: dict[str, Any] | None = None
+        self._end_report: Mapping[str, object] | None = None
         self._thread: threading.Thread | None = None
 
     # Listener: what the run reports.
@@ -217,7 +217,7 @@ class Server(Relay):
             return False
         return all(isinstance(each, dict) and self._take(connection, each) for each in questions)
 
-    def _take(self, connection: _Connection, asked: dict[str, Any]) -> bool:
+    def _take(self, connection: _Connection, asked: Mapping[str, object]) -> bool:
         """Handle a question of a client; False: close its connection."""
         number = asked.get("id")
         if not isinstance(number, int | None):
@@ -232,7 +232,7 @@ class Server(Relay):
         issue = f"{_WAITING} commands are waiting, as the run makes no progress; allowed: when it continues"
         return connection.answer({"id": number, "issues": [issue]})
 
-    def _news(self, known: int) -> dict[str, Any]:
+    def _news(self, known: int) -> Mapping[str, object]:
         """Return the progress of the run, and its log after the first `known` lines."""
         with self._lock:
             lines = [each for each in self._lines if each[0] > known]
@@ -283,13 +283,13 @@ class Server(Relay):
         self.say(printable(f"{now:.3f} s: operator: {done[:_LONGEST]}"))
 
 
-def _in_short(verdict: Verdict) -> dict[str, Any]:
+def _in_short(verdict: Verdict) -> Mapping[str, object]:
     """Return what clients are told of a verdict while the run goes on."""
     own = ("name", "verdict", "margin", "margin_unit", "time_s")
     return {**{name: getattr(verdict, name) for name in own}, **_in_words(verdict)}
 
 
-def _in_full(verdict: Verdict) -> dict[str, Any]:
+def _in_full(verdict: Verdict) -> Mapping[str, object]:
     """Return what clients are told of a verdict at the end."""
     return {**asdict(verdict), **_in_words(verdict)}
 
@@ -318,7 +318,7 @@ class _Connection:
             raise OSError("it has left")
         return self._arrivals.take(come)
 
-    def answer(self, answer: Mapping[str, Any]) -> bool:
+    def answer(self, answer: Mapping[str, object]) -> bool:
         """Send a reply; False: the connection is closed, as for a client that does not read."""
         with self._lock:
             if not self._is_open:
