@@ -97,7 +97,7 @@ def expectations_of(scenario: Scenario) -> dict[str, str]:
     return {each.name: each.with_numbers(scenario.parameters).formula for each in scenario.expectations}
 
 
-def limits_of(scenario: Scenario, vehicle: Vehicle, rig: Rig) -> list[Mapping[str, object]]:
+def limits_of(scenario: Scenario, vehicle: Vehicle, rig: Rig) -> list[dict[str, Any]]:
     """Return the upper limits of the pinch force in a scenario's expectations, see ForceLimit."""
     return [each._asdict() for each in force_limits_of(scenario, vehicle, rig)]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from liftgate_plant.vehicle import Vehicle
 _ANGLES = 41  # at which the moving points are given
 
 
-def geometry_of(vehicle: Vehicle) -> Mapping[str, object]:
+def geometry_of(vehicle: Vehicle) -> dict[str, Any]:
     """Return the geometry of a vehicle [m, deg] in its plane, x rearward and y up, as `GET /api/geometry` does.
 
     `angles_deg` (n,) are angles of the gate from closed to open; `edge`, and of each drive `gate_point`,
