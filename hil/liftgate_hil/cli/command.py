@@ -124,8 +124,12 @@ class Call:
 
     def request(self, record: type[Asked]) -> Asked:
         """Return the record of the flags that are its fields. Raises ConfigError."""
+        return self.unchecked(record).validated()
+
+    def unchecked(self, record: type[Asked]) -> Asked:
+        """Return the record of the flags that are its fields, not validated: by who reports what is wrong."""
         names = [each.name for each in fields_of(record) if each.name in self.values]
-        return record.of(**{name: self.values[name] for name in names})
+        return record(**{name: self.values[name] for name in names})
 
     def deliver(self, result: Made, text: Callable[[Made], str], issues: Sequence[str] = ()) -> None:
         """Print a result as the flags ask; raise ConfigError with the issues of files that were not written."""

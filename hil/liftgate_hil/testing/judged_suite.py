@@ -49,7 +49,7 @@ class RecordedCase(Case):
     differences: Sequence[str]
 
 
-def cases_of(
+def recorded_cases_of(
     runs: Sequence[tuple[Path, ...]], about: RecordingExpectations, is_reported: bool = True
 ) -> list[RecordedCase]:
     """Return a case for each run; `is_reported`: with its files' hashes. Raises ConfigError."""
@@ -72,26 +72,26 @@ def _subject_of(paths: tuple[Path, ...], about: RecordingExpectations, is_report
 
 def judge_suite(
     cases: Sequence[RecordedCase], is_summarized: bool, stopped: Callable[[], bool] = lambda: False
-) -> Iterator[tuple[Outcome, Sequence[str]]]:
-    """Judge the cases, and yield the outcome and the notes of each.
+) -> Iterator[Outcome]:
+    """Judge the cases, and yield the outcome of each.
 
     After a stop the rest are errors; so is one of several that cannot be judged. Raises ConfigError with the
     issues of the only one.
     """
     for case in cases:
         if stopped():
-            yield not_run(case, "stopped before it was judged"), ()
+            yield not_run(case, "stopped before it was judged")
             continue
         began = time.monotonic()
         try:
             found = judged(case.recordings, case.about, case.differences, is_summarized, stopped)
         except StoppedJudgingError:
-            yield not_run(case, "stopped while it was judged"), ()
+            yield not_run(case, "stopped while it was judged")
             continue
         except ConfigError as error:
             if len(cases) == 1:
                 raise
-            yield not_run(case, "; ".join(error.issues)), ()
+            yield not_run(case, "; ".join(error.issues))
             continue
         verdicts = tuple(found.verdicts.values())
         verdict = worst(each.verdict for each in verdicts)
@@ -109,4 +109,4 @@ def judge_suite(
             notes=(*found.notes, *found.fault_notes),
         )
         outcome = Outcome(case, verdict, "", verdicts, result, 0.0)
-        yield replace(outcome, wall_s=time.monotonic() - began), [*found.notes, *found.fault_notes]
+        yield replace(outcome, wall_s=time.monotonic() - began)

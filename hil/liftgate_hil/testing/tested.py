@@ -1,4 +1,4 @@
-"""Suite of scenario files as tests: run, judged and reported."""
+"""Suite of scenario files as tests, or of recordings: run, judged and reported."""
 
 from __future__ import annotations
 
@@ -21,9 +21,11 @@ from liftgate_hil.plan.plan import Plan
 from liftgate_hil.plan.request import RunRequest
 from liftgate_hil.report.provenance import provenance_of
 from liftgate_hil.testing.html_report import SuiteReport
+from liftgate_hil.testing.judged_suite import judge_suite, recorded_cases_of, runs_of
 from liftgate_hil.testing.junit import as_junit
 from liftgate_hil.testing.mutation import MutationResult, mutate
 from liftgate_hil.testing.outcome import Case, Outcome
+from liftgate_hil.testing.rejudge import expectations_of, paths_of
 from liftgate_hil.testing.report_files import (
     Targets,
     clear_the_way,
@@ -32,7 +34,7 @@ from liftgate_hil.testing.report_files import (
     targets_of,
     write_all,
 )
-from liftgate_hil.testing.request import SuiteRequest
+from liftgate_hil.testing.request import JudgeRequest, ReportsChoice, SuiteRequest
 from liftgate_hil.testing.scenario_files import scenario_files, unreadable_files
 from liftgate_hil.testing.suite import attempt_stem, cases_of, is_alone, run_suite
 from liftgate_hil.testing.suite_result import SuiteResult
@@ -67,7 +69,7 @@ class SuiteListener:
         """Called with how many runs with mutants are done."""
 
     def phase(self, name: str) -> contextlib.AbstractContextManager[object]:
-        """Return the context of a phase: "scenarios", "mutants", "report"."""
+        """Return the context of a phase: "scenarios", "mutants", "judge", "report"."""
         return contextlib.nullcontext()
 
     def put(self, text: str) -> None:
@@ -112,6 +114,40 @@ def report_on(request: SuiteRequest, listener: SuiteListener | None = None, comm
     mutation = _mutated(request, ordered, jobs, heard) if request.mutants else None
     provenance = provenance_of(command_line or repr(request), {})
     result = SuiteResult(ordered, provenance, mutation)
+    with heard.phase("report"):
+        write_reports(targets, result, report, heard.put, heard.say)
+    return result
+
+
+def judge_on(
+    request: JudgeRequest,
+    reports: ReportsChoice,
+    is_one_run: bool = False,
+    listener: SuiteListener | None = None,
+    command_line: str = "",
+) -> SuiteResult:
+    """Return the result of recordings, judged again run by run; the reports are written.
+
+    `is_one_run`: all files belong to one run, whatever their names. What is wrong with the request is written into
+    the JUnit files, too. Raises ConfigError.
+    """
+    heard = SuiteListener() if listener is None else listener
+    targets = targets_of(reports, heard.words, heard.say)
+    report, outcomes = SuiteReport(), list[Outcome]()
+    with reporting_issues(targets, heard.words, heard.say):
+        files = (*paths_of(request), *listed(request.maps), request.scenario, request.vehicle, request.rig)
+        refuse_inputs(targets, [each for each in files if isinstance(each, str | Path)])
+        request = request.validated()
+        about, runs = expectations_of(request), runs_of(paths_of(request), is_one_run)
+        cases = recorded_cases_of(runs, about, is_reported=any(targets.values()))
+        refuse_inputs(targets, [path for case in cases for path in case.plan.inputs])
+        clear_the_way(targets, heard.say)
+        heard.prepared(cases)
+        with heard.phase("judge"):
+            for outcome in judge_suite(cases, bool(targets["html"]), heard.stopped):
+                outcomes.append(report.take(outcome))
+                heard.ended(outcomes[-1])
+    result = SuiteResult(tuple(outcomes), provenance_of(command_line or repr(request), {}))
     with heard.phase("report"):
         write_reports(targets, result, report, heard.put, heard.say)
     return result

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import sys
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli.command import as_flags
+from liftgate_hil.cli.terminal import streams
 from liftgate_hil.cli.terminal.progress import ProgressDisplay
 from liftgate_hil.cli.terminal.streams import Output, put_whole
 from liftgate_hil.cli.terminal.teller import Teller
@@ -153,6 +155,43 @@ class SuiteTeller(SuiteListener):
         notes = [printable(as_flags(each)) for each in outcome.notes if each not in known]
         lines += [f"    note: {each}" for each in notes]
         return [each.replace("\n", f"\n{' ' * 8}") for each in lines]  # a reason may have several lines
+
+
+class JudgeTeller(SuiteTeller):
+    """Listener that prints what recordings are judged to be, run by run."""
+
+    def prepared(self, cases: Sequence[Case]) -> None:
+        """Note the recorded runs."""
+        self._cases = cases
+
+    def say(self, text: str) -> None:
+        """Print what becomes of files."""
+        streams.say(printable(text))
+
+    def ended(self, outcome: Outcome) -> None:
+        """Print a run that was judged, with the notes on how it was read."""
+        self._outcomes[outcome.case.file] = outcome
+        done, count = len(self._outcomes), len(self._cases)
+        with self._teller.aside():
+            for note in () if outcome.result is None else outcome.result.notes:
+                print(printable(f"liftgate-hil judge: note: {note}"), file=sys.stderr)
+            if not self._is_silent:
+                self.out.put(self._judged_lines(outcome, count > 1))
+        if self._progress is not None:
+            self._progress.update(done, count, f"{done}/{count} runs" if count > 1 else "")
+
+    def _judged_lines(self, outcome: Outcome, is_named: bool) -> list[str]:
+        """Return what is printed of the verdicts of a run."""
+        indent, lines = "    " if is_named else "", list[str]()
+        if is_named and not (self._is_quiet and outcome.verdict == PASS):
+            lines.append(printable(f"{outcome.verdict:<12} {', '.join(map(str, outcome.case.recordings))}"))
+        if outcome.reason:
+            return [*lines, f"{indent}{printable(as_flags(outcome.reason))}"]
+        return lines + [
+            f"{indent}{printable(each.name)}: {line_of(replace(each, reason=as_flags(each.reason)))}"
+            for each in outcome.expectations
+            if not (self._is_quiet and each.verdict == PASS)
+        ]
 
 
 def _fit_of(case: Case) -> list[str]:
