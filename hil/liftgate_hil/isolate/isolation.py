@@ -20,8 +20,7 @@ from typing import NamedTuple
 
 from liftgate_hil.errors import EcuError
 from liftgate_hil.isolate.answers import PLACE, AnswerChannel, BadAnswerError
-from liftgate_hil.isolate.children import end_in_words, foreign_output, in_memory, keep_nice_value
-from liftgate_hil.isolate.stillness import Stillness
+from liftgate_hil.isolate.children import Stillness, end_in_words, foreign_output, in_memory, keep_nice_value
 from liftgate_hil.loop.episode import FRAMES
 from liftgate_hil.loop.rings import Memory
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from liftgate_compiler import compilable, compiled, unflattened
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.errors import PlantDivergedError
+from liftgate_hil.loop.advance import is_sound, write_row
 from liftgate_hil.loop.energy_watch import MOST, EnergyWatch
-from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.signals import ON_TIME, ROW_WIDTH
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.samples import Samples

@@ -17,12 +17,11 @@ from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdic
 from liftgate_hil.report.page import Markup, alert, page, pairs, section, table, text
 from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.report.trace_plot import STYLE as TRACE_STYLE
-from liftgate_hil.testing.force_limits import limits_section
-from liftgate_hil.testing.mutants_section import mutants_section
 from liftgate_hil.testing.mutation import MutationResult
 from liftgate_hil.testing.outcome import Outcome, counts_of, subject_of, verdict_of
 from liftgate_hil.testing.picture import expectation_svgs, left_out
 from liftgate_hil.testing.scenario_section import badge, figures_of, scenario_section, value_names
+from liftgate_hil.testing.sections import limits_section, mutants_section
 
 MOST_PASSED, MOST_OTHERS = 8_000_000, 16_000_000  # bytes of pictures
 NO_REQUIREMENT = "none"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from liftgate_hil.isolate import stillness
+from liftgate_hil.isolate import children
 
 
 class Clock:
@@ -22,14 +22,14 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def test_time_without_progress_counts_from_the_last_progress_on(clock: Clock) -> None:
-    still = stillness.Stillness()
+    still = children.Stillness()
     for value, expected in (("a", 0.0), ("a", 0.25), ("a", 0.5), ("b", 0.0), ("b", 0.25), ("a", 0.0)):
         assert still.of(value) == pytest.approx(expected)
         clock.now += 0.25
 
 
 def test_a_pause_of_this_process_is_no_silence_of_the_other(clock: Clock) -> None:
-    still = stillness.Stillness()
+    still = children.Stillness()
     still.of(1)
     clock.now += 60.0  # both stand still
     assert still.of(1) <= 0.5

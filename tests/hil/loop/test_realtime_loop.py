@@ -38,6 +38,7 @@ from simulated_kernel import EPOCH, MS, START, Datagram, SimulatedKernel, from_a
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
+from liftgate_hil.loop.advance import write_row
 from liftgate_hil.loop.arrivals import arrival_of
 from liftgate_hil.loop.datagrams import make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import BINS, bin_of
@@ -46,7 +47,6 @@ from liftgate_hil.loop.python_loop import Loop
 from liftgate_hil.loop.realtime_loop import DIVERGED, ENDED, OVERRUN, RunParams, make_room, run_realtime
 from liftgate_hil.loop.realtime_run import RealtimeRun, feedback_identifiers
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
-from liftgate_hil.loop.row import write_row
 from liftgate_hil.loop.tick import STOPPED, LoopState
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ON_TIME, ROW_WIDTH, Timing
 from liftgate_hil.stimuli.command_queue import post_values

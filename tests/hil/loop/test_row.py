@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from liftgate_hil.loop.row import is_sound
+from liftgate_hil.loop.advance import is_sound
 from liftgate_plant.signals import Truth, signals_of
 
 REST = Truth(*(0.0 for _ in Truth._fields))

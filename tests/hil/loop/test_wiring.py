@@ -21,10 +21,10 @@ from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.loop import advance
 from liftgate_hil.loop import tick as tick_module
+from liftgate_hil.loop.advance import write_row
 from liftgate_hil.loop.observers import Trace
 from liftgate_hil.loop.python_loop import Loop, scheduled_tick
 from liftgate_hil.loop.rings import Memory, RingReader, next_row
-from liftgate_hil.loop.row import write_row
 from liftgate_hil.loop.tick import STOPPED, edge_times, line_up, tick
 from liftgate_hil.signals import (
     BUS_INPUTS,

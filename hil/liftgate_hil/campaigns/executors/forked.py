@@ -12,9 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.isolate.children import end_in_words
+from liftgate_hil.isolate.children import Stillness, end_in_words
 from liftgate_hil.isolate.isolation import HANG_S
-from liftgate_hil.isolate.stillness import Stillness
 from liftgate_hil.isolate.supervisor import dies_with_parent
 
 _LOOK_S = 0.25

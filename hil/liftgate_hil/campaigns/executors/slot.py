@@ -25,8 +25,7 @@ from liftgate_hil.campaigns.evaluation import GROUP, Row, error_row
 from liftgate_hil.campaigns.executors.worker import FAILED, READY, ROW
 from liftgate_hil.campaigns.figures import Figures
 from liftgate_hil.errors import LiftgateError
-from liftgate_hil.isolate.children import end, end_in_words, foreign_output, in_memory
-from liftgate_hil.isolate.stillness import Stillness
+from liftgate_hil.isolate.children import Stillness, end, end_in_words, foreign_output, in_memory
 
 _MODULE = "liftgate_hil.campaigns.executors.worker"
 _SILENT_S = 60.0  # s without a sign of life, which comes every second
