@@ -27,8 +27,8 @@ def pass_by(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
     """A function that lets a number of seconds pass by, as if they were looked at all the time."""
     more = [0.0]
     clock = SimpleNamespace(monotonic=lambda: time.monotonic() + more[0])
-    monkeypatch.setattr(stillness, "time", clock)
-    monkeypatch.setattr(stillness, "_GAP_S", 1e9)
+    monkeypatch.setattr(children, "time", clock)
+    monkeypatch.setattr(children, "_GAP_S", 1e9)
 
     def passed(seconds: float) -> None:
         more[0] += seconds

@@ -17,7 +17,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr(stillness, "time", clock)
+    monkeypatch.setattr(children, "time", clock)
     return clock
 
 
