@@ -82,7 +82,7 @@ def _tell(notes: Sequence[str]) -> None:
 
 def _lines_of(outcome: Outcome, is_named: bool, is_quiet: bool) -> list[str]:
     """Return what is printed of the verdicts of a run."""
-    from liftgate_hil.judging.shown_verdict import line_of
+    from liftgate_hil.judging.verdict import line_of
 
     indent, lines = "    " if is_named else "", list[str]()
     if is_named and not (is_quiet and outcome.verdict == "pass"):

@@ -114,7 +114,7 @@ def _check(args: argparse.Namespace) -> int:
 
 def _not_for_ours(rig: Rig, vehicle: Vehicle) -> list[str]:
     """Return a note where the reference ECU cannot use a rig, whose feedback may be enough for another one."""
-    from liftgate_hil.ecu.needs import lacking_feedback
+    from liftgate_hil.ecu.reference import lacking_feedback
 
     lacking = lacking_feedback(rig, vehicle.drives)
     text = f"{rig.source}: the reference ECU cannot use this rig, as it lacks {', '.join(lacking)}; yours may"

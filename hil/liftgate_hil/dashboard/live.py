@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from liftgate_hil.dashboard.controls import controls_of
-from liftgate_hil.dashboard.heard import BusView
+from liftgate_hil.dashboard.heard import BusView, FrameTrace
 from liftgate_hil.dashboard.source import (
     MOST_LINES,
     JsonObject,
@@ -22,7 +22,6 @@ from liftgate_hil.dashboard.source import (
     times_of,
     units_of,
 )
-from liftgate_hil.dashboard.trace import FrameTrace
 from liftgate_hil.errors import RunGoneError
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import bars, distribution

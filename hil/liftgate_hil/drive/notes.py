@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
-from liftgate_hil.ecu.needs import SIDES
 from liftgate_hil.ecu.node import PORT
+from liftgate_hil.ecu.reference import SIDES
 from liftgate_hil.errors import number_of
 from liftgate_hil.judging.verdict import PASS
 from liftgate_hil.signals import COLUMNS

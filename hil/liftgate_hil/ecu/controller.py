@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,8 +13,8 @@ import numpy as np
 from liftgate_compiler import compilable
 from liftgate_hil.ecu import events
 from liftgate_hil.ecu.anti_trap import learn
+from liftgate_hil.ecu.calibration import PLACES
 from liftgate_hil.ecu.events import NO_VERDICT, note_event
-from liftgate_hil.ecu.load import measure_load
 from liftgate_hil.ecu.memory import (
     CLOSED,
     CLOSING,
@@ -31,10 +32,57 @@ from liftgate_hil.ecu.memory import (
 )
 from liftgate_hil.ecu.monitor import SOUND, implausible, is_hot, measure_reading, moves_by_itself
 from liftgate_hil.ecu.motion_end import watch_ends, watch_trap
-from liftgate_hil.ecu.motion_profile import want, wanted_speed
-from liftgate_hil.ecu.position import gone, mean_speed, position_of, take_zero
-from liftgate_hil.ecu.speed_control import controlled_duty, measure_speed
-from liftgate_hil.ecu.states import SILENT, begin_motion, enter, is_moving
+from liftgate_hil.ecu.speed_control import controlled_duty, measure_load, measure_speed
+from liftgate_hil.ecu.states import (
+    SILENT,
+    begin_motion,
+    enter,
+    gone,
+    is_moving,
+    mean_speed,
+    position_of,
+    take_zero,
+)
+
+
+@compilable
+def speed_over(speeds: tuple[float, ...], place: float) -> float:
+    """Return the speed at a position, both as shares of the travel, interpolated linearly between PLACES."""
+    if place <= PLACES[0]:
+        return speeds[0]
+    for i in range(1, len(PLACES)):
+        if place < PLACES[i]:
+            share = (place - PLACES[i - 1]) / (PLACES[i] - PLACES[i - 1])
+            return speeds[i - 1] + share * (speeds[i] - speeds[i - 1])
+    return speeds[len(PLACES) - 1]
+
+
+@compilable
+def wanted_speed(constants: EcuConstants, memory: EcuMemory) -> float:
+    """Return the wanted speed [counts/s]: a soft start over time, then what is calibrated for the position."""
+    c, control = constants.calibration, memory.control[0]
+    position, travel = position_of(memory), control.travel
+    elapsed = control.now - control.since
+    if np.isnan(position) or np.isnan(travel):
+        return float(min(c.learning_speed, c.creep_speed + c.learning_start * elapsed))
+    if control.state == CLOSING:
+        start = c.closing_start
+        speed = speed_over(c.closing_speed, (position - c.seal_zone) / travel)
+    else:
+        start = c.opening_start
+        speed = speed_over(c.opening_speed, position / travel)
+    started = c.creep_speed + travel * start * elapsed
+    return float(max(min(travel * speed, started), c.creep_speed))
+
+
+@compilable
+def want(constants: EcuConstants, memory: EcuMemory, speed: float) -> None:
+    """Set the wanted speed [counts/s], and track how fast it changes, since the gate feels that for a while."""
+    control = memory.control[0]
+    fading = control.ramp * math.exp(-constants.cycle / constants.calibration.ramp_time)
+    rate = abs(speed - control.wanted) / constants.cycle if control.wanted > 0.0 else 0.0
+    control.wanted, control.ramp = speed, max(rate, fading)
+
 
 _UNBRAKED = -1.0  # in place of the time until which to brake: the bridges stay off
 

@@ -18,6 +18,7 @@ from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import encode
+from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.rig import COMMANDS, Rig
 from liftgate_hil.diagnostics.isotp import MOST_SPOKEN
 from liftgate_hil.ecu.buttons import Buttons, ButtonState, buttons_of, nothing_pressed, pressed_in
@@ -28,10 +29,14 @@ from liftgate_hil.ecu.events import note_statuses
 from liftgate_hil.ecu.memory import NO_REQUEST, EcuConstants, EcuMemory, constants_of, new_memory, note_course
 from liftgate_hil.ecu.states import is_moving
 from liftgate_hil.ecu.wire import next_time
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import IN, OUT, OUTPUT_COUNT
 
 _COAST, _OPEN, _CLOSE, _BRAKE = 0.0, 1.0, 2.0, 3.0
 _NOMINAL_V = 12.0  # used where the bus does not carry the terminal voltage
+
+
+SIDES = ("left", "right")
 
 
 class EcuConfig(NamedTuple):
@@ -114,12 +119,41 @@ def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
     )
 
 
+def check_rig(rig: Rig, drives: int) -> None:
+    """Raise ConfigError where the reference ECU could not drive a gate of `drives` drives through a rig."""
+    issues = ConfigIssues(rig.source)
+    for quantity in lacking_feedback(rig, drives):
+        issues.add(
+            f"outputs.{quantity}",
+            f"missing, and the reference ECU does not move without it; allowed: the signal with the "
+            f"{quantity.partition('_')[0]} drive's feedback, or another `ecu`",
+        )
+    commands = {name for name in COMMANDS if name.startswith(SIDES[:drives])} | {"latch_release"}
+    for mapping in rig.inputs:
+        missing = missing_values(mapping)
+        if missing and mapping.quantity in commands:
+            issues.add(
+                f"inputs.{mapping.quantity}.values",
+                f"{', '.join(missing)} missing, and the reference ECU sends it; allowed: a value for each, or "
+                "another `ecu`",
+            )
+    issues.raise_if_any()
+
+
+def lacking_feedback(rig: Rig, drives: int) -> list[str]:
+    """Return the quantities of a gate of `drives` drives that the reference ECU needs and a rig does not send."""
+    sent = {mapping.quantity for mapping in rig.outputs}
+    return [quantity for quantity in _feedback(drives) if quantity not in sent]
+
+
+def _feedback(drives: int) -> list[str]:
+    return [f"{side}_{name}" for side in SIDES[:drives] for name in ("current", "hall_count")]
+
+
 def _needed(rig: Rig, drives: int) -> list[int]:
     """Return the rows of the cyclic messages with the drives' feedback, or with what shows the gate as closed."""
     names = list(dict.fromkeys(mapping.message for mapping in rig.outputs))
-    sides = ("left", "right")[:drives]
-    wanted = {f"{side}_{what}" for side in sides for what in ("current", "hall_count")}
-    wanted |= {"latch_state", "gate_angle"}
+    wanted = {*_feedback(drives), "latch_state", "gate_angle"}
     carrying = {each.message for each in rig.outputs if each.quantity in wanted}
     return [row for row, name in enumerate(names) if name in carrying and rig.cycle_ms(name) > 0.0]
 

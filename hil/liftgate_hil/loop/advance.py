@@ -13,8 +13,7 @@ from liftgate_hil.codec.frames import Frames
 from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
 from liftgate_hil.signals import Bench
-from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, note_tick, sent
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, note_tick, outside_at, sent
 
 
 @compilable
