@@ -8,8 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 from liftgate_hil.dashboard.deference import Deference
 from liftgate_hil.dashboard.live import Live
+from liftgate_hil.dashboard.page_state import JsonObject, PageState
 from liftgate_hil.dashboard.recorded import RecordingSource
-from liftgate_hil.dashboard.source import JsonObject, NoSource
+from liftgate_hil.dashboard.source import NoSource
 from liftgate_hil.dashboard.starting import Starter
 from liftgate_hil.dashboard.streaming import PERIOD_S, Viewers
 from liftgate_hil.errors import ConfigError
@@ -82,7 +83,7 @@ class ActiveSource:
                     looked = time.monotonic()
                     await self._go_on(source)
                 if self.viewers:
-                    state = {**source.moment(), "span": span, "log": source.lines(line)}
+                    state: PageState = {**source.moment(), "span": span, "log": source.lines(line)}
                     if count % _NOW_AND_THEN == 0:
                         state |= source.now_and_then()
                     self.viewers.publish(self.numbered(state))
@@ -122,7 +123,7 @@ class ActiveSource:
         self.viewers.publish(self.numbered({**source.moment(), "span": span}))
         await self.viewers.have_taken()
 
-    def numbered(self, state: JsonObject) -> JsonObject:
+    def numbered(self, state: PageState) -> PageState:
         """Return a state with the number by which a viewer sees that another run is shown."""
         state["number"] = self.number
         if self._starter is not None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from liftgate_hil.codec.frames import EXTENDED, FD_FLAGS, no_logged
 from liftgate_hil.config.rig import load_rig
-from liftgate_hil.dashboard.source import JsonObject
+from liftgate_hil.dashboard.page_state import CommandValue, HeardMessage, SignalValues, TracedFrame
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -70,9 +70,9 @@ class BusView:
             frame["payload"][:length].tobytes(),
         )
 
-    def command(self) -> JsonObject:
+    def command(self) -> dict[str, CommandValue]:
         """Return the ECU's last command: the value (or its label), unit and signal of each quantity."""
-        found, decoded = {}, dict[int, JsonObject]()
+        found, decoded = dict[str, CommandValue](), dict[int, SignalValues]()
         for identifier, each in self._inputs:
             heard = self._heard.get((identifier, False))
             if heard is None:
@@ -85,7 +85,7 @@ class BusView:
                 found[each.quantity] = {"value": value, "unit": unit, "signal": name}
         return found
 
-    def messages(self) -> list[JsonObject]:
+    def messages(self) -> list[HeardMessage]:
         """Return the last frame of each message on the bus, by identifier."""
         return [
             {
@@ -96,7 +96,7 @@ class BusView:
             for (identifier, _), each in sorted(self._heard.items())
         ]
 
-    def described(self, frames: Any) -> list[JsonObject]:
+    def described(self, frames: Any) -> list[TracedFrame]:
         """Return frames, records of LOGGED, in their order, decoded."""
         return [
             self._described(
@@ -113,7 +113,7 @@ class BusView:
         named = ((f"{each.name}.{one.name}", one.unit) for each in self._messages.values() for one in each.signals)
         return {name: unit for name, unit in named if unit}
 
-    def _described(self, identifier: int, is_sent: bool, time_ns: int, payload: bytes) -> JsonObject:
+    def _described(self, identifier: int, is_sent: bool, time_ns: int, payload: bytes) -> TracedFrame:
         return {
             "id": f"{identifier & ~EXTENDED:X}{'x' if identifier & EXTENDED else ''}",
             "name": self._messages[identifier].name if identifier in self._messages else "",
@@ -124,7 +124,7 @@ class BusView:
         }
 
 
-def _decoded(message: Message | None, payload: bytes) -> JsonObject:
+def _decoded(message: Message | None, payload: bytes) -> SignalValues:
     """Return a frame's signals, by their labels where they have some; none where it does not fit."""
     if message is None:
         return {}

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from liftgate_hil.config.scenario import ScenarioFile, read_scenario
-from liftgate_hil.dashboard.source import JsonObject
+from liftgate_hil.dashboard.page_state import JsonObject
 from liftgate_hil.errors import ConfigError
 
 _MOST = 1000  # files that are listed

@@ -12,10 +12,11 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import cast
 
 from liftgate_hil.config.toml import show
+from liftgate_hil.dashboard.page_state import EndState, ListedScenario, Startable
 from liftgate_hil.dashboard.scenarios import Scenarios
-from liftgate_hil.dashboard.source import JsonObject
 from liftgate_hil.errors import ConfigError, RunGoneError
 from liftgate_hil.isolate.children import end
 from liftgate_hil.isolate.supervisor import dies_with_parent
@@ -55,7 +56,7 @@ class Starter:
         """Name of the scenario that runs; None: none does."""
         return self._name if self._process is not None and self._process.poll() is None else None
 
-    def state(self) -> JsonObject:
+    def state(self) -> Startable:
         """Return the scenarios, which of them runs, and the exit code of the last one; None: none yet.
 
         It reads folders and files, see `Scenarios`.
@@ -63,9 +64,14 @@ class Starter:
         code = None if self._process is None else self._process.poll()
         scenarios, is_all = self._scenarios.listed()
         listed = [{**each, "verdict": self._verdicts.get(each["name"], "")} for each in scenarios]
-        return {"scenarios": listed, "is_all": is_all, "running": self.running, "exit_code": code}
+        return {
+            "scenarios": cast(list[ListedScenario], listed),
+            "is_all": is_all,
+            "running": self.running,
+            "exit_code": code,
+        }
 
-    def note_end(self, pid: int, end: JsonObject) -> None:
+    def note_end(self, pid: int, end: EndState) -> None:
         """Keep how a run has ended that this page has started; one that expects nothing has no verdict."""
         if self._process is not None and self._process.pid == pid:
             is_judged = end["expectations"] or end["verdict"] != PASS

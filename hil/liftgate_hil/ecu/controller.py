@@ -156,43 +156,31 @@ def obey(constants: EcuConstants, memory: EcuMemory, temperature: float) -> None
 
 
 @compilable
-def update(constants: EcuConstants, memory: EcuMemory, now: float, feedback: Feedback) -> DriveCommand:
+def update(constants: EcuConstants, memory: EcuMemory, now: float, heard: Feedback) -> DriveCommand:
     """Run one control cycle at a time [s], and return the command.
 
     A request made since the last cycle acts from the next one on, a stop at once.
     """
-    control = memory.control[0]
+    control, drives = memory.control[0], memory.drives
     control.now = now
-    take_feedback(
-        constants,
-        memory.drives[0],
-        feedback.left_time,
-        feedback.left_count,
-        feedback.left_turning,
-        feedback.left_current,
-    )
-    if len(memory.drives) > 1:
+    take_feedback(constants, drives[0], heard.left_time, heard.left_count, heard.left_turning, heard.left_current)
+    if len(drives) > 1:
         take_feedback(
-            constants,
-            memory.drives[1],
-            feedback.right_time,
-            feedback.right_count,
-            feedback.right_turning,
-            feedback.right_current,
+            constants, drives[1], heard.right_time, heard.right_count, heard.right_turning, heard.right_current
         )
     if control.state == UNKNOWN:
-        enter(constants, memory, CLOSED if feedback.latched else STOPPED, SILENT, NO_VERDICT)
-        if feedback.latched:
+        enter(constants, memory, CLOSED if heard.latched else STOPPED, SILENT, NO_VERDICT)
+        if heard.latched:
             take_zero(memory)
         elif constants.calibration.defects.goes_on_after_reset != 0:
             enter(constants, memory, CLOSING, events.STARTS_CLOSING, NO_VERDICT)
     if is_moving(control.state):
-        command = move(constants, memory, feedback)
+        command = move(constants, memory, heard)
     else:
         command = stand(constants, memory)
     if control.request != NO_REQUEST:
         was_moving = is_moving(control.state)
-        obey(constants, memory, feedback.temperature)
+        obey(constants, memory, heard.temperature)
         if was_moving and not is_moving(control.state):
             command = hold(memory)
     return command
@@ -263,7 +251,7 @@ def move(constants: EcuConstants, memory: EcuMemory, feedback: Feedback) -> Driv
     if control.state == CLOSING and latched:
         if (
             not control.is_zero_known
-        ):  # else the zero is kept: a drive that has squeezed the mechanism is beyond its zero
+        ):  # else it is kept: a drive that has squeezed the mechanism is beyond its zero
             take_zero(memory)
         learn(memory.guards[1])
         enter(constants, memory, CLOSED, events.IS_CLOSED, NO_VERDICT)
